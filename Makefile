@@ -1,0 +1,41 @@
+# Needs Python 3.11 or newer, pip and make; uv is used when it is present. Everything is installed into .venv from the
+# hashed lock. `make all` and `make test` set themselves up.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+UV := $(shell command -v uv 2>/dev/null)
+
+.PHONY: all test lint verify bench clean lock environment
+
+all: $(STAMP)
+	. $(BIN)/activate && snakemake all
+
+test: $(STAMP)
+	. $(BIN)/activate && pytest
+
+lint: $(STAMP)
+	. $(BIN)/activate && ruff check . && ruff format --check . && lint-imports && snakefmt --check Snakefile workflow && snakemake --lint
+
+verify: $(STAMP)
+	. $(BIN)/activate && snakemake verify
+
+bench: $(STAMP)
+	. $(BIN)/activate && snakemake bench
+
+environment: $(STAMP)
+
+# Wheels only, but for connection_pool, which is published as source alone.
+$(STAMP): requirements.lock pyproject.toml
+	$(if $(UV),test -x $(BIN)/python || uv venv -q --python $(PYTHON) $(VENV),test -x $(BIN)/python || $(PYTHON) -m venv $(VENV))
+	$(if $(UV),uv pip install -q --python $(BIN)/python --require-hashes --only-binary :all: --no-binary connection-pool -r requirements.lock,$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes --only-binary :all: --no-binary connection_pool -r requirements.lock)
+	$(if $(UV),uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .,$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .)
+	@touch $@
+
+# Resolve again, without any package index address in the result.
+lock:
+	uv pip compile -q --universal --python-version 3.11 --extra dev --generate-hashes --no-emit-index-url --no-header pyproject.toml -o requirements.lock
+
+# Everything that can be regenerated; the environment stays.
+clean:
+	rm -rf data/cache figures report logs benchmarks build .snakemake .cache

@@ -1,0 +1,23 @@
+# Regenerates every figure, table and number of the replicated papers. Plain `snakemake all` is right: see
+# profiles/default for the settings it uses and README.md for the targets.
+from pathlib import Path
+
+from marsedl.replication.jobs import pin_numerics
+
+pin_numerics(Path(workflow.basedir))
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/powered_descent.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/claims.smk"
+include: "workflow/rules/report.smk"
+include: "workflow/rules/verify.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        "report/index.html",
+        "report/claims.json",
+        [products(paper) for paper in PAPERS],

@@ -1,0 +1,1 @@
+"""Reproducible replications of papers on Mars entry, descent and landing under uncertainty."""

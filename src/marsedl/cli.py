@@ -1,0 +1,223 @@
+"""The command `marsedl`: what there is, what something is made of, what differs, one trial again, and the proof."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from marsedl.replication.errors import InputError, MarsedlError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns 0, 1 if things differ or fail, 2 for a request that cannot be met."""
+    parser = argparse.ArgumentParser(
+        prog="marsedl", description="Replications of papers on Mars entry, descent and landing under uncertainty."
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+
+    commands.add_parser("list", help="papers, readings, figures, tables and the targets that build them")
+    explain = commands.add_parser("explain", help="what a figure, table, stage or claim is made of")
+    explain.add_argument("paper")
+    explain.add_argument("item")
+    explain.add_argument("--reading", default="corrected")
+    diff = commands.add_parser("diff", help="compare two artifacts, figures, tables or folders of them")
+    diff.add_argument("a", type=Path)
+    diff.add_argument("b", type=Path)
+    trial = commands.add_parser("trial", help="fly one trial of a Monte Carlo case again")
+    trial.add_argument("paper")
+    trial.add_argument("reading")
+    trial.add_argument("number", type=int)
+    trial.add_argument("--case", default="closed_loop")
+    verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
+    verify.add_argument("--write-reference", action="store_true", help="store the numbers of this build for comparison")
+    verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
+    for command in (explain, trial):
+        command.add_argument("--configfile", type=Path, help="a configuration of your own, as for snakemake")
+
+    options = parser.parse_args(arguments)
+    try:
+        return _COMMANDS[options.command](options)
+    except MarsedlError as error:
+        print(f"marsedl: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+def project_root() -> Path:
+    """Return the project's folder: the working directory or the nearest one above it that holds the Snakefile.
+
+    Raises InputError if there is none.
+    """
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        if (folder / "Snakefile").exists() and (folder / "configs").is_dir():
+            return folder
+    raise InputError(f"{here} is not inside a marsedl project; change to the folder that holds its Snakefile")
+
+
+def _study(paper, config_file=None):
+    """Return the catalogue and the study of a paper, with a user's own readings."""
+    from marsedl.papers import SLUGS, catalogue, input_model
+    from marsedl.replication.inputs import load_studies, nearest, read_yaml
+
+    if paper not in SLUGS:
+        raise InputError(f"there is no paper '{paper}'; {nearest(paper, SLUGS)}")
+    files = [] if config_file is None else [config_file]
+    config = {} if config_file is None else read_yaml(config_file) or {}
+    models = {slug: input_model(slug) for slug in SLUGS}
+    studies = load_studies(models, project_root() / "configs", config, files)
+    return catalogue(paper), studies[paper]
+
+
+def _reading(study, name):
+    from marsedl.replication.inputs import nearest
+
+    if name not in study.readings:
+        raise InputError(f"{study.paper} has no reading '{name}'; {nearest(name, study.readings)}")
+    return study.readings[name]
+
+
+def _list(options) -> int:
+    from marsedl.papers import SLUGS
+
+    for slug in SLUGS:
+        paper, study = _study(slug)
+        print(f"{slug}\n  {paper.title}\n  {paper.authors}\n\n  readings")
+        for name, reading in study.readings.items():
+            base = f" (based on {reading.based_on})" if reading.based_on else ""
+            print(f"    {name:22}{reading.summary}{base}")
+        print("\n  figures (snakemake figures/" + slug + "/NAME.png, or figures/" + slug + "/READING/NAME.png)")
+        for stem, product in paper.figures.items():
+            print(f"    {stem:22}{product.caption.split('. ')[0]}")
+        print("\n  tables (NAME.csv, NAME.md in the same places)")
+        for stem, product in paper.tables.items():
+            print(f"    {stem:22}{product.caption.split('. ')[0]}")
+        for stem, caption in {**paper.summaries, "claims": "Every printed claim with its verdict."}.items():
+            print(f"    {stem:22}{caption.split('. ')[0]} (all readings)")
+        print("\n  stages (snakemake data/cache/" + slug + "/READING/NAME.h5)")
+        for name, stage in paper.stages.items():
+            print(f"    {name:22}{stage.meaning}")
+        print()
+    print("targets: all, " + ", ".join(SLUGS) + ", claims, report, verify")
+    return 0
+
+
+def _explain(options) -> int:
+    from marsedl.replication.claims import load_published
+    from marsedl.replication.code_digest import reached
+    from marsedl.replication.inputs import nearest
+
+    paper, study = _study(options.paper, options.configfile)
+    reading = _reading(study, options.reading)
+    root = project_root()
+    claims = {claim.id: claim for claim in load_published(root / "data" / "published" / f"{paper.slug}.yaml")}
+    name = options.item
+    if name in claims:
+        claim = claims[name]
+        print(f"claim {name}: {claim.quantity}\n  {claim.where}; printed {claim.printed} {claim.unit} ({claim.kind})")
+        _print_verdict(root, paper.slug, name)
+        return 0
+    if name in paper.figures or name in paper.tables:
+        item, kind = paper.product(name), "figures" if name in paper.figures else "tables"
+        entry = f"marsedl.papers.{paper.slug}.{kind}:{name}"
+        folder = f"figures/{paper.slug}" + ("" if reading.name == "corrected" else f"/{reading.name}")
+        target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}"
+        print(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}\n  snakemake {target}")
+    elif name in paper.stages:
+        item, entry = paper.stages[name], paper.entry(name)
+        print(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
+    else:
+        known = [*paper.figures, *paper.tables, *paper.stages, *claims]
+        raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, known)}")
+    stages, names = _behind(paper, item)
+    print("\nartifacts, in the order in which they are made")
+    for stage in stages:
+        print(f"  {stage:22}{paper.stages[stage].meaning}")
+    print("\ninputs that it depends on")
+    for field in reading.inputs.__class__.model_fields:
+        if field in names:
+            source = reading.sources[field]
+            print(f"  {source.key:28}{source.written!s:30} {study_unit(reading, source, field):16} {source.source}")
+    print("\ncode that draws or computes it")
+    for symbol in reached(entry, root / "src"):
+        if "(at import)" not in symbol:
+            print(f"  {symbol}")
+    return 0
+
+
+def study_unit(reading, source, field) -> str:
+    """Return the unit in which an input is written."""
+    suffix = source.key.removeprefix(field).removeprefix("_")
+    return suffix.replace("_", "/") or reading.inputs.unit(field)
+
+
+def _behind(paper, item) -> tuple[list[str], set[str]]:
+    """All stages behind an item, first things first, and all inputs that they and the item use."""
+    stages, names = [], set(item.inputs)
+
+    def visit(needed):
+        for need in needed:
+            stage = need.split(".")[0]
+            before = ("montecarlo_chunk",) if stage == "montecarlo" else ()
+            if stage not in stages:
+                visit((*before, *paper.stages[stage].needs))
+                stages.append(stage)
+                names.update(paper.stages[stage].inputs)
+
+    visit(item.needs)
+    return stages, names
+
+
+def _print_verdict(root, slug, claim) -> None:
+    from marsedl.replication.claims import format_result, read_claims
+
+    path = root / "report" / "claims.json"
+    if not path.exists():
+        print("  no verdict yet: run 'snakemake claims'")
+        return
+    row = next(row for row in read_claims(path) if (row["paper"], row["id"]) == (slug, claim))
+    print(f"  verdict: {row['verdict']} (reading {row['reading']})\n  {row['reason']}".rstrip())
+    for name, result in row["readings"].items():
+        print(f"    {name:22}{result['verdict'] or '–':14}{', '.join(format_result(row, name))}  {result['evidence']}")
+
+
+def _diff(options) -> int:
+    from marsedl.replication.digests import difference, format_difference
+
+    rows = difference(options.a, options.b)
+    print(format_difference(rows))
+    return 1 if rows else 0
+
+
+def _trial(options) -> int:
+    from importlib import import_module
+
+    from marsedl.replication import jobs
+
+    root = project_root()
+    jobs.pin_numerics(root)
+    paper, study = _study(options.paper, options.configfile)
+    reading = _reading(study, options.reading)
+    module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
+    print(jobs.replay(root, paper, reading, options.case, options.number, module))
+    return 0
+
+
+def _verify(options) -> int:
+    from marsedl.papers import SLUGS
+    from marsedl.replication import verification
+
+    root = project_root()
+    if options.write_reference:
+        for path in verification.write_reference(root, SLUGS):
+            print(f"wrote {path}")
+        return 0
+    agree = True if options.no_rebuild else verification.build_twice(root)
+    return 0 if verification.compare_reference(root, SLUGS) and agree else 1
+
+
+_COMMANDS = {"list": _list, "explain": _explain, "diff": _diff, "trial": _trial, "verify": _verify}
+
+if __name__ == "__main__":
+    sys.exit(main())

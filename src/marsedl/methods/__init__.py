@@ -1,0 +1,1 @@
+"""What acts on the models: linearization, guidance and control design, optimisation."""

@@ -1,0 +1,219 @@
+"""Algorithm 1 of Ridderhof and Tsiotras (powered descent): Lambda(0) by fixed-point iteration, as printed and repaired.
+
+The closed form makes it unnecessary. It is kept to show what the printed algorithm does: its boundary condition has a
+wrong power of the noise density, it depends on the unit of the control, and its stopping rule is absolute.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = ["FixedPoint", "equivalent_squared_noise_density", "fixed_point"]
+
+_BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
+_STATUS = (
+    "converged",
+    "iteration limit reached before the tolerance",
+    "diverged: an iterate is not finite",
+    "singular: a matrix of the iteration has no inverse",
+)
+
+
+class FixedPoint(NamedTuple):
+    """End of the iteration; q_initial and p_initial are in the unit in which it ran, riccati_initial is not."""
+
+    q_initial: np.ndarray  # Q(0), (n, n)
+    p_initial: np.ndarray  # P(0), (n, n)
+    riccati_initial: np.ndarray  # Lambda(0) = U^2 Q(0)^-1, (n, n); nan where Q(0) has no inverse
+    iterations: int
+    converged: bool
+    last_change: float  # the larger of ||dQ(0)|| and ||dP(0)||, divided by ||Q(0)||, ||P(0)|| if relative
+    status: str  # one sentence
+
+
+def fixed_point(
+    transition,
+    gramian,
+    initial_covariance,
+    final_covariance,
+    noise_density,
+    *,
+    control_unit=1.0,
+    boundary="corrected",
+    order="gauss_seidel",
+    tolerance=1e-10,
+    tolerance_kind="relative",
+    maximum_iterations=1_000_000,
+):
+    """Algorithm 1: iterate on Q(0) = Lambda(0)^-1 and P(0) = H(0)^-1, from I and I.
+
+        P(T) = Phi P(0) Phi' + M,                Q(T) = (W_T - P(T)^-1)^-1
+        Q(0) = Phi^-1 (Q(T) + M) Phi^-T,         P(0) = (W_0 - Q(0)^-1)^-1
+
+    The weights W stand for the boundary condition P^-1 + Q^-1 = W at both ends: gamma^2 Sigma^-1 ("corrected", follows
+    from Eq. 43), (gamma Sigma)^-1 ("algorithm_1", lines 7 and 9) or gamma^-2 Sigma^-1 ("eq_46").
+
+    Args:
+        transition: Phi(T,0), (n, n).
+        gramian: M(T,0) of Eq. 48 with the control in the caller's unit (SI), (n, n).
+        initial_covariance, final_covariance: S0, ST, (n, n).
+        noise_density: gamma, in units of U sqrt(s).
+        control_unit: U, caller's unit of control per unit of the iteration (18000 N: fractions of full thrust).
+        boundary: "corrected", "algorithm_1" or "eq_46".
+        order: "gauss_seidel" uses the new Q(0) for P(0); "jacobi" the old one, as printed.
+        tolerance: stop when both changes are below it.
+        tolerance_kind: "relative" or "absolute" Frobenius norms; the paper's is absolute, so it depends on units.
+        maximum_iterations: limit.
+
+    Returns:
+        `FixedPoint`; that it stopped does not prove that it converged to a solution, so check Sigma(T).
+
+    Raises:
+        ValueError: for an unknown option, or matrices that are not of one square shape.
+    """
+    shapes = [np.shape(matrix) for matrix in (transition, gramian, initial_covariance, final_covariance)]
+    if len(set(shapes)) > 1 or len(shapes[0]) != 2 or shapes[0][0] != shapes[0][1]:
+        raise ValueError(f"transition, gramian and both covariances must be of one shape (n, n), not {shapes}")
+    for name, value, known in (
+        ("boundary", boundary, _BOUNDARIES),
+        ("order", order, ("gauss_seidel", "jacobi")),
+        ("tolerance_kind", tolerance_kind, ("relative", "absolute")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} is {value!r}, must be one of {', '.join(known)}")
+    transition = np.ascontiguousarray(transition, dtype=float)
+    weight = equivalent_squared_noise_density(noise_density, boundary=boundary)
+    q, p, iterations, change, code = _iterate(
+        transition,
+        np.ascontiguousarray(np.linalg.inv(transition)),
+        np.asarray(gramian, dtype=float) * control_unit**2,
+        weight * np.linalg.inv(initial_covariance),
+        weight * np.linalg.inv(final_covariance),
+        order == "gauss_seidel",
+        tolerance_kind == "relative",
+        tolerance,
+        maximum_iterations,
+    )
+    try:
+        riccati_initial = control_unit**2 * np.linalg.inv(q)
+    except np.linalg.LinAlgError:
+        riccati_initial = np.full_like(q, np.nan)
+    return FixedPoint(
+        q_initial=q,
+        p_initial=p,
+        riccati_initial=(riccati_initial + riccati_initial.T) / 2,
+        iterations=iterations,
+        converged=code == 0,
+        last_change=change,
+        status=_STATUS[code],
+    )
+
+
+def equivalent_squared_noise_density(noise_density, control_unit=1.0, boundary="corrected"):
+    """Squared noise density whose correct design is the fixed point of a printed boundary condition.
+
+        corrected: gamma^2 U^2,     algorithm_1: U^2 / gamma,     eq_46: U^2 / gamma^2
+
+    Args:
+        noise_density: gamma, in units of U sqrt(s).
+        control_unit: U, caller's unit of control (N).
+        boundary: "corrected", "algorithm_1" or "eq_46".
+
+    Returns:
+        G^2, squared unit of control times s (N^2 s).
+    """
+    power = {"corrected": 2, "algorithm_1": -1, "eq_46": -2}[boundary]
+    return noise_density**power * control_unit**2
+
+
+@njit(cache=True, error_model="numpy")
+def _iterate(
+    forward, backward, gramian, initial_weight, final_weight, gauss_seidel, relative, tolerance, maximum_iterations
+):
+    """Run Algorithm 1; the last entry of the result indexes `_STATUS`."""
+    n = len(forward)
+    p, q, p_new, q_new, work = np.eye(n), np.eye(n), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    change = np.inf
+    for iteration in range(1, maximum_iterations + 1):
+        _congruence(forward, p, work, q_new)
+        q_new += gramian  # P(T)
+        regular = _invert(q_new)
+        q_new[:] = final_weight - q_new
+        regular = _invert(q_new) and regular  # Q(T)
+        q_new += gramian
+        p_new[:] = q_new
+        _congruence(backward, p_new, work, q_new)
+        p_new[:] = q_new if gauss_seidel else q
+        regular = _invert(p_new) and regular
+        p_new[:] = initial_weight - p_new
+        regular = _invert(p_new) and regular
+        if not regular:
+            return q, p, iteration, change, 3
+        q_change, q_size = _difference_and_size(q_new, q)
+        p_change, p_size = _difference_and_size(p_new, p)
+        change = max(q_change / q_size, p_change / p_size) if relative else max(q_change, p_change)
+        q[:], p[:] = q_new, p_new
+        if not np.isfinite(q_change + p_change):
+            return q, p, iteration, change, 2
+        if change < tolerance:
+            return q, p, iteration, change, 0
+    return q, p, maximum_iterations, change, 1
+
+
+@njit(cache=True, error_model="numpy")
+def _congruence(matrix, inner, work, out):
+    """`out` = matrix inner matrix', without allocation."""
+    n = len(matrix)
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = 0.0
+            for k in range(n):
+                work[i, j] += matrix[i, k] * inner[k, j]
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 0.0
+            for k in range(n):
+                out[i, j] += work[i, k] * matrix[j, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(matrix):
+    """Invert in place (Gauss-Jordan with row exchange); False if a pivot vanishes."""
+    n = len(matrix)
+    rows = np.arange(n)
+    for i in range(n):
+        best = i
+        for row in range(i + 1, n):
+            if abs(matrix[row, i]) > abs(matrix[best, i]):
+                best = row
+        if matrix[best, i] == 0.0:
+            return False
+        for column in range(n):
+            matrix[i, column], matrix[best, column] = matrix[best, column], matrix[i, column]
+        rows[i] = best
+        pivot = 1.0 / matrix[i, i]
+        matrix[i, i] = 1.0
+        for column in range(n):
+            matrix[i, column] *= pivot
+        for row in range(n):
+            if row != i:
+                factor = matrix[row, i]
+                matrix[row, i] = 0.0
+                for column in range(n):
+                    matrix[row, column] -= factor * matrix[i, column]
+    for i in range(n - 1, -1, -1):  # row exchanges of the matrix are column exchanges of its inverse
+        for row in range(n):
+            matrix[row, i], matrix[row, rows[i]] = matrix[row, rows[i]], matrix[row, i]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _difference_and_size(new, old):
+    """Frobenius norms of new - old and of new."""
+    difference, size = 0.0, 0.0
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            difference += (new[i, j] - old[i, j]) ** 2
+            size += new[i, j] ** 2
+    return np.sqrt(difference), np.sqrt(size)

@@ -1,0 +1,87 @@
+"""Exact linear models x' = A x + B u + c of any equation set along a trajectory, by automatic differentiation."""
+
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["LinearModel", "linearize"]
+
+
+class LinearModel(NamedTuple):
+    """Affine time-varying model x' = A x + B u + c at k points; units follow those of state and control."""
+
+    state_matrix: np.ndarray  # A = df/dx, (k, n, n)
+    control_matrix: np.ndarray  # B = df/du, (k, n, m)
+    affine: np.ndarray  # c = f - A x - B u, (k, n)
+
+
+@contextmanager
+def _symbols_in_numpy(casadi):
+    """Let `np.sqrt` and the like return plain symbols (CasADi 3.8 warns once otherwise; 3.7 has no such option)."""
+    options = casadi.GlobalOptions
+    if not hasattr(options, "setNumpyMode"):
+        yield
+        return
+    before = options.getNumpyMode()
+    options.setNumpyMode(-1)
+    try:
+        yield
+    finally:
+        options.setNumpyMode(before)
+
+
+def linearize(rates, states, controls, parameters=()):
+    """Linearize equations of motion about given states and controls.
+
+        A = df/dx,   B = df/du,   c = f(x, u) - A x - B u
+
+    The derivatives are exact (CasADi), not finite differences.
+
+    Args:
+        rates: plain function of scalars, `rates(*state, *control, *parameters)`, returning the n time derivatives as a
+            tuple. It may use arithmetic and `np.*` only (`math.*` cannot be traced).
+        states: states along the trajectory, (k, n).
+        controls: controls along the trajectory, (k, m); m may be 0.
+        parameters: sequence of further arguments of `rates`, each a scalar or an array (k,) along the trajectory.
+
+    Returns:
+        `LinearModel` of arrays A (k, n, n), B (k, n, m), c (k, n).
+
+    Raises:
+        ValueError: if shapes do not fit, or if a rate or derivative is not finite at some point.
+    """
+    import casadi
+
+    states = np.asarray(states, dtype=float)
+    controls = np.asarray(controls, dtype=float)
+    if states.ndim != 2 or controls.ndim != 2 or len(states) != len(controls):
+        raise ValueError(f"states (k, n) and controls (k, m) do not fit: shapes {states.shape} and {controls.shape}")
+    (count, n), m = states.shape, controls.shape[1]
+    try:
+        along = [np.broadcast_to(np.asarray(value, dtype=float), (count,)) for value in parameters]
+    except ValueError as error:
+        raise ValueError(f"every entry of parameters must be a scalar or have shape ({count},)") from error
+
+    state, control = casadi.SX.sym("state", n), casadi.SX.sym("control", m)
+    parameter = casadi.SX.sym("parameter", len(along))
+    with _symbols_in_numpy(casadi):
+        outputs = rates(*(casadi.vertsplit(state) + casadi.vertsplit(control) + casadi.vertsplit(parameter)))
+    if len(outputs) != n:
+        raise ValueError(f"rates returned {len(outputs)} values for a state of {n} components")
+    rate = casadi.vertcat(*outputs)
+    function = casadi.Function(
+        "linear_model",
+        [state, control, parameter],
+        [casadi.densify(value) for value in (casadi.jacobian(rate, state), casadi.jacobian(rate, control), rate)],
+    )
+    stacked = np.array(along).reshape(len(along), count)
+    a, b, f = (value.full() for value in function.map(count)(states.T, controls.T, stacked))
+    state_matrix = a.reshape(n, count, n).transpose(1, 0, 2)
+    control_matrix = b.reshape(n, count, m).transpose(1, 0, 2)
+    affine = f.T - np.einsum("kij,kj->ki", state_matrix, states) - np.einsum("kij,kj->ki", control_matrix, controls)
+    for name, value in (("state", state_matrix), ("control", control_matrix), ("rates themselves", affine)):
+        bad = ~np.isfinite(value).reshape(count, -1).all(axis=1)
+        if bad.any():
+            raise ValueError(f"not finite at point {np.argmax(bad)} of {count}: derivative or value, {name}")
+    return LinearModel(state_matrix, control_matrix, affine)

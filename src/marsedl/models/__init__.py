@@ -1,0 +1,1 @@
+"""The world: planets, vehicles, atmosphere, equations of motion."""

@@ -1,0 +1,1 @@
+"""Equations of motion, one equation set a file."""

@@ -1,0 +1,1 @@
+"""Monte Carlo engine: random streams, integrators, ensembles, statistics; knows no vehicle."""

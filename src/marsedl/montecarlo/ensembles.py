@@ -1,0 +1,452 @@
+"""Ensembles of trials: the compiled inner loop of a group, and the streaming reduction of any number of trials.
+
+A paper compiles its loop by `propagator`, writes a kernel of a few lines that runs it in a `prange` and a function
+`simulate_block(first_trial, last_trial) -> Trajectories` around it. `run_blocks` simulates a chunk of trials block by
+block and reduces each block at once, so memory does not grow with the histories; `merge` joins all chunks. Blocks
+have a fixed size and are merged in their order: the result is bitwise the same for every number of chunks.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+
+from marsedl.montecarlo.statistics import central_moments, merge_moments
+from marsedl.montecarlo.streams import LANES, NORMALS_PER_BLOCK, fill_normals, inline_njit, lane_array
+
+BLOCK_SIZE = 1000
+
+# Outcome codes of a trial. Any other small integer is the paper's to define.
+COMPLETED, CRASHED, ESCAPED, NON_FINITE = 0, 1, 2, 3
+
+
+# ---- the compiled loop of one group ----------------------------------------------------------------------------------
+
+
+@inline_njit
+def observe_nothing(half_index, state, parameters, out):
+    """The `observe` of a model without observed quantities."""
+
+
+@inline_njit
+def _update_maximum(observation, maximum):
+    for row in range(maximum.shape[0]):
+        for lane in range(LANES):
+            # np.maximum keeps NaN, so a trial that went wrong in between shows it.
+            maximum[row, lane] = np.maximum(maximum[row, lane], observation[row, lane])
+
+
+@inline_njit
+def _copy(source, destination):
+    for row in range(source.shape[0]):
+        for lane in range(LANES):
+            destination[row, lane] = source[row, lane]
+
+
+@inline_njit
+def _record(index, source, destination):
+    for row in range(source.shape[0]):
+        for lane in range(LANES):
+            destination[index, row, lane] = source[row, lane]
+
+
+def propagator(scheme, drift, observe):
+    """Compile the inner loop of a model; a paper does so once, at the top of its module.
+
+    scheme: `runge_kutta_4` or `euler_maruyama`. drift: see `integrators`. observe: a function
+    `observe(half_index, state, parameters, out)` that writes the observed quantities, out (n_observed, LANES).
+
+    Returns the compiled function
+
+        propagate(parameters, steps, step, steps_per_output, noise_size, seed, stream, first_trial, first_increment,
+                  increments_per_step, state, history, observed, observed_maximum)
+
+    which carries one group of LANES consecutive trials over one segment; it is called once per segment. The Brownian
+    increment of component j over step k is
+
+        sqrt(h / q) sum_{i < q} z[(first_increment + q k + i) m + j],   q = increments_per_step, m = noise_size,
+
+    with z the normals of (seed, stream, trial). A coarse run with step q h and q fine increments per step therefore
+    follows the Brownian path of the run with step h. The drift receives increment / step. Arguments:
+
+    parameters: passed on; its tables must reach half index 2 steps (not checked here).
+    steps, step: number of steps and their length, s. steps_per_output: must divide steps, see `output_count`.
+    noise_size: components of the noise, 0 or more. seed, stream: see `streams`. first_trial: trial of lane 0.
+    first_increment: fine increments used by earlier segments. increments_per_step: fine increments in one step.
+    state: (n, LANES), initial state, replaced by the final one.
+    history: (steps / steps_per_output + 1, n, LANES), filled: states at the start, at every output and at the end.
+    observed: (steps / steps_per_output + 1, n_observed, LANES), filled likewise.
+    observed_maximum: (n_observed, LANES), raised to the largest value at the start of every step and at the end;
+    start it at -inf before the first segment. NaN is kept.
+
+    and it returns the first_increment of the next segment.
+    """
+    advance = scheme(drift)
+
+    # Not inlined into the kernel: several segments share its code, and its scratch on the stack ends with it.
+    @njit(error_model="numpy")
+    def propagate(
+        parameters,
+        steps,
+        step,
+        steps_per_output,
+        noise_size,
+        seed,
+        stream,
+        first_trial,
+        first_increment,
+        increments_per_step,
+        state,
+        history,
+        observed,
+        observed_maximum,
+    ):
+        rows = state.shape[0]
+        current = lane_array(rows)
+        _copy(state, current)
+        work = (lane_array(rows), lane_array(rows), lane_array(rows))
+        bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+        block_of_normals = lane_array(NORMALS_PER_BLOCK)
+        noise = lane_array(noise_size)
+        observation = lane_array(observed_maximum.shape[0])
+        scale = np.sqrt(step / increments_per_step) / step
+        number = first_increment * noise_size
+        filled_block = -1
+
+        for step_index in range(steps):
+            observe(2 * step_index, current, parameters, observation)
+            _update_maximum(observation, observed_maximum)
+            if step_index % steps_per_output == 0:
+                output = step_index // steps_per_output
+                _record(output, current, history)
+                _record(output, observation, observed)
+
+            for component in range(noise_size):
+                for lane in range(LANES):
+                    noise[component, lane] = 0.0
+            for _ in range(increments_per_step):
+                for component in range(noise_size):
+                    block = number // NORMALS_PER_BLOCK
+                    if block != filled_block:
+                        fill_normals(seed, stream, first_trial, block, bits, block_of_normals)
+                        filled_block = block
+                    position = number % NORMALS_PER_BLOCK
+                    for lane in range(LANES):
+                        noise[component, lane] += block_of_normals[position, lane]
+                    number += 1
+            for component in range(noise_size):
+                for lane in range(LANES):
+                    noise[component, lane] *= scale
+
+            advance(step_index, step, current, noise, parameters, work)
+
+        observe(2 * steps, current, parameters, observation)
+        _update_maximum(observation, observed_maximum)
+        _record(steps // steps_per_output, current, history)
+        _record(steps // steps_per_output, observation, observed)
+        _copy(current, state)
+        return first_increment + steps * increments_per_step
+
+    return propagate
+
+
+def output_count(steps, steps_per_output):
+    """Number of outputs of a segment: steps / steps_per_output + 1. Raises ValueError unless the division is exact."""
+    if steps < 1 or steps_per_output < 1 or steps % steps_per_output:
+        raise ValueError(f"steps_per_output ({steps_per_output}) must divide the number of steps ({steps})")
+    return steps // steps_per_output + 1
+
+
+# ---- trajectories of a block -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Everything of some consecutive trials; the trial is the last dimension.
+
+    history: (times, n, trials), state. observed: (times, n_observed, trials). observed_maximum: (n_observed, trials),
+    largest value over all steps. final_state: (n, trials). outcome: (trials,), int8, see the codes of this module.
+    """
+
+    history: np.ndarray
+    observed: np.ndarray
+    observed_maximum: np.ndarray
+    final_state: np.ndarray
+    outcome: np.ndarray
+
+    def first(self, trials):
+        """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
+        return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
+
+
+def group_count(trials):
+    """Number of groups of LANES trials that hold `trials` trials."""
+    return -(-trials // LANES)
+
+
+def pad_to_groups(array):
+    """Repeat the last trial up to a whole number of groups: (..., trials) -> (..., groups * LANES)."""
+    array = np.asarray(array, dtype=float)
+    missing = group_count(array.shape[-1]) * LANES - array.shape[-1]
+    return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
+
+
+def new_trajectories(initial_state, times, n_observed):
+    """Storage for whole groups, for a kernel to fill.
+
+    initial_state: (n, trials), copied to `final_state` with the last trial repeated to a whole number of groups.
+    times: number of outputs, of all segments together. n_observed: observed quantities. Maxima start at -inf,
+    outcomes at COMPLETED.
+    """
+    final_state = pad_to_groups(initial_state)
+    n, padded = final_state.shape
+    return Trajectories(
+        history=np.empty((times, n, padded)),
+        observed=np.empty((times, n_observed, padded)),
+        observed_maximum=np.full((n_observed, padded), -np.inf),
+        final_state=final_state,
+        outcome=np.full(padded, COMPLETED, np.int8),
+    )
+
+
+SimulateBlock = Callable[[int, int], Trajectories]
+
+
+def replay(simulate_block: SimulateBlock, trial):
+    """Trial `trial` alone, bitwise as in the ensemble. Returns `Trajectories` of one trial."""
+    return simulate_block(trial, trial + 1)
+
+
+# ---- reduction of blocks and chunks ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Reduced trials first_trial .. first_trial + trials - 1, a whole number of blocks.
+
+    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted in
+    `block_excluded`; it stays in the per-trial arrays and among the kept histories as it is. All other outcomes are
+    included.
+
+    first_trial: int. block_size: int.
+    block_counts, block_excluded: (blocks,), int64, trials inside and outside the block's moments.
+    block_mean: (blocks, times, n). block_second_moment: (blocks, times, n, n), sums of products about the block's mean.
+    block_observed_mean: (blocks, times, n_observed).
+    histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
+    histogram_edges: (n_observed, bins + 1).
+    maximum_over_trials: (times, n_observed), -inf when no trial is finite.
+    final_state: (trials, n). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
+    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), trials first_trial .. first_trial + kept
+    - 1.
+    """
+
+    first_trial: int
+    block_size: int
+    block_counts: np.ndarray
+    block_excluded: np.ndarray
+    block_mean: np.ndarray
+    block_second_moment: np.ndarray
+    block_observed_mean: np.ndarray
+    histogram: np.ndarray
+    histogram_edges: np.ndarray
+    maximum_over_trials: np.ndarray
+    final_state: np.ndarray
+    observed_maximum: np.ndarray
+    outcome: np.ndarray
+    kept_history: np.ndarray
+    kept_observed: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """All trials 0 .. trials - 1. What is excluded, and where, is said in `Chunk`.
+
+    count, excluded: trials inside and outside of the moments. mean: (times, n). covariance: (times, n, n), divided by
+    count - 1; observed_mean: (times, n_observed); all are NaN where count does not suffice. maximum_over_trials: (times, n_observed), -inf when count is
+    0. The other fields are those of `Chunk`, over all trials.
+    """
+
+    count: int
+    excluded: int
+    mean: np.ndarray
+    covariance: np.ndarray
+    observed_mean: np.ndarray
+    histogram: np.ndarray
+    histogram_edges: np.ndarray
+    maximum_over_trials: np.ndarray
+    final_state: np.ndarray
+    observed_maximum: np.ndarray
+    outcome: np.ndarray
+    kept_history: np.ndarray
+    kept_observed: np.ndarray
+
+
+@njit(error_model="numpy", cache=True)
+def _count_in_bins(values, edges, counts):
+    """Add values (times, n_observed, trials) to counts (times, n_observed, bins + 2); bins are closed on the left."""
+    bins = edges.shape[1] - 1
+    for time in range(values.shape[0]):
+        for quantity in range(values.shape[1]):
+            grid = edges[quantity]
+            per_bin = bins / (grid[bins] - grid[0])
+            for trial in range(values.shape[2]):
+                value = values[time, quantity, trial]
+                if value < grid[0]:
+                    counts[time, quantity, 0] += 1
+                elif value >= grid[bins]:
+                    counts[time, quantity, bins + 1] += 1
+                else:
+                    # The guess is right for uniform edges up to rounding; the two loops make it exact for any edges.
+                    guess = min(int((value - grid[0]) * per_bin), bins - 1)
+                    while value < grid[guess]:
+                        guess -= 1
+                    while value >= grid[guess + 1]:
+                        guess += 1
+                    counts[time, quantity, guess + 1] += 1
+
+
+def _finite_trials(block):
+    """(trials,) bool: every number of the trial is finite."""
+    arrays = (block.history, block.observed, block.observed_maximum, block.final_state)
+    return np.logical_and.reduce([np.isfinite(a).reshape(-1, a.shape[-1]).all(axis=0) for a in arrays])
+
+
+def _checked_edges(edges, n_observed):
+    if edges is None:
+        edges = np.tile([0.0, 1.0], (n_observed, 1))
+    edges = np.ascontiguousarray(edges, dtype=float)
+    if edges.ndim != 2 or edges.shape[0] != n_observed or edges.shape[1] < 2:
+        raise ValueError(f"histogram_edges must have shape ({n_observed}, bins + 1), got {edges.shape}")
+    if not np.isfinite(edges).all() or (np.diff(edges, axis=1) <= 0).any():
+        raise ValueError("histogram_edges must be finite and increase")
+    return edges
+
+
+def run_blocks(
+    simulate_block: SimulateBlock, first_trial, last_trial, *, block_size=BLOCK_SIZE, histogram_edges=None, kept=0
+):
+    """Simulate the trials [first_trial, last_trial) block by block, reducing each block at once.
+
+    simulate_block: `simulate_block(first, last) -> Trajectories` of exactly last - first trials (see
+    `Trajectories.first`).
+    first_trial: a multiple of block_size. last_trial: a multiple too, unless it is the end of the ensemble.
+    histogram_edges: (n_observed, bins + 1), increasing; uniform ones are fastest. Without them everything of no
+    interest is in one bin [0, 1). kept: trials 0 .. kept - 1 of the ensemble keep their full histories, in whatever
+    chunks they are.
+
+    Returns a `Chunk`. Raises ValueError for bounds off the blocks, wrong edges, or a block of another length.
+    """
+    if first_trial < 0 or first_trial % block_size:
+        raise ValueError(f"first_trial ({first_trial}) must be a multiple of block_size ({block_size})")
+    if last_trial <= first_trial:
+        raise ValueError(f"last_trial ({last_trial}) must exceed first_trial ({first_trial})")
+    blocks = []
+    final_state, observed_maximum, outcomes, kept_history, kept_observed = [], [], [], [], []
+    histogram = edges = maximum_over_trials = None
+    for first in range(first_trial, last_trial, block_size):
+        last = min(first + block_size, last_trial)
+        block = simulate_block(first, last)
+        if block.outcome.shape != (last - first,):
+            raise ValueError(f"block of trials [{first}, {last}) came back with {block.outcome.size} outcomes")
+        if histogram is None:
+            times, n_observed, _ = block.observed.shape
+            edges = _checked_edges(histogram_edges, n_observed)
+            histogram = np.zeros((times, n_observed, edges.shape[1] + 1), np.int64)
+            maximum_over_trials = np.full((times, n_observed), -np.inf)
+
+        finite = _finite_trials(block)
+        history, observed = block.history, block.observed
+        if not finite.all():
+            history, observed = history[..., finite], observed[..., finite]
+        count, mean, second_moment = central_moments(np.moveaxis(history, -1, 0))
+        observed_mean = observed.mean(axis=-1) if count else np.zeros(observed.shape[:-1])
+        blocks.append((count, last - first - count, mean, second_moment, observed_mean))
+        _count_in_bins(observed, edges, histogram)
+        np.maximum(maximum_over_trials, observed.max(axis=-1, initial=-np.inf), out=maximum_over_trials)
+
+        outcomes.append(np.where(finite, block.outcome, NON_FINITE).astype(np.int8))
+        final_state.append(block.final_state.T.copy())
+        observed_maximum.append(block.observed_maximum.T.copy())
+        keep = max(0, min(kept, last) - first)
+        kept_history.append(np.moveaxis(block.history[..., :keep], -1, 0).copy())
+        kept_observed.append(np.moveaxis(block.observed[..., :keep], -1, 0).copy())
+
+    counts, excluded, means, second_moments, observed_means = zip(*blocks, strict=True)
+    return Chunk(
+        first_trial=first_trial,
+        block_size=block_size,
+        block_counts=np.array(counts, np.int64),
+        block_excluded=np.array(excluded, np.int64),
+        block_mean=np.stack(means),
+        block_second_moment=np.stack(second_moments),
+        block_observed_mean=np.stack(observed_means),
+        histogram=histogram,
+        histogram_edges=edges,
+        maximum_over_trials=maximum_over_trials,
+        final_state=np.concatenate(final_state),
+        observed_maximum=np.concatenate(observed_maximum),
+        outcome=np.concatenate(outcomes),
+        kept_history=np.concatenate(kept_history),
+        kept_observed=np.concatenate(kept_observed),
+    )
+
+
+def chunk_bounds(trials, chunks, block_size=BLOCK_SIZE):
+    """Split [0, trials) into at most `chunks` chunks of whole blocks, as even as possible.
+
+    Returns [(first, last), ...]; fewer than `chunks` when there are fewer blocks. Raises ValueError for sizes below 1.
+    """
+    if min(trials, chunks, block_size) < 1:
+        raise ValueError(f"trials ({trials}), chunks ({chunks}) and block_size ({block_size}) must be at least 1")
+    blocks = -(-trials // block_size)
+    chunks = min(chunks, blocks)
+    starts = [block_size * (blocks * chunk // chunks) for chunk in range(chunks)]
+    return list(zip(starts, [*starts[1:], trials], strict=True))
+
+
+def merge(chunks: Sequence[Chunk]):
+    """Join all chunks of an ensemble, given in any order, in the order of their blocks.
+
+    Returns an `Ensemble`. Raises ValueError when trials are missing or doubled, or when chunks do not match.
+    """
+    chunks = sorted(chunks, key=lambda chunk: chunk.first_trial)
+    if not chunks:
+        raise ValueError("no chunks to merge")
+    expected = 0
+    for chunk in chunks:
+        if chunk.first_trial != expected:
+            raise ValueError(f"chunk starts at trial {chunk.first_trial}, expected {expected}")
+        if chunk.block_size != chunks[0].block_size or expected % chunk.block_size:
+            raise ValueError(f"chunk at trial {chunk.first_trial} has another block size or follows a short block")
+        if not np.array_equal(chunk.histogram_edges, chunks[0].histogram_edges):
+            raise ValueError(f"chunk at trial {chunk.first_trial} has other histogram edges")
+        expected += chunk.outcome.size
+
+    total = (0, np.zeros_like(chunks[0].block_mean[0]), np.zeros_like(chunks[0].block_second_moment[0]))
+    for chunk in chunks:
+        for block in zip(chunk.block_counts, chunk.block_mean, chunk.block_second_moment, strict=True):
+            total = merge_moments(total, block)
+    count, mean, second_moment = total
+    counts = np.concatenate([chunk.block_counts for chunk in chunks])
+    observed_mean = np.concatenate([chunk.block_observed_mean for chunk in chunks])
+    observed_sum = (counts[:, np.newaxis, np.newaxis] * observed_mean).sum(axis=0)
+
+    def joined(name):
+        return np.concatenate([getattr(chunk, name) for chunk in chunks])
+
+    return Ensemble(
+        count=int(count),
+        excluded=int(sum(chunk.block_excluded.sum() for chunk in chunks)),
+        mean=mean if count > 0 else np.full_like(mean, np.nan),
+        covariance=second_moment / (count - 1) if count > 1 else np.full_like(second_moment, np.nan),
+        observed_mean=observed_sum / count if count > 0 else np.full_like(observed_sum, np.nan),
+        histogram=sum(chunk.histogram for chunk in chunks),
+        histogram_edges=chunks[0].histogram_edges,
+        maximum_over_trials=np.maximum.reduce([chunk.maximum_over_trials for chunk in chunks]),
+        final_state=joined("final_state"),
+        observed_maximum=joined("observed_maximum"),
+        outcome=joined("outcome"),
+        kept_history=joined("kept_history"),
+        kept_observed=joined("kept_observed"),
+    )

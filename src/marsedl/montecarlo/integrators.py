@@ -1,0 +1,77 @@
+"""Fixed-step integrators over a group of trials, for ordinary and for additive-noise stochastic differential equations.
+
+The model is a function `drift(half_index, state, noise, parameters, out)`, itself compiled with `inline_njit`:
+
+- half_index: position in the tables, which are sampled on the half-step grid: step k goes from 2 k to 2 k + 2;
+- state: (n, LANES); noise: (m, LANES), white noise held over the step = Brownian increment / step;
+- parameters: whatever the model needs, usually a tuple of arrays and scalars;
+- out: (n, LANES), the time derivative of the state, to be written in loops `for lane in range(LANES)`.
+
+Look-ups that do not depend on the lane belong before the lane loop.
+
+A scheme takes the drift and returns the compiled function
+`advance(step_index, step, state, noise, parameters, work)` of one step:
+
+- step_index: k; step: h, s; state: (n, LANES), updated in place; noise, parameters: passed on to the drift;
+- work: three scratch arrays (n, LANES).
+
+The drift is bound here, once, because compiled functions that travel as arguments defeat numba's on-disk cache.
+
+Both schemes have strong order 1 with additive noise, as the noise enters only by its increment over the step. They
+differ in the deterministic part: order 4 against order 1, which is also the weak order of Euler-Maruyama.
+"""
+
+from marsedl.montecarlo.streams import LANES, inline_njit
+
+
+def runge_kutta_4(drift):
+    """Classical Runge-Kutta step: x <- x + h/6 (k1 + 2 k2 + 2 k3 + k4).
+
+    The drift is evaluated at the half indices 2k, 2k + 1, 2k + 1, 2k + 2. Takes the drift and
+    returns `advance`, see the module.
+    """
+
+    @inline_njit
+    def advance(step_index, step, state, noise, parameters, work):
+        stage, slope, total = work
+        rows = state.shape[0]
+        half = 0.5 * step
+        sixth = step / 6.0
+        drift(2 * step_index, state, noise, parameters, slope)
+        for row in range(rows):
+            for lane in range(LANES):
+                total[row, lane] = slope[row, lane]
+                stage[row, lane] = state[row, lane] + half * slope[row, lane]
+        drift(2 * step_index + 1, stage, noise, parameters, slope)
+        for row in range(rows):
+            for lane in range(LANES):
+                total[row, lane] += 2.0 * slope[row, lane]
+                stage[row, lane] = state[row, lane] + half * slope[row, lane]
+        drift(2 * step_index + 1, stage, noise, parameters, slope)
+        for row in range(rows):
+            for lane in range(LANES):
+                total[row, lane] += 2.0 * slope[row, lane]
+                stage[row, lane] = state[row, lane] + step * slope[row, lane]
+        drift(2 * step_index + 2, stage, noise, parameters, slope)
+        for row in range(rows):
+            for lane in range(LANES):
+                state[row, lane] += sixth * (total[row, lane] + slope[row, lane])
+
+    return advance
+
+
+def euler_maruyama(drift):
+    """Euler-Maruyama step: x <- x + h f(x, increment / h), exact in the noise when the drift is linear in it.
+
+    The drift is evaluated at the half index 2k. Takes the drift, returns `advance`: see the module.
+    """
+
+    @inline_njit
+    def advance(step_index, step, state, noise, parameters, work):
+        _, slope, _ = work
+        drift(2 * step_index, state, noise, parameters, slope)
+        for row in range(state.shape[0]):
+            for lane in range(LANES):
+                state[row, lane] += step * slope[row, lane]
+
+    return advance

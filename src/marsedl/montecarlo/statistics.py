@@ -1,0 +1,215 @@
+"""Estimates from samples with their standard errors, and tests of covariance matrices.
+
+Samples come first in every array: (count,) or (count, ...). Variances and covariances are unbiased (divided by count
+- 1).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+
+def central_moments(samples):
+    """Count, mean and sums of products about the mean.
+
+    samples: (count, ..., n). Returns (count, mean (..., n), second_moment (..., n, n)); zeros when count is 0.
+    """
+    # Samples last, so that numpy sums pairwise along contiguous memory.
+    values = np.ascontiguousarray(np.moveaxis(samples, 0, -1))
+    n, count = values.shape[-2:]
+    second_moment = np.zeros((*values.shape[:-2], n, n))
+    if count == 0:
+        return 0, np.zeros(values.shape[:-1]), second_moment
+    mean = values.mean(axis=-1)
+    centred = values - mean[..., np.newaxis]
+    for i in range(n):
+        for j in range(i + 1):
+            # A plain sum and not a matrix product, whose order of summation is the BLAS library's.
+            second_moment[..., i, j] = second_moment[..., j, i] = (centred[..., i, :] * centred[..., j, :]).sum(axis=-1)
+    return count, mean, second_moment
+
+
+def merge_moments(a, b):
+    """Moments of the union of two disjoint samples (Chan, Golub, LeVeque 1979):
+
+    M = M_a + M_b + d d' n_a n_b / n,   mean = mean_a + d n_b / n,   d = mean_b - mean_a,   n = n_a + n_b.
+
+    a, b: (count, mean (..., n), second_moment (..., n, n)) as from `central_moments`. Returns the same triple.
+    """
+    count_a, mean_a, second_a = a
+    count_b, mean_b, second_b = b
+    if count_a == 0 or count_b == 0:
+        return a if count_b == 0 else b
+    count = count_a + count_b
+    difference = mean_b - mean_a
+    product = difference[..., :, np.newaxis] * difference[..., np.newaxis, :]
+    return (
+        count,
+        mean_a + difference * (count_b / count),
+        second_a + second_b + product * (count_a * (count_b / count)),
+    )
+
+
+def mean_standard_error(variance, count):
+    """Standard error of a mean: sqrt(variance / count)."""
+    return np.sqrt(np.asarray(variance) / count)
+
+
+def variance_standard_error(variance, fourth_moment, count):
+    """Standard error of an unbiased sample variance, sqrt((mu4 - (N - 3) / (N - 1) sigma^4) / N), any distribution.
+
+    variance: sigma^2. fourth_moment: mu4, fourth central moment (3 sigma^4 for a normal distribution). count: N.
+    """
+    variance = np.asarray(variance)
+    return np.sqrt((fourth_moment - (count - 3) / (count - 1) * variance**2) / count)
+
+
+def covariance_standard_errors(samples):
+    """Standard errors of all entries of the unbiased sample covariance, without assuming a normal distribution:
+
+    Var s_ij = (mu_iijj - (N - 2) / (N - 1) s_ij^2 + s_ii s_jj / (N - 1)) / N,   mu_iijj = E[(x_i - m_i)^2 (x_j -
+    m_j)^2].
+
+    samples: (count, n). Returns (n, n); its diagonal holds the standard errors of the variances.
+    """
+    samples = np.asarray(samples, dtype=float)
+    count = samples.shape[0]
+    centred = samples - samples.mean(axis=0)
+    covariance = centred.T @ centred / (count - 1)
+    squares = centred**2
+    fourth = squares.T @ squares / count
+    variances = np.diag(covariance)
+    variance_of_covariance = (
+        fourth - (count - 2) / (count - 1) * covariance**2 + np.outer(variances, variances) / (count - 1)
+    ) / count
+    return np.sqrt(variance_of_covariance)
+
+
+def percentile(samples, level):
+    """Sample percentile (linear interpolation) and its Maritz-Jarrett standard error (Maritz, Jarrett 1978).
+
+    The error is the standard deviation of the order statistics weighted by Beta(m, N - m + 1), m = floor(level N +
+    1/2).
+
+    samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels.
+    """
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie within (0, 1), got {level}")
+    ordered = np.sort(np.asarray(samples, dtype=float))
+    count = ordered.size
+    rank = min(max(int(level * count + 0.5), 1), count)
+    weights = np.diff(special.betainc(rank, count - rank + 1, np.arange(count + 1) / count))
+    # About the middle, or the difference of two large squares would lose digits.
+    deviation = ordered - ordered[rank - 1]
+    spread = weights @ deviation**2 - (weights @ deviation) ** 2
+    return float(np.quantile(ordered, level)), float(np.sqrt(max(spread, 0.0)))
+
+
+def histogram_percentile(counts, edges, level):
+    """Percentile from a histogram, interpolated within its bin, and a bound of its error: the width of that bin.
+
+    The bound is strict against the smallest sample with at least `level` of all samples at or below it.
+
+    counts: (..., bins + 2), the first and last entries counting what lies below and above the edges. edges: (bins +
+    1,).
+    level: within (0, 1]. Returns (value (...), bound (...)). Raises ValueError when the histogram is empty or the
+    percentile lies outside of the edges.
+    """
+    counts, edges = np.asarray(counts), np.asarray(edges)
+    cumulative = np.cumsum(counts, axis=-1)
+    total = cumulative[..., -1:]
+    if (total == 0).any():
+        raise ValueError("the histogram is empty")
+    # Rounding must not push an exact multiple to the next sample; half a sample is too small a correction to matter.
+    needed = np.ceil(level * total * (1.0 - 4e-16))
+    index = (cumulative < needed).sum(axis=-1)
+    if (index == 0).any() or (index == counts.shape[-1] - 1).any():
+        raise ValueError(f"the {level} percentile lies outside of the histogram's edges [{edges[0]}, {edges[-1]})")
+    below = np.take_along_axis(cumulative, index[..., np.newaxis] - 1, -1)[..., 0]
+    inside = np.take_along_axis(counts, index[..., np.newaxis], -1)[..., 0]
+    width = edges[index] - edges[index - 1]
+    return edges[index - 1] + width * (needed[..., 0] - below) / inside, width
+
+
+def variance_confidence_band(variance, count, level=0.95):
+    """Chi-square confidence interval of the true variance behind a sample variance of normal samples.
+
+    variance: unbiased sample variance, any shape. count: samples. level: confidence. Returns (lower, upper).
+    """
+    tail, degrees = (1.0 - level) / 2.0, count - 1
+    variance = np.asarray(variance)
+    # chdtri takes the probability of the upper tail.
+    return variance * degrees / special.chdtri(degrees, tail), variance * degrees / special.chdtri(degrees, 1.0 - tail)
+
+
+def variance_sampling_band(variance, count, level=0.95):
+    """Chi-square interval that holds the sample variance of `count` normal samples whose true variance is `variance`.
+
+    The band to draw about a predicted variance. variance: any shape. level: probability. Returns (lower, upper).
+    """
+    tail, degrees = (1.0 - level) / 2.0, count - 1
+    variance = np.asarray(variance)
+    return variance * special.chdtri(degrees, 1.0 - tail) / degrees, variance * special.chdtri(degrees, tail) / degrees
+
+
+class Deviance(NamedTuple):
+    """Likelihood-ratio statistic, its chi-square degrees of freedom, and the probability of a larger one by chance."""
+
+    statistic: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+def _log_determinant(covariance, name):
+    try:
+        return 2.0 * np.log(np.diag(np.linalg.cholesky(covariance))).sum()
+    except np.linalg.LinAlgError:
+        raise ValueError(f"{name} is not positive definite") from None
+
+
+def _checked_covariances(first, second):
+    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    if first.ndim != 2 or first.shape[0] != first.shape[1] or first.shape != second.shape:
+        raise ValueError(f"covariances must be square and of equal size, got {first.shape} and {second.shape}")
+    return first, second
+
+
+def _deviance(statistic, n):
+    degrees = n * (n + 1) // 2
+    statistic = max(float(statistic), 0.0)  # rounding can make it negative when both matrices agree
+    return Deviance(statistic, degrees, float(special.chdtrc(degrees, statistic)))
+
+
+def wishart_deviance(sample_covariance, count, reference_covariance):
+    """Does a sample covariance S of `count` normal samples agree with a known covariance C?
+
+    D = N [tr(C^-1 S) - log det(C^-1 S) - n], asymptotically chi-square with n (n + 1) / 2 degrees of freedom.
+
+    sample_covariance: S, (n, n), symmetric. count: N. reference_covariance: C, (n, n). Returns a `Deviance`. Raises
+    ValueError for unequal shapes and for matrices that are not positive definite.
+    """
+    sample, reference = _checked_covariances(sample_covariance, reference_covariance)
+    n = sample.shape[0]
+    log_ratio = _log_determinant(sample, "sample_covariance") - _log_determinant(reference, "reference_covariance")
+    return _deviance(count * (np.trace(np.linalg.solve(reference, sample)) - log_ratio - n), n)
+
+
+def two_sample_covariance_deviance(first_covariance, first_count, second_covariance, second_count):
+    """Do two sample covariances of normal samples come from the same covariance? (Box's M without its correction)
+
+    D = (N1 + N2) log det P - N1 log det S1 - N2 log det S2,   P = (N1 S1 + N2 S2) / (N1 + N2),
+
+    asymptotically chi-square with n (n + 1) / 2 degrees of freedom; tends to `wishart_deviance` as N2 grows.
+
+    first_covariance, second_covariance: S1, S2, (n, n), symmetric. first_count, second_count: N1, N2. Returns a
+    `Deviance`.
+    Raises ValueError for unequal shapes and for matrices that are not positive definite.
+    """
+    first, second = _checked_covariances(first_covariance, second_covariance)
+    total = first_count + second_count
+    pooled = first * (first_count / total) + second * (second_count / total)
+    log_pooled = _log_determinant(pooled, "the pooled covariance")
+    statistic = first_count * (log_pooled - _log_determinant(first, "first_covariance"))
+    statistic += second_count * (log_pooled - _log_determinant(second, "second_covariance"))
+    return _deviance(statistic, first.shape[0])

@@ -1,0 +1,18 @@
+"""The replicated papers, one package each."""
+
+from importlib import import_module
+
+from marsedl.replication.catalogue import Paper
+from marsedl.replication.inputs import Inputs
+
+SLUGS = ("powered_descent",)
+
+
+def catalogue(slug: str) -> Paper:
+    """Return a paper's bill of materials."""
+    return import_module(f"marsedl.papers.{slug}").PAPER
+
+
+def input_model(slug: str) -> type[Inputs]:
+    """Return the class of a paper's typed inputs."""
+    return import_module(f"marsedl.papers.{slug}.inputs").MODEL

@@ -1,0 +1,132 @@
+"""Independent checks of the design: forward integration of the paper's equations, and convex upper bounds of the cost."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
+from marsedl.methods.covariance_steering.forward_integration import integrate_forward, modified_index
+from marsedl.papers.powered_descent import segments
+from marsedl.papers.powered_descent.gains import Gains, problems_of
+from marsedl.papers.powered_descent.linearization import Linearization
+from marsedl.replication.artifacts import quantity
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """How far the design is from its independent checks, by segment."""
+
+    covariance_error: np.ndarray = quantity("1", ("segments",), "final covariance of Eq. 40 against the target, relative")
+    riccati_error: np.ndarray = quantity("1", ("segments",), "Riccati solution of Eq. 21 at the end, relative")
+    h_identity_error: np.ndarray = quantity(
+        "1", ("segments",), "largest relative error of G^2 Sigma^-1 = H + Lambda over time, H from Eq. 42"
+    )
+    mean_error: np.ndarray = quantity("m, m, m/s, m/s", ("segments", 4), "mean of Eq. 31 at the end minus the target")
+    costate_error_eq39: np.ndarray = quantity("1", ("segments",), "costate of Eq. 39 against p + Lambda x, relative")
+    costate_error_eq37: np.ndarray = quantity("1", ("segments",), "costate of Eq. 37 against that of Eq. 39, relative")
+    eq46_residual: np.ndarray = quantity(
+        "1", ("segments",), "largest relative residual of Eq. 46 with the P and Q that satisfy Eq. 43"
+    )
+    index_eq20: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 20, for several controls")
+    index_eq23: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 23 as printed")
+    dropped_term: np.ndarray = quantity("N^2 s", ("segments", "controls"), "term that Eq. 23 leaves out")
+    intervals: np.ndarray = quantity("1", ("sizes",), "held intervals of the bounds below", "int64")
+    mean_cost_ratio: np.ndarray = quantity("1", ("segments", "sizes"), "cost with held mean control over closed form")
+    covariance_cost_ratio: np.ndarray = quantity(
+        "1", ("segments", "sizes"), "cost with held feedback (semidefinite program) over closed form"
+    )
+    lossless_gap: np.ndarray = quantity("1", ("segments", "sizes"), "gap of the relaxation in the semidefinite program")
+    solver_status: np.ndarray = quantity("1", ("segments", "sizes"), "status of the semidefinite solver", "str")
+    solver_iterations: np.ndarray = quantity("1", ("segments", "sizes"), "iterations of the solver", "int64")
+
+
+def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
+    """Check both segments' designs.
+
+    The second segment is checked as designed, from the target covariance at the switch; noise is that of the design.
+    """
+    problems = problems_of(inputs, linearization)
+    models = segments.split(
+        linearization.segment, linearization.state_matrix, linearization.control_matrix, linearization.affine
+    )
+    sizes = [int(number) for number in inputs.certificate_intervals]
+    rows = []
+    for number, (problem, model) in enumerate(zip(problems, models, strict=True)):
+        row = _forward(problem, model, gains.riccati_initial[number], gains.mean_costate[number])
+        held_mean = [mean_certificate(problem, size) for size in sizes]
+        held = [covariance_certificate(problem, size) for size in sizes]
+        row["mean_cost_ratio"] = [bound.cost / gains.mean_cost[number] for bound in held_mean]
+        row["covariance_cost_ratio"] = [bound.cost / gains.covariance_cost[number] for bound in held]
+        row["lossless_gap"] = [bound.lossless_gap for bound in held]
+        row["solver_status"] = [bound.status for bound in held]
+        row["solver_iterations"] = [bound.iterations for bound in held]
+        rows.append(row)
+    return Certificates(
+        intervals=np.array(sizes, np.int64), **{name: np.array([row[name] for row in rows]) for name in rows[0]}
+    )
+
+
+def _forward(problem, model, riccati, costate_of_mean):
+    """Compare a segment's design with Eqs. 20-43 integrated forward."""
+    state_matrix, control_matrix, affine = (CubicSpline(problem.time, part) for part in model)
+    density = problem.noise_density
+    times = np.linspace(0.0, problem.time[-1], 5)
+    forward = integrate_forward(
+        state_matrix,
+        control_matrix,
+        affine,
+        problem.time[-1],
+        riccati,
+        initial_mean=problem.initial_mean,
+        final_mean=problem.final_mean,
+        initial_covariance=problem.initial_covariance,
+        noise_density=density,
+        times=times,
+    )
+    r = np.eye(len(riccati)) - problem.gramian[-1] @ riccati
+    backward = np.linalg.inv(problem.transition[-1])
+    riccati_end = backward.T @ riccati @ np.linalg.inv(r) @ backward
+    costate = costate_of_mean + riccati @ problem.initial_mean
+    identities = density**2 * np.linalg.inv(forward.covariance), forward.h_matrix + forward.riccati
+    # Eq. 46 takes gamma^2 on the other side: Sigma^-1 = gamma^2 (P^-1 + Q^-1), with P = H^-1 and Q = Lambda^-1.
+    inverse = np.linalg.inv(forward.covariance[[0, -1]])
+    printed = density**2 * (forward.h_matrix + forward.riccati)[[0, -1]]
+    controls = (
+        (lambda t: np.zeros((2, 4)), lambda t: np.zeros(2)),
+        (lambda t: control_matrix(t).T @ riccati, lambda t: 1000.0 * np.array([np.sin(t), np.cos(t)])),
+    )
+    indices = [
+        modified_index(
+            state_matrix,
+            control_matrix,
+            affine,
+            problem.time[-1],
+            riccati,
+            costate,
+            feedback=feedback,
+            feedforward=feedforward,
+            initial_mean=problem.initial_mean,
+            initial_covariance=problem.initial_covariance,
+            noise_density=density,
+        )
+        for feedback, feedforward in controls
+    ]
+    return {
+        "covariance_error": _relative(forward.covariance[-1], problem.final_covariance, problem.final_covariance),
+        "riccati_error": _relative(forward.riccati[-1], riccati_end, riccati_end),
+        "h_identity_error": max(_relative(a, b, a) for a, b in zip(*identities, strict=True)),
+        "mean_error": forward.mean[-1] - problem.final_mean,
+        "costate_error_eq39": np.abs(forward.costate_initial_eq39 / costate - 1).max(),
+        "costate_error_eq37": np.abs(forward.costate_initial_eq37 / forward.costate_initial_eq39 - 1).max(),
+        "eq46_residual": max(_relative(a, b, a) for a, b in zip(printed, inverse, strict=True)),
+        "index_eq20": [index.expanded for index in indices],
+        "index_eq23": [index.completed_square for index in indices],
+        "dropped_term": [index.dropped_term for index in indices],
+    }
+
+
+def _relative(matrix, other, scale):
+    """Largest difference of two symmetric matrices, in units of the scale's standard deviations."""
+    unit = np.sqrt(np.abs(np.diag(scale)))
+    return np.abs((matrix - other) / np.outer(unit, unit)).max()

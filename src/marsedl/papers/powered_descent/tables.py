@@ -1,0 +1,109 @@
+"""Tables: Eq. 54 of one reading against print, and what each reading reproduces."""
+
+import numpy as np
+
+from marsedl.montecarlo.statistics import (
+    covariance_standard_errors,
+    mean_standard_error,
+    two_sample_covariance_deviance,
+)
+from marsedl.papers.powered_descent.claims import UPPER
+from marsedl.papers.powered_descent.flight import THRUST
+from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
+
+NAMES = ("r1", "r2", "v1", "v2")
+
+
+def printed_covariance(published):
+    """Covariance of Eq. 54 (4, 4), made symmetric: entry (1,2) as above the diagonal (E8), others the mean (E9)."""
+    upper = np.array(published["mc_final_cov_upper"].printed)
+    lower = np.array(published["mc_final_cov_lower"].printed)
+    both = (upper + lower) / 2
+    both[0] = upper[0]
+    covariance = np.diag(np.array(published["mc_final_cov_diag"].printed, dtype=float))
+    covariance[UPPER] = both
+    covariance[UPPER[::-1]] = both
+    return covariance
+
+
+def agreement(published, ensemble):
+    """Likelihood-ratio tests of the printed covariance against an ensemble's: whole, and without downrange position."""
+    printed, trials = printed_covariance(published), published["mc_final_cov_diag"].trials
+    measured = np.cov(ensemble.final_state[:, :4], rowvar=False)
+    count = len(ensemble.final_state)
+    whole = two_sample_covariance_deviance(printed, trials, measured, count)
+    return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, measured[1:, 1:], count)
+
+
+def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None):
+    """Mean and covariance of the final state beside Eq. 54, with standard errors and distances in standard errors."""
+    ensemble = closed_loop_large or closed_loop
+    state = ensemble.final_state[:, :4]
+    trials = published["mc_final_mean"].trials
+    share = np.sqrt(len(state) / trials)  # the paper's sampling error in units of ours
+    rows = [("quantity", "in the paper", "here", "standard error", "paper's standard error", "z", "trials")]
+
+    def row(name, printed, value, error):
+        z = (printed - value) / (error * np.hypot(1.0, share))
+        rows.append(
+            (name, f"{printed:.4f}", f"{value:.4f}", f"{error:.4f}", f"{error * share:.4f}", f"{z:+.1f}", f"{len(state)}")
+        )
+
+    means, errors = state.mean(axis=0), mean_standard_error(state.var(axis=0, ddof=1), len(state))
+    for i, name in enumerate(NAMES):
+        row(f"mean {name}", published["mc_final_mean"].printed[i], means[i], errors[i])
+    printed, covariance, errors = printed_covariance(published), np.cov(state, rowvar=False), covariance_standard_errors(state)
+    for i in range(4):
+        for j in range(i, 4):
+            name = f"var {NAMES[i]}" if i == j else f"cov {NAMES[i]}, {NAMES[j]}"
+            row(name, printed[i, j], covariance[i, j], errors[i, j])
+    for name, test in zip(("whole covariance", "without r1"), agreement(published, ensemble), strict=True):
+        statistic = f"deviance {test.statistic:.1f} on {test.degrees_of_freedom}"
+        rows.append((name, "", statistic, "", "", f"p = {test.p_value:.2g}", f"{len(state)}"))
+    return rows
+
+
+def readings(artifacts, published):
+    """What each reading reproduces: its noise and target, the masses, and the tests of the printed covariance.
+
+    artifacts: by reading, the artifacts by name and the inputs. published: claims by id. Returns rows of text.
+    """
+    rows = [
+        (
+            "reading",
+            "design / plant noise (N s^1/2)",
+            "target var r1 (m^2)",
+            "prior final mass (kg)",
+            "mean final mass (kg)",
+            "largest error of the predicted final variances (%)",
+            "deviance, 10 dof",
+            "p",
+            "deviance without r1, 6 dof",
+            "p (without r1)",
+            "largest thrust / maximum",
+            "trials",
+        )
+    ]
+    for name, (inputs, items) in artifacts.items():
+        gains, nominal, paper_size = items["gains"], items["nominal"], items["closed_loop"]
+        ensemble = items.get("closed_loop_large") or paper_size
+        target = np.diag(inputs.final_covariance)
+        whole, rest = agreement(published, ensemble)
+        mass = ensemble.final_state[:, 4]
+        rows.append(
+            (
+                name,
+                f"{gains.noise_density_design:.4g} / {gains.noise_density_plant:.4g}",
+                f"{target[0]:g}",
+                f"{nominal.mass[-1]:.3f}",
+                f"{mass.mean():.3f} ± {mean_standard_error(mass.var(ddof=1), len(mass)):.3f}",
+                f"{100 * np.abs(np.diag(gains.covariance[-1]) / target - 1).max():.3g}",
+                f"{whole.statistic:.1f}",
+                f"{whole.p_value:.2g}",
+                f"{rest.statistic:.1f}",
+                f"{rest.p_value:.2g}",
+                f"{paper_size.observed_maximum[:, THRUST].max() / inputs.maximum_thrust:.3f}",
+                f"{len(mass)}",
+            )
+        )
+    return rows

@@ -1,0 +1,1 @@
+"""Style, bands, ellipses; knows no paper."""

@@ -1,0 +1,20 @@
+"""Covariance ellipses and confidence bands."""
+
+import numpy as np
+
+
+def ellipse(mean, covariance, sigma, points: int = 100):
+    """Return the curve (points, 2) at `sigma` standard deviations around a mean (2,) with a covariance (2, 2)."""
+    angle = np.linspace(0.0, 2 * np.pi, points)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return (np.asarray(mean)[:, np.newaxis] + sigma * np.linalg.cholesky(covariance) @ circle).T
+
+
+def probability_inside(sigma):
+    """Return the probability that a Gaussian in the plane lies inside its `sigma` ellipse: 1 - exp(-sigma^2 / 2)."""
+    return 1.0 - np.exp(-(sigma**2) / 2)
+
+
+def band(axes, x, lower, upper, color, label=None):
+    """Fill the band between two curves."""
+    axes.fill_between(x, lower, upper, color=color, alpha=0.22, linewidth=0, label=label)

@@ -1,0 +1,1 @@
+"""Inputs and readings, artifacts and digests, claims and verdicts, report; knows no physics."""

@@ -1,0 +1,518 @@
+"""Typed artifacts of the stages, saved as self-explaining HDF5 files and never half written.
+
+An artifact type is a frozen dataclass whose fields are declared with `quantity`:
+
+    @dataclass(frozen=True)
+    class Nominal:
+        \"\"\"Mass profile and mean trajectory.\"\"\"
+
+        time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
+        mean: np.ndarray = quantity("m, m/s", ("time", 6), "mean position and velocity")
+        iterations: int = quantity("1", (), "passes of the mass iteration")
+"""
+
+import dataclasses
+import errno
+import hashlib
+import importlib.metadata
+import json
+import math
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from marsedl.replication.errors import ArtifactError
+
+FORMAT = 1  # layout of the file itself: root attributes, /provenance, how strings are stored
+LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
+COMPRESS_ABOVE_BYTES = 64 * 2**10
+DEFLATE_LIMIT = 1100  # deflate shrinks at most 1032-fold: whatever claims more is damaged
+
+REBUILD = "delete it and run snakemake again: it is rebuilt"
+PROVENANCE = "provenance"
+
+_STORED_DTYPES = {"float64": "<f8", "int64": "<i8", "int8": "|i1", "bool": "|b1"}
+_DTYPE_OF_ANNOTATION = {"int": "int64", "float": "float64", "bool": "bool", "str": "str"}
+_ACCEPTED_KINDS = {"float64": "fiu", "int64": "iu", "int8": "iu", "bool": "b"}
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_PERMISSION = (errno.EACCES, errno.EPERM, errno.EROFS)
+_JSON_MARK = "json:"
+_SEAL = b"marsedl:sha256:"  # behind HDF5's own end of file, followed by the checksum of all bytes before it
+_SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Declaration of one field: its unit, dimensions, meaning and stored type."""
+
+    unit: str
+    dims: tuple[str | int, ...]
+    meaning: str
+    dtype: str
+    allow_nan: bool
+
+
+def quantity(
+    unit: str, dims: tuple[str | int, ...], meaning: str, dtype: Any = None, *, allow_nan: bool = False
+) -> Any:
+    """Declare a field of an artifact type.
+
+    unit: of the values, "1" for pure numbers; one per component, separated by commas, where they differ
+    dims: one entry per axis: a name, whose extent is the same in all fields of the artifact, or a fixed extent; () for
+        a scalar, which is loaded as a plain Python value
+    meaning: one line in words
+    dtype: float64, int64, int8, bool or str; by default what the annotation (int, float, bool, str) says, else float64
+    allow_nan: NaN is a legitimate value of this field (infinities never are)
+
+    Raises TypeError for dims or a dtype of another kind.
+    """
+    if not isinstance(dims, tuple) or not all(isinstance(extent, str | int) for extent in dims):
+        raise TypeError(f"dims must be a tuple of names and fixed extents, not {dims!r}")
+    name = "" if dtype is None else "str" if dtype in (str, "str") else np.dtype(dtype).name
+    if name not in ("", "str", *_STORED_DTYPES):
+        raise TypeError(f"dtype must be one of str, {', '.join(_STORED_DTYPES)}, not {dtype!r}")
+    return dataclasses.field(metadata={"quantity": Quantity(unit, dims, meaning, name, allow_nan)})
+
+
+def quantities(artifact_type: type) -> dict[str, Quantity]:
+    """The declared fields of an artifact type by name, with their types resolved.
+
+    Raises ArtifactError if it is no dataclass or if a field is not declared with `quantity`.
+    """
+    if not dataclasses.is_dataclass(artifact_type):
+        raise ArtifactError(f"{artifact_type!r} is no artifact type: make it a frozen dataclass of quantities")
+    declared = {}
+    for field in dataclasses.fields(artifact_type):
+        described = field.metadata.get("quantity")
+        if described is None:
+            raise ArtifactError(f"{artifact_type.__name__}.{field.name} has no unit: declare it with quantity(...)")
+        if field.name == PROVENANCE:
+            raise ArtifactError(f"{artifact_type.__name__}.{field.name}: this name is taken by the file's own group")
+        if not described.dtype:
+            annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
+            described = dataclasses.replace(described, dtype=_DTYPE_OF_ANNOTATION.get(annotation, "float64"))
+        declared[field.name] = described
+    return declared
+
+
+def schema_digest(artifact_type: type) -> str:
+    """Short digest of the names, units, dimensions and types of an artifact type's fields."""
+    rows = sorted([name, q.unit, list(q.dims), q.dtype] for name, q in quantities(artifact_type).items())
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
+
+
+def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenance: dict[str, Any]) -> None:
+    """Write an artifact: entirely or not at all.
+
+    path: the HDF5 file; missing folders are made
+    artifact: an instance of an artifact type
+    paper, reading: whose result it is; `load` compares them
+    provenance: JSON-able items (digests, seeds, versions, solver) kept in /provenance, outside of all digests
+
+    Equal arguments give files of equal bytes. Raises ArtifactError naming file, type and field for a value that does
+    not fit its declaration, and naming the file when it cannot be written; what was there before is then untouched.
+    """
+    path = Path(path)
+    arrays = _checked_values(path, artifact)
+    image = _file_image(path, artifact, arrays, paper, reading, provenance)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale_partials(path)
+        _replace(path, image)
+    except OSError as error:
+        raise _writing_error(path, error) from error
+
+
+def load(path: str | Path, artifact_type: type, *, paper: str | None = None, reading: str | None = None) -> Any:
+    """Read an artifact back; its arrays are read-only.
+
+    path: the HDF5 file; artifact_type: the dataclass it must hold; paper, reading: whose it must be (None: anyone's)
+
+    Raises ArtifactError naming file, field and remedy for a file that is missing, damaged, of another type, paper,
+    reading or layout, or whose fields do not fit their declarations. Links and data outside of the file are not
+    followed.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        _check_identity(path, file, artifact_type, paper, reading)
+        declared = quantities(artifact_type)
+        for name in file:
+            if name != PROVENANCE and name not in declared:
+                raise _refusal(path, f"'{name}' is no field of {artifact_type.__name__}")
+        arrays = {name: _read_field(path, file, name, declared[name].dtype) for name in declared}
+    _check_shapes_and_values(path, artifact_type, arrays, REBUILD)
+    if not _has_seal(path):
+        raise _refusal(path, "was edited with other tools after it was written, or its end is cut off")
+    values = {}
+    for name, array in arrays.items():
+        array.setflags(write=False)
+        values[name] = array.item() if array.ndim == 0 else array
+    return artifact_type(**values)
+
+
+def provenance(path: str | Path) -> dict[str, Any]:
+    """The provenance items with which an artifact was saved (tuples as lists). Raises ArtifactError as `load` does."""
+    path = Path(path)
+    with opened(path) as file:
+        return _read_provenance(path, member(path, file, PROVENANCE, h5py.Group))
+
+
+def library_versions(*names: str) -> dict[str, str]:
+    """Installed versions of the named distributions, for the provenance; "not installed" where there is none."""
+    versions = {}
+    for name in sorted(names):
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
+    """All values of a dataset that lies wholly inside its file and whose declared size is plausible.
+
+    Raises ArtifactError naming file and dataset otherwise.
+    """
+    name = dataset.name.lstrip("/")
+    creation = dataset.id.get_create_plist()
+    if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
+        raise _refusal(path, f"field '{name}' takes its values from another file, which is not followed")
+    if dataset.shape is None:
+        raise _refusal(path, f"field '{name}' holds no value")
+    declared = math.prod(dataset.shape) * dataset.dtype.itemsize
+    stored = min(dataset.id.get_storage_size(), path.stat().st_size)
+    plausible = stored
+    if dataset.chunks:
+        declared = max(declared, math.prod(dataset.chunks) * dataset.dtype.itemsize)
+        plausible = DEFLATE_LIMIT * stored + COMPRESS_ABOVE_BYTES
+    if declared > min(plausible, LARGEST_BYTES):
+        raise _refusal(path, f"field '{name}' declares {declared} bytes of values but the file stores {stored}")
+    return np.asarray(dataset[()])
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[h5py.File]:
+    """An HDF5 file open for reading; whatever HDF5 says of a damaged one becomes an ArtifactError naming the file."""
+    path = Path(path)
+    if not path.exists():
+        raise ArtifactError(f"{path}: there is no such file: run snakemake, which builds it")
+    if not path.is_file():
+        raise ArtifactError(f"{path}: is not a file: move it away and run snakemake again")
+    _check_seal(path)
+    try:
+        # Files are replaced, never changed in place, so no lock is needed; some file systems have none.
+        file = h5py.File(path, "r", locking=False)
+    except Exception as error:
+        raise _refusal(path, f"is truncated, damaged or no HDF5 file ({_first_line(error)})") from error
+    with file:
+        try:
+            yield file
+        except ArtifactError:
+            raise
+        except Exception as error:
+            raise _refusal(path, f"is damaged ({_first_line(error)})") from error
+
+
+def member(path: Path, group: h5py.Group, name: str, kind: type | tuple[type, ...]) -> Any:
+    """The dataset or group `name` that lies in `group` itself.
+
+    Raises ArtifactError if there is none, if it is of another kind, or if it is a soft or external link: links are
+    never followed.
+    """
+    link = group.get(name, getlink=True)
+    if link is None:
+        raise _refusal(path, f"field '{name}' is missing")
+    if not isinstance(link, h5py.HardLink):
+        raise _refusal(path, f"field '{name}' is a link to somewhere else ({type(link).__name__}): it is not followed")
+    found = group[name]
+    if not isinstance(found, kind):
+        raise _refusal(path, f"field '{name}' is unexpectedly a {type(found).__name__.lower()}")
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------------- checking
+
+
+def _checked_values(path: Path, artifact: Any) -> dict[str, np.ndarray]:
+    """The artifact's values as arrays of exactly the declared types."""
+    artifact_type = type(artifact)
+    remedy = "mend the stage that computes it; nothing was written"
+    arrays = {}
+    for name, declared in quantities(artifact_type).items():
+        where = f"{path}: artifact {artifact_type.__name__}, field '{name}'"
+        value = getattr(artifact, name, None)
+        if value is None:
+            raise ArtifactError(f"{where} is missing: {remedy}")
+        if isinstance(value, np.ma.MaskedArray):
+            raise ArtifactError(f"{where} is a masked array, whose mask would be lost: {remedy}")
+        try:
+            arrays[name] = _as_declared(np.asarray(value), declared.dtype)
+        except (ValueError, TypeError) as error:
+            raise ArtifactError(f"{where} must be of type {declared.dtype}: {_first_line(error)}: {remedy}") from error
+    _check_shapes_and_values(path, artifact_type, arrays, remedy)
+    return arrays
+
+
+def _as_declared(array: np.ndarray, dtype: str) -> np.ndarray:
+    """The array in the declared type if no value changes by it; raises TypeError or ValueError."""
+    if dtype == "str":
+        return _as_text(array)
+    if array.dtype.kind not in _ACCEPTED_KINDS[dtype]:
+        raise TypeError(f"it is of type {array.dtype}")
+    if array.dtype.kind == "f" and array.dtype.itemsize > 8:
+        raise TypeError(f"it is of type {array.dtype}, which would be rounded")
+    if array.dtype.kind in "iu" and dtype in ("int64", "int8") and array.size:
+        limits = np.iinfo(dtype)
+        if int(array.min()) < limits.min or int(array.max()) > limits.max:
+            raise ValueError(f"values from {array.min()} to {array.max()} do not fit")
+    return array.astype(_STORED_DTYPES[dtype])
+
+
+def _as_text(array: np.ndarray) -> np.ndarray:
+    """An array of strings as numpy's own fixed-width strings; raises TypeError or ValueError."""
+    items = array.ravel().tolist()
+    # An empty list of strings has numpy's default type, float64.
+    if (array.dtype.kind not in "UOT" and array.size) or not all(isinstance(item, str) for item in items):
+        raise TypeError(f"it is of type {array.dtype}")
+    if any("\0" in item for item in items):
+        raise ValueError("it contains the character NUL, which HDF5 strings cannot hold")
+    for item in items:
+        item.encode()  # lone surrogates fail here, with their position
+    return np.array(items, dtype=str).reshape(array.shape)
+
+
+def _check_shapes_and_values(path: Path, artifact_type: type, arrays: dict[str, np.ndarray], remedy: str) -> None:
+    """Raise ArtifactError for the first array whose shape or values do not fit the declaration."""
+    extents: dict[str, tuple[int, str]] = {}
+    for name, declared in quantities(artifact_type).items():
+        array = arrays[name]
+        where = f"{path}: artifact {artifact_type.__name__}, field '{name}'"
+        if array.ndim != len(declared.dims):
+            raise ArtifactError(
+                f"{where} has shape {array.shape} but its dimensions are {_spelled(declared.dims)}: {remedy}"
+            )
+        for dimension, extent in zip(declared.dims, array.shape, strict=True):
+            if isinstance(dimension, int):
+                expected, origin = dimension, "as declared"
+            else:
+                expected, origin = extents.setdefault(dimension, (extent, f"as in field '{name}'"))
+            if extent != expected:
+                raise ArtifactError(
+                    f"{where} has shape {array.shape} but its dimensions are {_spelled(declared.dims)}, "
+                    f"where {dimension} is {expected} {origin}: {remedy}"
+                )
+        if array.dtype.kind == "f":
+            bad = np.isinf(array) if declared.allow_nan else ~np.isfinite(array)
+            if bad.any():
+                first = tuple(int(index) for index in np.argwhere(bad)[0])
+                raise ArtifactError(
+                    f"{where} is not finite: {np.count_nonzero(bad)} of {array.size} values, the first {array[first]} "
+                    f"at index {first}: {remedy}"
+                )
+
+
+def _spelled(dims: tuple[str | int, ...]) -> str:
+    return f"({', '.join(str(dimension) for dimension in dims)})" if dims else "scalar"
+
+
+# ----------------------------------------------------------------------------------------------------------- writing
+
+
+def _file_image(
+    path: Path, artifact: Any, arrays: dict[str, np.ndarray], paper: str, reading: str, provenance: dict[str, Any]
+) -> bytes:
+    """The bytes of the HDF5 file.
+
+    HDF5 builds it in memory, because on a full disk HDF5 itself loses its footing and takes the process with it.
+    """
+    artifact_type = type(artifact)
+    declared = quantities(artifact_type)
+    # The oldest file format is readable everywhere and keeps no object times when told so.
+    with h5py.File(
+        _partial_path(path), "w", driver="core", backing_store=False, libver=("earliest", "v110"), track_order=False
+    ) as file:
+        file.attrs["artifact"] = artifact_type.__name__
+        file.attrs["paper"] = paper
+        file.attrs["reading"] = reading
+        file.attrs["meaning"] = (artifact_type.__doc__ or "").strip().partition("\n")[0]
+        file.attrs["schema"] = schema_digest(artifact_type)
+        file.attrs["format"] = FORMAT
+        for name in sorted(arrays):
+            array = arrays[name]
+            options: dict[str, Any] = {"track_times": False}
+            if array.dtype.kind == "U":
+                array = np.char.encode(array, "utf-8")
+                array = array.astype(h5py.string_dtype("utf-8", max(array.dtype.itemsize, 1)))
+            if array.nbytes > COMPRESS_ABOVE_BYTES and array.ndim:
+                options.update(chunks=True, shuffle=True, compression="gzip", compression_opts=4)
+            dataset = file.create_dataset(name, data=array, **options)
+            dataset.attrs["unit"] = declared[name].unit
+            dataset.attrs["meaning"] = declared[name].meaning
+            dataset.attrs["dimensions"] = _spelled(declared[name].dims)
+        _write_provenance(path, file.create_group(PROVENANCE), provenance)
+        file.flush()
+        image = file.id.get_file_image()
+    return image + _SEAL + hashlib.sha256(image).digest()
+
+
+def _write_provenance(path: Path, group: h5py.Group, items: dict[str, Any]) -> None:
+    """Scalars and strings as attributes, dicts as subgroups, all else as a JSON string behind a mark."""
+    for key in sorted(items, key=str):
+        where = f"{path}: {group.name}/{key}"
+        value = items[key]
+        if not isinstance(key, str) or not key or "\0" in key:
+            raise ArtifactError(f"{where}: a provenance item needs a name that is a string")
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        if isinstance(value, dict) and "/" not in key and key not in (".", ".."):
+            _write_provenance(path, group.create_group(key), value)
+            continue
+        plain = isinstance(value, float | bool) or (isinstance(value, int) and -(2**63) <= value < 2**63)
+        if isinstance(value, str):
+            plain = not value.startswith(_JSON_MARK) and "\0" not in value
+        try:
+            group.attrs[key] = value if plain else _JSON_MARK + json.dumps(value, sort_keys=True)
+        except (TypeError, ValueError) as error:
+            raise ArtifactError(f"{where}: {_first_line(error)}: provenance holds only what JSON can hold") from error
+
+
+def _partial_path(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}.partial")
+
+
+def _remove_stale_partials(path: Path) -> None:
+    """Remove what earlier, killed processes of this machine left beside `path`."""
+    prefix = f".{path.name}.{socket.gethostname()}."
+    for partial in path.parent.iterdir():
+        owner = partial.name.removeprefix(prefix).removesuffix(".partial")
+        if f"{prefix}{owner}.partial" == partial.name and owner.isdigit() and not _other_process_runs(int(owner)):
+            partial.unlink(missing_ok=True)
+
+
+def _other_process_runs(process: int) -> bool:
+    if process == os.getpid():
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _replace(path: Path, image: bytes) -> None:
+    """Write beside `path`, make sure that it is on the disk, and only then take the name."""
+    partial = _partial_path(path)
+    try:
+        with partial.open("xb") as stream:
+            stream.write(image)
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _writing_error(path: Path, error: OSError) -> ArtifactError:
+    if error.errno in _NO_SPACE:
+        reason = f"cannot be written, there is no space left ({error.strerror}): free space and run again"
+    elif error.errno in _NO_PERMISSION:
+        reason = (
+            f"cannot be written ({error.strerror}): give yourself permission to write into its folder and run again"
+        )
+    else:
+        reason = f"cannot be written ({_first_line(error)}): remove the cause and run again"
+    return ArtifactError(f"{path}: {reason}; nothing that was there before was touched")
+
+
+# ----------------------------------------------------------------------------------------------------------- reading
+
+
+def _check_seal(path: Path) -> None:
+    """Raise ArtifactError if the file has a seal and its bytes are not those that were sealed.
+
+    HDF5 can crash or hang on damaged files, so this comes before HDF5 sees the file. A truncated file has no seal, but
+    HDF5 itself knows that it is too short; nor has one that HDF5 has edited, but that is sound enough to be looked at.
+    """
+    hasher = hashlib.sha256()
+    try:
+        with path.open("rb") as stream:
+            left = path.stat().st_size - _SEAL_BYTES
+            while left > 0 and (block := stream.read(min(left, 2**20))):
+                hasher.update(block)
+                left -= len(block)
+            seal = stream.read(_SEAL_BYTES)
+    except PermissionError as error:
+        raise ArtifactError(f"{path}: may not be read: give yourself permission to read it") from error
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): remove the cause and run again") from error
+    if seal.startswith(_SEAL) and seal != _SEAL + hasher.digest():
+        raise _refusal(path, "is damaged, its bytes are not those that were written")
+
+
+def _has_seal(path: Path) -> bool:
+    with path.open("rb") as stream:
+        stream.seek(-_SEAL_BYTES, os.SEEK_END)
+        return stream.read(len(_SEAL)) == _SEAL
+
+
+def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str | None, reading: str | None) -> None:
+    """Raise ArtifactError unless the file says that it is this artifact of this paper and reading in this layout."""
+    name = artifact_type.__name__
+    found = {key: file.attrs.get(key) for key in ("artifact", "paper", "reading", "format", "schema")}
+    if found["artifact"] != name:
+        raise _refusal(path, f"holds the artifact {found['artifact']!r}, not {name!r}")
+    for key, expected in (("paper", paper), ("reading", reading)):
+        if expected is not None and found[key] != expected:
+            raise _refusal(path, f"artifact {name} is of the {key} {found[key]!r}, not {expected!r}")
+    if found["format"] != FORMAT or found["schema"] != schema_digest(artifact_type):
+        missing = sorted(set(quantities(artifact_type)) - set(file))
+        hint = f" (it lacks {', '.join(missing)})" if missing else ""
+        raise _refusal(path, f"artifact {name} was written by another version, whose fields differ from today's{hint}")
+
+
+def _read_field(path: Path, file: h5py.File, name: str, dtype: str) -> np.ndarray:
+    dataset = member(path, file, name, h5py.Dataset)
+    if dtype == "str":
+        text = h5py.check_string_dtype(dataset.dtype)
+        fits = text is not None and text.length is not None
+    else:
+        fits = dataset.dtype == np.dtype(_STORED_DTYPES[dtype])
+    if not fits:
+        raise _refusal(path, f"field '{name}' is of type {dataset.dtype}, not {dtype}")
+    try:
+        array = read_array(path, dataset)
+        return np.asarray(np.char.decode(array, "utf-8")) if dtype == "str" else array
+    except ArtifactError:
+        raise
+    except Exception as error:
+        raise _refusal(path, f"field '{name}' cannot be read ({_first_line(error)})") from error
+
+
+def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:
+    items: dict[str, Any] = {}
+    for key, value in group.attrs.items():
+        if isinstance(value, str) and value.startswith(_JSON_MARK):
+            items[key] = json.loads(value.removeprefix(_JSON_MARK))
+        else:
+            items[key] = value.item() if isinstance(value, np.generic) else value
+    for name in group:
+        items[name] = _read_provenance(path, member(path, group, name, h5py.Group))
+    return items
+
+
+def _refusal(path: Path, what: str) -> ArtifactError:
+    return ArtifactError(f"{path}: {what}: {REBUILD}")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).partition("\n")[0]

@@ -1,0 +1,646 @@
+"""Printed claims, their evaluations and the verdicts computed from both.
+
+A paper's printed numbers and statements are facts, kept in `data/published/<paper>.yaml`. A paper's code evaluates
+each of them in every reading. `collect` compares the two by fixed rules; nobody types a verdict.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.inputs import nearest, read_yaml
+
+KINDS = ("deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context")
+COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
+LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
+STATED_READING = "printed"  # the reading that must use every input as the paper states it
+NOT_EVALUATED = "–"
+
+_MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
+_EXPONENTS = "YAML reads 1e-6 as text: write 1.0e-6"
+_SIGMAS = 3.0
+_LITERAL = 1e-9  # relative slack with which an input counts as used literally (unit conversions round)
+
+
+# ----------------------------------------------------------------------------------------------- what the paper prints
+
+
+@dataclass(frozen=True)
+class PublishedClaim:
+    """One printed number, vector or statement of a paper."""
+
+    paper: str
+    id: str
+    where: str
+    quantity: str
+    printed: Any  # number, list, nested list, bool or text
+    unit: str
+    kind: str
+    resolution: Any = None  # size of the last printed digit: a number, a list shaped like `printed`, or None
+    trials: int | None = None  # the paper's number of Monte Carlo trials
+    note: str = ""
+
+
+def load_published(path: str | Path) -> list[PublishedClaim]:
+    """Load the printed claims of the paper that gives the file its name.
+
+    Args:
+        path: YAML file with the single key `claims`, a list of mappings with the fields of `PublishedClaim`.
+
+    Returns:
+        The claims in the order of the file.
+
+    Raises:
+        InputError: the file is missing or malformed; the message names the file, the claim's id and the key.
+
+    """
+    path = Path(path)
+    document = read_yaml(path)
+    if not isinstance(document, dict) or set(document) != {"claims"} or not isinstance(document["claims"], list):
+        raise InputError(f"{path}: expected one key 'claims' with a list")
+    claims: list[PublishedClaim] = []
+    seen = set()
+    for position, entry in enumerate(document["claims"], start=1):
+        claim = _published_claim(path, position, entry)
+        if claim.id in seen:
+            raise InputError(f"{path}: claim {claim.id}: key 'id': used by two claims")
+        seen.add(claim.id)
+        claims.append(claim)
+    return claims
+
+
+def _published_claim(path: Path, position: int, entry: Any) -> PublishedClaim:
+    if not isinstance(entry, dict):
+        raise InputError(f"{path}: claim {position} is not a mapping")
+    name = entry.get("id", f"number {position}")
+
+    def refuse(key: str, problem: str) -> InputError:
+        return InputError(f"{path}: claim {name}: key {key!r}: {problem}")
+
+    known = [f.name for f in fields(PublishedClaim) if f.name != "paper"]
+    for key in entry:
+        if key not in known:
+            raise refuse(str(key), f"unknown; {nearest(str(key), known)}")
+    for key in ("id", "where", "quantity", "printed", "unit", "kind"):
+        if key not in entry:
+            raise refuse(key, "missing")
+    for key in ("id", "where", "quantity", "unit", "kind", "note"):
+        if key in entry and (not isinstance(entry[key], str) or (key != "note" and not entry[key].strip())):
+            raise refuse(key, f"expected text, found {entry[key]!r}")
+    if not re.fullmatch(r"[A-Za-z0-9_]+", name):
+        raise refuse("id", "only letters, digits and underscores")
+
+    kind, printed, resolution, trials = (entry.get(key) for key in ("kind", "printed", "resolution", "trials"))
+    if kind not in KINDS:
+        raise refuse("kind", f"unknown kind {kind!r}; {nearest(kind, KINDS)}")
+    leaves = _flatten(printed)
+    if not leaves or not all(isinstance(leaf, bool | int | float | str) for leaf in leaves.values()):
+        raise refuse("printed", f"expected a number, a list, true, false or text, found {printed!r}")
+    infinite = [leaf for leaf in leaves.values() if isinstance(leaf, float) and not math.isfinite(leaf)]
+    if infinite and (kind in _MEASURED or any(map(math.isnan, infinite))):  # an input may be infinite, a result not
+        raise refuse("printed", "not finite")
+    numeric = all(_is_number(leaf) for leaf in leaves.values())
+    if kind in _MEASURED:
+        if not numeric:
+            raise refuse("printed", f"a {kind} claim needs numbers, found {printed!r}; {_EXPONENTS}")
+        if resolution is None:
+            raise refuse("resolution", f"missing; a {kind} claim needs the size of the last printed digit")
+    if kind == "qualitative" and not isinstance(printed, bool):
+        raise refuse("printed", f"a qualitative claim is true or false, found {printed!r}")
+    if resolution is not None:
+        sizes = _flatten(resolution)
+        if not all(_is_number(size) and math.isfinite(size) and size > 0 for size in sizes.values()):
+            raise refuse("resolution", f"expected positive numbers, found {resolution!r}; {_EXPONENTS}")
+        if not numeric or (isinstance(resolution, list) and sizes.keys() != leaves.keys()):
+            raise refuse("resolution", "does not have the shape of 'printed'")
+    if kind == "monte_carlo" and trials is None:
+        raise refuse("trials", "missing; a monte_carlo claim needs the paper's number of trials")
+    if trials is not None and (isinstance(trials, bool) or not isinstance(trials, int) or trials < 1):
+        raise refuse("trials", f"expected a positive whole number, found {trials!r}")
+    return PublishedClaim(paper=path.stem, **entry)
+
+
+# ----------------------------------------------------------------------------------------- what the paper's code gives
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What one reading gives for one claim.
+
+    Arrays and numpy numbers are turned into lists and plain numbers. A value that is not finite stays so here (the
+    reading failed, visibly): it never reproduces, and it is written to JSON as null.
+    """
+
+    value: Any = None  # shaped like the printed value; bool for a statement; None: not evaluated in this reading
+    standard_error: Any = None  # shaped like `value`
+    trials: int | None = None
+    evidence: str = ""  # one sentence with computed numbers
+    numbers: Mapping[str, Any] = field(default_factory=dict)  # named numbers that a reason may quote
+
+    def __post_init__(self) -> None:
+        """Turn arrays into plain Python."""
+        for name in ("value", "standard_error", "trials"):
+            object.__setattr__(self, name, _plain(getattr(self, name)))
+        object.__setattr__(self, "numbers", {name: _plain(number) for name, number in self.numbers.items()})
+
+
+@dataclass(frozen=True)
+class Close:
+    """A tolerance stated before the result is known, and why it is the right one: relative or absolute, not both."""
+
+    reason: str
+    relative: float | None = None
+    absolute: float | Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that is not exactly one positive bound with a reason."""
+        if (self.relative is None) == (self.absolute is None):
+            raise InputError("Close: give either a relative or an absolute tolerance")
+        bounds = _flatten(_plain(self.absolute if self.relative is None else self.relative)).values()
+        if not all(_is_number(bound) and math.isfinite(bound) and bound > 0 for bound in bounds):
+            raise InputError("Close: a tolerance must be a positive number")
+        if not self.reason.strip():
+            raise InputError("Close: a tolerance needs its reason")
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a paper's code states about a claim besides its value.
+
+    `reason` may quote computed numbers: `{name}` is a named number of the reading that gives the verdict (`value`,
+    `standard_error` and `z` always exist), `{target4[name]}` is that of the reading `target4`; both take a format as in
+    `{value[0]:.3f}`. A verdict `differs` or `fails` needs a reason and an erratum or a withheld input.
+    """
+
+    reason: str = ""
+    errata: tuple[str, ...] = ()  # ids of errata, such as "E10"
+    withheld: tuple[str, ...] = ()  # inputs that the paper does not give, in words
+    close: Close | None = None
+
+
+# ------------------------------------------------------------------------------------------------------------ verdicts
+
+
+def collect(
+    published: Sequence[PublishedClaim],
+    declarations: Mapping[str, Declaration],
+    evaluations_by_reading: Mapping[str, Mapping[str, Evaluation | None]],
+    default_reading: str = "corrected",
+    known_errata: Collection[str] | None = None,
+) -> list[dict[str, Any]]:
+    """Compare every printed claim with every reading.
+
+    Args:
+        published: the printed claims of one paper.
+        declarations: tolerances and reasons by claim id; a claim without one has neither.
+        evaluations_by_reading: for every reading, an evaluation for every claim id (None: not evaluated in this
+            reading). Quoted literature (kind `context`) may be left out.
+        default_reading: the reading whose verdict is shown first. Stated inputs are checked in the reading `printed`.
+        known_errata: the paper's errata ids; when given, declarations may name no others.
+
+    Returns:
+        One plain dictionary per claim, in the order of `published`, ready for `write_claims`.
+
+    Raises:
+        InputError: ids without evaluator or unknown ids; a `differs` or `fails` without a reason that names an erratum
+            or a withheld input; a reason that quotes a number which does not exist.
+        ArtifactError: an evaluation with the wrong shape or type, or a Monte Carlo value without standard error.
+
+    """
+    _check_ids(published, declarations, evaluations_by_reading, default_reading, known_errata)
+    names = [default_reading, *(name for name in evaluations_by_reading if name != default_reading)]
+    rows = []
+    for claim in published:
+        declaration = declarations.get(claim.id, Declaration())
+        if declaration.close is not None and claim.kind not in _MEASURED:
+            raise InputError(f"{claim.paper}: claim {claim.id}: a {claim.kind} claim takes no tolerance")
+        evaluations = {name: evaluations_by_reading[name].get(claim.id) or Evaluation() for name in names}
+        judged = {name: judge(claim, evaluation, declaration.close) for name, evaluation in evaluations.items()}
+        first = STATED_READING if claim.kind == "input" else default_reading
+        verdict = judged[first][0]
+        if verdict is None:
+            raise InputError(f"{claim.paper}: claim {claim.id}: not evaluated in reading {first}, so it has no verdict")
+        reason = _reason(claim, declaration, verdict, first, evaluations, judged)
+        close = declaration.close
+        rows.append(
+            {
+                "paper": claim.paper,
+                "id": claim.id,
+                "where": claim.where,
+                "quantity": claim.quantity,
+                "unit": claim.unit,
+                "kind": claim.kind,
+                "printed": _finite(claim.printed, infinity="inf"),
+                "resolution": claim.resolution,
+                "trials": claim.trials,
+                "note": claim.note,
+                "verdict": verdict,
+                "reading": first,
+                "reason": reason,
+                "errata": list(declaration.errata),
+                "withheld": list(declaration.withheld),
+                "close": close and {**vars(close), "absolute": _plain(close.absolute)},
+                "readings": {
+                    name: {
+                        "value": _finite(evaluation.value, infinity="inf" if claim.kind == "input" else None),
+                        "standard_error": _finite(evaluation.standard_error),
+                        "trials": evaluation.trials,
+                        "verdict": judged[name][0],
+                        "evidence": evaluation.evidence,
+                        "z": _finite(judged[name][1]),
+                    }
+                    for name, evaluation in evaluations.items()
+                },
+            }
+        )
+    return rows
+
+
+def judge(claim: PublishedClaim, evaluation: Evaluation, close: Close | None = None) -> tuple[str | None, dict | None]:
+    """Compute the verdict on one claim in one reading.
+
+    Args:
+        claim: what the paper prints.
+        evaluation: what the reading gives.
+        close: the tolerance stated beforehand, if any.
+
+    Returns:
+        The verdict (None: not evaluated in this reading) and, for a Monte Carlo claim, the deviation from the printed
+        value in combined standard errors: `{"largest": z, "component": [i]}` with the component counted from 1 (None
+        for a scalar), of the component that is worst.
+
+    Raises:
+        ArtifactError: the evaluation has the wrong shape or type, or lacks a standard error, trials or evidence.
+
+    """
+    if claim.kind == "context":
+        return "quoted", None
+    if claim.kind == "undetermined":
+        return "undetermined", None
+    if evaluation.value is None:
+        return None, None
+
+    def refuse(problem: str) -> ArtifactError:
+        return ArtifactError(f"{claim.paper}: claim {claim.id}: {problem}")
+
+    printed, values = _flatten(claim.printed), _flatten(evaluation.value)
+    if printed.keys() != values.keys():
+        raise refuse(f"the value {evaluation.value!r} does not have the shape of the printed {claim.printed!r}")
+    if claim.kind == "input":
+        used = all(_used_literally(values[index], printed[index]) for index in printed)
+        return ("as_stated" if used else "not_as_stated"), None
+    if claim.kind == "qualitative":
+        if not isinstance(evaluation.value, bool):
+            raise refuse(f"a statement is decided by true or false, found {evaluation.value!r}")
+        if not evaluation.evidence.strip():
+            raise refuse("the test of a statement needs a sentence of evidence")
+        return ("holds" if evaluation.value == claim.printed else "fails"), None
+
+    if not all(_is_number(value) for value in values.values()):
+        raise refuse(f"expected numbers, found {evaluation.value!r}")
+    resolution = _broadcast(claim.resolution, printed)
+    z = None
+    if claim.kind == "monte_carlo":
+        z, reproduced = _monte_carlo(claim, evaluation, printed, values, resolution, refuse)
+    else:
+        reproduced = all(
+            # a number exactly on the rounding edge may be off by its own floating-point noise
+            abs(values[i] - printed[i]) <= resolution[i] * (0.5 + 1e-9) + 1e-15 * abs(printed[i])
+            for i in printed
+        )
+    if reproduced:
+        return "reproduced", z
+    if close is not None:
+        if close.relative is not None:
+            bound = {index: close.relative * abs(number) for index, number in printed.items()}
+        else:
+            bound = _broadcast(_plain(close.absolute), printed)
+        if bound.keys() != printed.keys():
+            raise refuse(f"the tolerance {close.absolute!r} does not have the shape of the printed {claim.printed!r}")
+        if all(abs(values[i] - printed[i]) <= bound[i] * (1 + 1e-9) for i in printed):
+            return "close", z
+    return "differs", z
+
+
+def _monte_carlo(claim, evaluation, printed, values, resolution, refuse) -> tuple[dict | None, bool]:
+    if not all(math.isfinite(value) for value in values.values()):
+        return None, False
+    if evaluation.standard_error is None or evaluation.trials is None:
+        raise refuse("a Monte Carlo value needs its standard error and its number of trials")
+    errors = _flatten(evaluation.standard_error)
+    if errors.keys() != values.keys():
+        raise refuse("the standard error does not have the shape of the value")
+    if not all(_is_number(error) and math.isfinite(error) and error >= 0 for error in errors.values()):
+        raise refuse(f"a standard error must be finite and not negative, found {evaluation.standard_error!r}")
+    if not _is_number(evaluation.trials) or evaluation.trials < 1:
+        raise refuse(f"the number of trials must be positive, found {evaluation.trials!r}")
+    # The paper gives no standard errors: its trials are taken to spread like ours.
+    paper_scale = evaluation.trials / claim.trials
+    z = {
+        index: (values[index] - printed[index])
+        / math.sqrt(errors[index] ** 2 * (1.0 + paper_scale) + resolution[index] ** 2 / 12.0)
+        for index in printed
+    }
+    worst = max(z, key=lambda index: abs(z[index]))
+    component = [i + 1 for i in worst] if worst else None
+    return {"largest": z[worst], "component": component}, abs(z[worst]) <= _SIGMAS * (1 + 1e-12)
+
+
+def _check_ids(published, declarations, evaluations_by_reading, default_reading, known_errata) -> None:
+    paper = published[0].paper if published else "no paper"
+    ids = [claim.id for claim in published]
+    needed = {claim.id for claim in published if claim.kind != "context"}
+    if default_reading not in evaluations_by_reading:
+        raise InputError(f"{paper}: no evaluations of reading {default_reading}")
+    if STATED_READING not in evaluations_by_reading and any(claim.kind == "input" for claim in published):
+        raise InputError(f"{paper}: no evaluations of reading {STATED_READING}, which the stated inputs are checked in")
+    for reading, evaluations in evaluations_by_reading.items():
+        missing = [name for name in ids if name in needed and name not in evaluations]
+        if missing:
+            raise InputError(f"{paper}: reading {reading}: claims without an evaluator: {', '.join(missing)}")
+        _refuse_unknown(f"{paper}: reading {reading}: evaluator of an unknown claim", evaluations, ids)
+    _refuse_unknown(f"{paper}: declaration of an unknown claim", declarations, ids)
+    if known_errata is not None:
+        for name, declaration in declarations.items():
+            _refuse_unknown(f"{paper}: claim {name}: unknown erratum", declaration.errata, known_errata)
+
+
+def _refuse_unknown(problem: str, names: Iterable[str], known: Collection[str]) -> None:
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError(f"{problem}: {', '.join(unknown)}; {nearest(unknown[0], known)}")
+
+
+def _reason(claim, declaration, verdict, first, evaluations, judged) -> str:
+    """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
+    where = f"{claim.paper}: claim {claim.id}"
+    unexplained = not declaration.reason.strip() or not (declaration.errata or declaration.withheld)
+    if verdict in ("differs", "fails") and unexplained:
+        value = evaluations[first].value
+        raise InputError(
+            f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {value!r}) without a reason that"
+            " names an erratum or an input which the paper withholds"
+        )
+    quotable = {
+        name: {
+            "value": evaluation.value,
+            "standard_error": evaluation.standard_error,
+            "z": judged[name][1] and judged[name][1]["largest"],
+            **evaluation.numbers,
+        }
+        for name, evaluation in evaluations.items()
+    }
+    clash = quotable.keys() & quotable[first].keys()
+    if clash:
+        raise InputError(f"{where}: {sorted(clash)[0]!r} is the name of a reading and of a number")
+    try:
+        text = declaration.reason.format_map({**quotable, **quotable[first]})
+    except (LookupError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{where}: the reason quotes a number that does not exist: {error!r}") from error
+    # what the sentence names itself is not named twice
+    basis = ", ".join(name for name in declaration.errata if not re.search(rf"\b{re.escape(name)}\b", text))
+    withheld = ", ".join(name for name in declaration.withheld if name not in text)
+    parts = [basis, f"withheld by the paper: {withheld}" if withheld else ""]
+    text = ". ".join(part for part in ("; ".join(filter(None, parts)), text) if part)
+    if verdict == "close":
+        tolerance = declaration.close
+        bound = f"{tolerance.relative:.3g} of the printed value" if tolerance.relative else f"{tolerance.absolute}"
+        text = f"{text} Within the tolerance stated beforehand ({bound}): {tolerance.reason}".strip()
+    return text
+
+
+# ---------------------------------------------------------------------------------------------------- files and tables
+
+
+def write_claims(rows: Iterable[Mapping[str, Any]], path: str | Path) -> None:
+    """Write claims as JSON, papers in alphabetical order, the claims of a paper in the order given.
+
+    Args:
+        rows: dictionaries from `collect`, of one or more papers.
+        path: the JSON file; replaced as a whole or not at all.
+
+    Raises:
+        ArtifactError: a number is not finite, or two rows have the same paper and id.
+
+    """
+    rows = sorted(rows, key=lambda row: row["paper"])
+    names = [(row["paper"], row["id"]) for row in rows]
+    if len(set(names)) != len(names):
+        raise ArtifactError(f"{path}: a claim is written twice")
+    try:
+        text = json.dumps(rows, indent=2, ensure_ascii=False, allow_nan=False)
+    except ValueError as error:
+        raise ArtifactError(f"{path}: a number is not finite: {error}") from error
+    write_text(path, text + "\n")
+
+
+def read_claims(path: str | Path) -> list[dict[str, Any]]:
+    """Read what `write_claims` wrote.
+
+    Raises:
+        ArtifactError: the file is missing or not a JSON list.
+
+    """
+    try:
+        rows = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ArtifactError(f"{path}: cannot be read as claims: {error}") from error
+    if not isinstance(rows, list):
+        raise ArtifactError(f"{path}: not a list of claims")
+    return rows
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write UTF-8 text under a temporary name and rename it, so that a good file is never left half replaced."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def reading_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the readings of the rows, in order of first appearance."""
+    return list(dict.fromkeys(name for row in rows for name in row["readings"]))
+
+
+def claims_table(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Lay out claims as a table: what is printed, every reading's value and verdict, the verdict, the reason.
+
+    Args:
+        rows: dictionaries from `collect` or `read_claims`.
+
+    Returns:
+        The table as CSV text and as Markdown text.
+
+    """
+    readings = reading_names(rows)
+    # not "printed", which is the name of a reading
+    header = ["paper", "id", "where", "quantity", "unit", "kind", "in the paper"]
+    for name in readings:
+        header += [name, f"{name} verdict"]
+    header += ["verdict", "reason"]
+    table = []
+    for row in rows:
+        cells = [row[key] for key in header[:6]]
+        cells.append("; ".join(format_lines(row["printed"], resolution=row["resolution"])))
+        for name in readings:
+            result = row["readings"].get(name)
+            cells.append("; ".join(format_result(row, name)))
+            cells.append((result and result["verdict"]) or NOT_EVALUATED)
+        table.append([*cells, row["verdict"], row["reason"]])
+
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *table])
+    lines = [header, ["---"] * len(header), *table]
+    markdown = "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
+    return text.getvalue(), markdown
+
+
+def summary(rows: Iterable[Mapping[str, Any]], reading: str | None = None) -> dict[str, dict[str, int]]:
+    """Count verdicts.
+
+    Args:
+        rows: dictionaries from `collect` or `read_claims`.
+        reading: count the verdicts of this reading; by default the verdict that is shown first.
+
+    Returns:
+        `{"counted": {verdict: count}, "listed": {verdict: count}}`; stated inputs and quoted literature are listed and
+        never counted, and claims that the reading does not evaluate are in neither.
+
+    """
+    verdicts = [row["verdict"] if reading is None else row["readings"].get(reading, {}).get("verdict") for row in rows]
+    return {
+        "counted": {verdict: verdicts.count(verdict) for verdict in COUNTED_VERDICTS},
+        "listed": {verdict: verdicts.count(verdict) for verdict in LISTED_VERDICTS},
+    }
+
+
+# ----------------------------------------------------------------------------------------------------- numbers as text
+
+
+def format_number(value: Any, standard_error: float | None = None, resolution: float | None = None) -> str:
+    """Write one number for a reader.
+
+    Args:
+        value: a number, bool, text or None.
+        standard_error: if positive, it is shown with two digits and sets the digits of the value.
+        resolution: the size of the last digit to show, if there is no standard error; without it six digits are shown.
+
+    Returns:
+        For example `1349.384 ± 0.047`, `4.85e-4`, `true`, or a dash for None.
+
+    """
+    if value is None:
+        return NOT_EVALUATED
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if not _is_number(value):
+        return str(value)
+    if not math.isfinite(value):
+        return str(value)
+    has_error = standard_error is not None and math.isfinite(standard_error) and standard_error > 0
+    if not has_error and resolution is None:
+        return f"{value:.6g}"
+    last_digit = _decade(standard_error) - 1 if has_error else _decade(resolution)
+    size = max(abs(value), standard_error) if has_error else abs(value)
+    exponent = _decade(size) if size else 0
+    if size and not -4 < exponent < 7:
+        # powers of ten: as many digits as needed to reach the last one
+        decimals, scale = max(exponent - last_digit, 0), 10.0**exponent
+        number = f"{value / scale:.{decimals}f}"
+        if has_error:
+            return f"({number} ± {standard_error / scale:.{decimals}f})e{exponent}"
+        return f"{number}e{exponent}"
+    decimals = max(-last_digit, 0)
+    number = f"{value:.{decimals}f}"
+    return f"{number} ± {standard_error:.{decimals}f}" if has_error else number
+
+
+def format_lines(value: Any, standard_error: Any = None, resolution: Any = None) -> list[str]:
+    """Write a number, vector or matrix as one line per number or matrix row; arguments as in `format_number`."""
+    if not isinstance(value, list):
+        return [format_number(value, standard_error, resolution)]
+
+    def part(other: Any, index: int) -> Any:
+        return other[index] if isinstance(other, list) else other
+
+    inner = [format_lines(item, part(standard_error, i), part(resolution, i)) for i, item in enumerate(value)]
+    return [", ".join(lines) for lines in inner]
+
+
+def format_result(row: Mapping[str, Any], reading: str) -> list[str]:
+    """Write what a reading gives for a claim; without a standard error, with two digits more than the paper prints."""
+    result = row["readings"].get(reading)
+    if result is None or result["value"] is None:
+        return ["not finite"] if result and result["verdict"] == "differs" else [NOT_EVALUATED]
+    finer = row["resolution"]
+    if finer is not None and row["kind"] != "input":
+        finer = [0.01 * size for size in finer] if isinstance(finer, list) else 0.01 * finer
+    return format_lines(result["value"], result["standard_error"], finer)
+
+
+def _decade(size: float) -> int:
+    return math.floor(math.log10(size) + 1e-9)  # 0.001 has decade -3 although its logarithm is rounded
+
+
+def _markdown_cell(text: str) -> str:
+    escaped = str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
+    return " ".join(escaped.split())
+
+
+# -------------------------------------------------------------------------------------------------------- plain values
+
+
+def _plain(value: Any) -> Any:
+    """Turn arrays, numpy numbers and tuples into lists and Python numbers."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _finite(value: Any, infinity: str | None = None) -> Any:
+    """Replace numbers that JSON cannot hold: by None, or by a text where an infinite number is meant."""
+    if isinstance(value, list):
+        return [_finite(item, infinity) for item in value]
+    if isinstance(value, dict):
+        return {key: _finite(item, infinity) for key, item in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if infinity is None or math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
+    return value
+
+
+def _flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], Any]:
+    """Return the numbers of a nested list by their indices; two values have one shape if the indices are the same."""
+    if not isinstance(value, list):
+        return {index: value}
+    return {place: leaf for i, item in enumerate(value) for place, leaf in _flatten(item, (*index, i)).items()}
+
+
+def _broadcast(value: Any, like: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
+    return _flatten(value) if isinstance(value, list) else dict.fromkeys(like, value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _used_literally(value: Any, printed: Any) -> bool:
+    if _is_number(value) and _is_number(printed):
+        return value == printed or abs(value - printed) <= _LITERAL * abs(printed)
+    return type(value) is type(printed) and value == printed

@@ -1,0 +1,533 @@
+"""Digests of the code that a stage can reach, so that edits of imported modules rerun what uses them.
+
+Snakemake sees an edited script, but not an edited module that the script imports. A code digest in a rule's params
+closes the gap. It covers, at the granularity of module-level symbols, everything inside the source folder that a
+function can reach through names and imports, and leaves out comments, docstrings and formatting: an edit of shared
+physics reruns its users, an edit of its neighbour in the same file or of a comment reruns nothing.
+
+What counts:
+
+- the function itself and, transitively, every module-level definition (function, class, assignment) whose name occurs
+  in something that counts: in its body, decorators, default arguments, base classes, annotations;
+- names from other modules, through every form of import, also inside functions and through re-exports;
+- `alias.symbol` for a module alias; a module used in any other way (passed on, `import *`) counts whole, and a package
+  then with all its submodules;
+- of every module that gets imported: the statements that do something at import (`np.seterr(...)`, `TABLE["x"] = f`,
+  `if`, `try`, loops), with what they reference;
+- a class counts whole, and so does the module of a function that calls `globals`, `eval` or `exec`.
+
+What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
+because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose
+functions always count). Libraries outside the source folder are left to the provenance, which holds their versions.
+
+Only the standard library is imported here, because the Snakefile calls this on every run.
+"""
+
+import ast
+import gc
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+
+from marsedl.replication.errors import InputError, MarsedlError
+
+SOURCE_ROOT = Path(__file__).parents[2]
+
+_AT_IMPORT = "(at import)"
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+_DEFINITIONS = (*_FUNCTIONS, ast.ClassDef)
+_DOCUMENTED = (*_DEFINITIONS, ast.Module)
+_IMPORTS = (ast.Import, ast.ImportFrom)
+_REGISTERING_DECORATORS = ("register", "overload", "overload_method", "overload_attribute", "overload_classmethod")
+_SEES_ITS_MODULE = ("globals", "eval", "exec")
+_HARMLESS_MODULE_ATTRIBUTES = ("__name__", "__file__", "__doc__", "__package__")
+
+
+def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
+    """SHA-256 (hexadecimal) of all code inside `source_root` that a function can reach.
+
+    entry: "package.module:function"; source_root: the folder that holds the top-level package
+
+    Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
+    """
+    return _closure_of(entry, source_root).digest()
+
+
+def reached(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
+    """Sorted "module:symbol" of all that `code_digest` covers; statements run at import as "module:(at import)".
+
+    Arguments and errors as for `code_digest`.
+    """
+    return _closure_of(entry, source_root).listing()
+
+
+def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
+    """SHA-256 of a script outside the package: all of its own code, and all that it can reach inside `source_root`.
+
+    Raises InputError if there is no such file, MarsedlError for code that is not valid Python.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such script: correct its name")
+    script = _parsed("(script)", False, str(path), path.read_bytes())
+    closure = _Closure(source_root)
+    closure.add_script(script)
+    return _sha256([*(_text(statement) for statement in script.tree.body), closure.digest()])
+
+
+def source_digest(source_root: Path = SOURCE_ROOT) -> str:
+    """SHA-256 of the code of all Python files below `source_root`; comments, docstrings and formatting do not count.
+
+    Raises MarsedlError for a file that is not valid Python.
+    """
+    source_root = Path(source_root)
+    parts = []
+    for path in sorted(source_root.rglob("*.py")):
+        name = path.relative_to(source_root).as_posix()
+        parts += [name, _parsed(name, False, str(path), path.read_bytes()).text]
+    return _sha256(parts)
+
+
+def _closure_of(entry: str, source_root: Path) -> "_Closure":
+    module_name, _, symbol = entry.partition(":")
+    closure = _Closure(source_root)
+    module = closure.module(module_name)
+    if module is None:
+        raise InputError(f"{entry}: there is no module '{module_name}' in {source_root}: correct its name")
+    symbol = symbol.partition(".")[0]
+    names = {*module.definitions, *module.imports, *module.bound_by_effects}
+    if symbol not in names:
+        import difflib
+
+        near = difflib.get_close_matches(symbol, sorted(names), n=1)
+        hint = f", the nearest name is '{near[0]}'" if near else ""
+        raise InputError(f"{entry}: {module.path} defines no '{symbol}'{hint}: name it as 'package.module:function'")
+    closure.add_entry(module_name, symbol)
+    return closure
+
+
+def _sha256(parts: Iterable[str]) -> str:
+    hasher = hashlib.sha256()
+    for part in parts:
+        hasher.update(f"{len(part)}:{part}\n".encode("utf-8", "surrogatepass"))
+    return hasher.hexdigest()
+
+
+# ------------------------------------------------------------------------------------------------------- one statement
+
+
+@dataclass(frozen=True)
+class _Import:
+    """One name bound by an import statement."""
+
+    bound: str  # the local name, or "*"
+    module: str  # absolute name of the module
+    symbol: str | None  # the name taken from it; None binds the module itself
+    loads: str  # the module that gets imported: of `import a.b`, which binds `a`, it is `a.b`
+
+
+@dataclass
+class _Uses:
+    """What a statement refers to."""
+
+    chains: set[tuple[str, ...]] = field(default_factory=set)  # ("steering", "steer") of `steering.steer`
+    imports: list[_Import] = field(default_factory=list)  # import statements inside of it
+    binds: set[str] = field(default_factory=set)  # names that it assigns, in whatever scope
+
+
+def _text(node: ast.AST) -> str:
+    """Canonical text of a syntax tree: without positions, docstrings and load/store contexts."""
+    parts: list[str] = []
+    _write(node, parts.append)
+    return "".join(parts)
+
+
+def _write(node: object, emit: Callable[[str], object]) -> None:
+    if isinstance(node, ast.AST):
+        kind = type(node)
+        if kind is ast.Name:
+            emit(f"~{node.id} ")
+            return
+        if kind is ast.Constant:
+            emit(f"={type(node.value).__name__} {node.value!r} ")
+            return
+        emit(kind.__name__)
+        emit("(")
+        for name in kind._fields:
+            value = getattr(node, name, None)
+            if name == "ctx" or value is None or value == []:
+                continue
+            if name == "body" and kind in _DOCUMENTED and _is_docstring(value[0]):
+                value = value[1:]
+            emit(name)
+            emit(":")
+            _write(value, emit)
+        emit(")")
+    elif isinstance(node, list):
+        emit("[")
+        for item in node:
+            _write(item, emit)
+            emit(",")
+        emit("]")
+    else:
+        emit(repr(node))
+
+
+def _is_docstring(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
+
+
+def _collect(node: ast.AST, package: str, uses: _Uses) -> None:
+    """Add to `uses` all names, attribute chains and imports in a syntax tree."""
+    pending: list[ast.AST] = [node]
+    while pending:
+        node = pending.pop()
+        kind = type(node)
+        if kind is ast.Name:
+            uses.chains.add((node.id,))
+            if type(node.ctx) is not ast.Load:
+                uses.binds.add(node.id)
+        elif kind is ast.Attribute:
+            attributes = []
+            base: ast.AST = node
+            while type(base) is ast.Attribute:
+                attributes.append(base.attr)
+                base = base.value
+            if type(base) is ast.Name:
+                uses.chains.add((base.id, *reversed(attributes)))
+            else:
+                pending.append(base)
+        elif kind in _IMPORTS:
+            uses.imports += _imports(node, package)
+        elif kind is not ast.Constant:
+            if kind in _DEFINITIONS:
+                uses.binds.add(node.name)
+            for name in kind._fields:
+                value = getattr(node, name, None)
+                if isinstance(value, ast.AST):
+                    pending.append(value)
+                elif type(value) is list:
+                    pending += [item for item in value if isinstance(item, ast.AST)]
+                if name in ("annotation", "returns") and value is not None:
+                    pending += _quoted_annotations(value)
+
+
+def _quoted_annotations(annotation: ast.AST) -> Iterator[ast.AST]:
+    """The expressions in the strings of an annotation such as `list["Planet"]`."""
+    for node in ast.walk(annotation):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            try:
+                yield ast.parse(node.value, mode="eval").body
+            except (SyntaxError, ValueError):
+                continue  # a string of another kind, as in Literal["..."]
+
+
+def _imports(statement: ast.Import | ast.ImportFrom, package: str) -> Iterator[_Import]:
+    """The names that an import statement binds; `package` is where relative imports start."""
+    if isinstance(statement, ast.Import):
+        for alias in statement.names:
+            if alias.asname:
+                yield _Import(alias.asname, alias.name, None, alias.name)
+            else:
+                top = alias.name.partition(".")[0]
+                yield _Import(top, top, None, alias.name)
+        return
+    source = statement.module or ""
+    if statement.level:
+        parts = package.split(".") if package else []
+        parts = parts[: len(parts) - (statement.level - 1)]
+        source = ".".join([*parts, source] if source else parts)
+    for alias in statement.names:
+        yield _Import(alias.asname or alias.name, source, alias.name, source)
+
+
+# --------------------------------------------------------------------------------------------------------- one module
+
+
+class _Module:
+    """A parsed module: its statements sorted by what they are for."""
+
+    def __init__(self, name: str, is_package: bool, path: str, tree: ast.Module) -> None:
+        self.name = name
+        self.is_package = is_package
+        self.path = path
+        self.tree = tree
+        self.package = name if is_package else name.rpartition(".")[0]
+        self.definitions: dict[str, list[int]] = {}  # name -> statements that define it
+        self.effects: list[int] = []  # statements that act at import
+        self.module_imports: list[_Import] = []  # executed when the module is imported
+        self.bound_by_effects: set[str] = set()
+        self._uses: dict[int, _Uses] = {}
+        self._texts: dict[int, str] = {}
+        for index, statement in enumerate(tree.body):
+            self._sort_in(index, statement)
+        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
+        for imported in self.module_imports:
+            self.imports.setdefault(imported.bound, []).append(imported)
+        self.stars = self.imports.pop("*", [])
+
+    def _sort_in(self, index: int, statement: ast.stmt) -> None:
+        if isinstance(statement, _IMPORTS):
+            self.module_imports += _imports(statement, self.package)
+            return
+        if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+            return  # a docstring, or a string used as a comment
+        if isinstance(statement, ast.Pass):
+            return
+        if isinstance(statement, _DEFINITIONS):
+            self.definitions.setdefault(statement.name, []).append(index)
+            if any(_registers(decorator) for decorator in statement.decorator_list):
+                self.effects.append(index)
+            return
+        targets = _plain_targets(statement)
+        if targets is not None:
+            walrus = {node.target.id for node in ast.walk(statement) if isinstance(node, ast.NamedExpr)}
+            for name in targets | walrus:
+                self.definitions.setdefault(name, []).append(index)
+            return
+        self.effects.append(index)
+        uses = self.uses(index)
+        self.module_imports += uses.imports
+        self.bound_by_effects |= uses.binds
+
+    def uses(self, index: int) -> _Uses:
+        """What the statement with this index refers to."""
+        if index not in self._uses:
+            self._uses[index] = _Uses()
+            _collect(self.tree.body[index], self.package, self._uses[index])
+        return self._uses[index]
+
+    def statement_text(self, index: int) -> str:
+        """The canonical text of the statement with this index."""
+        if index not in self._texts:
+            self._texts[index] = _text(self.tree.body[index])
+        return self._texts[index]
+
+    @cached_property
+    def text(self) -> str:
+        """The canonical text of the whole module."""
+        return _text(self.tree)
+
+
+def _plain_targets(statement: ast.stmt) -> set[str] | None:
+    """The names that a statement assigns if it assigns nothing but names, else None."""
+    if isinstance(statement, ast.Assign):
+        pending = list(statement.targets)
+    elif isinstance(statement, ast.AnnAssign | ast.AugAssign):
+        pending = [statement.target]
+    else:
+        return None
+    names = set()
+    while pending:
+        target = pending.pop()
+        if isinstance(target, ast.Name):
+            names.add(target.id)
+        elif isinstance(target, ast.Tuple | ast.List):
+            pending += target.elts
+        elif isinstance(target, ast.Starred):
+            pending.append(target.value)
+        else:
+            return None  # an item or an attribute of something else is changed
+    return names
+
+
+def _registers(decorator: ast.expr) -> bool:
+    if isinstance(decorator, ast.Call):
+        decorator = decorator.func
+    name = getattr(decorator, "attr", getattr(decorator, "id", ""))
+    return name in _REGISTERING_DECORATORS
+
+
+@cache
+def _parsed(name: str, is_package: bool, path: str, source: bytes) -> _Module:
+    """Parse a module; remembered by its content, so that an edit within one process is seen."""
+    collecting = gc.isenabled()
+    gc.disable()  # many objects, none of them garbage: collecting would double the time
+    try:
+        tree = ast.parse(source, filename=path)
+    except SyntaxError as error:
+        raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: mend the syntax and run again") from error
+    except (ValueError, RecursionError) as error:
+        raise MarsedlError(f"{path}: {error}: mend the file and run again") from error
+    finally:
+        if collecting:
+            gc.enable()
+    return _Module(name, is_package, path, tree)
+
+
+# -------------------------------------------------------------------------------------------------------- the closure
+
+
+class _Closure:
+    """All that can be reached from some code, collected by following its references."""
+
+    def __init__(self, source_root: Path) -> None:
+        self.source_root = Path(source_root)
+        self._modules: dict[str, _Module | None] = {}
+        self._symbols: set[tuple[str, str]] = set()
+        self._imported: set[str] = set()
+        self._whole: set[str] = set()
+        self._bindings: set[tuple[str, _Import]] = set()  # imported names in use, with the module that uses them
+        self._followed: set[tuple[str, tuple[str, ...]]] = set()
+        self._pending: list[tuple[_Module, _Uses]] = []
+
+    def module(self, name: str) -> _Module | None:
+        """The module of this name if it lies inside the source folder."""
+        if name not in self._modules:
+            self._modules[name] = self._find(name)
+        return self._modules[name]
+
+    def _find(self, name: str) -> _Module | None:
+        parts = name.split(".")
+        if not all(part.isidentifier() for part in parts):
+            return None
+        if len(parts) > 1 and self.module(".".join(parts[:-1])) is None:
+            return None
+        place = self.source_root.joinpath(*parts)
+        for path, is_package in ((place / "__init__.py", True), (place.with_name(f"{parts[-1]}.py"), False)):
+            try:
+                return _parsed(name, is_package, str(path), path.read_bytes())
+            except (FileNotFoundError, NotADirectoryError):
+                continue
+        return _parsed(name, True, str(place), b"") if place.is_dir() else None  # a namespace package
+
+    def add_entry(self, module_name: str, symbol: str) -> None:
+        self._follow_member(module_name, (symbol,))
+        self._run()
+
+    def add_script(self, script: _Module) -> None:
+        self._modules[script.name] = script
+        self._load_imports(script.module_imports)
+        for index, _ in enumerate(script.tree.body):
+            self._pending.append((script, script.uses(index)))
+        self._run()
+
+    def _run(self) -> None:
+        while self._pending:
+            module, uses = self._pending.pop()
+            self._load_imports(uses.imports)
+            local: dict[str, list[_Import]] = {}
+            for imported in uses.imports:
+                local.setdefault(imported.bound, []).append(imported)
+            for chain in uses.chains:
+                self._follow_name(module, local, chain)
+
+    def _follow_name(self, module: _Module, local: dict[str, list[_Import]], chain: tuple[str, ...]) -> None:
+        """Follow a name, perhaps with attributes, that occurs in `module`."""
+        name = chain[0]
+        if name in module.definitions:
+            self._add_symbol(module, name)
+        for imported in module.imports.get(name, ()):
+            self._bindings.add((module.name, imported))
+            self._follow_import(imported, chain[1:])
+        for imported in local.get(name, ()):
+            self._follow_import(imported, chain[1:])
+        if name in _SEES_ITS_MODULE or chain[:2] == ("sys", "modules"):
+            self._add_whole(module.name)
+
+    def _follow_import(self, imported: _Import, attributes: tuple[str, ...]) -> None:
+        if imported.symbol is not None:
+            attributes = (imported.symbol, *attributes)
+        self._follow_member(imported.module, attributes)
+
+    def _follow_member(self, module_name: str, attributes: tuple[str, ...]) -> None:
+        """Follow `module.attribute...`; without attributes the module is used as an object and counts whole."""
+        if (module_name, attributes) in self._followed:
+            return
+        self._followed.add((module_name, attributes))
+        module = self.module(module_name)
+        if module is None:
+            return
+        self._import_module(module_name)
+        if not attributes:
+            self._add_whole(module_name)
+            return
+        name, rest = attributes[0], attributes[1:]
+        found = name in module.bound_by_effects or name in _HARMLESS_MODULE_ATTRIBUTES
+        if name in module.definitions:
+            found = True
+            self._add_symbol(module, name)
+        for imported in module.imports.get(name, ()):
+            found = True
+            self._bindings.add((module_name, imported))
+            self._follow_import(imported, rest)
+        if module.is_package and self.module(f"{module_name}.{name}") is not None:
+            found = True
+            self._follow_member(f"{module_name}.{name}", rest)
+        if "__getattr__" in module.definitions and not found:
+            self._add_symbol(module, "__getattr__")
+        elif not found and not module.stars:  # what a star brings counts whole already
+            self._add_whole(module_name)
+
+    def _add_symbol(self, module: _Module, name: str) -> None:
+        if (module.name, name) not in self._symbols:
+            self._symbols.add((module.name, name))
+            self._pending += [(module, module.uses(index)) for index in module.definitions[name]]
+
+    def _add_whole(self, module_name: str) -> None:
+        """Everything in a module counts, and of a package everything below it too."""
+        module = self.module(module_name)
+        if module is None or module_name in self._whole:
+            return
+        self._whole.add(module_name)
+        self._import_module(module_name)
+        for name in module.definitions:
+            self._add_symbol(module, name)
+        for imported in (imported for names in module.imports.values() for imported in names):
+            self._bindings.add((module_name, imported))
+            self._follow_import(imported, ())
+        if module.is_package:
+            for path in sorted(self.source_root.joinpath(*module_name.split(".")).iterdir()):
+                if path.suffix == ".py" or (path.is_dir() and path.name != "__pycache__"):
+                    self._add_whole(f"{module_name}.{path.stem}")
+
+    def _load_imports(self, imports: Iterable[_Import]) -> None:
+        """Execute import statements: modules are imported even where none of their names is used."""
+        for imported in imports:
+            self._import_module(imported.loads)
+            if imported.symbol == "*":
+                self._add_whole(imported.module)
+            elif imported.symbol is not None:
+                parent = self.module(imported.module)
+                if parent is not None and parent.is_package:
+                    self._import_module(f"{imported.module}.{imported.symbol}")
+
+    def _import_module(self, name: str) -> None:
+        """Importing a module runs the statements of it and of its packages that act at import."""
+        module = self.module(name)
+        if module is None or name in self._imported:
+            return
+        self._imported.add(name)
+        self._import_module(name.rpartition(".")[0])
+        self._pending += [(module, module.uses(index)) for index in module.effects]
+        self._pending.append((module, _Uses(imports=module.module_imports)))
+
+    def listing(self) -> list[str]:
+        effects = {(name, _AT_IMPORT) for name in self._imported if self.module(name).effects}
+        return sorted(f"{module}:{symbol}" for module, symbol in self._symbols | effects)
+
+    def digest(self) -> str:
+        """SHA-256 of all reached statements and of the imports that bind the names in use."""
+        counted: dict[str, set[int]] = {}
+        for name in self._imported:
+            counted.setdefault(name, set()).update(self.module(name).effects)
+        for name, symbol in self._symbols:
+            counted.setdefault(name, set()).update(self.module(name).definitions[symbol])
+        parts = [
+            f"{user} imports {imported.bound} {imported.module} {imported.symbol} {imported.loads}"
+            for user, imported in sorted(self._bindings, key=repr)
+        ]
+        for name in sorted(counted):
+            module = self.module(name)
+            # Functions may stand in any order, but the order of what is executed at import matters.
+            functions = [index for index in counted[name] if isinstance(module.tree.body[index], _FUNCTIONS)]
+            executed = sorted(counted[name] - set(functions))
+            functions.sort(key=lambda index: (module.tree.body[index].name, index))
+            parts += [f"{name} {module.statement_text(index)}" for index in (*executed, *functions)]
+        return _sha256(parts)

@@ -1,0 +1,397 @@
+"""Typed inputs and readings: everything a paper's stages may depend on, checked before any job is planned.
+
+A reading is a complete, named set of inputs. It is written as the inputs that differ from the reading it is `based_on`;
+each input has a value, a source and, if one likes, its unit. Angles are written with the suffix `_deg`, lengths in
+kilometres with `_km`; inside, everything is SI and radians.
+"""
+
+import difflib
+import hashlib
+import json
+import re
+import types
+import typing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
+
+from marsedl.replication.errors import InputError
+
+# Suffixes under which a quantity of an SI unit may be written, with their factors.
+SUFFIXES = {
+    "rad": {"_deg": 0.017453292519943295},
+    "rad/s": {"_deg_s": 0.017453292519943295},
+    "m": {"_km": 1000.0},
+    "m/s": {"_km_s": 1000.0},
+}
+SUFFIX_ONLY = ("rad", "rad/s")  # an angle without its unit in the name is too easily taken for degrees
+KNOWN_SUFFIXES = (
+    *(suffix for accepted in SUFFIXES.values() for suffix in accepted),
+    *("_rad", "_m", "_s", "_ms", "_h", "_kg", "_g", "_lb", "_t", "_N", "_kN", "_percent", "_ft", "_mi", "_m_s", "_K"),
+)
+
+# Strict: neither text nor true/false passes for a number.
+Number = typing.Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = typing.Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
+NonNegative = typing.Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
+Fraction = typing.Annotated[float, Strict(), Field(gt=0, lt=1)]
+Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]
+CountOrNone = typing.Annotated[int, Strict(), Field(ge=0, le=1_000_000_000)]
+Seed = typing.Annotated[int, Strict(), Field(ge=0, lt=2**63)]
+
+
+def vector(length: int, of: type = Number) -> type:
+    """Return the type of a list of `length` numbers."""
+    return typing.Annotated[tuple[of, ...], Field(min_length=length, max_length=length)]
+
+
+def covariance(size: int) -> type:
+    """Return the type of a positive definite covariance (size, size), written whole or as its diagonal."""
+    import numpy as np
+
+    def check(value):
+        if all(isinstance(entry, float) for entry in value):
+            matrix = np.diag(np.array(value, dtype=float))
+        elif all(isinstance(row, tuple) and len(row) == len(value) for row in value):
+            matrix = np.array(value, dtype=float)
+        else:
+            raise ValueError(f"must be {size} variances, or {size} rows of {size} numbers")
+        if matrix.shape != (size, size):
+            raise ValueError(f"has size {len(value)}, must have size {size}")
+        if not np.all(np.isfinite(matrix)):
+            raise ValueError("has an entry that is not finite")
+        asymmetry = np.abs(matrix - matrix.T)
+        if np.any(asymmetry > 1e-12 * np.abs(matrix).max()):
+            row, column = np.unravel_index(np.argmax(asymmetry), matrix.shape)
+            raise ValueError(
+                f"is not symmetric: entry ({row + 1}, {column + 1}) is {matrix[row, column]:g}, "
+                f"entry ({column + 1}, {row + 1}) is {matrix[column, row]:g}"
+            )
+        # Scaled to unit diagonal, so that the units of the components do not decide what counts as singular.
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min() if np.all(scale > 0) else 0.0
+        if np.any(np.diag(matrix) <= 0) or smallest <= 1e-12:
+            raise ValueError(
+                f"is not positive definite: its smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():g}; "
+                "give variances above zero and correlations between -1 and 1"
+            )
+        return tuple(tuple(row) for row in matrix.tolist())
+
+    entry = Number | tuple[Number, ...]
+    return typing.Annotated[tuple[entry, ...], AfterValidator(check)]
+
+
+def given(unit: str, meaning: str, **constraints):
+    """Declare an input: its SI unit ("1" for none) and what it is; constraints go to `pydantic.Field`."""
+    return Field(json_schema_extra={"unit": unit}, description=meaning, **constraints)
+
+
+class Inputs(BaseModel):
+    """Base of every paper's typed inputs: no unknown keys, no changes after validation, no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def unit(cls, name: str) -> str:
+        """Return the SI unit of an input."""
+        return cls.model_fields[name].json_schema_extra["unit"]
+
+    @classmethod
+    def keys(cls) -> dict[str, tuple[str, float]]:
+        """Return every key that a file may use, with the input it sets and the factor to SI."""
+        accepted = {}
+        for name in cls.model_fields:
+            unit = cls.unit(name)
+            if unit not in SUFFIX_ONLY:
+                accepted[name] = (name, 1.0)
+            for suffix, factor in SUFFIXES.get(unit, {}).items():
+                accepted[name + suffix] = (name, factor)
+        return accepted
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where an input comes from, the key and value as they are written, and the reading that sets it."""
+
+    key: str
+    written: object
+    source: str
+    reading: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A complete, named set of inputs."""
+
+    name: str
+    summary: str
+    based_on: str | None
+    frozen: str
+    inputs: Inputs
+    sources: dict[str, Source]
+    origin: str = field(default="")
+
+    def slice(self, names: typing.Iterable[str]) -> dict:
+        """Return the named inputs as plain numbers, strings and nested lists, in the order of their names."""
+        values = self.inputs.model_dump(mode="json")
+        return {name: values[name] for name in sorted(names)}
+
+    def differences(self) -> dict[str, Source]:
+        """Return the inputs that this reading sets itself."""
+        return {name: source for name, source in self.sources.items() if source.reading == self.name}
+
+
+@dataclass(frozen=True)
+class Study:
+    """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case."""
+
+    paper: str
+    readings: dict[str, Reading]
+    chunks: dict[str, int]
+
+
+class Slice(types.SimpleNamespace):
+    """The inputs that a stage declared, as numbers, strings and arrays; any other input is an error."""
+
+    def __init__(self, values: dict):
+        """Take the plain values of `Reading.slice`."""
+        import numpy as np
+
+        super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
+
+    def __getattr__(self, name):
+        raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML without repeated keys, anchors or aliases: what is read is what is written there."""
+
+    def compose_node(self, parent, index):
+        event = self.peek_event()
+        if getattr(event, "anchor", None) is not None:
+            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases are not used here; write it out")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node, deep=False):
+        seen = {}
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            try:
+                repeated = key in seen
+            except TypeError:
+                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: a key must be a plain name") from None
+            if repeated:
+                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: the key '{key}' stands twice")
+            seen[key] = True
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> object:
+    """Read a YAML file strictly; an unreadable or malformed one is an InputError naming file and line."""
+    try:
+        return yaml.load(Path(path).read_text(encoding="utf-8"), Loader=_StrictLoader)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); restore it") from None
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}: " if mark else ""
+        text = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(f"{path}: is not valid YAML: {place}{text}") from None
+
+
+def nearest(name: str, known: typing.Iterable[str]) -> str:
+    """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
+    known = sorted(known)
+    matches = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
+    return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(known)}"
+
+
+def load_study(
+    paper: str, model: type[Inputs], path: Path, *, overlay: object = None, overlay_name: str = "", size: str = "full"
+) -> Study:
+    """Load a paper's readings from its configuration, and a user's own from an overlay.
+
+    Arguments: the paper's slug; its typed inputs; the file; the paper's part of a user's own configuration with the
+    name of the file it came from; the size ("full", or one that the file defines).
+    Returns the study. Raises InputError: one message with file, key, what is wrong and the remedy.
+    """
+    sections = {"readings", "chunks", "sizes"}
+    document = _mapping(read_yaml(path), str(path), "", sections, required={"readings", "chunks"})
+    chunks = _mapping(document["chunks"], str(path), "chunks")
+    for case, number in chunks.items():
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 100_000:
+            raise InputError(f"{path}: chunks.{case}: {number!r} is not a whole number from 1 to 100000")
+    raw = {}
+    for name, body in _mapping(document["readings"], str(path), "readings").items():
+        raw[name] = (str(path), body)
+    if overlay is not None:
+        body = _mapping(overlay, overlay_name, paper, {"readings"}, required={"readings"})
+        for name, reading in _mapping(body["readings"], overlay_name, f"{paper}.readings").items():
+            if name in raw:
+                raise InputError(
+                    f"{overlay_name}: {paper}.readings.{name}: the name is taken by a reading of {raw[name][0]}; "
+                    f"choose another name and write 'based_on: {name}'"
+                )
+            raw[name] = (overlay_name, reading)
+    sizes = _mapping(document.get("sizes", {}), str(path), "sizes")
+    if size != "full" and size not in sizes:
+        raise InputError(f"--config size={size}: {path} defines no such size; {nearest(size, ['full', *sizes])}")
+    limits = _mapping(sizes[size], str(path), f"sizes.{size}", set(model.model_fields)) if size != "full" else {}
+    readings = {}
+    for name in raw:
+        _resolve(name, raw, readings, model, limits, size, ())
+    return Study(paper, readings, chunks)
+
+
+def load_studies(
+    models: dict[str, type[Inputs]], folder: Path, config: dict, config_files: typing.Iterable[Path] = ()
+) -> dict[str, Study]:
+    """Load every paper's configuration, with what a user gave on the command line or in files of their own.
+
+    Arguments: the papers' input models by slug; the folder of their configurations; the user's configuration (a
+    paper's slug with readings; `size`; `chunks`); the files that it was read from.
+    Returns the studies by slug. Raises InputError before anything is computed.
+    """
+    names = [str(path) for path in config_files]
+    for path in config_files:
+        _mapping(read_yaml(path) or {}, str(path), "", {*models, "size", "chunks"})
+    origin = ", ".join(names) or "--config"
+    _mapping(config, origin, "", {*models, "size", "chunks"})
+    chunks = config.get("chunks")
+    if chunks is not None and (isinstance(chunks, bool) or not isinstance(chunks, int) or not 1 <= chunks <= 100_000):
+        raise InputError(f"{origin}: chunks: {chunks!r} is not a whole number from 1 to 100000")
+    studies = {}
+    for slug, model in models.items():
+        study = load_study(
+            slug,
+            model,
+            folder / f"{slug}.yaml",
+            overlay=config.get(slug),
+            overlay_name=origin,
+            size=str(config.get("size", "full")),
+        )
+        studies[slug] = study if chunks is None else replace(study, chunks=dict.fromkeys(study.chunks, chunks))
+    return studies
+
+
+def _resolve(name, raw, done, model, limits, size, pending) -> Reading:
+    if name in done:
+        return done[name]
+    origin, body = raw[name]
+    where = f"readings.{name}"
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+        raise InputError(f"{origin}: {where}: a reading's name is lower case letters, digits and _, at most 40 of them")
+    body = _mapping(body, origin, where, {"summary", "based_on", "frozen", "inputs"})
+    summary, based_on, frozen = body.get("summary", ""), body.get("based_on"), body.get("frozen", "")
+    if not isinstance(summary, str):
+        raise InputError(f"{origin}: {where}.summary: must be a sentence")
+    if not isinstance(frozen, str):
+        raise InputError(f"{origin}: {where}.frozen: must be the digest of the reading's inputs, not {frozen!r}")
+    sources, values = {}, {}
+    if based_on is not None:
+        if based_on not in raw:
+            raise InputError(f"{origin}: {where}.based_on: there is no reading '{based_on}'; {nearest(based_on, raw)}")
+        if based_on in (*pending, name):
+            raise InputError(f"{origin}: {where}.based_on: '{based_on}' is in the end based on '{name}' itself")
+        base = _resolve(based_on, raw, done, model, limits, size, (*pending, name))
+        sources, values = dict(base.sources), dict(base.inputs.model_dump())
+    fresh = {}
+    accepted = model.keys()
+    for key, entry in _mapping(body.get("inputs", {}), origin, f"{where}.inputs").items():
+        name_si, factor = _accepted_key(key, accepted, model, origin, where)
+        place = f"{where}.inputs.{key}"
+        if not isinstance(entry, dict):
+            raise InputError(f"{origin}: {place}: write {{value: ..., source: \"...\"}}, not {entry!r}"[:400])
+        entry = _mapping(entry, origin, place, {"value", "unit", "source"}, required={"value", "source"})
+        _check_source(entry["source"], origin, place)
+        if "unit" in entry and entry["unit"] != model.unit(name_si) and factor == 1.0:
+            raise InputError(f"{origin}: {place}.unit: is '{entry['unit']}', must be '{model.unit(name_si)}'")
+        if name_si in fresh:
+            raise InputError(f"{origin}: {place}: '{name_si}' is set twice, also as '{fresh[name_si]}'")
+        fresh[name_si] = key
+        sources[name_si] = Source(key, entry["value"], entry["source"], name)
+        values[name_si] = _scaled(entry["value"], factor, origin, place)
+    missing = [field_name for field_name in model.model_fields if field_name not in sources]
+    if missing:
+        remedy = "give it, or name a complete reading under based_on"
+        raise InputError(f"{origin}: {where}.inputs: '{missing[0]}' ({model.unit(missing[0])}) is missing; {remedy}")
+    _check_frozen(frozen, name, values, origin)
+    for field_name, limit in limits.items():
+        if isinstance(values[field_name], int | float) and values[field_name] > limit:
+            values[field_name] = limit
+    try:
+        inputs = model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field_name = str(first["loc"][0]) if first["loc"] else ""
+        source = sources.get(field_name)
+        key = f"inputs.{source.key}" if source else "inputs"
+        message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
+        shown = f" (given: {source.written!r}"[:120] + ")" if source else ""
+        raise InputError(f"{origin}: {where}.{key}: {message}{shown}{_number_hint(first['input'])}") from None
+    done[name] = Reading(name, summary, based_on, frozen, inputs, sources, origin)
+    return done[name]
+
+
+def _mapping(value, origin, place, allowed=None, required=frozenset()) -> dict:
+    """Return value if it is a mapping with allowed keys only; the message names the nearest valid key."""
+    where = f"{origin}: {place}: " if place else f"{origin}: "
+    if not isinstance(value, dict):
+        raise InputError(f"{where}must be keys with values, not {value!r}"[:400])
+    for key in value:
+        if not isinstance(key, str):
+            raise InputError(f"{where}the key {key!r} must be a name")
+        if allowed is not None and key not in allowed:
+            raise InputError(f"{where}unknown key '{key}'; {nearest(key, allowed)}")
+    for key in sorted(required):
+        if key not in value:
+            raise InputError(f"{where}the key '{key}' is missing; add it")
+    return value
+
+
+def _check_frozen(frozen, name, values, origin) -> None:
+    digest = hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
+    if frozen and frozen != digest:
+        raise InputError(
+            f"{origin}: readings.{name}: is frozen, and its inputs have changed (their digest is {digest}, not {frozen}); "
+            f"undo the change and write it into a reading of your own that is based_on: {name}"
+        )
+
+
+def _accepted_key(key, accepted, model, origin, where) -> tuple[str, float]:
+    if key in accepted:
+        return accepted[key]
+    for name in model.model_fields:
+        if key != name and not (key.startswith(name + "_") and key.removeprefix(name) in KNOWN_SUFFIXES):
+            continue
+        unit = model.unit(name)
+        ways = [k for k, (target, _) in accepted.items() if target == name]
+        suffix = key.removeprefix(name)
+        problem = f"has the wrong unit suffix '{suffix}'" if suffix else "needs its unit in its name"
+        raise InputError(f"{origin}: {where}.inputs.{key}: {problem}; the unit is {unit}, write '{ways[0]}'")
+    raise InputError(f"{origin}: {where}.inputs: unknown key '{key}'; {nearest(key, accepted)}")
+
+
+def _check_source(source, origin, place) -> None:
+    if not isinstance(source, str) or not source.strip():
+        raise InputError(f"{origin}: {place}.source: say where the value comes from, or 'assumed: why'")
+    if source.startswith("assumed") and not re.match(r"assumed: \S", source):
+        raise InputError(f"{origin}: {place}.source: write 'assumed: ' and the reason")
+
+
+def _scaled(value, factor, origin, place):
+    if factor == 1.0:
+        return value
+    if isinstance(value, list):
+        return [_scaled(entry, factor, origin, place) for entry in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{origin}: {place}: must be a number, not {value!r}"[:400])
+    return value * factor
+
+
+def _number_hint(value) -> str:
+    if isinstance(value, str) and re.fullmatch(r"[+-]?\d+[eE][+-]?\d+", value.strip()):
+        return "; YAML takes this for text: write the number with a point, as in 1.0e-3"
+    return ""

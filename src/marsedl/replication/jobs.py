@@ -1,0 +1,191 @@
+"""What every job of the workflow does around its science: pin the numerics, load, save, and report failures."""
+
+import contextlib
+import fcntl
+import os
+import sys
+import traceback
+import typing
+from pathlib import Path
+
+from marsedl.replication.errors import MarsedlError
+
+# One thread per job, one instruction set for linear algebra and array code: the same numbers on every run.
+NUMERIC_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "RAYON_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "OPENBLAS_CORETYPE": "Haswell",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "SOURCE_DATE_EPOCH": "1502928000",
+    "MPLBACKEND": "agg",
+}
+
+
+def pin_numerics(root: Path) -> None:
+    """Set the numeric environment of this process and its children; call it before numpy is imported.
+
+    Arguments: the project's folder, which also holds the cache of compiled kernels. The cache is keyed by a digest of
+    the source, since numba does not notice edits of functions called from another file.
+    """
+    from marsedl.replication.code_digest import source_digest
+
+    os.environ.update(NUMERIC_ENVIRONMENT)
+    os.environ.setdefault("PYTHONHASHSEED", "0")
+    os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / source_digest(root / "src")[:16])
+    os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
+
+
+def assert_numerics() -> None:
+    """Raise MarsedlError if this process was started without the pinned numeric environment."""
+    unset = [name for name, value in NUMERIC_ENVIRONMENT.items() if os.environ.get(name) != value]
+    unset += [name for name in ("PYTHONHASHSEED", "NUMBA_CACHE_DIR") if name not in os.environ]
+    if unset:
+        raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")
+
+
+class Job:
+    """One job of the workflow, from the `snakemake` object that its script is given."""
+
+    def __init__(self, snakemake):
+        """Take the job's description."""
+        self.params = snakemake.params
+        self.input = snakemake.input
+        self.output = snakemake.output
+        self.paper = snakemake.params.get("paper") or snakemake.wildcards.get("paper")
+        self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
+
+    @property
+    def inputs(self):
+        """The typed inputs that the job declared."""
+        from marsedl.replication.inputs import Slice
+
+        return Slice(self.params.inputs)
+
+    def arguments(self, function: typing.Callable) -> dict:
+        """Load the artifacts of the job's input files, by the types that the function's parameters are annotated with.
+
+        A parameter annotated with a list takes several files; one with a default is left out where no file is named.
+        """
+        from marsedl.replication import artifacts
+
+        hints = typing.get_type_hints(function)
+        loaded = {}
+        for name, paths in self.input.items():
+            kind = hints[name]
+            if typing.get_origin(kind) is list:
+                paths = [paths] if isinstance(paths, str) else paths
+                kind = typing.get_args(kind)[0]
+                loaded[name] = [artifacts.load(p, kind, paper=self.paper, reading=self.reading) for p in paths]
+            else:
+                loaded[name] = artifacts.load(paths, _kind(kind), paper=self.paper, reading=self.reading)
+        return loaded
+
+    def readings(self, function: typing.Callable) -> dict[str, tuple]:
+        """Load the inputs and artifacts of all readings, for a function over them; both are listed in the params."""
+        from marsedl.replication import artifacts
+        from marsedl.replication.inputs import Slice
+
+        hints = typing.get_type_hints(function)
+        found = {}
+        for reading, paths in self.params.artifacts.items():
+            items = {
+                name: artifacts.load(path, _kind(hints[name]), paper=self.paper, reading=reading)
+                for name, path in paths.items()
+            }
+            found[reading] = (Slice(self.params.inputs[reading]), items)
+        return found
+
+    def save(self, artifact: object) -> None:
+        """Save the job's artifact with its provenance: inputs, code, the artifacts it was made from, versions."""
+        from marsedl.replication import artifacts, digests
+
+        files = [path for _, paths in self.input.items() for path in ([paths] if isinstance(paths, str) else paths)]
+        provenance = {
+            "inputs": self.params.inputs,
+            "code": self.params.code,
+            "options": self.params.get("options", {}),
+            "made_from": {Path(path).name: digests.digest(path) for path in files},
+            "versions": artifacts.library_versions("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py"),
+        }
+        artifacts.save(self.output[0], artifact, paper=self.paper, reading=self.reading, provenance=provenance)
+
+
+def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
+    """Fly one trial of a Monte Carlo case again and describe it; compares it with the ensemble if that is stored.
+
+    root: the project's folder. paper, reading: catalogue and reading. case, number: the case and its trial. module: the
+    paper's `montecarlo`, whose `replay` does it. Raises InputError for a case or trial that the reading does not have.
+    """
+    from marsedl.replication import artifacts
+    from marsedl.replication.errors import InputError
+    from marsedl.replication.inputs import Slice, nearest
+
+    trials = {name: getattr(reading.inputs, field) for name, field in paper.cases.items()}
+    if not trials.get(case):
+        raise InputError(f"reading {reading.name} has no case '{case}'; {nearest(case, [c for c, n in trials.items() if n])}")
+    if not 0 <= number < trials[case]:
+        raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
+    folder = root / "data" / "cache" / paper.slug / reading.name
+    needed = paper.stages["montecarlo_chunk"].needs
+    hints = typing.get_type_hints(module.replay)
+    loaded = {}
+    for name in needed:
+        path = folder / f"{name}.h5"
+        if not path.exists():
+            raise InputError(f"{path} is not built yet; run 'snakemake {path.relative_to(root)}' first")
+        loaded[name] = artifacts.load(path, hints[name], paper=paper.slug, reading=reading.name)
+    stored = folder / f"montecarlo.{case}.h5"
+    kind = _kind(hints["ensemble"])
+    ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
+    inputs = Slice(reading.slice(paper.stages["montecarlo_chunk"].inputs))
+    return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)
+
+
+def _kind(annotation):
+    """The artifact type of an annotation that may allow None."""
+    return next((kind for kind in typing.get_args(annotation) if kind is not type(None)), annotation)
+
+
+@contextlib.contextmanager
+def alone_when_new(entry: str) -> typing.Iterator[None]:
+    """Let the first job of a kind run alone while compiled kernels are new: others then load what it compiled."""
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    done = folder / (entry.replace(":", ".") + ".compiled")
+    if done.exists():
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if done.exists():
+            fcntl.flock(lock, fcntl.LOCK_UN)
+        yield
+        done.touch()
+
+
+@contextlib.contextmanager
+def guarded(snakemake) -> typing.Iterator[Job]:
+    """Run a job's body: warnings and tracebacks go to its log, a failure ends in one message that names job and log."""
+    log = Path(snakemake.log[0])
+    log.parent.mkdir(parents=True, exist_ok=True)
+    log.write_text("")
+    job = Job(snakemake)
+    try:
+        assert_numerics()
+        yield job
+    except Exception as error:
+        with contextlib.suppress(OSError):  # a full disk must not hide the error itself
+            log.write_text(traceback.format_exc())
+        where = ", ".join(
+            f"{what} {value}"
+            for what, value in (("paper", job.paper), ("reading", job.reading), ("job", snakemake.rule))
+            if value
+        )
+        if not isinstance(error, MarsedlError):
+            traceback.print_exc()
+        what = str(error) if isinstance(error, MarsedlError) else f"{type(error).__name__}: {error}"
+        print(f"\n{where}: {what}\n(log: {log})\n", file=sys.stderr)
+        sys.exit(1)

@@ -1,0 +1,157 @@
+"""Proof of reproducibility: two clean builds with equal digests, and regenerated numbers against committed ones."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from marsedl.replication.claims import write_text
+from marsedl.replication.digests import digest_tree
+from marsedl.replication.errors import MarsedlError
+
+TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "src")
+PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
+# What must not matter: cores, chunks, and the order of sets and dictionaries.
+BUILDS = (
+    {"cores": "1", "chunks": "1", "PYTHONHASHSEED": "0"},
+    {"cores": "2", "chunks": "3", "PYTHONHASHSEED": "271828"},
+)
+
+RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
+SMALLEST_SCALE = 1e-3  # below it, in the field's own unit, fields are residuals at the level of rounding
+COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
+
+
+def copy_tree(root: Path, destination: Path) -> Path:
+    """Copy what a build needs, and none of its products, into an empty folder; returns that folder."""
+    shutil.rmtree(destination, ignore_errors=True)
+    ignore = shutil.ignore_patterns("__pycache__", "*.partial")
+    for name in TREE:
+        source = root / name
+        if source.is_dir():
+            shutil.copytree(source, destination / name, ignore=ignore)
+        elif source.exists():
+            destination.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, destination / name)
+    return destination
+
+
+def snakemake(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
+    """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output."""
+    environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
+    return subprocess.run(
+        [sys.executable, "-m", "snakemake", *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+
+
+def build_twice(root: Path) -> bool:
+    """Build the smoke size twice from nothing and compare the digests of every product; prints what differs."""
+    digests = []
+    for number, build in enumerate(BUILDS):
+        folder = copy_tree(root, root / "build" / "verify" / str(number))
+        described = ", ".join(f"{key} {value}" for key, value in build.items())
+        print(f"smoke build {number + 1} of {len(BUILDS)} ({described})", flush=True)
+        config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
+        done = snakemake(folder, "all", "--cores", build["cores"], *config, PYTHONHASHSEED=build["PYTHONHASHSEED"])
+        if done.returncode:
+            raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
+        digests.append(digest_tree(folder, PRODUCTS))
+    first, second = digests
+    unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
+    for name in unequal:
+        print(f"  differs: {name} (compare with 'marsedl diff build/verify/0/{name} build/verify/1/{name}')")
+    print(f"{len(first)} products in each of two builds, {len(unequal)} differ", flush=True)
+    return not unequal
+
+
+def fingerprints(root: Path, slug: str) -> dict[str, dict]:
+    """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of every artifact."""
+    from marsedl.replication.artifacts import opened
+    from marsedl.replication.claims import read_claims
+
+    path = root / "report" / "claims" / f"{slug}.json"
+    if not path.exists():
+        raise MarsedlError(f"{path}: there is no full build to compare; run 'snakemake all'")
+    found = {}
+    for row in read_claims(path):
+        for reading, result in row["readings"].items():
+            if result["value"] is not None and not isinstance(result["value"], str):
+                found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
+    for artifact in sorted((root / "data" / "cache" / slug).glob("*/*.h5")):
+        with opened(artifact) as file:
+            for name, dataset in sorted(file.items()):
+                if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":
+                    found[f"{artifact.parent.name}/{artifact.stem}/{name}"] = _reduced(np.array(dataset))
+    return found
+
+
+def _reduced(array: np.ndarray) -> dict:
+    """Shape, kind and a few moments of an array; the weighted mean sees permutations."""
+    values = array.astype(float).ravel()
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return {"shape": list(array.shape), "counts": False, "numbers": []}
+    weights = np.linspace(1.0, 2.0, values.size)
+    numbers = [np.sqrt(np.mean(values**2)), values.mean(), np.average(values, weights=weights), values.min(), values.max()]
+    return {"shape": list(array.shape), "counts": array.dtype.kind in "iub", "numbers": [float(n) for n in numbers]}
+
+
+def margin(reference: dict, found: dict) -> float:
+    """Return the largest difference of two reductions in units of its tolerance; infinite for another shape."""
+    if reference["shape"] != found["shape"] or len(reference["numbers"]) != len(found["numbers"]):
+        return np.inf
+    if not reference["numbers"]:
+        return 0.0
+    a, b = np.array(reference["numbers"]), np.array(found["numbers"])
+    if reference["counts"]:
+        tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a)
+    else:
+        tolerance = RELATIVE_TOLERANCE * max(a[0], SMALLEST_SCALE)
+    return float(np.max(np.abs(a - b) / tolerance))
+
+
+def write_reference(root: Path, slugs: Iterable[str]) -> list[Path]:
+    """Store the numbers of a full build under data/reference; returns the files."""
+    written = []
+    for slug in slugs:
+        path = root / "data" / "reference" / f"{slug}.json"
+        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in fingerprints(root, slug).items()]
+        write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
+        written.append(path)
+    return written
+
+
+def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
+    """Compare a full build with the stored numbers by tolerance; prints the worst margin of every paper."""
+    agree = True
+    for slug in slugs:
+        path = root / "data" / "reference" / f"{slug}.json"
+        if not path.exists():
+            raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
+        reference, found = json.loads(path.read_text(encoding="utf-8")), fingerprints(root, slug)
+        missing = sorted(reference.keys() - found.keys())
+        margins = {name: margin(entry, found[name]) for name, entry in reference.items() if name in found}
+        beyond = sorted((name for name, value in margins.items() if value > 1), key=lambda name: -margins[name])
+        for name in missing[:20]:
+            print(f"  {slug}: not built: {name}")
+        for name in beyond[:20]:
+            print(f"  {slug}: {name} is off by {margins[name]:.3g} tolerances")
+        worst = max(margins, key=margins.get)
+        print(
+            f"{slug}: {len(margins)} numbers compared with {path.name}, {len(beyond)} beyond tolerance, {len(missing)} missing; "
+            f"worst margin {margins[worst]:.3g} tolerances ({worst})",
+            flush=True,
+        )
+        agree = agree and not beyond and not missing
+    return agree

@@ -1,0 +1,413 @@
+"""A damped oscillator in two segments, written as a paper writes its kernel, and what must hold of its ensembles."""
+
+import os
+import subprocess
+import sys
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from numba import njit, prange
+
+from marsedl.montecarlo.ensembles import (
+    NON_FINITE,
+    Trajectories,
+    chunk_bounds,
+    merge,
+    new_trajectories,
+    observe_nothing,
+    output_count,
+    propagator,
+    replay,
+    run_blocks,
+)
+from marsedl.montecarlo.integrators import runge_kutta_4
+from marsedl.montecarlo.streams import LANES, inline_njit, normals
+
+SEED, INITIAL_STREAM, PROCESS_STREAM = 31, 0, 1
+STEP, STEPS, STEPS_PER_OUTPUT = 0.05, (40, 24), 4
+SIGMA, TARGET = 0.3, (0.0, 1.0)
+TIMES = sum(output_count(steps, STEPS_PER_OUTPUT) for steps in STEPS)
+EDGES = np.linspace(0.0, 4.0, 81)[np.newaxis]
+
+# A paper says cache=True. The tests cache only where a fresh folder is given, as the cache overlooks edits of callees.
+CACHE = "NUMBA_CACHE_DIR" in os.environ
+
+
+@inline_njit
+def drift(half_index, state, noise, parameters, out):
+    stiffness, damping, target = parameters
+    rate = stiffness[half_index]
+    for lane in range(LANES):
+        out[0, lane] = state[1, lane]
+        out[1, lane] = -rate * (state[0, lane] - target) - damping * state[1, lane] + SIGMA * noise[0, lane]
+
+
+@inline_njit
+def observe(half_index, state, parameters, out):
+    stiffness, _, target = parameters
+    rate = stiffness[half_index]
+    for lane in range(LANES):
+        out[0, lane] = np.abs(rate * (state[0, lane] - target))
+
+
+propagate = propagator(runge_kutta_4, drift, observe)
+
+
+@njit(parallel=True, cache=CACHE, error_model="numpy")
+def kernel(first_trial, increments_per_step, step, table1, table2, final_state, history, observed, observed_maximum):
+    steps1, steps2 = table1.size // 2, table2.size // 2
+    steps_per_output = STEPS_PER_OUTPUT // increments_per_step
+    switch = steps1 // steps_per_output + 1  # outputs of the first segment
+    for group in prange(final_state.shape[1] // LANES):
+        lanes = slice(group * LANES, (group + 1) * LANES)
+        state = final_state[:, lanes].copy()
+        maximum = observed_maximum[:, lanes].copy()
+        increments = 0
+        increments = propagate(
+            parameters=(table1, 0.5, TARGET[0]),
+            steps=steps1,
+            step=step,
+            steps_per_output=steps_per_output,
+            noise_size=1,
+            seed=SEED,
+            stream=PROCESS_STREAM,
+            first_trial=first_trial + group * LANES,
+            first_increment=increments,
+            increments_per_step=increments_per_step,
+            state=state,
+            history=history[:switch, :, lanes],
+            observed=observed[:switch, :, lanes],
+            observed_maximum=maximum,
+        )
+        propagate(
+            parameters=(table2, 0.5, TARGET[1]),
+            steps=steps2,
+            step=step,
+            steps_per_output=steps_per_output,
+            noise_size=1,
+            seed=SEED,
+            stream=PROCESS_STREAM,
+            first_trial=first_trial + group * LANES,
+            first_increment=increments,
+            increments_per_step=increments_per_step,
+            state=state,
+            history=history[switch:, :, lanes],
+            observed=observed[switch:, :, lanes],
+            observed_maximum=maximum,
+        )
+        final_state[:, lanes] = state
+        observed_maximum[:, lanes] = maximum
+
+
+def tables(coarsening=1):
+    """Stiffness of both segments on the half-step grid."""
+    ends = np.cumsum([0.0, *STEPS]) * STEP
+    grids = [np.linspace(a, b, 2 * n // coarsening + 1) for a, b, n in zip(ends[:-1], ends[1:], STEPS, strict=True)]
+    return [1.0 + 0.5 * np.sin(grid) for grid in grids]
+
+
+def simulate_block(first, last, coarsening=1):
+    trials = range(first, last)
+    initial_state = np.array([[1.0], [0.0]]) + 0.2 * normals(SEED, INITIAL_STREAM, trials, 2).T
+    paths = new_trajectories(initial_state, TIMES, 1)
+    arrays = (paths.final_state, paths.history, paths.observed, paths.observed_maximum)
+    kernel(first, coarsening, STEP * coarsening, *tables(coarsening), *arrays)
+    return paths.first(len(trials))
+
+
+def assert_identical(a, b):
+    assert type(a) is type(b)
+    for field in fields(a):
+        np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name), err_msg=field.name, strict=True)
+
+
+def oracle(first, last):
+    """The same model, plainly, in numpy over all trials; outputs at every step."""
+    x = np.array([[1.0], [0.0]]) + 0.2 * normals(SEED, INITIAL_STREAM, range(first, last), 2).T
+    noise = normals(SEED, PROCESS_STREAM, range(first, last), sum(STEPS)).T * SIGMA / np.sqrt(STEP)
+    states, observations = [], []
+    start = 0
+    for table, target, steps in zip(tables(), TARGET, STEPS, strict=True):
+
+        def slope(half, x, w, table=table, target=target):
+            return np.stack([x[1], -table[half] * (x[0] - target) - 0.5 * x[1] + w])
+
+        for k in range(steps):
+            states.append(x)
+            observations.append(np.abs(table[2 * k] * (x[0] - target)))
+            w = noise[start + k]
+            k1 = slope(2 * k, x, w)
+            k2 = slope(2 * k + 1, x + STEP / 2 * k1, w)
+            k3 = slope(2 * k + 1, x + STEP / 2 * k2, w)
+            k4 = slope(2 * k + 2, x + STEP * k3, w)
+            x = x + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        states.append(x)
+        observations.append(np.abs(table[2 * steps] * (x[0] - target)))
+        start += steps
+    return np.array(states), np.array(observations)
+
+
+# ---- the compiled loop -----------------------------------------------------------------------------------------------
+
+
+def test_kernel_equals_plain_numpy():
+    paths = simulate_block(100, 300)
+    states, observations = oracle(100, 300)
+    outputs = np.r_[0 : STEPS[0] + 1 : STEPS_PER_OUTPUT, STEPS[0] + 1 : states.shape[0] : STEPS_PER_OUTPUT]
+    np.testing.assert_allclose(paths.history, states[outputs], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(paths.observed[:, 0], observations[outputs], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(paths.observed_maximum[0], observations.max(axis=0), rtol=1e-12)
+    np.testing.assert_array_equal(paths.final_state, paths.history[-1])
+    # the maximum of some trials lies between outputs, or the running maximum would not be tested
+    assert (paths.observed_maximum[0] > paths.observed[:, 0].max(axis=0)).any()
+
+
+def test_switch_appears_twice_with_equal_state_and_two_observations():
+    paths = simulate_block(0, 10)
+    switch = output_count(STEPS[0], STEPS_PER_OUTPUT)
+    np.testing.assert_array_equal(paths.history[switch - 1], paths.history[switch])
+    assert (paths.observed[switch - 1] != paths.observed[switch]).all()
+
+
+def test_results_do_not_depend_on_the_number_of_threads():
+    available = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        alone = simulate_block(0, 1000)
+        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+        assert_identical(alone, simulate_block(0, 1000))
+    finally:
+        numba.set_num_threads(available)
+
+
+@pytest.mark.parametrize("first", [1, 7, LANES - 1, 2 * LANES + 3])
+def test_results_do_not_depend_on_the_lane(first):
+    whole = simulate_block(0, 300)
+    shifted = simulate_block(first, 300)
+    np.testing.assert_array_equal(shifted.history, whole.history[..., first:])
+    np.testing.assert_array_equal(shifted.observed_maximum, whole.observed_maximum[..., first:])
+
+
+@pytest.mark.parametrize("trial", [0, 5, 63, 64, 299])
+def test_replay_of_one_trial(trial):
+    whole = simulate_block(0, 300)
+    alone = replay(simulate_block, trial)
+    assert alone.outcome.shape == (1,)
+    for field in fields(Trajectories):
+        np.testing.assert_array_equal(getattr(alone, field.name)[..., 0], getattr(whole, field.name)[..., trial])
+
+
+def test_coarse_steps_follow_the_brownian_path_of_the_fine_ones():
+    fine, coarse, coarser = (simulate_block(0, 500, coarsening).history for coarsening in (1, 2, 4))
+    error, larger_error = (np.sqrt(np.mean((history - fine) ** 2)) for history in (coarse, coarser))
+    scatter = np.sqrt(fine[-1].var(axis=-1).mean())
+    assert 0.0 < error < 0.05 * scatter
+    # strong order 1 with errors that are uncorrelated from one refinement to the next: as 1 to sqrt(1 + 2^2)
+    assert larger_error / error == pytest.approx(np.sqrt(5.0), rel=0.1)
+    # and other paths are as far away as they can be
+    assert np.sqrt(np.mean((simulate_block(500, 1000).history[-1] - fine[-1]) ** 2)) > scatter
+
+
+def test_model_without_noise_and_without_observations():
+    coast = propagator(runge_kutta_4, silent_drift, observe_nothing)
+
+    @njit(error_model="numpy")
+    def run(state, history, observed, maximum):
+        table = np.ones(21)
+        return coast(
+            parameters=(table,),
+            steps=10,
+            step=0.1,
+            steps_per_output=5,
+            noise_size=0,
+            seed=SEED,
+            stream=PROCESS_STREAM,
+            first_trial=0,
+            first_increment=0,
+            increments_per_step=1,
+            state=state,
+            history=history,
+            observed=observed,
+            observed_maximum=maximum,
+        )
+
+    state = np.ones((1, LANES))
+    history = np.empty((3, 1, LANES))
+    assert run(state, history, np.empty((3, 0, LANES)), np.empty((0, LANES))) == 10
+    np.testing.assert_allclose(history[:, 0, 0], np.exp(-np.array([0.0, 0.5, 1.0])), rtol=1e-6)
+    np.testing.assert_array_equal(history, np.broadcast_to(history[:, :, :1], history.shape))
+
+
+@inline_njit
+def silent_drift(half_index, state, noise, parameters, out):
+    for lane in range(LANES):
+        out[0, lane] = -parameters[0][half_index] * state[0, lane]
+
+
+def test_output_count():
+    assert output_count(40, 4) == 11
+    for steps, every in ((40, 3), (0, 1), (4, 0)):
+        with pytest.raises(ValueError, match="must divide"):
+            output_count(steps, every)
+
+
+def test_kernel_is_compiled_once_and_then_loaded_by_other_processes(tmp_path):
+    program = (
+        "import sys\n"
+        "sys.path.insert(0, sys.argv[1])\n"
+        "import test_ensembles as demo\n"
+        "print(demo.simulate_block(0, 70).final_state.tobytes().hex())\n"
+        "print(sum(demo.kernel.stats.cache_hits.values()), sum(demo.kernel.stats.cache_misses.values()))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", program, str(Path(__file__).parent)],
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout.split("\n")
+        for _ in range(2)
+    ]
+    assert [output[1] for output in outputs] == ["0 1", "1 0"]
+    assert outputs[0][0] == outputs[1][0] == simulate_block(0, 70).final_state.tobytes().hex()
+
+
+# ---- reduction -------------------------------------------------------------------------------------------------------
+
+
+def run_chunks(chunks, trials=1130, block_size=100, simulate=simulate_block, kept=230):
+    return [
+        run_blocks(simulate, first, last, block_size=block_size, histogram_edges=EDGES, kept=kept)
+        for first, last in chunk_bounds(trials, chunks, block_size)
+    ]
+
+
+def test_merged_ensemble_equals_numpy_on_all_samples():
+    paths = simulate_block(0, 1130)
+    ensemble = merge(run_chunks(4))
+    assert (ensemble.count, ensemble.excluded) == (1130, 0)
+    np.testing.assert_allclose(ensemble.mean, paths.history.mean(axis=-1), rtol=1e-12, atol=1e-14)
+    covariance = np.array([np.cov(history) for history in paths.history])
+    np.testing.assert_allclose(ensemble.covariance, covariance, rtol=1e-11, atol=1e-14)
+    np.testing.assert_array_equal(ensemble.maximum_over_trials, paths.observed.max(axis=-1))
+    np.testing.assert_array_equal(ensemble.final_state, paths.final_state.T)
+    np.testing.assert_array_equal(ensemble.observed_maximum, paths.observed_maximum.T)
+    np.testing.assert_array_equal(ensemble.outcome, np.zeros(1130, np.int8), strict=True)
+    np.testing.assert_array_equal(ensemble.kept_history, np.moveaxis(paths.history[..., :230], -1, 0))
+    np.testing.assert_array_equal(ensemble.kept_observed, np.moveaxis(paths.observed[..., :230], -1, 0))
+    for time in range(TIMES):
+        expected, _ = np.histogram(paths.observed[time, 0], EDGES[0])
+        np.testing.assert_array_equal(ensemble.histogram[time, 0, 1:-1], expected)
+    assert (ensemble.histogram.sum(axis=-1) == 1130).all()
+
+
+@pytest.mark.parametrize("chunks", [2, 3, 7, 12, 50])
+def test_result_does_not_depend_on_the_number_of_chunks(chunks):
+    assert_identical(merge(run_chunks(1)), merge(run_chunks(chunks)[::-1]))
+
+
+def test_moments_are_exact_far_from_zero():
+    def simulate(first, last):
+        paths = simulate_block(first, last)
+        return replace(paths, history=paths.history + 1e8)
+
+    near, far = merge(run_chunks(3)), merge(run_chunks(3, simulate=simulate))
+    np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-5, atol=1e-7)
+
+
+def test_non_finite_trials_are_counted_and_left_out():
+    bad = {17: np.nan, 400: np.inf, 1129: -np.inf}
+
+    def simulate(first, last):
+        paths = simulate_block(first, last)
+        arrays = {field.name: np.array(getattr(paths, field.name)) for field in fields(paths)}
+        for trial, value in bad.items():
+            if first <= trial < last:
+                arrays["history"][-1, 0, trial - first] = value
+                arrays["final_state"][0, trial - first] = value
+        if first <= 50 < last:
+            arrays["outcome"][50 - first] = 2
+        return Trajectories(**arrays)
+
+    ensemble = merge(run_chunks(3, simulate=simulate))
+    good = np.setdiff1d(np.arange(1130), list(bad))
+    paths = simulate_block(0, 1130)
+    assert (ensemble.count, ensemble.excluded) == (1127, 3)
+    np.testing.assert_array_equal(np.flatnonzero(ensemble.outcome == NON_FINITE), sorted(bad))
+    np.testing.assert_array_equal(np.flatnonzero(ensemble.outcome == 2), [50])
+    np.testing.assert_array_equal(ensemble.final_state[list(bad), 0], list(bad.values()))
+    np.testing.assert_allclose(ensemble.mean, paths.history[..., good].mean(axis=-1), rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(ensemble.histogram.sum(axis=-1), np.full((TIMES, 1), 1127))
+
+
+def test_nothing_but_non_finite_trials():
+    def simulate(first, last):
+        paths = simulate_block(first, last)
+        return replace(paths, history=np.full_like(paths.history, np.nan))
+
+    ensemble = merge(run_chunks(2, trials=150, simulate=simulate, kept=0))
+    assert (ensemble.count, ensemble.excluded) == (0, 150)
+    assert np.isnan(ensemble.mean).all()
+    assert np.isnan(ensemble.covariance).all()
+
+
+def test_a_trial_that_diverges_inside_the_kernel_shows_it():
+    explosive = [table * -1e6 for table in tables()]
+    paths = new_trajectories(np.ones((2, LANES)), TIMES, 1)
+    kernel(0, 1, 1e6, *explosive, paths.final_state, paths.history, paths.observed, paths.observed_maximum)
+    assert not np.isfinite(paths.observed_maximum).any()
+    chunk = run_blocks(lambda first, last: paths.first(last - first), 0, LANES)
+    assert (chunk.outcome == NON_FINITE).all()
+
+
+def test_histogram_counts_what_lies_outside_and_on_the_edges():
+    values = np.array([-0.1, 0.0, 0.1, 0.3, 0.7, 0.7999999999999999, 0.8, 5.0])
+    uneven = np.array([[0.0, 0.1, 0.3, 0.8]])
+
+    def simulate(first, last):
+        empty = np.zeros((1, 1, last - first))
+        return Trajectories(empty, values[np.newaxis, np.newaxis], empty[0], empty[0], np.zeros(last - first, np.int8))
+
+    chunk = run_blocks(simulate, 0, values.size, histogram_edges=uneven)
+    np.testing.assert_array_equal(chunk.histogram[0, 0], [1, 1, 1, 3, 2])
+
+
+@pytest.mark.parametrize("trials", [1, 999, 1000, 1001, 12_345])
+@pytest.mark.parametrize("chunks", [1, 2, 5, 40])
+def test_chunk_bounds_cover_all_trials_in_whole_blocks(trials, chunks):
+    bounds = chunk_bounds(trials, chunks)
+    assert bounds[0][0] == 0
+    assert bounds[-1][1] == trials
+    assert all(a[1] == b[0] for a, b in pairwise(bounds))
+    assert all(first % 1000 == 0 and last > first for first, last in bounds)
+    assert len(bounds) == min(chunks, -(-trials // 1000))
+    sizes = [-(-(last - first) // 1000) for first, last in bounds]
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_wrong_bounds_and_chunks_are_refused():
+    with pytest.raises(ValueError, match="at least 1"):
+        chunk_bounds(10, 0)
+    with pytest.raises(ValueError, match="multiple of block_size"):
+        run_blocks(simulate_block, 10, 200, block_size=100)
+    with pytest.raises(ValueError, match="must exceed"):
+        run_blocks(simulate_block, 100, 100, block_size=100)
+    with pytest.raises(ValueError, match="came back with"):
+        run_blocks(lambda first, last: simulate_block(first, last + 1), 0, 100, block_size=100)
+    for edges in (EDGES[0], EDGES[:, ::-1], np.tile(EDGES, (2, 1))):
+        with pytest.raises(ValueError, match="histogram_edges"):
+            run_blocks(simulate_block, 0, 10, histogram_edges=edges)
+    chunks = run_chunks(3)
+    for wrong in (chunks[1:], [chunks[0], chunks[2]], [*chunks, chunks[1]], []):
+        with pytest.raises(ValueError, match=r"expected|no chunks"):
+            merge(wrong)
+    with pytest.raises(ValueError, match="histogram edges"):
+        merge([chunks[0], replace(chunks[1], histogram_edges=EDGES + 1.0), chunks[2]])
+    with pytest.raises(ValueError, match="short block"):
+        merge([run_blocks(simulate_block, 0, 50, block_size=50), run_blocks(simulate_block, 50, 60, block_size=10)])

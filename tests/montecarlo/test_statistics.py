@@ -1,0 +1,186 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from marsedl.montecarlo import statistics
+from marsedl.montecarlo.statistics import (
+    central_moments,
+    covariance_standard_errors,
+    histogram_percentile,
+    mean_standard_error,
+    merge_moments,
+    percentile,
+    two_sample_covariance_deviance,
+    variance_confidence_band,
+    variance_sampling_band,
+    variance_standard_error,
+    wishart_deviance,
+)
+
+FACTOR = np.array([[2.0, 0.0, 0.0], [0.5, 1.0, 0.0], [-0.3, 0.2, 0.7]])
+COVARIANCE = FACTOR @ FACTOR.T
+
+
+def test_central_moments_and_their_merge_equal_numpy():
+    rng = np.random.default_rng(1)
+    samples = 1e6 + rng.exponential(size=(700, 5, 3)) @ FACTOR.T
+    total = central_moments(samples[:0])
+    for part in np.split(samples, [1, 2, 300, 301]):
+        total = merge_moments(total, central_moments(part))
+    total = merge_moments(total, central_moments(samples[:0]))
+    for count, mean, second in (total, central_moments(samples)):
+        assert count == 700
+        np.testing.assert_allclose(mean, samples.mean(axis=0), rtol=1e-14)
+        np.testing.assert_allclose(second / 699, [np.cov(samples[:, i].T) for i in range(5)], rtol=1e-7, atol=1e-8)
+
+
+def test_standard_errors_are_the_spread_of_repeated_estimates():
+    # a skewed, heavy-tailed distribution, for which the normal formula is wrong by far
+    rng = np.random.default_rng(2)
+    repeats, count = 4000, 100
+    samples = rng.exponential(size=(repeats, count, 3)) @ FACTOR.T
+    first = samples[..., 0] / 2.0  # unit exponential: variance 1, fourth central moment 9
+    tolerance = 4.0 / np.sqrt(repeats)
+    assert mean_standard_error(1.0, count) == pytest.approx(first.mean(axis=1).std(), rel=tolerance)
+    spread = first.var(axis=1, ddof=1).std()
+    assert variance_standard_error(1.0, 9.0, count) == pytest.approx(spread, rel=3 * tolerance)
+    assert variance_standard_error(1.0, 3.0, count) < 0.6 * spread
+    assert variance_standard_error(1.0, 3.0, count) == pytest.approx(np.sqrt(2.0 / (count - 1)), rel=1e-12)
+    covariances = np.array([np.cov(sample.T) for sample in samples])
+    errors = covariance_standard_errors(samples.reshape(-1, 3)) * np.sqrt(repeats)
+    np.testing.assert_allclose(errors, covariances.std(axis=0), rtol=4 * tolerance)
+    np.testing.assert_allclose(errors, errors.T, rtol=1e-14)
+
+
+@pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 0.99])
+def test_percentile_and_its_standard_error(level):
+    rng = np.random.default_rng(3)
+    repeats, count = 1500, 400
+    samples = rng.standard_normal((repeats, count))
+    values, errors = np.array([percentile(sample, level) for sample in samples]).T
+    np.testing.assert_array_equal(values, np.quantile(samples, level, axis=1))
+    # the estimate is close to unbiased except at the very end of the sample
+    tolerance = 0.25 if level == 0.99 else 0.1
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=tolerance)
+    # scipy shifts both parameters of the distribution by one, which matters at the end of the sample
+    if level < 0.99:
+        assert errors[0] == pytest.approx(stats.mstats.mjci(samples[0], [level])[0], rel=0.1)
+
+
+def test_percentile_of_many_samples_and_of_bad_levels():
+    value, error = percentile(np.random.default_rng(4).standard_normal(1_000_000), 0.95)
+    asymptotic = np.sqrt(0.95 * 0.05 / 1e6) / stats.norm.pdf(stats.norm.ppf(0.95))
+    assert error == pytest.approx(asymptotic, rel=0.2)
+    assert abs(value - stats.norm.ppf(0.95)) < 4 * asymptotic
+    for level in (0.0, 1.0, 95):
+        with pytest.raises(ValueError, match="level"):
+            percentile([1.0, 2.0], level)
+
+
+@pytest.mark.parametrize("count", [1, 20, 137, 5000])
+@pytest.mark.parametrize("level", [0.05, 0.5, 0.95, 1.0])
+def test_histogram_percentile_is_within_its_bound(count, level):
+    samples = np.random.default_rng(count).gamma(3.0, size=(6, count))
+    edges = np.linspace(0.0, 30.0, 301)
+    counts = np.zeros((6, 302), int)
+    counts[:, 1:-1] = [np.histogram(row, edges)[0] for row in samples]
+    values, bounds = histogram_percentile(counts, edges, level)
+    exact = np.quantile(samples, level, axis=1, method="inverted_cdf")
+    np.testing.assert_allclose(bounds, 0.1, rtol=1e-12)
+    assert (np.abs(values - exact) <= bounds).all()
+    if count == 5000 and level < 1.0:
+        assert (np.abs(values - np.quantile(samples, level, axis=1)) < 0.3 * bounds).all()
+
+
+def test_histogram_percentile_outside_of_the_edges_is_refused():
+    edges = np.linspace(0.0, 1.0, 11)
+    counts = np.ones(12, int)
+    assert histogram_percentile(counts, edges, 0.5)[0] == pytest.approx(0.5)
+    for level in (0.05, 0.95):
+        with pytest.raises(ValueError, match="outside"):
+            histogram_percentile(counts, edges, level)
+    with pytest.raises(ValueError, match="empty"):
+        histogram_percentile(0 * counts, edges, 0.5)
+
+
+def test_chi_square_bands_cover_with_their_level():
+    rng = np.random.default_rng(5)
+    variance, count, level = 3.0, 12, 0.9
+    sample_variances = (rng.standard_normal((20_000, count)) * np.sqrt(variance)).var(axis=1, ddof=1)
+    lower, upper = variance_confidence_band(sample_variances, count, level)
+    tolerance = 4 * np.sqrt(0.09 / 20_000)
+    assert np.mean((lower < variance) & (variance < upper)) == pytest.approx(level, abs=tolerance)
+    assert np.mean(variance < lower) == pytest.approx(0.05, abs=tolerance)
+    lower, upper = variance_sampling_band(variance, count, level)
+    assert lower < variance < upper
+    assert np.mean((lower < sample_variances) & (sample_variances < upper)) == pytest.approx(level, abs=tolerance)
+    # 95 % points of the chi-square distribution with 10 degrees of freedom, from printed tables
+    assert variance_sampling_band(10.0, 11, 0.95) == (pytest.approx(3.247, abs=5e-4), pytest.approx(20.483, abs=5e-4))
+
+
+def test_wishart_deviance_has_uniform_p_values_under_the_null_and_power_against_others():
+    rng = np.random.default_rng(6)
+    count = 2000
+    samples = [rng.standard_normal((count, 3)) @ FACTOR.T for _ in range(400)]
+    results = [wishart_deviance(np.cov(sample.T), count, COVARIANCE) for sample in samples]
+    assert all(result.degrees_of_freedom == 6 for result in results)
+    assert stats.kstest([result.p_value for result in results], "uniform").pvalue > 0.01
+    assert wishart_deviance(np.cov(samples[0].T), count, 1.2 * COVARIANCE).p_value < 1e-6
+
+
+def test_wishart_deviance_by_hand():
+    result = wishart_deviance(np.diag([2.0, 1.0]), 50, np.eye(2))
+    assert result.statistic == pytest.approx(50 * (1.0 - np.log(2.0)), rel=1e-14)
+    assert result.p_value == pytest.approx(stats.chi2.sf(result.statistic, 3), rel=1e-12)
+    same = wishart_deviance(COVARIANCE, 2000, COVARIANCE)
+    assert same.statistic == pytest.approx(0.0, abs=1e-10)
+    assert same.p_value == pytest.approx(1.0, abs=1e-10)
+    mixing = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0], [0.3, 0.0, 1.0]])
+    other = COVARIANCE + 0.1 * np.eye(3)
+    before = wishart_deviance(other, 100, COVARIANCE).statistic
+    after = wishart_deviance(mixing @ other @ mixing.T, 100, mixing @ COVARIANCE @ mixing.T).statistic
+    assert after == pytest.approx(before, rel=1e-10)
+
+
+def test_two_sample_deviance_has_uniform_p_values_under_the_null():
+    rng = np.random.default_rng(8)
+    p_values = []
+    for _ in range(1500):
+        first, second = (rng.standard_normal((count, 3)) @ FACTOR.T for count in (500, 1300))
+        p_values.append(two_sample_covariance_deviance(np.cov(first.T), 500, np.cov(second.T), 1300).p_value)
+    assert stats.kstest(p_values, "uniform").pvalue > 0.01
+
+
+def test_two_sample_deviance_tends_to_the_wishart_deviance():
+    sample = COVARIANCE + np.diag([0.3, -0.1, 0.05])
+    limit = wishart_deviance(sample, 2000, COVARIANCE)
+    differences = []
+    for count in (10**6, 10**7, 10**8):
+        result = two_sample_covariance_deviance(sample, 2000, COVARIANCE, count)
+        assert result.degrees_of_freedom == limit.degrees_of_freedom
+        differences.append(abs(result.statistic / limit.statistic - 1.0))
+    assert differences[0] < 0.01
+    np.testing.assert_allclose(np.divide(differences[:-1], differences[1:]), 10.0, rtol=0.05)
+    swapped = two_sample_covariance_deviance(COVARIANCE, 10**6, sample, 2000)
+    assert swapped.statistic == pytest.approx(
+        two_sample_covariance_deviance(sample, 2000, COVARIANCE, 10**6).statistic, rel=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    "deviance", [lambda a, b: wishart_deviance(a, 9, b), lambda a, b: two_sample_covariance_deviance(a, 9, b, 9)]
+)
+def test_bad_covariances_are_refused(deviance):
+    with pytest.raises(ValueError, match="square"):
+        deviance(np.eye(2), np.eye(3))
+    for pair in ((np.eye(2), -np.eye(2)), (np.diag([1.0, 0.0]), np.eye(2))):
+        with pytest.raises(ValueError, match="positive definite"):
+            deviance(*pair)
+
+
+def test_importing_the_wing_does_not_import_scipy_stats():
+    program = f"import sys, {statistics.__name__}; sys.exit('scipy.stats' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

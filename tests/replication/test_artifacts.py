@@ -1,0 +1,584 @@
+"""Artifacts come back as they were saved, or not at all."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from marsedl.replication import artifacts
+from marsedl.replication.artifacts import load, quantity, save
+from marsedl.replication.errors import ArtifactError
+
+PROVENANCE = {
+    "inputs": {"nominal": "ab" * 32, "data/table.csv": "cd" * 32},
+    "seed": 2**64 - 1,
+    "trials": 1000,
+    "versions": artifacts.library_versions("numpy", "no-such-thing"),
+    "solver": {"name": "Clarabel", "status": "solved", "iterations": 12, "residual": 1e-9, "exact": False},
+    "history": [1.0, 0.5, {"deep": None}],
+    "nothing": {},
+    "tricky": "json:{",
+    "array": np.arange(3),
+    "with/slash": {"a": 1},
+}
+
+
+@dataclass(frozen=True)
+class Everything:
+    """One field of each kind.
+
+    And a second paragraph.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
+    mean: np.ndarray = quantity("m, m/s", ("time", 6), "mean state")
+    gains: np.ndarray = quantity("1/s", ("time", "control", 6), "feedback gains")
+    counts: np.ndarray = quantity("1", ("trial",), "steps of each trial", np.int64)
+    outcome: np.ndarray = quantity("1", ("trial",), "how each trial ended", "int8")
+    landed: np.ndarray = quantity("1", ("trial",), "whether each trial landed", bool)
+    names: np.ndarray = quantity("1", ("name",), "names of the outcomes", str)
+    holes: np.ndarray = quantity("m", ("trial",), "miss distance where there is one", allow_nan=True)
+    mass: float = quantity("kg", (), "final mass")
+    iterations: int = quantity("1", (), "passes of the mass iteration")
+    converged: bool = quantity("1", (), "whether the iteration converged")
+    status: str = quantity("1", (), "what the solver said")
+
+
+@dataclass(frozen=True)
+class Small:
+    """A small artifact."""
+
+    time: np.ndarray = quantity("s", ("time",), "time")
+    mass: np.ndarray = quantity("kg", ("time",), "mass")
+    label: str = quantity("1", (), "a label")
+
+
+def everything(times=5, trials=7):
+    random = np.random.default_rng(1)
+    return Everything(
+        time=np.arange(float(times)),
+        mean=random.normal(size=(times, 6)),
+        gains=random.normal(size=(times, 3, 6)),
+        counts=random.integers(-(2**62), 2**62, trials),
+        outcome=np.arange(trials, dtype=np.int8) - 3,
+        landed=np.arange(trials) % 2 == 0,
+        names=np.array(["landed", "crashed", "", "α, µ und ß"]),
+        holes=np.where(np.arange(trials) % 3 == 0, np.nan, 1.5),
+        mass=1893.25,
+        iterations=17,
+        converged=True,
+        status="Optimal Solution Found ✓",
+    )
+
+
+def small():
+    return Small(np.arange(50.0), np.linspace(2, 1, 50), "a")
+
+
+def put(path, artifact, paper="powered_descent", reading="corrected", provenance=PROVENANCE):
+    save(path, artifact, paper=paper, reading=reading, provenance=provenance)
+    return path
+
+
+def same(a, b):
+    return asdict(a).keys() == asdict(b).keys() and all(
+        np.array_equal(x, y, equal_nan=np.asarray(x).dtype.kind == "f")
+        and np.asarray(x).dtype.kind == np.asarray(y).dtype.kind
+        for x, y in zip(asdict(a).values(), asdict(b).values(), strict=True)
+    )
+
+
+def leftovers(folder):
+    return [path.name for path in folder.iterdir() if path.name.endswith(".partial")]
+
+
+# --------------------------------------------------------------------------------------------------------- round trip
+
+
+@pytest.mark.parametrize("times", [0, 1, 5, 4000])
+def test_everything_comes_back(tmp_path, times):
+    artifact = everything(times)
+    path = put(tmp_path / "new/folders/all.h5", artifact)
+    loaded = load(path, Everything, paper="powered_descent", reading="corrected")
+    assert same(artifact, loaded)
+    assert loaded.counts.dtype == np.int64
+    assert loaded.outcome.dtype == np.int8
+    assert loaded.landed.dtype == np.bool_
+    assert [type(getattr(loaded, name)) for name in ("mass", "iterations", "converged", "status")] == [
+        float,
+        int,
+        bool,
+        str,
+    ]
+    assert not any(array.flags.writeable for array in vars(loaded).values() if isinstance(array, np.ndarray))
+    assert leftovers(path.parent) == []
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    values=hnp.arrays(
+        np.float64,
+        hnp.array_shapes(min_dims=2, max_dims=2, min_side=0, max_side=5),
+        elements=st.floats(allow_nan=False, allow_infinity=False),
+    ),
+    words=st.lists(
+        st.text(alphabet=st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=5), max_size=4
+    ),
+    number=st.integers(-(2**63), 2**63 - 1),
+)
+def test_any_shape_and_text_comes_back(tmp_path_factory, values, words, number):
+    @dataclass(frozen=True)
+    class Any:
+        """Any."""
+
+        values: np.ndarray = quantity("m", ("row", "column"), "values")
+        words: np.ndarray = quantity("1", ("word",), "words", str)
+        number: int = quantity("1", (), "number")
+
+    artifact = Any(values, np.array(words, dtype=str), number)
+    path = put(tmp_path_factory.mktemp("any") / "any.h5", artifact)
+    loaded = load(path, Any)
+    assert same(artifact, loaded)
+    assert np.array_equal(np.signbit(loaded.values), np.signbit(values))
+
+
+def test_equal_content_gives_equal_bytes(tmp_path):
+    first = put(tmp_path / "a/one.h5", everything(4000)).read_bytes()
+    time.sleep(1.1)  # object times in HDF5 count in seconds
+    reordered = dict(reversed(PROVENANCE.items()))
+    program = f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_artifacts import *
+        put(Path({str(tmp_path / "b/two.h5")!r}), everything(4000))
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
+    assert put(tmp_path / "three.h5", everything(4000), provenance=reordered).read_bytes() == first
+    assert (tmp_path / "b/two.h5").read_bytes() == first
+
+
+def test_provenance_comes_back(tmp_path):
+    expected = PROVENANCE | {"array": [0, 1, 2]}
+    found = artifacts.provenance(put(tmp_path / "a.h5", small()))
+    assert found == expected
+    assert type(found["solver"]["exact"]) is bool
+    assert found["versions"]["numpy"] == np.__version__
+    assert found["versions"]["no-such-thing"] == "not installed"
+
+
+@pytest.mark.parametrize("items", [{"a": object()}, {"a": {"b": {1, 2}}}, {1: 2}, {"": 1}])
+def test_provenance_that_json_cannot_hold_is_refused(tmp_path, items):
+    with pytest.raises(ArtifactError, match=r"a\.h5: /provenance"):
+        put(tmp_path / "a.h5", small(), provenance=items)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_file_explains_itself(tmp_path):
+    with h5py.File(put(tmp_path / "a.h5", everything())) as file:
+        assert file.attrs["artifact"] == "Everything"
+        assert file.attrs["meaning"] == "One field of each kind."
+        assert (file.attrs["paper"], file.attrs["reading"]) == ("powered_descent", "corrected")
+        assert dict(file["mean"].attrs) == {"unit": "m, m/s", "meaning": "mean state", "dimensions": "(time, 6)"}
+        assert file["mass"].attrs["dimensions"] == "scalar"
+        assert file["provenance/solver"].attrs["name"] == "Clarabel"
+
+
+def test_other_tools_read_the_file_but_may_not_edit_it(tmp_path):
+    path = put(tmp_path / "a.h5", everything(4000))
+    with h5py.File(path, "r+") as file:
+        assert np.array_equal(file["mean"][()], everything(4000).mean)
+        file["provenance"].attrs["note"] = "by hand"
+    assert artifacts.provenance(path)["note"] == "by hand"
+    with pytest.raises(ArtifactError, match=r"a\.h5: was edited with other tools"):
+        load(path, Everything)
+
+
+def test_only_large_arrays_are_compressed(tmp_path):
+    with h5py.File(put(tmp_path / "a.h5", everything(4000))) as file:
+        assert (file["mean"].compression, file["mean"].shuffle) == ("gzip", True)
+        assert file["time"].compression is None
+
+
+def test_other_exact_types_are_accepted(tmp_path):
+    artifact = replace(small(), time=list(range(50)), mass=np.ones(50, dtype=np.float32))
+    assert load(put(tmp_path / "a.h5", artifact), Small).time.dtype == np.float64
+    codes = replace(everything(), outcome=np.arange(7))  # int64 values that fit into int8
+    assert load(put(tmp_path / "b.h5", codes), Everything).outcome.dtype == np.int8
+
+
+# ------------------------------------------------------------------------------------------------- refused when saving
+
+BAD_VALUES = {
+    "missing": ("time", None, "is missing"),
+    "number of dimensions": ("time", np.zeros((5, 1)), r"shape \(5, 1\).*\(time\)"),
+    "scalar for an array": ("time", 1.0, r"shape \(\)"),
+    "array for a scalar": ("mass", np.zeros(1), "scalar"),
+    "fixed extent": ("mean", np.zeros((5, 5)), "6 is 6 as declared"),
+    "extent of another field": ("mean", np.zeros((4, 6)), "time is 5 as in field 'time'"),
+    "extent of another field, trials": ("landed", np.zeros(6, bool), "trial is 7 as in field 'counts'"),
+    "nan": ("time", np.array([0, 1, np.nan, 3, np.nan]), r"not finite: 2 of 5 values, the first nan at index \(2,\)"),
+    "inf": ("mean", np.full((5, 6), np.inf), "not finite"),
+    "inf where nan is allowed": ("holes", np.full(7, np.inf), "not finite"),
+    "nan scalar": ("mass", float("nan"), "not finite"),
+    "text for numbers": ("time", np.array(["a"] * 5), "must be of type float64"),
+    "bool for numbers": ("time", np.zeros(5, bool), "must be of type float64"),
+    "complex": ("time", np.zeros(5, complex), "must be of type float64"),
+    "long double": ("time", np.zeros(5, np.longdouble), "would be rounded"),
+    "ragged": ("mean", [[1.0], [1.0, 2.0]], "must be of type float64"),
+    "float for int": ("counts", np.zeros(7), "must be of type int64"),
+    "bool for int": ("iterations", True, "must be of type int64"),
+    "too large for int8": ("outcome", np.full(7, 128), "do not fit"),
+    "too large for int64": ("counts", np.full(7, 2**64 - 1, np.uint64), "do not fit"),
+    "int for bool": ("landed", np.zeros(7, int), "must be of type bool"),
+    "bytes for text": ("names", np.array([b"a"]), "must be of type str"),
+    "objects for text": ("names", np.array(["a", None], object), "must be of type str"),
+    "nul": ("status", "a\0b", "NUL"),
+    "surrogate": ("status", "\ud800", "must be of type str"),
+    "masked": ("time", np.ma.masked_array(np.zeros(5), mask=[1, 0, 0, 0, 0]), "masked"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_VALUES)
+def test_a_bad_value_is_refused_before_anything_is_touched(tmp_path, case):
+    field, value, message = BAD_VALUES[case]
+    path = put(tmp_path / "all.h5", everything())
+    before = path.read_bytes()
+    with pytest.raises(ArtifactError, match=rf"(?s)all\.h5.*Everything.*'{field}'.*{message}"):
+        put(path, replace(everything(), **{field: value}))
+    assert path.read_bytes() == before
+    assert leftovers(tmp_path) == []
+
+
+def test_declarations_are_checked(tmp_path):
+    with pytest.raises(TypeError, match="dims"):
+        quantity("s", "time", "dims that are no tuple")
+    with pytest.raises(TypeError, match="dtype"):
+        quantity("s", (), "a type that is not stored", np.complex128)
+
+    @dataclass(frozen=True)
+    class Undeclared:
+        """A field without a unit."""
+
+        time: float = 1.0
+
+    with pytest.raises(ArtifactError, match=r"Undeclared\.time"):
+        put(tmp_path / "a.h5", Undeclared())
+    with pytest.raises(ArtifactError, match="no artifact type"):
+        put(tmp_path / "a.h5", {"time": 1.0})
+
+
+# ------------------------------------------------------------------------------------------------ refused when loading
+
+
+def test_missing_file_and_folder(tmp_path):
+    with pytest.raises(ArtifactError, match=r"none\.h5: there is no such file"):
+        load(tmp_path / "none.h5", Small)
+    with pytest.raises(ArtifactError, match="is not a file"):
+        load(tmp_path, Small)
+
+
+def test_no_hdf5(tmp_path):
+    for content in (b"", b"time,mass\n1,2\n", b"\x89HDF\r\n\x1a\n"):
+        (tmp_path / "a.h5").write_bytes(content)
+        with pytest.raises(ArtifactError, match=r"a\.h5: .*no HDF5 file.*delete it and run snakemake again"):
+            load(tmp_path / "a.h5", Small)
+
+
+@pytest.mark.parametrize("times", [5, 4000])
+def test_truncated_files_are_never_accepted(tmp_path, times):
+    whole = put(tmp_path / "whole.h5", everything(times)).read_bytes()
+    path = tmp_path / "cut.h5"
+    for length in [*range(0, len(whole), max(1, len(whole) // 150)), *range(len(whole) - 60, len(whole))]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(ArtifactError, match=r"cut\.h5.*run snakemake again"):
+            load(path, Everything)
+
+
+def test_flipped_bits_are_refused_or_harmless(tmp_path):
+    """In a process of its own, because HDF5 is not written for damaged files."""
+    program = f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_artifacts import *
+        folder = Path({str(tmp_path)!r})
+        whole = put(folder / "whole.h5", small()).read_bytes()
+        random = np.random.default_rng(3)
+        refused = 0
+        for _ in range(600):
+            damaged = bytearray(whole)
+            for _ in range(random.integers(1, 6)):
+                damaged[random.integers(len(damaged))] ^= 1 << random.integers(8)
+            (folder / "flipped.h5").write_bytes(damaged)
+            try:
+                assert same(load(folder / "flipped.h5", Small, paper="powered_descent"), small())
+            except ArtifactError:
+                refused += 1
+        print(refused)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == 600
+
+
+def edited(tmp_path, edit):
+    path = put(tmp_path / "edited.h5", small())
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def replaced(name, **dataset):
+    def edit(file):
+        del file[name]
+        file.create_dataset(name, **dataset)
+
+    return edit
+
+
+def linked(link):
+    def edit(file):
+        del file["mass"]
+        file["mass"] = link
+
+    return edit
+
+
+def virtual(file):
+    del file["mass"]
+    layout = h5py.VirtualLayout((50,), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "mass", (50,))
+    file.create_virtual_dataset("mass", layout)
+
+
+def group_for_dataset(file):
+    del file["mass"]
+    file.create_group("mass")
+
+
+def rename(file):
+    file.move("mass", "weight")
+
+
+REFERENCE = np.full(50, h5py.Reference(), dtype=object)
+TAMPERED = {
+    "missing": (lambda file: file.pop("mass"), "'mass' is missing"),
+    "extra": (lambda file: file.create_dataset("extra", data=1.0), "'extra' is no field of Small"),
+    "renamed": (rename, "'weight' is no field"),
+    "shape": (replaced("mass", data=np.zeros((50, 2))), r"'mass' has shape \(50, 2\)"),
+    "extent": (replaced("mass", data=np.zeros(49)), r"'mass' has shape \(49,\).*time is 50 as in field 'time'"),
+    "float32": (replaced("mass", data=np.zeros(50, "f4")), "'mass' is of type float32, not float64"),
+    "big-endian": (replaced("mass", data=np.zeros(50, ">f8")), "'mass' is of type >f8"),
+    "int": (replaced("mass", data=np.zeros(50, int)), "'mass' is of type int64, not float64"),
+    "text": (replaced("mass", data="a"), "'mass' is of type object, not float64"),
+    "variable text": (replaced("label", data="a"), "'label' is of type object, not str"),
+    "number for text": (replaced("label", data=1), "'label' is of type int64, not str"),
+    "empty": (replaced("mass", data=h5py.Empty("f8")), "'mass' holds no value"),
+    "nan": (lambda file: file["mass"].write_direct(np.full(50, np.nan)), "'mass' is not finite: 50 of 50"),
+    "other value": (lambda file: file["mass"].write_direct(np.zeros(50)), "was edited with other tools"),
+    "reference": (replaced("mass", data=REFERENCE, dtype=h5py.ref_dtype), "'mass' is of type object"),
+    "soft link": (linked(h5py.SoftLink("/time")), r"'mass' is a link to somewhere else \(SoftLink\)"),
+    "dangling link": (linked(h5py.SoftLink("/none")), r"'mass' is a link to somewhere else \(SoftLink\)"),
+    "external link": (linked(h5py.ExternalLink("other.h5", "/mass")), r"'mass' is a link .*\(ExternalLink\)"),
+    "virtual": (virtual, "'mass' takes its values from another file"),
+    "external storage": (
+        replaced("mass", shape=(50,), dtype="f8", external=[("/dev/zero", 0, 400)]),
+        "'mass' takes its values from another file",
+    ),
+    "group": (group_for_dataset, "'mass' is unexpectedly a group"),
+    "huge": (replaced("mass", shape=(2**50,), dtype="f8", chunks=(1024,)), "'mass' declares 9007199254740992 bytes"),
+    "hollow": (replaced("mass", shape=(2**24,), dtype="f8", chunks=(1024,)), "'mass' declares .* the file stores 0"),
+    "no type": (lambda file: file.attrs.pop("artifact"), "holds the artifact None, not 'Small'"),
+    "no paper": (lambda file: file.attrs.pop("paper"), "is of the paper None"),
+    "other unit": (lambda file: file["mass"].attrs.__setitem__("unit", "g"), "was edited with other tools"),
+    "older format": (lambda file: file.attrs.__setitem__("format", 0), "written by another version"),
+    "older schema": (lambda file: file.attrs.__setitem__("schema", "0" * 16), "written by another version"),
+}
+
+
+@pytest.mark.parametrize("case", TAMPERED)
+def test_a_tampered_file_is_refused_by_name(tmp_path, case):
+    edit, message = TAMPERED[case]
+    put(tmp_path / "other.h5", small())
+    path = edited(tmp_path, edit)
+    with pytest.raises(ArtifactError, match=rf"(?s)edited\.h5.*{message}.*delete it and run snakemake again"):
+        load(path, Small, paper="powered_descent", reading="corrected")
+
+
+def test_another_paper_reading_or_type(tmp_path):
+    path = put(tmp_path / "a.h5", small(), paper="funnels", reading="printed")
+    assert same(load(path, Small, paper="funnels", reading="printed"), small())
+    with pytest.raises(ArtifactError, match="of the paper 'funnels', not 'desensitized'"):
+        load(path, Small, paper="desensitized")
+    with pytest.raises(ArtifactError, match="of the reading 'printed', not 'corrected'"):
+        load(path, Small, reading="corrected")
+    with pytest.raises(ArtifactError, match="holds the artifact 'Small', not 'Everything'"):
+        load(path, Everything)
+
+
+def schema_of(unit="kg", dims=("time",), dtype=None, name="mass", meaning="mass"):
+    @dataclass(frozen=True)
+    class Small:
+        """The same name, perhaps with other fields."""
+
+        time: np.ndarray = quantity("s", ("time",), "time")
+        label: str = quantity("1", (), "a label")
+
+    fields = {"time": np.ndarray, "label": str, name: np.ndarray}
+    namespace = {"time": Small.__dataclass_fields__["time"], "label": Small.__dataclass_fields__["label"]}
+    namespace[name] = quantity(unit, dims, meaning, dtype)
+    return dataclass(frozen=True)(type("Small", (), {"__annotations__": fields, "__doc__": "Small.", **namespace}))
+
+
+@pytest.mark.parametrize("change", [{"unit": "g"}, {"dims": (50,)}, {"dtype": np.int64}, {"name": "weight"}])
+def test_a_file_of_an_older_schema_is_refused(tmp_path, change):
+    path = put(tmp_path / "a.h5", small())
+    with pytest.raises(ArtifactError, match="artifact Small was written by another version"):
+        load(path, schema_of(**change))
+
+
+def test_another_wording_or_order_is_the_same_schema(tmp_path):
+    assert np.array_equal(load(put(tmp_path / "a.h5", small()), schema_of(meaning="wet mass")).mass, small().mass)
+
+
+def test_provenance_refuses_links(tmp_path):
+    path = edited(tmp_path, lambda file: file["provenance"].__setitem__("more", h5py.ExternalLink("other.h5", "/")))
+    with pytest.raises(ArtifactError, match="'more' is a link"):
+        artifacts.provenance(path)
+
+
+# ----------------------------------------------------------------------------------------------------------- atomicity
+
+
+@pytest.mark.parametrize("moment", ["write", "fsync", "replace"])
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (28, "no space left.*free space and run again"),
+        (122, "no space left.*free space and run again"),
+        (13, "permission to write into its folder and run again"),
+        (30, "permission to write into its folder and run again"),
+        (5, "remove the cause and run again"),
+    ],
+)
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch, moment, number, remedy):
+    path = put(tmp_path / "a.h5", small())
+    before = path.read_bytes()
+
+    def fail(*arguments, **options):
+        raise OSError(number, os.strerror(number))
+
+    target, name = {"write": (Path, "open"), "fsync": (os, "fsync"), "replace": (Path, "replace")}[moment]
+    monkeypatch.setattr(target, name, fail)
+    with pytest.raises(
+        ArtifactError, match=rf"a\.h5: cannot be written.*{remedy}; nothing that was there before was touched"
+    ):
+        put(path, replace(small(), label="new"))
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert leftovers(tmp_path) == []
+
+
+def test_an_interrupt_while_writing_leaves_the_old_file(tmp_path, monkeypatch):
+    path = put(tmp_path / "a.h5", small())
+
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        put(path, replace(small(), label="new"))
+    monkeypatch.undo()
+    assert load(path, Small).label == "a"
+    assert leftovers(tmp_path) == []
+
+
+def test_a_real_limit_on_file_size(tmp_path):
+    path = put(tmp_path / "a.h5", small())
+    before = path.read_bytes()
+    program = f"""
+        import resource, sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_artifacts import *
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        try:
+            put(Path({str(path)!r}), replace(small(), label="new"))
+        except ArtifactError as error:
+            print(error)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "no space left" in done.stdout
+    assert "nothing that was there before was touched" in done.stdout
+    assert path.read_bytes() == before
+    assert leftovers(tmp_path) == []
+
+
+def test_a_kill_in_mid_write_does_no_harm(tmp_path):
+    path = put(tmp_path / "a.h5", small())
+    before = path.read_bytes()
+    program = f"""
+        import signal, sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_artifacts import *
+        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+        put(Path({str(path)!r}), replace(small(), label="new"))
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL
+    assert path.read_bytes() == before
+    assert len(leftovers(tmp_path)) == 1
+    put(path, replace(small(), label="new"))
+    assert load(path, Small).label == "new"
+    assert leftovers(tmp_path) == []
+
+
+def test_stale_and_foreign_temporaries(tmp_path):
+    path = tmp_path / "a.h5"
+    own = artifacts._partial_path(path)
+    own.write_bytes(b"from an earlier process with the same number")
+    foreign = tmp_path / ".a.h5.another-machine.1.partial"
+    running = own.with_name(own.name.replace(f".{os.getpid()}.", f".{os.getppid()}."))
+    for partial in (foreign, running):
+        partial.write_bytes(b"another process is writing this")
+    assert same(load(put(path, small()), Small), small())
+    assert sorted(leftovers(tmp_path)) == sorted([foreign.name, running.name])
+
+
+def test_a_folder_in_the_way(tmp_path):
+    (tmp_path / "a.h5").mkdir()
+    with pytest.raises(ArtifactError, match=r"a\.h5: cannot be written"):
+        put(tmp_path / "a.h5", small())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArtifactError, match=r"a\.h5: cannot be written"):
+        put(tmp_path / "file/a.h5", small())
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder(tmp_path):
+    path = put(tmp_path / "sub/a.h5", small())
+    path.parent.chmod(0o555)
+    try:
+        with pytest.raises(ArtifactError, match="permission to write into its folder"):
+            put(path, replace(small(), label="new"))
+        assert load(path, Small).label == "a"
+    finally:
+        path.parent.chmod(0o755)
+
+
+def test_a_copy_elsewhere_loads(tmp_path):
+    path = put(tmp_path / "a.h5", small())
+    shutil.copy(path, tmp_path / "b.h5")
+    assert same(load(tmp_path / "b.h5", Small), small())

@@ -1,0 +1,570 @@
+import csv
+import io
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.replication.claims import (
+    COUNTED_VERDICTS,
+    Close,
+    Declaration,
+    Evaluation,
+    PublishedClaim,
+    claims_table,
+    collect,
+    format_lines,
+    format_number,
+    format_result,
+    judge,
+    load_published,
+    read_claims,
+    summary,
+    write_claims,
+)
+from marsedl.replication.errors import ArtifactError, InputError
+
+PUBLISHED = Path(__file__).parents[2] / "data" / "published"
+
+
+def claim(**changes):
+    base = PublishedClaim("paper", "mass", "Sec. V", "final mass", 1349, "kg", "deterministic", resolution=1)
+    return replace(base, **changes)
+
+
+def verdict(claim, value, *rest, close=None, **given):
+    return judge(claim, Evaluation(value, *rest, **given), close)[0]
+
+
+# ---------------------------------------------------------------------------------------------------- loading
+
+
+def load(tmp_path, text):
+    path = tmp_path / "paper.yaml"
+    path.write_text(text)
+    return load_published(path)
+
+
+ENTRY = """
+claims:
+  - id: mass
+    where: Sec. V
+    quantity: final mass
+    printed: 1349
+    unit: kg
+    resolution: 1
+    kind: monte_carlo
+    trials: 2000
+"""
+
+
+def test_the_printed_claims_of_powered_descent_load():
+    claims = load_published(PUBLISHED / "powered_descent.yaml")
+    assert len(claims) == 31
+    assert {c.paper for c in claims} == {"powered_descent"}
+    by_id = {c.id: c for c in claims}
+    assert by_id["alpha_from_isp"].printed == 4.85e-4
+    assert by_id["mc_final_mean"].trials == 2000
+    assert [c.kind for c in claims].count("qualitative") == 22
+
+
+def test_every_published_file_loads():
+    for path in sorted(PUBLISHED.glob("*.yaml")):
+        assert load_published(path)
+
+
+def test_all_shapes_of_printed_values_load(tmp_path):
+    entries = {
+        "matrix": ("[[1.5, 2.5], [3.5, 4.5]]", "resolution: 0.1\n    kind: deterministic"),
+        "vector": ("[1, 0.25]", "resolution: [1, 0.01]\n    kind: deterministic"),
+        "text": ("ZEM", "kind: input"),
+        "infinite": ("[0, .inf]", "resolution: 1\n    kind: input"),
+        "quoted": ("1.4", "resolution: 0.1\n    kind: context"),
+        "open": ("[12, 32]", "kind: undetermined"),
+    }
+    text = "claims:\n" + "".join(
+        f"  - id: {name}\n    where: here\n    quantity: it\n    unit: '1'\n    printed: {printed}\n    {rest}\n"
+        for name, (printed, rest) in entries.items()
+    )
+    assert [c.id for c in load(tmp_path, text)] == list(entries)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("unit: kg", "unit: kg\n    units: kg", ["mass", "'units'", "'unit'"]),
+        ("kind: monte_carlo", "kind: montecarlo", ["mass", "'kind'", "'monte_carlo'"]),
+        ("kind: monte_carlo", "kind: qualitative", ["mass", "'printed'", "true or false"]),
+        ("    trials: 2000\n", "", ["mass", "'trials'", "missing"]),
+        ("trials: 2000", "trials: 2.5", ["mass", "'trials'", "2.5"]),
+        ("trials: 2000", "trials: true", ["mass", "'trials'"]),
+        ("    resolution: 1\n", "", ["mass", "'resolution'", "missing"]),
+        ("resolution: 1", "resolution: 0", ["mass", "'resolution'", "positive"]),
+        ("resolution: 1", "resolution: 1e-6", ["mass", "'resolution'", "1.0e-6"]),
+        ("resolution: 1", "resolution: [1, 1]", ["mass", "'resolution'", "shape"]),
+        ("printed: 1349", "printed: many", ["mass", "'printed'", "many"]),
+        ("printed: 1349", "printed: true", ["mass", "'printed'", "True"]),
+        ("printed: 1349", "printed: .nan", ["mass", "'printed'", "finite"]),
+        ("printed: 1349", "printed: .inf", ["mass", "'printed'", "finite"]),
+        ("printed: 1349", "printed: {a: 1}", ["mass", "'printed'"]),
+        ("    printed: 1349\n", "", ["mass", "'printed'", "missing"]),
+        ("unit: kg", "unit: 1", ["mass", "'unit'", "text"]),
+        ("id: mass", "id: a mass", ["a mass", "'id'"]),
+        ("unit: kg", "unit: kg\n    unit: g", ["unit", "twice"]),
+        ("claims:", "claim:", ["claims"]),
+        ("claims:", "claims: [", ["paper.yaml"]),
+    ],
+)
+def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, words):
+    assert load(tmp_path, ENTRY)
+    with pytest.raises(InputError) as error:
+        load(tmp_path, ENTRY.replace(old, new, 1))
+    for word in ["paper.yaml", *words]:
+        assert word in str(error.value)
+
+
+def test_a_repeated_id_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"paper.yaml: claim mass: key 'id'"):
+        load(tmp_path, ENTRY + ENTRY.replace("claims:\n", ""))
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"none.yaml"):
+        load_published(tmp_path / "none.yaml")
+
+
+# ---------------------------------------------------------------------------------------------------- verdict rules
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1349, "reproduced"),
+        (1349.5, "reproduced"),
+        (1348.5, "reproduced"),
+        (1349.5001, "differs"),
+        (1348.4999, "differs"),
+    ],
+)
+def test_a_deterministic_scalar_reproduces_within_the_printed_rounding(value, expected):
+    assert verdict(claim(), value) == expected
+
+
+def test_the_rounding_edge_tolerates_floating_point_noise_and_no_more():
+    small = claim(printed=0.3, resolution=0.1)
+    assert verdict(small, 0.1 + 0.15) == "reproduced"  # 0.25 exactly on the edge, in binary a little off
+    assert verdict(small, 0.25 - 1e-8) == "differs"
+    huge = claim(printed=4.2828e13, resolution=1e9)
+    assert verdict(huge, 4.2828e13 + 0.5e9) == "reproduced"
+    assert verdict(huge, 4.2828e13 + 0.5e9 + 1e3) == "differs"
+
+
+def test_every_component_of_a_deterministic_vector_must_reproduce():
+    vector = claim(printed=[1.0, 20.0], resolution=[0.1, 10.0])
+    assert verdict(vector, [1.05, 25.0]) == "reproduced"
+    assert verdict(vector, [1.051, 20.0]) == "differs"
+    assert verdict(vector, [1.0, 14.99]) == "differs"
+    assert verdict(claim(printed=[1.0, 20.0], resolution=0.1), np.array([1.04, 19.96])) == "reproduced"
+    matrix = claim(printed=[[1, 2], [3, 4]], resolution=1)
+    assert verdict(matrix, [[1.4, 2.4], [3.4, 4.5]]) == "reproduced"
+    assert verdict(matrix, [[1.4, 2.4], [3.4, 4.6]]) == "differs"
+
+
+def test_monte_carlo_counts_our_error_the_papers_and_the_rounding():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    own = 0.3  # with 2000 trials: the paper's 500 have twice the error
+    combined = math.sqrt(own**2 + (2 * own) ** 2 + 1 / 12)
+    for sign in (+1, -1):
+        inside, z = judge(printed, Evaluation(1349 + sign * 2.999 * combined, own, 2000))
+        assert inside == "reproduced"
+        assert z["largest"] == pytest.approx(sign * 2.999)
+        assert z["component"] is None
+        assert judge(printed, Evaluation(1349 + sign * 3.001 * combined, own, 2000))[0] == "differs"
+
+
+def test_every_component_of_a_monte_carlo_vector_must_reproduce_and_the_worst_is_named():
+    printed = claim(kind="monte_carlo", printed=[100.0, 50.0, 0.0], trials=1000, resolution=0.001)
+    errors = [1.0, 0.1, 0.01]
+    edge = [math.sqrt(2 * e**2 + 0.001**2 / 12) for e in errors]
+    inside, z = judge(printed, Evaluation([100 + edge[0], 50 - 2.999 * edge[1], 2 * edge[2]], errors, 1000))
+    assert (inside, z["component"]) == ("reproduced", [2])
+    assert z["largest"] == pytest.approx(-2.999)
+    outside, z = judge(printed, Evaluation([100.0, 50.0, 3.001 * edge[2]], errors, 1000))
+    assert (outside, z["component"]) == ("differs", [3])
+    matrix = claim(kind="monte_carlo", printed=[[1.0, 2.0]], trials=10, resolution=0.1)
+    assert judge(matrix, Evaluation([[1.0, 9.0]], [[0.1, 0.1]], 10))[1]["component"] == [1, 2]
+
+
+def test_close_is_a_tolerance_stated_beforehand():
+    one_percent = Close("the step size is not stated", relative=0.01)
+    printed = claim(printed=-200.0, resolution=0.1)
+    assert verdict(printed, -200.04, close=one_percent) == "reproduced"
+    assert verdict(printed, -201.999, close=one_percent) == "close"
+    assert verdict(printed, -198.001, close=one_percent) == "close"
+    assert verdict(printed, -202.001, close=one_percent) == "differs"
+    assert verdict(printed, -200.5, close=Close("why", absolute=0.5)) == "close"
+    assert verdict(printed, -200.501, close=Close("why", absolute=0.5)) == "differs"
+    vector = claim(printed=[1.0, 0.0], resolution=0.01)
+    assert verdict(vector, [1.1, 0.2], close=Close("why", absolute=[0.1, 0.2])) == "close"
+    assert verdict(vector, [1.1, 0.21], close=Close("why", absolute=[0.1, 0.2])) == "differs"
+    assert verdict(vector, [1.001, 0.02], close=Close("a zero leaves no room", relative=0.5)) == "differs"
+    noisy = claim(kind="monte_carlo", trials=100, resolution=1.0)
+    assert verdict(noisy, 1360.0, 0.1, 100, close=one_percent) == "close"
+    with pytest.raises(ArtifactError, match="tolerance"):
+        verdict(vector, [2.0, 2.0], close=Close("why", absolute=[0.1]))
+
+
+@pytest.mark.parametrize("given", [{}, {"relative": 0.1, "absolute": 1.0}, {"relative": 0.0}, {"absolute": math.nan}])
+def test_close_needs_one_positive_tolerance(given):
+    with pytest.raises(InputError):
+        Close("why", **given)
+
+
+def test_close_needs_a_reason():
+    with pytest.raises(InputError, match="reason"):
+        Close(" ", relative=0.1)
+
+
+@pytest.mark.parametrize(
+    ("printed", "computed", "expected"),
+    [(True, True, "holds"), (True, False, "fails"), (False, False, "holds"), (False, True, "fails")],
+)
+def test_a_statement_holds_if_the_test_decides_as_printed(printed, computed, expected):
+    statement = claim(kind="qualitative", printed=printed, resolution=None)
+    assert verdict(statement, computed, evidence="factor 0.011") == expected
+    assert verdict(statement, np.bool_(computed), evidence="factor 0.011") == expected
+
+
+def test_a_statement_needs_a_bool_and_evidence():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    with pytest.raises(ArtifactError, match="evidence"):
+        verdict(statement, True)
+    with pytest.raises(ArtifactError, match="true or false"):
+        verdict(statement, 1, evidence="one")
+
+
+def test_inputs_are_as_stated_only_if_used_literally():
+    speed = claim(kind="input", printed=6.1, resolution=0.1)
+    assert verdict(speed, 6.1 * (1 + 1e-12)) == "as_stated"
+    assert verdict(speed, 6.1001) == "not_as_stated"  # within the rounding, and yet not what is stated
+    assert verdict(claim(kind="input", printed=[0, math.inf]), [0.0, math.inf]) == "as_stated"
+    assert verdict(claim(kind="input", printed=True, resolution=None), False) == "not_as_stated"
+    assert verdict(claim(kind="input", printed="ZEM", resolution=None), "ZEM") == "as_stated"
+    assert verdict(claim(kind="input", printed=1, resolution=None), True) == "not_as_stated"
+
+
+def test_undetermined_and_quoted_do_not_depend_on_values():
+    for value in (None, 5.0, [1, 2]):
+        assert verdict(claim(kind="undetermined"), value) == "undetermined"
+        assert verdict(claim(kind="context"), value) == "quoted"
+
+
+def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
+    assert verdict(claim(), None) is None
+
+
+def test_a_value_that_is_not_finite_never_reproduces():
+    assert verdict(claim(), math.nan) == "differs"
+    assert verdict(claim(), math.inf, close=Close("why", relative=1.0)) == "differs"
+    assert judge(claim(kind="monte_carlo", trials=10), Evaluation(math.nan)) == ("differs", None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "evaluation", "word"),
+    [
+        ({}, Evaluation([1.0]), "shape"),
+        ({"printed": [1, 2]}, Evaluation(1.0), "shape"),
+        ({"printed": [1, 2]}, Evaluation([1.0, 2.0, 3.0]), "shape"),
+        ({}, Evaluation(True), "numbers"),
+        ({}, Evaluation("many"), "numbers"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, None, 10), "standard error"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, [0.1], 10), "shape"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.nan, 10), "finite"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
+    ],
+)
+def test_an_unusable_evaluation_is_refused_by_name(changes, evaluation, word):
+    with pytest.raises(ArtifactError, match=rf"paper: claim mass: .*{word}"):
+        judge(claim(**changes), evaluation)
+
+
+# ---------------------------------------------------------------------------------------------------- collecting
+
+CLAIMS = [
+    claim(),
+    claim(id="converges", kind="qualitative", printed=True, resolution=None, unit="1"),
+    claim(id="isp", kind="input", printed=210, unit="s"),
+    claim(id="effort", kind="undetermined", printed=[12, 32], unit="h, cores"),
+    claim(id="msl", kind="context", printed=20, unit="km"),
+    claim(id="mean", kind="monte_carlo", printed=[100.1, 49.8], resolution=0.1, trials=2000, unit="m"),
+]
+DECLARED = {
+    "mean": Declaration("The step is too long: {value[1]:.2f} m (z = {z:.1f}); {target4[value][1]:.1f} m.", ("E11",)),
+    "mass": Declaration("{printed[prior]:.1f} kg against {prior:.1f} kg.", errata=("E5", "E17")),
+}
+
+
+def evaluations(**changes):
+    values = {
+        "mass": Evaluation(1349.4, numbers={"prior": 1349.44}),
+        "converges": Evaluation(True, evidence="largest factor 0.011."),
+        "isp": Evaluation(210.0),
+        "effort": None,
+        "mean": Evaluation([100.0, 50.0], [0.05, 0.01], 2000),
+    }
+    return {**values, **changes}
+
+
+def readings():
+    return {
+        "printed": evaluations(mass=Evaluation(1355.0, numbers={"prior": np.float64(1354.9)})),
+        "corrected": evaluations(isp=Evaluation(211)),
+        "target4": evaluations(converges=None),
+    }
+
+
+def collected():
+    return collect(CLAIMS, DECLARED, readings(), known_errata=["E5", "E11", "E17"])
+
+
+def test_rows_show_the_default_reading_first_and_keep_every_reading():
+    rows = {row["id"]: row for row in collected()}
+    assert list(rows) == [c.id for c in CLAIMS]
+    mass = rows["mass"]
+    assert (mass["verdict"], mass["reading"]) == ("reproduced", "corrected")
+    assert list(mass["readings"]) == ["corrected", "printed", "target4"]
+    assert mass["readings"]["printed"]["verdict"] == "differs"
+    assert mass["reason"] == "E5, E17. 1354.9 kg against 1349.4 kg."
+    for key in ("paper", "id", "where", "quantity", "unit", "kind", "printed", "resolution", "verdict", "reading"):
+        assert key in mass
+    assert set(mass["readings"]["printed"]) == {"value", "standard_error", "trials", "verdict", "evidence", "z"}
+    assert rows["converges"]["readings"]["target4"]["verdict"] is None
+    assert rows["effort"]["verdict"] == "undetermined"
+    assert rows["msl"]["verdict"] == "quoted"
+    # an input is checked in the reading that must use it, and visibly not in the others
+    assert (rows["isp"]["verdict"], rows["isp"]["reading"]) == ("as_stated", "printed")
+    assert rows["isp"]["readings"]["corrected"]["verdict"] == "not_as_stated"
+    mean = rows["mean"]
+    assert mean["verdict"] == "differs"
+    assert mean["readings"]["corrected"]["z"]["component"] == [2]
+    assert mean["reason"].startswith("E11. The step is too long: 50.00 m (z = 6.")
+    assert mean["reason"].endswith("; 50.0 m.")
+
+
+def test_another_default_reading_can_be_chosen():
+    rows = collect(CLAIMS, DECLARED, readings(), default_reading="printed")
+    assert rows[0]["verdict"] == "differs"
+    assert next(iter(rows[0]["readings"])) == "printed"
+
+
+def test_a_reason_names_what_it_rests_on_only_once():
+    declared = {
+        "mass": Declaration("E17 rounds, the guess for the mass is free.", ("E17", "E5"), withheld=("the step size",))
+    }
+    rows = collect([CLAIMS[0]], declared, {"corrected": evaluations_of("mass")})
+    assert rows[0]["reason"] == (
+        "E5; withheld by the paper: the step size. E17 rounds, the guess for the mass is free."
+    )
+    assert (rows[0]["errata"], rows[0]["withheld"]) == (["E17", "E5"], ["the step size"])
+
+
+def evaluations_of(name, **given):
+    return {name: replace(evaluations()[name], **given)}
+
+
+@pytest.mark.parametrize(
+    "declaration",
+    [None, Declaration(), Declaration("It just differs."), Declaration("", ("E1",)), Declaration(" ", withheld=("h",))],
+)
+@pytest.mark.parametrize("name", ["mass", "converges"])
+def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(name, declaration):
+    published = [c for c in CLAIMS if c.id == name]
+    bad = Evaluation(1300.0) if name == "mass" else Evaluation(False, evidence="factor 1.2.")
+    declared = {} if declaration is None else {name: declaration}
+    with pytest.raises(InputError, match=rf"claim {name}: .*without a reason"):
+        collect(published, declared, {"corrected": {name: bad}})
+    for good in (Declaration("Because.", ("E1",)), Declaration("Because.", withheld=("the step",))):
+        assert collect(published, {name: good}, {"corrected": {name: bad}})[0]["verdict"] in ("differs", "fails")
+    # only the verdict that is shown first must be explained
+    fine = evaluations_of(name)
+    assert collect(published, declared, {"corrected": fine, "printed": {name: bad}})
+
+
+def test_a_close_verdict_says_why_its_tolerance_is_right():
+    declared = {"mass": Declaration(close=Close("The step is not stated.", relative=0.02))}
+    (row,) = collect([CLAIMS[0]], declared, {"corrected": {"mass": Evaluation(1355.0)}})
+    assert row["verdict"] == "close"
+    assert (
+        row["reason"] == "Within the tolerance stated beforehand (0.02 of the printed value): The step is not stated."
+    )
+    assert row["close"] == {"relative": 0.02, "absolute": None, "reason": "The step is not stated."}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r, d: r["corrected"].pop("mass"), ["corrected", "without an evaluator", "mass"]),
+        (lambda r, d: r["target4"].update(mas=None), ["target4", "unknown claim", "mas;", "'mass'"]),
+        (lambda r, d: d.update(mas=Declaration()), ["declaration", "unknown claim", "'mass'"]),
+        (lambda r, d: r.pop("corrected"), ["no evaluations of reading corrected"]),
+        (lambda r, d: r.pop("printed"), ["no evaluations of reading printed"]),
+        (lambda r, d: r["corrected"].update(mass=None), ["claim mass", "not evaluated in reading corrected"]),
+        (lambda r, d: r["printed"].update(isp=None), ["claim isp", "not evaluated in reading printed"]),
+        (lambda r, d: d.update(mass=Declaration("{priors:.1f}")), ["claim mass", "priors"]),
+        (lambda r, d: d.update(mass=Declaration("{prior:.1q}")), ["claim mass", "does not exist"]),
+        (lambda r, d: d.update(mass=Declaration("{standard_error:.1f}")), ["claim mass", "does not exist"]),
+        (lambda r, d: d.update(mass=Declaration("{other[prior]:.1f}")), ["claim mass", "other"]),
+        (lambda r, d: d.update(mass=Declaration("why", ("E99",))), ["claim mass", "unknown erratum", "E99"]),
+        (
+            lambda r, d: d.update(converges=Declaration(close=Close("why", relative=0.1))),
+            ["claim converges", "no tolerance"],
+        ),
+        (
+            lambda r, d: r["corrected"].update(mass=Evaluation(1349.0, numbers={"printed": 1.0})),
+            ["claim mass", "'printed'", "reading"],
+        ),
+    ],
+)
+def test_mistakes_of_a_paper_are_named(change, words):
+    given, declared = readings(), dict(DECLARED)
+    change(given, declared)
+    with pytest.raises(InputError) as error:
+        collect(CLAIMS, declared, given, known_errata=["E5", "E11", "E17"])
+    for word in ["paper", *words]:
+        assert word in str(error.value)
+
+
+def test_the_declared_tolerance_is_never_changed_by_the_result():
+    close = Close("why", relative=0.01)
+    with pytest.raises(AttributeError):
+        close.relative = 1.0
+
+
+# ---------------------------------------------------------------------------------------------------- files and tables
+
+
+def test_json_is_deterministic_complete_and_without_nan(tmp_path):
+    given = readings()
+    given["printed"]["mass"] = Evaluation(np.float64("nan"), numbers={"prior": math.nan})
+    given["printed"]["mean"] = Evaluation([math.inf, 1 / 3], [math.nan, 0.1], np.int64(2000))
+    rows = collect([*CLAIMS, claim(id="weights", kind="input", printed=[0, math.inf])], DECLARED, {
+        name: {**values, "weights": Evaluation([0, math.inf])} for name, values in given.items()
+    })  # fmt: skip
+    paths = tmp_path / "a" / "claims.json", tmp_path / "b.json"
+    for path in paths:
+        write_claims(rows, path)
+    content = paths[0].read_bytes()
+    assert content == paths[1].read_bytes()
+    assert content.endswith(b"]\n")
+    assert not any(word in content for word in (b"NaN", b"Infinity"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b.json"]
+    back = read_claims(paths[0])
+    assert back == rows
+    by_id = {row["id"]: row for row in back}
+    assert by_id["mass"]["readings"]["printed"]["value"] is None
+    assert by_id["mass"]["readings"]["printed"]["verdict"] == "differs"
+    assert by_id["mean"]["readings"]["printed"]["value"] == [None, 1 / 3]  # no digit is lost
+    assert by_id["weights"]["printed"] == [0, "inf"]
+    assert by_id["weights"]["verdict"] == "as_stated"
+
+
+def test_papers_are_sorted_and_claims_keep_their_order(tmp_path):
+    def of(paper):
+        return [{**row, "paper": paper} for row in collected()]
+
+    write_claims([*of("b"), *of("a")], tmp_path / "claims.json")
+    back = read_claims(tmp_path / "claims.json")
+    assert [(row["paper"], row["id"]) for row in back] == [(p, c.id) for p in "ab" for c in CLAIMS]
+
+
+def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
+    path = tmp_path / "claims.json"
+    write_claims(collected(), path)
+    before = path.read_bytes()
+    for bad in ([{"paper": "p", "id": "x", "value": math.nan}], [*collected(), *collected()]):
+        with pytest.raises(ArtifactError, match=r"claims.json"):
+            write_claims(bad, path)
+        assert path.read_bytes() == before
+    with pytest.raises(ArtifactError, match=r"none.json"):
+        read_claims(tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(ArtifactError, match=r"bad.json"):
+        read_claims(tmp_path / "bad.json")
+
+
+def test_tables_show_every_claim_and_every_reading():
+    text, markdown = claims_table(collected())
+    header = next(csv.reader(io.StringIO(text)))
+    assert len(header) == len(set(header))
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert [row["id"] for row in rows] == [c.id for c in CLAIMS]
+    mean = rows[-1]
+    assert mean["in the paper"] == "100.1; 49.8"
+    assert mean["corrected"] == "100.000 ± 0.050; 50.000 ± 0.010"
+    assert mean["corrected verdict"] == mean["verdict"] == "differs"
+    assert rows[0]["printed verdict"] == "differs"
+    assert rows[1]["target4"] == rows[1]["target4 verdict"] == "–"
+    lines = markdown.splitlines()
+    assert len(lines) == 2 + len(CLAIMS)
+    assert len({line.count(" | ") for line in lines}) == 1
+
+
+def test_a_markdown_cell_keeps_to_its_cell():
+    row = {**collected()[0], "quantity": "a|b\n<script>"}
+    _, markdown = claims_table([row])
+    assert "a\\|b &lt;script&gt;" in markdown
+    assert len(markdown.splitlines()) == 3
+
+
+def test_inputs_and_quotations_are_never_counted():
+    counts = summary(collected())
+    assert list(counts["counted"]) == list(COUNTED_VERDICTS)
+    assert counts["counted"] == {
+        "reproduced": 1, "close": 0, "differs": 1, "holds": 1, "fails": 0, "undetermined": 1,
+    }  # fmt: skip
+    assert counts["listed"] == {"as_stated": 1, "not_as_stated": 0, "quoted": 1}
+    assert summary(collected(), "target4")["counted"]["holds"] == 0
+    assert summary(collected(), "printed")["counted"]["differs"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((1349.3841, 0.0468), "1349.384 ± 0.047"),
+        ((-0.0047, 0.0056), "-0.0047 ± 0.0056"),
+        ((1.23e-5, 2e-7), "(1.230 ± 0.020)e-5"),
+        ((0.0, 0.0011), "0.0000 ± 0.0011"),
+        ((123456.0, 2345.0), "123456 ± 2345"),
+        ((4.85e-4, None, 1e-6), "4.85e-4"),
+        ((4.2828e13, None, 1e9), "4.2828e13"),
+        ((1346, None, 1), "1346"),
+        ((0.25, None, 0.001), "0.250"),
+        ((-12.1212, None, 1e-4), "-12.1212"),
+        ((2 / 3,), "0.666667"),
+        ((1.0, 0.0), "1"),
+        ((None,), "–"),
+        ((True,), "true"),
+        (("ZEM",), "ZEM"),
+        ((math.inf,), "inf"),
+    ],
+)
+def test_numbers_are_written_as_a_reader_expects(arguments, expected):
+    assert format_number(*arguments) == expected
+
+
+def test_vectors_are_written_line_by_line():
+    assert format_lines([3.889, 0.25], resolution=0.001) == ["3.889", "0.250"]
+    assert format_lines([1.0, 2.0], [0.1, 0.02]) == ["1.00 ± 0.10", "2.000 ± 0.020"]
+    assert format_lines([[1, 2], [3, 4]], resolution=[[1, 1], [0.1, 1]]) == ["1, 2", "3.0, 4"]
+
+
+def test_a_result_shows_two_digits_more_than_the_print():
+    row = collected()[0]
+    assert format_result(row, "corrected") == ["1349.40"]
+    assert format_result(row, "elsewhere") == ["–"]
+    failed = {**row, "readings": {"printed": {**row["readings"]["printed"], "value": None}}}
+    assert format_result(failed, "printed") == ["not finite"]

@@ -1,0 +1,360 @@
+"""Edits that matter change the code digest of a stage; edits that do not matter leave it alone."""
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from marsedl.replication.code_digest import SOURCE_ROOT, code_digest, reached, script_digest, source_digest
+from marsedl.replication.errors import InputError, MarsedlError
+
+ENTRY = "pkg.papers.stage:compute"
+
+TREE = {
+    "pkg/__init__.py": '"""The package."""\n',
+    "pkg/models/__init__.py": "",
+    "pkg/models/gravity.py": '''
+        """Gravity."""
+        import numpy as np
+
+        MU = 4.28e13  # m^3/s^2
+        J2, J3 = 1.9e-3, 3.1e-5
+        UNUSED = 1
+        TABLE = {}
+
+        def kernel(f):
+            """Mark a kernel."""
+            return f
+
+        def strength():
+            return 1
+
+        def default_height():
+            return 0.0
+
+        @kernel
+        def gravity(radius, height=default_height()):
+            """Acceleration."""
+            return MU / radius**2 * strength() + np.exp(height)
+
+        def oblateness(radius):
+            return J2 / radius
+
+        def unused(radius):
+            return UNUSED * radius
+    ''',
+    "pkg/models/vehicle.py": '''
+        from .gravity import TABLE
+
+        class Body:
+            """A body."""
+            drag = 1.0
+
+        class Vehicle(Body):
+            """A vehicle."""
+
+            def lift(self):
+                """Lift."""
+                return 2.0
+    ''',
+    "pkg/models/deep.py": "def only_inside():\n    return 1\n",
+    "pkg/models/dynamic.py": "def a():\n    return 1\n\ndef b():\n    return 2\n",
+    "pkg/methods/__init__.py": "from pkg.methods.steering import steer as steer_it\n",
+    "pkg/methods/steering.py": """
+        def steer(x):
+            return helper(x)
+
+        def helper(x):
+            return x
+
+        def other(x):
+            return x
+    """,
+    "pkg/methods/quoted.py": "class Planet:\n    radius = 1.0\n",
+    "pkg/papers/__init__.py": "",
+    "pkg/papers/stage.py": '''
+        """The stage."""
+        import numpy as np
+        from pkg import methods
+        from pkg.methods.quoted import Planet
+        from pkg.models import gravity as gr
+        from pkg.models.gravity import oblateness as flattening
+        from ..models.vehicle import Vehicle
+
+        CONSTANT = 3.0
+
+        def compute(inputs: "list[Planet]"):
+            """Compute it."""
+            from pkg.models.deep import only_inside
+            return gr.gravity(CONSTANT) + flattening(1.0) + methods.steer_it(2) + Vehicle().lift() + only_inside()
+
+        def draw(inputs):
+            return inputs
+    ''',
+}
+
+
+@pytest.fixture
+def tree(tmp_path):
+    for name, text in TREE.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(textwrap.dedent(text))
+    return tmp_path
+
+
+def edit(tree, name, old, new):
+    path = tree / name
+    text = path.read_text()
+    assert old in text, f"the test edits nothing: {old!r}"
+    path.write_text(text.replace(old, new, 1))
+
+
+def changes(tree, name, old, new, entry=ENTRY):
+    before = code_digest(entry, tree)
+    edit(tree, name, old, new)
+    return code_digest(entry, tree) != before
+
+
+GRAVITY, STAGE, STEERING = "pkg/models/gravity.py", "pkg/papers/stage.py", "pkg/methods/steering.py"
+
+SAME = {
+    "comment": (GRAVITY, "# m^3/s^2", "# cubic metres"),
+    "module docstring": (GRAVITY, '"""Gravity."""', '"""Weight."""'),
+    "module docstring removed": (GRAVITY, '"""Gravity."""', ""),
+    "function docstring": (GRAVITY, '"""Acceleration."""', '"""Something\n    longer."""'),
+    "class docstring": ("pkg/models/vehicle.py", '"""A vehicle."""', '"""Another."""'),
+    "method docstring": ("pkg/models/vehicle.py", '"""Lift."""', '"""Other."""'),
+    "blank lines": (GRAVITY, "def strength", "\n\n\ndef strength"),
+    "format": (GRAVITY, "MU / radius**2", "(MU   /\n        radius ** 2)"),
+    "quotes": ("pkg/methods/__init__.py", "steer as", "steer  as"),
+    "unreached function in a shared module": (GRAVITY, "UNUSED * radius", "UNUSED + radius"),
+    "unreached constant": (GRAVITY, "UNUSED = 1", "UNUSED = 2"),
+    "unreached function of the stage": (STAGE, "return inputs", "return 2 * inputs"),
+    "unreached neighbour": (STEERING, "def other(x):\n    return x", "def other(x):\n    return -x"),
+    "new unreached function": (GRAVITY, "def strength", "def new():\n    return 0\n\ndef strength"),
+    "new import of a library": (GRAVITY, "import numpy as np", "import numpy as np\nimport scipy"),
+    "order of functions": (
+        STEERING,
+        "def steer(x):\n    return helper(x)\n\ndef helper(x):\n    return x\n",
+        "def helper(x):\n    return x\n\ndef steer(x):\n    return helper(x)\n",
+    ),
+    "unimported module": ("pkg/models/dynamic.py", "return 1", "return 3"),
+}
+
+DIFFERENT = {
+    "the function itself": (STAGE, "flattening(1.0)", "flattening(1.5)"),
+    "int to float": (STAGE, "steer_it(2)", "steer_it(2.0)"),
+    "via module alias": (GRAVITY, "MU / radius**2", "MU / radius**3"),
+    "via a called function": (GRAVITY, "return 1\n", "return 2\n"),
+    "via constant": (GRAVITY, "MU = 4.28e13", "MU = 4.29e13"),
+    "via own constant": (STAGE, "CONSTANT = 3.0", "CONSTANT = 4.0"),
+    "via tuple constant": (GRAVITY, "J2, J3 = 1.9e-3", "J2, J3 = 2.0e-3"),
+    "via from-import": (GRAVITY, "J2 / radius", "J2 * radius"),
+    "via re-export": (STEERING, "return helper(x)", "return helper(2 * x)"),
+    "via re-export, transitively": (STEERING, "def helper(x):\n    return x", "def helper(x):\n    return -x"),
+    "the re-export itself": ("pkg/methods/__init__.py", "import steer as", "import other as"),
+    "via decorator": (GRAVITY, "return f", "return abs(f)"),
+    "decorator removed": (GRAVITY, "@kernel\n", ""),
+    "via default argument": (GRAVITY, "return 0.0", "return 1.0"),
+    "via class method": ("pkg/models/vehicle.py", "return 2.0", "return 2.5"),
+    "via base class": ("pkg/models/vehicle.py", "drag = 1.0", "drag = 1.1"),
+    "via import inside a function": ("pkg/models/deep.py", "return 1", "return 2"),
+    "via quoted annotation": ("pkg/methods/quoted.py", "radius = 1.0", "radius = 2.0"),
+    "other library": (GRAVITY, "import numpy as np", "import jax.numpy as np"),
+    "statement at import": (GRAVITY, "TABLE = {}", "TABLE = {}\nnp.seterr(all='raise')"),
+    "item set at import": (GRAVITY, "UNUSED = 1", "UNUSED = 1\nTABLE['x'] = strength"),
+    "registered at import": (GRAVITY, "def unused", "@TABLE.register(int)\ndef unused"),
+    "if at import": (GRAVITY, "UNUSED = 1", "if np:\n    UNUSED = 1"),
+    "statement at import of an ancestor": ("pkg/models/__init__.py", "", "import numpy\nnumpy.seterr(all='raise')\n"),
+    "statement at import of the package": ("pkg/__init__.py", '"""The package."""', "print()"),
+    "second assignment": (STAGE, "CONSTANT = 3.0", "CONSTANT = 3.0\nCONSTANT = 4.0"),
+    "augmented assignment": (STAGE, "CONSTANT = 3.0", "CONSTANT = 3.0\nCONSTANT += 1.0"),
+    "annotated assignment": (STAGE, "CONSTANT = 3.0", "CONSTANT: float = 3.5"),
+    "shadowed by a later definition": (GRAVITY, "def oblateness", "def strength():\n    return 5\n\ndef oblateness"),
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_an_edit_without_meaning_for_the_stage_keeps_the_digest(tree, case):
+    assert not changes(tree, *SAME[case])
+
+
+@pytest.mark.parametrize("case", DIFFERENT)
+def test_an_edit_that_the_stage_can_reach_changes_the_digest(tree, case):
+    assert changes(tree, *DIFFERENT[case])
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        "from pkg.models import dynamic\ndef compute(name):\n    return getattr(dynamic, name)()",
+        "import pkg.models.dynamic\ndef compute(name):\n    return getattr(pkg.models.dynamic, name)()",
+        "from pkg import models\ndef compute(name):\n    return getattr(getattr(models, 'dynamic'), name)()",
+        "from pkg.models.dynamic import *\ndef compute(name):\n    return a()",
+        "def compute(name):\n    from pkg.models import dynamic as d\n    return vars(d)[name]()",
+        "from pkg.models import dynamic\nCHOICE = dynamic\ndef compute(name):\n    return CHOICE.b()",
+    ],
+)
+def test_a_module_used_as_an_object_counts_whole(tree, use):
+    (tree / STAGE).write_text(use)
+    assert changes(tree, "pkg/models/dynamic.py", "return 2", "return 3")
+
+
+def test_attribute_access_reaches_only_the_attribute(tree):
+    (tree / STAGE).write_text("import pkg.models.dynamic\ndef compute():\n    return pkg.models.dynamic.a()")
+    assert not changes(tree, "pkg/models/dynamic.py", "return 2", "return 3")
+    assert changes(tree, "pkg/models/dynamic.py", "return 1", "return 3")
+
+
+def test_a_function_that_sees_its_globals_reaches_its_module(tree):
+    (tree / STAGE).write_text("def compute(name):\n    return globals()[name]()\ndef one():\n    return 1")
+    assert changes(tree, STAGE, "return 1", "return 2")
+
+
+def test_side_effects_count_with_what_they_reference(tree):
+    edit(tree, GRAVITY, "UNUSED = 1", "UNUSED = 1\nTABLE['x'] = unused")
+    assert changes(tree, GRAVITY, "UNUSED * radius", "UNUSED + radius")
+
+
+def test_side_effects_of_modules_imported_but_not_used(tree):
+    edit(tree, "pkg/models/deep.py", "def", "import pkg.models.dynamic\ndef")
+    assert changes(tree, "pkg/models/dynamic.py", "def a", "print()\ndef a")
+
+
+def test_names_bound_in_a_try_are_found(tree):
+    attempt = "try:\n    from pkg.models.dynamic import a\nexcept ImportError:\n    a = None\n"
+    (tree / STAGE).write_text(attempt + "def compute():\n    return a()\n")
+    assert changes(tree, "pkg/models/dynamic.py", "return 1", "return 3")
+    assert not changes(tree, "pkg/models/dynamic.py", "return 2", "return 4")
+
+
+def test_order_of_assignments_matters(tree):
+    (tree / STAGE).write_text("A = 1\nA = 2\nB = A\ndef compute():\n    return B\n")
+    assert changes(tree, STAGE, "A = 2\nB = A\n", "B = A\nA = 2\n")
+
+
+def test_module_getattr_is_followed(tree):
+    edit(tree, "pkg/models/dynamic.py", "def a", "def __getattr__(name):\n    return b\n\ndef a")
+    (tree / STAGE).write_text("from pkg.models import dynamic\ndef compute():\n    return dynamic.c()")
+    assert changes(tree, "pkg/models/dynamic.py", "return 2", "return 3")
+
+
+def test_import_cycles_end(tree):
+    (tree / "pkg/one.py").write_text(
+        "from pkg import two\nfrom pkg.two import x as y\ndef f():\n    return two.g() + y\n"
+    )
+    (tree / "pkg/two.py").write_text(
+        "from pkg import one\nfrom pkg.one import y as x\ndef g():\n    return one.f() + x\n"
+    )
+    assert changes(tree, "pkg/two.py", "one.f()", "2 * one.f()", entry="pkg.one:f")
+
+
+def test_namespace_packages_are_followed(tree):
+    (tree / "pkg/loose").mkdir()
+    (tree / "pkg/loose/part.py").write_text("def f():\n    return 1\n")
+    (tree / STAGE).write_text("import pkg.loose.part as part\ndef compute():\n    return part.f()\n")
+    assert changes(tree, "pkg/loose/part.py", "return 1", "return 2")
+
+
+def test_the_entry_may_be_re_exported_or_a_method(tree):
+    assert changes(tree, STEERING, "return helper(x)", "return 0", entry="pkg.methods:steer_it")
+    assert changes(tree, "pkg/models/vehicle.py", "return 2.0", "return 3.0", entry="pkg.models.vehicle:Vehicle.lift")
+
+
+def test_digest_does_not_depend_on_the_folder(tree, tmp_path_factory):
+    other = tmp_path_factory.mktemp("elsewhere")
+    for name in TREE:
+        (other / name).parent.mkdir(parents=True, exist_ok=True)
+        (other / name).write_bytes((tree / name).read_bytes())
+    (tree / "shim.py").write_text("from pkg.papers.stage import compute\n")
+    (other / "shim.py").write_text("from pkg.papers.stage import compute\n")
+    assert code_digest(ENTRY, tree) == code_digest(ENTRY, other)
+    assert source_digest(tree) == source_digest(other)
+    assert script_digest(tree / "shim.py", tree) == script_digest(other / "shim.py", other)
+
+
+def test_digest_does_not_depend_on_the_hash_seed(tree):
+    program = f"from marsedl.replication.code_digest import *; print(code_digest({ENTRY!r}, {str(tree)!r}))"
+    printed = {
+        subprocess.run(
+            [sys.executable, "-c", program], env={"PYTHONHASHSEED": seed}, capture_output=True, text=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert printed == {code_digest(ENTRY, tree) + "\n"}
+
+
+def test_reached_lists_symbols(tree):
+    edit(tree, GRAVITY, "UNUSED = 1", "UNUSED = 1\nnp.seterr(all='raise')")
+    found = reached(ENTRY, tree)
+    assert found == sorted(found)
+    assert {"pkg.papers.stage:compute", "pkg.models.gravity:MU", "pkg.methods.steering:helper"} <= set(found)
+    assert "pkg.models.gravity:(at import)" in found
+    assert not {"pkg.models.gravity:unused", "pkg.papers.stage:draw", "pkg.methods.steering:other"} & set(found)
+
+
+def test_script_digest_covers_the_script_and_what_it_reaches(tree):
+    script = tree / "workflow/shim.py"
+    script.parent.mkdir()
+    script.write_text("# a comment\nfrom pkg.models import gravity\nsnakemake.log(gravity.strength())\n")
+    before = script_digest(script, tree)
+    edit(tree, "workflow/shim.py", "# a comment", "# another")
+    edit(tree, GRAVITY, "UNUSED * radius", "UNUSED + radius")
+    assert script_digest(script, tree) == before
+    edit(tree, GRAVITY, "return 1", "return 2")
+    reached_edit = script_digest(script, tree)
+    edit(tree, "workflow/shim.py", "snakemake.log", "snakemake.print")
+    assert len({before, reached_edit, script_digest(script, tree)}) == 3
+
+
+def test_source_digest_sees_all_code_but_no_comments(tree):
+    before = source_digest(tree)
+    edit(tree, GRAVITY, "# m^3/s^2", "# metres")
+    edit(tree, GRAVITY, '"""Acceleration."""', '"""Other."""')
+    assert source_digest(tree) == before
+    edit(tree, "pkg/models/dynamic.py", "return 2", "return 3")
+    assert source_digest(tree) != before
+
+
+def test_source_digest_sees_a_moved_file(tree):
+    before = source_digest(tree)
+    (tree / "pkg/models/deep.py").rename(tree / "pkg/models/deeper.py")
+    assert source_digest(tree) != before
+
+
+@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), source_digest])
+def test_a_syntax_error_names_file_and_line(tree, digest):
+    edit(tree, GRAVITY, "def strength():", "def strength(:")
+    with pytest.raises(MarsedlError, match=r"gravity\.py, line \d+"):
+        digest(tree)
+
+
+@pytest.mark.parametrize(
+    ("entry", "named"),
+    [
+        ("pkg.papers.stage:comptue", "'compute'"),
+        ("pkg.papers.nothing:compute", "no module 'pkg.papers.nothing'"),
+        ("pkg.papers.stage", "package.module:function"),
+        ("", "no module ''"),
+        ("numpy:exp", "no module 'numpy'"),
+    ],
+)
+def test_a_wrong_entry_is_refused_by_name(tree, entry, named):
+    with pytest.raises(InputError, match=named):
+        code_digest(entry, tree)
+
+
+def test_a_missing_script_is_refused(tree):
+    with pytest.raises(InputError, match=r"nothing\.py"):
+        script_digest(tree / "nothing.py", tree)
+
+
+def test_the_real_package_is_covered_and_imports_little():
+    assert "marsedl.replication.code_digest:_Closure" in reached("marsedl.replication.code_digest:code_digest")
+    program = "import sys, marsedl.replication.code_digest; print([m for m in ('numpy', 'h5py') if m in sys.modules])"
+    finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert finished.stdout.strip() == "[]"
+    assert Path(SOURCE_ROOT, "marsedl", "__init__.py").is_file()

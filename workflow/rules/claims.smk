@@ -1,0 +1,56 @@
+# Verdicts on every printed claim: one job per paper over all its readings, then all papers in one file.
+
+
+rule claims:
+    input:
+        "report/claims.json",
+
+
+for _paper in PAPERS:
+
+    rule:
+        name:
+            f"{_paper}_claims"
+        input:
+            [path for reading in STUDIES[_paper].readings for path in artifacts(_paper, reading).values()],
+            published=f"data/published/{_paper}.yaml",
+        output:
+            claims=f"report/claims/{_paper}.json",
+            table=[f"figures/{_paper}/claims.csv", f"figures/{_paper}/claims.md"],
+            **{
+                stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]
+                for stem in PAPERS[_paper].summaries
+            },
+        log:
+            f"logs/{_paper}/claims.log",
+        benchmark:
+            f"benchmarks/{_paper}/claims.tsv"
+        params:
+            paper=_paper,
+            artifacts={reading: artifacts(_paper, reading) for reading in STUDIES[_paper].readings},
+            inputs={
+                name: reading.slice(MODELS[_paper].model_fields)
+                for name, reading in STUDIES[_paper].readings.items()
+            },
+            errata=[erratum.id for erratum in PAPERS[_paper].errata],
+            summaries=list(PAPERS[_paper].summaries),
+            code=claims_code(_paper),
+        conda:
+            "../envs/marsedl.yaml"
+        script:
+            "../scripts/claims.py"
+
+
+rule all_claims:
+    input:
+        [f"report/claims/{paper}.json" for paper in PAPERS],
+    output:
+        "report/claims.json",
+    log:
+        "logs/claims.log",
+    params:
+        code=script_of("all_claims.py"),
+    conda:
+        "../envs/marsedl.yaml"
+    script:
+        "../scripts/all_claims.py"

@@ -1,0 +1,172 @@
+# Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
+import hashlib
+import sys
+
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.code_digest import code_digest, script_digest
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import load_studies
+
+SOURCE = Path(workflow.basedir) / "src"
+SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
+PAPERS = {slug: catalogue(slug) for slug in SLUGS}
+DEFAULT = "corrected"
+
+try:
+    MODELS = {slug: input_model(slug) for slug in SLUGS}
+    STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+except InputError as error:
+    sys.exit(f"\nmarsedl: {error}\n")
+
+
+wildcard_constraints:
+    paper="|".join(SLUGS),
+    reading="|".join(
+        sorted({name for study in STUDIES.values() for name in study.readings})
+    ),
+    case="[a-z_]+",
+    chunk=r"\d+",
+    chunks=r"\d+",
+    stem="[a-z0-9_]+",
+
+
+def cached(paper, name):
+    """The file of an artifact, for any reading."""
+    return f"data/cache/{paper}/{{reading}}/{name}.h5"
+
+
+def needs(paper, name):
+    """Input files of a stage, by the name of the function's parameter."""
+    return {need.split(".")[-1]: cached(paper, need) for need in PAPERS[paper].stages[name].needs}
+
+
+def code_of(entry, script):
+    """Digest of the code that a job can reach: its script and its function."""
+    return f"{script_digest(SCRIPTS / script, SOURCE)[:16]} {code_digest(entry, SOURCE)[:16]}"
+
+
+def stage(paper, name):
+    """The params of a stage's rule."""
+    entry = PAPERS[paper].entry(name)
+    inputs = PAPERS[paper].stages[name].inputs
+    return dict(
+        paper=paper,
+        entry=entry,
+        inputs=lambda wildcards: STUDIES[paper].readings[wildcards.reading].slice(inputs),
+        code=code_of(entry, "stage.py"),
+    )
+
+
+def cases(paper, reading):
+    """The Monte Carlo cases of a reading with their numbers of trials; a case without trials is left out."""
+    inputs = STUDIES[paper].readings[reading].inputs
+    trials = {case: getattr(inputs, name) for case, name in PAPERS[paper].cases.items()}
+    return {case: number for case, number in trials.items() if number}
+
+
+def chunk_files(paper):
+    """The chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials."""
+
+    def files(wildcards):
+        blocks = -(-cases(paper, wildcards.reading)[wildcards.case] // PAPERS[paper].trials_per_block)
+        chunks = min(STUDIES[paper].chunks[wildcards.case], blocks)
+        pattern = f"data/cache/{paper}/{{reading}}/chunks/{{case}}.{{k}}of{chunks}.h5"
+        return expand(pattern, reading=wildcards.reading, case=wildcards.case, k=range(chunks))
+
+    return files
+
+
+def chunk_options(paper):
+    """What tells one chunk from another: its case and its share of the trials."""
+    return lambda wildcards: dict(
+        case=wildcards.case,
+        trials=cases(paper, wildcards.reading)[wildcards.case],
+        chunk=int(wildcards.chunk),
+        chunks=int(wildcards.chunks),
+        block_size=PAPERS[paper].trials_per_block,
+    )
+
+
+def gathered_from(paper, stage):
+    """Inputs and code of a case's chunks, for the job that gathers them: chunks are temporary and leave no record."""
+    names = PAPERS[paper].stages[stage].inputs
+    return lambda wildcards: dict(
+        inputs=STUDIES[paper].readings[wildcards.reading].slice(names),
+        trials=cases(paper, wildcards.reading)[wildcards.case],
+        code=code_of(PAPERS[paper].entry(stage), "stage.py"),
+    )
+
+
+def drawn_from(paper, stem, reading):
+    """Input files of a figure or table."""
+    needed = PAPERS[paper].product(stem).needs
+    return {need.split(".")[-1]: cached(paper, need).format(reading=reading) for need in needed}
+
+
+def product(kind, script, reading=None):
+    """The params of a figure's or table's rule, for a fixed reading or that of the wildcards."""
+
+    def inputs(wildcards):
+        names = PAPERS[wildcards.paper].product(wildcards.stem).inputs
+        return STUDIES[wildcards.paper].readings[reading or wildcards.reading].slice(names)
+
+    def code(wildcards):
+        return code_of(f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}", script)
+
+    return dict(
+        paper=lambda wildcards: wildcards.paper,
+        reading=lambda wildcards: reading or wildcards.reading,
+        inputs=inputs,
+        code=code,
+        published=lambda wildcards: f"data/published/{wildcards.paper}.yaml",
+    )
+
+
+def artifacts(paper, reading):
+    """All artifacts of a reading, by name."""
+    stages = [name for name in PAPERS[paper].stages if not name.startswith("montecarlo")]
+    names = stages + [f"montecarlo.{case}" for case in cases(paper, reading)]
+    return {name.split(".")[-1]: cached(paper, name).format(reading=reading) for name in names}
+
+
+def products(paper):
+    """All figures and tables of a paper that `snakemake all` makes."""
+    catalogue = PAPERS[paper]
+    tables = [*catalogue.tables, *catalogue.summaries, "claims"]
+    return [f"figures/{paper}/{stem}.{ext}" for stem in catalogue.figures for ext in ("png", "pdf")] + [
+        f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")
+    ]
+
+
+def described(paper):
+    """A paper's readings for the report: what they are for, and every input as it is written, with its source."""
+    return {
+        name: dict(
+            summary=reading.summary,
+            based_on=reading.based_on,
+            frozen=bool(reading.frozen),
+            inputs={
+                field: [source.key, source.written, source.source]
+                for field, source in reading.sources.items()
+            },
+        )
+        for name, reading in STUDIES[paper].readings.items()
+    }
+
+
+def script_of(script):
+    """Digest of the code that a script without a paper's function can reach."""
+    return script_digest(SCRIPTS / script, SOURCE)[:16]
+
+
+def claims_code(paper):
+    """Digest of a paper's evaluators, its statements about claims, and its tables over all readings."""
+    entries = ["claims:evaluate", "claims:DECLARATIONS", *(f"tables:{stem}" for stem in PAPERS[paper].summaries)]
+    digests = [code_digest(f"marsedl.papers.{paper}.{entry}", SOURCE)[:16] for entry in entries]
+    return " ".join([script_of("claims.py"), *digests])
+
+
+def file_digest(path):
+    """Digest of a file that a job reads beside its inputs; empty if there is none."""
+    path = Path(path)
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""

@@ -1,0 +1,51 @@
+# Digests of all products, and the page that shows them.
+
+
+rule report:
+    input:
+        "report/index.html",
+
+
+rule digests:
+    input:
+        [path for paper in PAPERS for path in products(paper)],
+        [
+            path
+            for paper in PAPERS
+            for reading in STUDIES[paper].readings
+            for path in artifacts(paper, reading).values()
+        ],
+        "report/claims.json",
+    output:
+        "report/digests.json",
+    log:
+        "logs/digests.log",
+    params:
+        code=script_of("digests.py"),
+    conda:
+        "../envs/marsedl.yaml"
+    script:
+        "../scripts/digests.py"
+
+
+rule index:
+    input:
+        [path for paper in PAPERS for path in products(paper)],
+        claims="report/claims.json",
+        digests="report/digests.json",
+    output:
+        "report/index.html",
+    log:
+        "logs/report.log",
+    params:
+        readings={paper: described(paper) for paper in PAPERS},
+        size=str(config.get("size", "full")),
+        benchmarks="data/reference/benchmarks.csv",
+        benchmark_digest=file_digest("data/reference/benchmarks.csv"),
+        template=file_digest("src/marsedl/replication/templates/report.html.j2"),
+        code=script_of("report.py"),
+        catalogues={paper: code_digest(f"marsedl.papers.{paper}:PAPER", SOURCE) for paper in PAPERS},
+    conda:
+        "../envs/marsedl.yaml"
+    script:
+        "../scripts/report.py"

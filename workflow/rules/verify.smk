@@ -1,0 +1,13 @@
+# Reproducibility: the smoke size twice in separate folders, then the full size against the committed numbers.
+
+
+rule verify:
+    input:
+        "report/claims.json",
+    log:
+        "logs/verify.log",
+    conda:
+        "../envs/marsedl.yaml"
+    shell:
+        "python -m marsedl.cli verify 2> {log}"
+

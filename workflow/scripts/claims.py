@@ -1,0 +1,21 @@
+"""Evaluate every claim of one paper in every reading, and write its verdicts and its tables over all readings."""
+
+from importlib import import_module
+
+from marsedl.replication import claims
+from marsedl.replication.jobs import guarded
+from marsedl.replication.tables import write_table
+
+with guarded(snakemake) as job:
+    module = import_module(f"marsedl.papers.{job.paper}.claims")
+    published = claims.load_published(snakemake.input.published)
+    readings = job.readings(module.evaluate)
+    evaluations = {name: module.evaluate(inputs, **items) for name, (inputs, items) in readings.items()}
+    rows = claims.collect(published, module.DECLARATIONS, evaluations, known_errata=set(job.params.errata))
+    claims.write_claims(rows, snakemake.output.claims)
+    for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
+        claims.write_text(path, text)
+    tables = import_module(f"marsedl.papers.{job.paper}.tables")
+    by_id = {claim.id: claim for claim in published}
+    for stem in job.params.summaries:
+        write_table(getattr(tables, stem)(readings, by_id), *snakemake.output[stem])

@@ -1,0 +1,10 @@
+"""Draw one figure."""
+
+from importlib import import_module
+
+from marsedl.plotting.style import save_figure
+from marsedl.replication.jobs import guarded
+
+with guarded(snakemake) as job:
+    function = getattr(import_module(f"marsedl.papers.{job.paper}.figures"), snakemake.wildcards.stem)
+    save_figure(function(job.inputs, **job.arguments(function)), *snakemake.output)

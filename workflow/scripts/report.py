@@ -1,0 +1,17 @@
+"""Write the report: one page on all papers."""
+
+from pathlib import Path
+
+from marsedl.papers import catalogue, input_model
+from marsedl.replication import assembly
+from marsedl.replication.jobs import guarded
+from marsedl.replication.report import build_report
+
+with guarded(snakemake) as job:
+    claims = assembly.claims_by_paper(snakemake.input.claims)
+    papers = [
+        assembly.paper_report(catalogue(slug), input_model(slug), readings, claims[slug])
+        for slug, readings in job.params.readings.items()
+    ]
+    around = assembly.environment(job.params.size, Path(snakemake.input.digests), Path(job.params.benchmarks))
+    build_report(snakemake.output[0], papers, around)

@@ -1,0 +1,10 @@
+"""Run one stage: load the artifacts it needs, call its function, save what it returns."""
+
+from importlib import import_module
+
+from marsedl.replication.jobs import alone_when_new, guarded
+
+with guarded(snakemake) as job, alone_when_new(snakemake.params.entry):
+    module, name = job.params.entry.split(":")
+    function = getattr(import_module(module), name)
+    job.save(function(job.inputs, **job.arguments(function), **job.params.get("options", {})))
