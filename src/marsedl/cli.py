@@ -159,9 +159,8 @@ def _behind(paper, item) -> tuple[list[str], set[str]]:
     def visit(needed):
         for need in needed:
             stage = need.split(".")[0]
-            before = ("montecarlo_chunk",) if stage == "montecarlo" else ()
             if stage not in stages:
-                visit((*before, *paper.stages[stage].needs))
+                visit(paper.stages[stage].needs)
                 stages.append(stage)
                 names.update(paper.stages[stage].inputs)
 

@@ -76,14 +76,24 @@ def chunk_files(paper):
     return files
 
 
-def chunk_options(paper):
-    """What tells one chunk from another: its case and its share of the trials."""
+def cases_of(paper, scattered):
+    """Pattern of the Monte Carlo cases that are scattered into chunks, or of those that are not."""
+    return "|".join(case for case, chunks in STUDIES[paper].chunks.items() if (chunks > 1) == scattered) or "(?!)"
+
+
+def trial_options(paper):
+    """The options of a job that flies a whole Monte Carlo case."""
     return lambda wildcards: dict(
         case=wildcards.case,
         trials=cases(paper, wildcards.reading)[wildcards.case],
-        chunk=int(wildcards.chunk),
-        chunks=int(wildcards.chunks),
         block_size=PAPERS[paper].trials_per_block,
+    )
+
+
+def chunk_options(paper):
+    """The options of a job that flies one chunk of a case."""
+    return lambda wildcards: dict(
+        **trial_options(paper)(wildcards), chunk=int(wildcards.chunk), chunks=int(wildcards.chunks)
     )
 
 
@@ -123,8 +133,12 @@ def product(kind, script, reading=None):
 
 
 def artifacts(paper, reading):
-    """All artifacts of a reading, by name."""
-    stages = [name for name in PAPERS[paper].stages if not name.startswith("montecarlo")]
+    """All artifacts of a reading that its claims use, by name."""
+    stages = [
+        name
+        for name, stage in PAPERS[paper].stages.items()
+        if not name.startswith("montecarlo") and reading in (stage.claimed_in or [reading])
+    ]
     names = stages + [f"montecarlo.{case}" for case in cases(paper, reading)]
     return {name.split(".")[-1]: cached(paper, name).format(reading=reading) for name in names}
 

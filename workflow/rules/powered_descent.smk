@@ -86,6 +86,25 @@ use rule powered_descent_nominal as powered_descent_integrator_error with:
         **stage("powered_descent", "integrator_error"),
 
 
+# A case that is not scattered is flown by one job; others by a job per chunk, and one that gathers them.
+
+
+use rule powered_descent_nominal as powered_descent_montecarlo with:
+    input:
+        **needs("powered_descent", "montecarlo"),
+    output:
+        cached("powered_descent", "montecarlo.{case}"),
+    log:
+        "logs/powered_descent/{reading}/montecarlo.{case}.log",
+    benchmark:
+        "benchmarks/powered_descent/{reading}/montecarlo.{case}.tsv"
+    params:
+        **stage("powered_descent", "montecarlo"),
+        options=trial_options("powered_descent"),
+    wildcard_constraints:
+        case=cases_of("powered_descent", scattered=False),
+
+
 use rule powered_descent_nominal as powered_descent_montecarlo_chunk with:
     input:
         **needs("powered_descent", "montecarlo_chunk"),
@@ -100,7 +119,7 @@ use rule powered_descent_nominal as powered_descent_montecarlo_chunk with:
         options=chunk_options("powered_descent"),
 
 
-use rule powered_descent_nominal as powered_descent_montecarlo with:
+use rule powered_descent_nominal as powered_descent_montecarlo_gather with:
     input:
         chunks=chunk_files("powered_descent"),
     output:
@@ -110,5 +129,7 @@ use rule powered_descent_nominal as powered_descent_montecarlo with:
     benchmark:
         "benchmarks/powered_descent/{reading}/montecarlo.{case}.tsv"
     params:
-        **stage("powered_descent", "montecarlo"),
+        **stage("powered_descent", "montecarlo_gather"),
         chunks=gathered_from("powered_descent", "montecarlo_chunk"),
+    wildcard_constraints:
+        case=cases_of("powered_descent", scattered=True),

@@ -7,7 +7,6 @@ Samples come first in every array: (count,) or (count, ...). Variances and covar
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
 
 
 def central_moments(samples):
@@ -94,6 +93,8 @@ def percentile(samples, level):
 
     samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels.
     """
+    from scipy import special
+
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie within (0, 1), got {level}")
     ordered = np.sort(np.asarray(samples, dtype=float))
@@ -137,6 +138,8 @@ def variance_confidence_band(variance, count, level=0.95):
 
     variance: unbiased sample variance, any shape. count: samples. level: confidence. Returns (lower, upper).
     """
+    from scipy import special
+
     tail, degrees = (1.0 - level) / 2.0, count - 1
     variance = np.asarray(variance)
     # chdtri takes the probability of the upper tail.
@@ -148,6 +151,8 @@ def variance_sampling_band(variance, count, level=0.95):
 
     The band to draw about a predicted variance. variance: any shape. level: probability. Returns (lower, upper).
     """
+    from scipy import special
+
     tail, degrees = (1.0 - level) / 2.0, count - 1
     variance = np.asarray(variance)
     return variance * special.chdtri(degrees, 1.0 - tail) / degrees, variance * special.chdtri(degrees, tail) / degrees
@@ -176,6 +181,8 @@ def _checked_covariances(first, second):
 
 
 def _deviance(statistic, n):
+    from scipy import special
+
     degrees = n * (n + 1) // 2
     statistic = max(float(statistic), 0.0)  # rounding can make it negative when both matrices agree
     return Deviance(statistic, degrees, float(special.chdtrc(degrees, statistic)))

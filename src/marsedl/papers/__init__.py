@@ -1,9 +1,12 @@
 """The replicated papers, one package each."""
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from marsedl.replication.catalogue import Paper
-from marsedl.replication.inputs import Inputs
+
+if TYPE_CHECKING:  # jobs import this package too, and need none of pydantic
+    from marsedl.replication.inputs import Inputs
 
 SLUGS = ("powered_descent",)
 
@@ -13,6 +16,6 @@ def catalogue(slug: str) -> Paper:
     return import_module(f"marsedl.papers.{slug}").PAPER
 
 
-def input_model(slug: str) -> type[Inputs]:
+def input_model(slug: str) -> "type[Inputs]":
     """Return the class of a paper's typed inputs."""
     return import_module(f"marsedl.papers.{slug}.inputs").MODEL

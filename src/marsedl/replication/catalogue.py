@@ -8,13 +8,15 @@ class Stage:
     """One cached computation.
 
     `inputs` are the names of the inputs it may use; `needs` the artifacts it loads. The function is `compute` in the
-    module of the stage's name unless `function` names another one, "module:function" inside the paper's package.
+    module of the stage's name unless `function` names another one, "module:function" inside the paper's package. Claims
+    use it in the readings of `claimed_in`, or in all; it can be built for any.
     """
 
     inputs: tuple[str, ...]
     needs: tuple[str, ...] = ()
     function: str = ""
     meaning: str = ""
+    claimed_in: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

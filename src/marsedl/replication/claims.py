@@ -25,6 +25,7 @@ COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undeter
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
 STATED_READING = "printed"  # the reading that must use every input as the paper states it
 NOT_EVALUATED = "–"
+UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 
 _MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
 _EXPONENTS = "YAML reads 1e-6 as text: write 1.0e-6"
@@ -197,6 +198,7 @@ def collect(
     evaluations_by_reading: Mapping[str, Mapping[str, Evaluation | None]],
     default_reading: str = "corrected",
     known_errata: Collection[str] | None = None,
+    require_reasons: bool = True,
 ) -> list[dict[str, Any]]:
     """Compare every printed claim with every reading.
 
@@ -207,6 +209,8 @@ def collect(
             reading). Quoted literature (kind `context`) may be left out.
         default_reading: the reading whose verdict is shown first. Stated inputs are checked in the reading `printed`.
         known_errata: the paper's errata ids; when given, declarations may name no others.
+        require_reasons: refuse an unexplained `differs` or `fails`; else its reason is `UNEXPLAINED`, as it must be for
+            builds with changed inputs or of another size.
 
     Returns:
         One plain dictionary per claim, in the order of `published`, ready for `write_claims`.
@@ -230,7 +234,10 @@ def collect(
         verdict = judged[first][0]
         if verdict is None:
             raise InputError(f"{claim.paper}: claim {claim.id}: not evaluated in reading {first}, so it has no verdict")
-        reason = _reason(claim, declaration, verdict, first, evaluations, judged)
+        if verdict in ("differs", "fails") and not require_reasons and not _explains(declaration):
+            reason = UNEXPLAINED
+        else:
+            reason = _reason(claim, declaration, verdict, first, evaluations, judged)
         close = declaration.close
         rows.append(
             {
@@ -381,11 +388,15 @@ def _refuse_unknown(problem: str, names: Iterable[str], known: Collection[str]) 
         raise InputError(f"{problem}: {', '.join(unknown)}; {nearest(unknown[0], known)}")
 
 
+def _explains(declaration) -> bool:
+    """Whether a declaration explains a difference: in words, with an erratum or an input that the paper withholds."""
+    return bool(declaration.reason.strip() and (declaration.errata or declaration.withheld))
+
+
 def _reason(claim, declaration, verdict, first, evaluations, judged) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     where = f"{claim.paper}: claim {claim.id}"
-    unexplained = not declaration.reason.strip() or not (declaration.errata or declaration.withheld)
-    if verdict in ("differs", "fails") and unexplained:
+    if verdict in ("differs", "fails") and not _explains(declaration):
         value = evaluations[first].value
         raise InputError(
             f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {value!r}) without a reason that"

@@ -9,7 +9,6 @@ import difflib
 import hashlib
 import json
 import re
-import types
 import typing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -150,19 +149,6 @@ class Study:
     paper: str
     readings: dict[str, Reading]
     chunks: dict[str, int]
-
-
-class Slice(types.SimpleNamespace):
-    """The inputs that a stage declared, as numbers, strings and arrays; any other input is an error."""
-
-    def __init__(self, values: dict):
-        """Take the plain values of `Reading.slice`."""
-        import numpy as np
-
-        super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
-
-    def __getattr__(self, name):
-        raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
 
 
 class _StrictLoader(yaml.SafeLoader):

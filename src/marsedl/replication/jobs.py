@@ -5,6 +5,7 @@ import fcntl
 import os
 import sys
 import traceback
+import types
 import typing
 from pathlib import Path
 
@@ -46,6 +47,19 @@ def assert_numerics() -> None:
         raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")
 
 
+class Slice(types.SimpleNamespace):
+    """The inputs that a stage declared, as numbers, strings and arrays; any other input is an error."""
+
+    def __init__(self, values: dict):
+        """Take the plain values of `Reading.slice`."""
+        import numpy as np
+
+        super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
+
+    def __getattr__(self, name):
+        raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
+
+
 class Job:
     """One job of the workflow, from the `snakemake` object that its script is given."""
 
@@ -60,8 +74,6 @@ class Job:
     @property
     def inputs(self):
         """The typed inputs that the job declared."""
-        from marsedl.replication.inputs import Slice
-
         return Slice(self.params.inputs)
 
     def arguments(self, function: typing.Callable) -> dict:
@@ -86,8 +98,6 @@ class Job:
     def readings(self, function: typing.Callable) -> dict[str, tuple]:
         """Load the inputs and artifacts of all readings, for a function over them; both are listed in the params."""
         from marsedl.replication import artifacts
-        from marsedl.replication.inputs import Slice
-
         hints = typing.get_type_hints(function)
         found = {}
         for reading, paths in self.params.artifacts.items():
@@ -121,7 +131,7 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     """
     from marsedl.replication import artifacts
     from marsedl.replication.errors import InputError
-    from marsedl.replication.inputs import Slice, nearest
+    from marsedl.replication.inputs import nearest
 
     trials = {name: getattr(reading.inputs, field) for name, field in paper.cases.items()}
     if not trials.get(case):
@@ -129,7 +139,7 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     if not 0 <= number < trials[case]:
         raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
     folder = root / "data" / "cache" / paper.slug / reading.name
-    needed = paper.stages["montecarlo_chunk"].needs
+    needed = paper.stages["montecarlo"].needs
     hints = typing.get_type_hints(module.replay)
     loaded = {}
     for name in needed:
@@ -140,7 +150,7 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     stored = folder / f"montecarlo.{case}.h5"
     kind = _kind(hints["ensemble"])
     ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
-    inputs = Slice(reading.slice(paper.stages["montecarlo_chunk"].inputs))
+    inputs = Slice(reading.slice(paper.stages["montecarlo"].inputs))
     return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)
 
 

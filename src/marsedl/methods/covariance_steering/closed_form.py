@@ -20,8 +20,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg import expm
 
 __all__ = [
     "Steering",
@@ -322,12 +320,16 @@ def _along(time, value, shape, name):
 
 def _transition(time, state_matrix):
     """Phi(t, 0) at the nodes (Eq. 47): the product of the cells."""
+    from scipy.linalg import expm  # here, as jobs that only use a problem need not wait for it
+
     step = np.diff(time)
     if (state_matrix == state_matrix[0]).all():
         uniform = np.allclose(step, step.mean(), rtol=1e-9, atol=0.0)
         cells = expm(state_matrix[0] * (step.mean(keepdims=True) if uniform else step)[:, None, None])
         cells = np.broadcast_to(cells, (len(step), *cells.shape[1:]))
     else:
+        from scipy.interpolate import CubicSpline
+
         spline, middle = CubicSpline(time, state_matrix), (time[1:] + time[:-1]) / 2
         offset, step = step * np.sqrt(3) / 6, step[:, None, None]
         early, late = spline(middle - offset), spline(middle + offset)
@@ -341,6 +343,8 @@ def _transition(time, state_matrix):
 
 def _integral(time, values):
     """Integral from the first node to every node."""
+    from scipy.interpolate import CubicSpline
+
     integral = CubicSpline(time, values).antiderivative()(time)
     return integral - integral[0]
 

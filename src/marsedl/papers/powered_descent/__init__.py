@@ -32,6 +32,7 @@ _FLIGHT = (
     "design_interval",
     "seed",
 )
+_MONTE_CARLO = (*_FLIGHT, "maximum_thrust", "integrator", "time_step", "output_interval", "drawn_trials")
 
 STAGES = {
     "nominal": Stage((*_DESIGN, *_MASS_FLOW, "mass_tolerance", "mass_iterations"), meaning="mass profile, mean trajectory"),
@@ -41,21 +42,24 @@ STAGES = {
         (*_DESIGN, "maximum_thrust", "fixed_point_tolerance", "fixed_point_iterations"),
         ("linearization",),
         meaning="Algorithm 1 as printed and repaired",
+        claimed_in=("printed", "corrected"),
     ),
     "certificates": Stage(
-        (*_DESIGN, "certificate_intervals"), ("linearization", "gains"), meaning="independent checks of the design"
+        (*_DESIGN, "certificate_intervals"),
+        ("linearization", "gains"),
+        meaning="independent checks of the design",
+        claimed_in=("printed", "corrected", "target4"),
     ),
     "integrator_error": Stage(
-        (*_FLIGHT, "finest_time_step", "convergence_trials"), ("gains",), meaning="integrator error against step"
-    ),
-    "montecarlo_chunk": Stage(
-        (*_FLIGHT, "maximum_thrust", "integrator", "time_step", "output_interval", "drawn_trials"),
+        (*_FLIGHT, "finest_time_step", "convergence_trials"),
         ("gains",),
-        "montecarlo:simulate",
-        "a chunk of Monte Carlo flights",
+        meaning="integrator error against step",
+        claimed_in=("corrected",),
     ),
-    "montecarlo": Stage(
-        ("segment_durations", "output_interval"), (), "montecarlo:gather", "Monte Carlo flights, gathered from chunks"
+    "montecarlo": Stage(_MONTE_CARLO, ("gains",), "montecarlo:compute", "Monte Carlo flights of the nonlinear plant"),
+    "montecarlo_chunk": Stage(_MONTE_CARLO, ("gains",), "montecarlo:simulate", "a chunk of them"),
+    "montecarlo_gather": Stage(
+        ("segment_durations", "output_interval"), (), "montecarlo:gather", "all of them, gathered from chunks"
     ),
 }
 

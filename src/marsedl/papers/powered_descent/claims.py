@@ -31,15 +31,19 @@ def evaluate(
     nominal: Nominal,
     linearization: Linearization,
     gains: Gains,
-    fixed_point: FixedPointStudy,
-    certificates: Certificates,
-    integrator_error: IntegratorError,
     closed_loop: FlightEnsemble,
     open_loop: FlightEnsemble,
+    fixed_point: FixedPointStudy | None = None,
+    certificates: Certificates | None = None,
+    integrator_error: IntegratorError | None = None,
     closed_loop_large: FlightEnsemble | None = None,
     open_loop_large: FlightEnsemble | None = None,
-) -> dict[str, Evaluation]:
-    """Evaluate every claim in one reading; numbers come from its largest ensembles, Fig. 7 from those of the paper's size."""
+) -> dict[str, Evaluation | None]:
+    """Evaluate every claim in one reading.
+
+    Numbers come from the reading's largest ensembles, Fig. 7 from those of the paper's size. Claims that rest on a study
+    which is not done for the reading are None.
+    """
     large = closed_loop_large or closed_loop
     return {
         "alpha_from_isp": Evaluation(
@@ -57,7 +61,8 @@ def evaluate(
         **_target_claims(inputs, nominal, linearization, gains, large),
         **_loop_claims(inputs, gains, large, open_loop_large or open_loop, closed_loop),
         **_variance_claims(inputs, gains, closed_loop, closed_loop_large),
-        **_theory_claims(gains, fixed_point, certificates),
+        **_algorithm_claims(gains, fixed_point),
+        **_theory_claims(certificates),
     }
 
 
@@ -98,9 +103,10 @@ def _moment_claims(ensemble, integrator_error):
     covariance = np.cov(state, rowvar=False)
     errors = covariance_standard_errors(state)
     trials = len(state)
-    names = [str(name) for name in integrator_error.scheme]
-    euler = integrator_error.bias[names.index("euler_maruyama")]
-    mean_numbers = {"euler_step": integrator_error.step[1], "euler_bias": euler[1, :4]}
+    mean_numbers = {}
+    if integrator_error is not None:
+        euler = [str(name) for name in integrator_error.scheme].index("euler_maruyama")
+        mean_numbers = {"euler_step": integrator_error.step[1], "euler_bias": integrator_error.bias[euler, 1, :4]}
     evidence = f"{ensemble.excluded} trials not finite, {int((ensemble.outcome == 1).sum())} below the ground"
     return {
         "mc_final_mean": Evaluation(state.mean(axis=0), mean_standard_error(state.var(axis=0, ddof=1), len(state)), trials, evidence, mean_numbers),
@@ -248,7 +254,35 @@ def _variance_claims(inputs, gains, ensemble, large):
     }
 
 
-def _theory_claims(gains, fixed_point, certificates):
+def _algorithm_claims(gains, study):
+    if study is None:
+        return {"alg1_meets_boundary_conditions": None, "q_invertible_all_t": None}
+    boundary, order = list(study.boundary).index("algorithm_1"), list(study.order).index("jacobi")
+    error = study.covariance_error[0, boundary]
+    reached, iterations = study.converged[0, boundary, order], study.iterations[0, boundary, order]
+    scale = np.sqrt(np.abs(np.diagonal(gains.riccati_initial, axis1=1, axis2=2)))
+    scaled = gains.riccati_initial / (scale[:, :, np.newaxis] * scale[:, np.newaxis])
+    smallest = np.abs(np.linalg.eigvalsh(scaled)).min()
+    return {
+        "alg1_meets_boundary_conditions": Evaluation(
+            bool(reached.all() and error.max() < 1e-3),
+            evidence=f"final variances off by {100 * error[0]:.3g} and {100 * error[1]:.3g} % after {iterations[0]:,} and "
+            f"{iterations[1]:,} iterations{'' if reached.all() else ', the limit'}, in units of {study.unit[0]:g} N",
+            numbers={"error": 100 * error.max(), "iterations": iterations},
+        ),
+        "q_invertible_all_t": Evaluation(
+            bool(gains.escape_margin.min() > 0 and smallest > ROUNDING),
+            evidence=f"smallest eigenvalue of R(t) {gains.escape_margin.min():.4f}, of the scaled Riccati solution at the "
+            f"start {smallest:.3g}",
+            numbers={"critical": study.critical_density},
+        ),
+    }
+
+
+def _theory_claims(certificates):
+    if certificates is None:
+        names = ("control_is_optimal", "eq23_equality", "eq37_equals_eq39", "eq46_boundary_conditions")
+        return dict.fromkeys(names)
     mean, covariance = certificates.mean_cost_ratio, certificates.covariance_cost_ratio
     # Extrapolated to infinitely many intervals: second order for the mean, first order for the covariance.
     limits = (4 * mean[:, 1] - mean[:, 0]) / 3, 2 * covariance[:, 1] - covariance[:, 0]
@@ -256,15 +290,8 @@ def _theory_claims(gains, fixed_point, certificates):
     falling = (mean[:, 1] < mean[:, 0]).all() and (covariance[:, 1] < covariance[:, 0]).all()
     close = np.abs(limits[0] - 1).max() < 1e-3 and np.abs(limits[1] - 1).max() < 0.05
     gap = np.abs(certificates.index_eq20 - certificates.index_eq23) / np.abs(certificates.index_eq20)
-    dropped = certificates.index_eq20 - certificates.index_eq23 - certificates.dropped_term
+    remainder = certificates.index_eq20 - certificates.index_eq23 - certificates.dropped_term
     spread = np.ptp(certificates.dropped_term, axis=1) / np.abs(certificates.dropped_term[:, 0])
-    printed = list(fixed_point.boundary).index("algorithm_1"), list(fixed_point.order).index("jacobi")
-    algorithm_error = fixed_point.covariance_error[0, printed[0]]
-    reached = fixed_point.converged[0, printed[0], printed[1]]
-    iterations = fixed_point.iterations[0, printed[0], printed[1]]
-    scale = np.sqrt(np.abs(np.diagonal(gains.riccati_initial, axis1=1, axis2=2)))
-    scaled = gains.riccati_initial / (scale[:, :, np.newaxis] * scale[:, np.newaxis])
-    smallest = np.abs(np.linalg.eigvalsh(scaled)).min()
     return {
         "control_is_optimal": Evaluation(
             bool(optimal and falling and close),
@@ -275,10 +302,7 @@ def _theory_claims(gains, fixed_point, certificates):
         "eq23_equality": Evaluation(
             bool(gap.max() < ROUNDING),
             evidence=f"the two differ by {100 * gap.min():.2g} to {100 * gap.max():.2g} %",
-            numbers={
-                "remainder": np.abs(dropped / certificates.index_eq20).max(),
-                "spread": spread.max(),
-            },
+            numbers={"remainder": np.abs(remainder / certificates.index_eq20).max(), "spread": spread.max()},
         ),
         "eq37_equals_eq39": Evaluation(
             bool(certificates.costate_error_eq37.max() < ROUNDING),
@@ -288,19 +312,6 @@ def _theory_claims(gains, fixed_point, certificates):
             bool(certificates.eq46_residual.max() < ROUNDING),
             evidence=f"relative residual of Eq. 46 {certificates.eq46_residual.max():.3g} where Eq. 43 holds to "
             f"{certificates.h_identity_error.max():.1e}",
-        ),
-        "alg1_meets_boundary_conditions": Evaluation(
-            bool(reached.all() and algorithm_error.max() < 1e-3),
-            evidence=f"final variances off by {100 * algorithm_error[0]:.3g} and {100 * algorithm_error[1]:.3g} % after "
-            f"{iterations[0]:,} and {iterations[1]:,} iterations{'' if reached.all() else ', the limit'}, in units of "
-            f"{fixed_point.unit[0]:g} N",
-            numbers={"error": 100 * algorithm_error.max(), "iterations": iterations},
-        ),
-        "q_invertible_all_t": Evaluation(
-            bool(gains.escape_margin.min() > 0 and smallest > ROUNDING),
-            evidence=f"smallest eigenvalue of R(t) {gains.escape_margin.min():.4f}, of the scaled Riccati solution at the "
-            f"start {smallest:.3g}",
-            numbers={"critical": fixed_point.critical_density},
         ),
     }
 

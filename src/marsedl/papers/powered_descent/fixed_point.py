@@ -14,7 +14,7 @@ from marsedl.replication.artifacts import quantity
 BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 ORDERS = ("gauss_seidel", "jacobi")
 LOOSE_TOLERANCE = 1e-3  # absolute, as the printed stopping rule; a plausible "small number"
-DENSITIES = np.geomspace(10.0, 1000.0, 21)  # N sqrt(s)
+DENSITIES = np.geomspace(20.0, 1000.0, 18)  # N sqrt(s)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,9 @@ def compute(inputs, linearization: Linearization) -> FixedPointStudy:
     exact = _table((units, BOUNDARIES, problems), lambda u, b, p: riccati_initial(_with(p, inputs, u, b)))
     loose = _table(
         (units, problems),
-        lambda u, p: run(p, u, "corrected", "jacobi", tolerance=LOOSE_TOLERANCE, tolerance_kind="absolute"),
+        lambda u, p: run(
+            p, u, "corrected", "jacobi", tolerance=LOOSE_TOLERANCE, tolerance_kind="absolute", maximum_iterations=limit
+        ),
     )
 
     def swept(density, order, problem):

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 from numba.extending import register_jitable
-from scipy.interpolate import CubicSpline
 
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, new_trajectories, output_count, propagator
@@ -37,12 +36,21 @@ class Plant(NamedTuple):
 
 
 def schedule(time, gain, mean, feedforward, steps):
-    """Sample a segment's control on the half-step grid of `steps` steps by cubic splines.
+    """Sample a segment's control on the half-step grid of `steps` steps.
 
-    time: local times of the design, (k,), s. gain: (k, 2, 4). mean: (k, 4). feedforward: (k, 2). Returns a `Schedule`.
+    Nodes of the design are taken as they are where they fall on the grid; otherwise cubic splines go through them.
+
+    time: local times of the design, uniform, (k,), s. gain: (k, 2, 4). mean: (k, 4). feedforward: (k, 2). Returns a
+    `Schedule`.
     """
-    half_steps = np.linspace(0.0, time[-1], 2 * steps + 1)
-    tables = (CubicSpline(time, table)(half_steps) for table in (gain, mean, feedforward))
+    cells, half_steps = len(time) - 1, 2 * steps
+    if cells % half_steps == 0:
+        tables = [table[:: cells // half_steps] for table in (gain, mean, feedforward)]
+    else:
+        from scipy.interpolate import CubicSpline
+
+        grid = np.linspace(0.0, time[-1], half_steps + 1)
+        tables = [CubicSpline(time, table)(grid) for table in (gain, mean, feedforward)]
     return Schedule(time[-1] / steps, steps, *(np.ascontiguousarray(table) for table in tables))
 
 

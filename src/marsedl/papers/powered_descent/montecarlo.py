@@ -57,6 +57,12 @@ class FlightEnsemble:
     kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "thrust and depth of them", allow_nan=True)
 
 
+def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
+    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
+    options = {"case": case, "trials": trials, "block_size": block_size}
+    return gather(inputs, [simulate(inputs, gains, chunk=0, chunks=1, **options)])
+
+
 def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 

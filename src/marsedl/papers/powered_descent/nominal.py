@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.closed_form import steer
 from marsedl.papers.powered_descent import flight, segments
@@ -72,6 +71,8 @@ def design(inputs, times, masses):
 
 def fly_mean(inputs, times, steerings):
     """Fly the mean initial state without noise; returns the mass at all nodes (k,), kg, and the final state (4,)."""
+    from scipy.interpolate import CubicSpline
+
     # One step spans two cells of the design grid, whose nodes are then the half-steps.
     schedules = [
         flight.Schedule(2 * time[1], len(time) // 2, s.gain, s.mean, s.feedforward)
