@@ -19,7 +19,12 @@ from marsedl.replication.report import (
 from marsedl.replication.tables import read_table
 
 LIBRARIES = ("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib")
-REBUILD = ("make all", "snakemake figures/powered_descent/fig07.png", "snakemake --config size=smoke all", "make verify")
+REBUILD = (
+    "make all",
+    "snakemake figures/powered_descent/fig07.png",
+    "snakemake --config size=smoke all",
+    "make verify",
+)
 CITATION = "The marsedl developers: marsedl, replications of papers on Mars entry, descent and landing, version 0.1.0."
 
 
@@ -44,7 +49,9 @@ def paper_report(catalogue: Paper, model: type[Inputs], readings: dict, claims: 
     captions = {stem: (product.caption, product.beyond) for stem, product in catalogue.tables.items()}
     captions |= {stem: (caption, True) for stem, caption in catalogue.summaries.items()}
     tables = [
-        TableEntry(stem, caption, read_table(folder / f"{stem}.csv"), (f"{folder / stem}.csv", f"{folder / stem}.md"), new)
+        TableEntry(
+            stem, caption, read_table(folder / f"{stem}.csv"), (f"{folder / stem}.csv", f"{folder / stem}.md"), new
+        )
         for stem, (caption, new) in captions.items()
     ]
     inputs = [

@@ -44,8 +44,8 @@ class Paper:
     """The bill of materials of one replicated paper.
 
     `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
-    `cases` are the Monte Carlo ensembles, with the input that holds their number of trials; a block is the least that is
-    simulated by one job.
+    `cases` are the Monte Carlo ensembles, with the input that holds their number of trials; a block is the least that
+    is simulated by one job.
     """
 
     slug: str

@@ -157,7 +157,9 @@ class _StrictLoader(yaml.SafeLoader):
     def compose_node(self, parent, index):
         event = self.peek_event()
         if getattr(event, "anchor", None) is not None:
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases are not used here; write it out")
+            raise yaml.YAMLError(
+                f"line {event.start_mark.line + 1}: anchors and aliases are not used here; write it out"
+            )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node, deep=False):
@@ -289,7 +291,7 @@ def _resolve(name, raw, done, model, limits, size, pending) -> Reading:
         name_si, factor = _accepted_key(key, accepted, model, origin, where)
         place = f"{where}.inputs.{key}"
         if not isinstance(entry, dict):
-            raise InputError(f"{origin}: {place}: write {{value: ..., source: \"...\"}}, not {entry!r}"[:400])
+            raise InputError(f'{origin}: {place}: write {{value: ..., source: "..."}}, not {entry!r}'[:400])
         entry = _mapping(entry, origin, place, {"value", "unit", "source"}, required={"value", "source"})
         _check_source(entry["source"], origin, place)
         if "unit" in entry and entry["unit"] != model.unit(name_si) and factor == 1.0:
@@ -341,7 +343,8 @@ def _check_frozen(frozen, name, values, origin) -> None:
     digest = hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
     if frozen and frozen != digest:
         raise InputError(
-            f"{origin}: readings.{name}: is frozen, and its inputs have changed (their digest is {digest}, not {frozen}); "
+            f"{origin}: readings.{name}: is frozen, and its inputs have changed (their digest is {digest}, not "
+            f"{frozen}); "
             f"undo the change and write it into a reading of your own that is based_on: {name}"
         )
 

@@ -57,6 +57,7 @@ class Slice(types.SimpleNamespace):
         super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
 
     def __getattr__(self, name):
+        """Refuse an input that was not declared."""
         raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
 
 
@@ -98,6 +99,7 @@ class Job:
     def readings(self, function: typing.Callable) -> dict[str, tuple]:
         """Load the inputs and artifacts of all readings, for a function over them; both are listed in the params."""
         from marsedl.replication import artifacts
+
         hints = typing.get_type_hints(function)
         found = {}
         for reading, paths in self.params.artifacts.items():
@@ -135,7 +137,9 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
 
     trials = {name: getattr(reading.inputs, field) for name, field in paper.cases.items()}
     if not trials.get(case):
-        raise InputError(f"reading {reading.name} has no case '{case}'; {nearest(case, [c for c, n in trials.items() if n])}")
+        raise InputError(
+            f"reading {reading.name} has no case '{case}'; {nearest(case, [c for c, n in trials.items() if n])}"
+        )
     if not 0 <= number < trials[case]:
         raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
     folder = root / "data" / "cache" / paper.slug / reading.name

@@ -103,7 +103,13 @@ def _reduced(array: np.ndarray) -> dict:
     if not values.size:
         return {"shape": list(array.shape), "counts": False, "numbers": []}
     weights = np.linspace(1.0, 2.0, values.size)
-    numbers = [np.sqrt(np.mean(values**2)), values.mean(), np.average(values, weights=weights), values.min(), values.max()]
+    numbers = [
+        np.sqrt(np.mean(values**2)),
+        values.mean(),
+        np.average(values, weights=weights),
+        values.min(),
+        values.max(),
+    ]
     return {"shape": list(array.shape), "counts": array.dtype.kind in "iub", "numbers": [float(n) for n in numbers]}
 
 
@@ -149,7 +155,8 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             print(f"  {slug}: {name} is off by {margins[name]:.3g} tolerances")
         worst = max(margins, key=margins.get)
         print(
-            f"{slug}: {len(margins)} numbers compared with {path.name}, {len(beyond)} beyond tolerance, {len(missing)} missing; "
+            f"{slug}: {len(margins)} numbers compared with {path.name}, {len(beyond)} beyond tolerance, "
+            f"{len(missing)} missing; "
             f"worst margin {margins[worst]:.3g} tolerances ({worst})",
             flush=True,
         )

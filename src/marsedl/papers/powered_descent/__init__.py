@@ -35,7 +35,9 @@ _FLIGHT = (
 _MONTE_CARLO = (*_FLIGHT, "maximum_thrust", "integrator", "time_step", "output_interval", "drawn_trials")
 
 STAGES = {
-    "nominal": Stage((*_DESIGN, *_MASS_FLOW, "mass_tolerance", "mass_iterations"), meaning="mass profile, mean trajectory"),
+    "nominal": Stage(
+        (*_DESIGN, *_MASS_FLOW, "mass_tolerance", "mass_iterations"), meaning="mass profile, mean trajectory"
+    ),
     "linearization": Stage(_DESIGN, ("nominal",), meaning="linear model along the mass profile"),
     "gains": Stage(_DESIGN, ("linearization",), meaning="feedback gains and predicted covariance"),
     "fixed_point": Stage(
@@ -65,7 +67,8 @@ STAGES = {
 
 FIGURES = {
     "fig01": Product(
-        "Change of the mass profile in each pass of its iteration, point by point (the paper does not say whether it plots "
+        "Change of the mass profile in each pass of its iteration, point by point (the paper does not say whether "
+        "it plots "
         "this or an integral).",
         ("nominal",),
         ("wet_mass", "segment_durations"),
@@ -79,7 +82,8 @@ FIGURES = {
         ),
     ),
     "fig03": Product(
-        "Closed-loop and open-loop trajectories in the plane with covariance ellipses at equal increments of each segment "
+        "Closed-loop and open-loop trajectories in the plane with covariance ellipses at equal increments of each "
+        "segment "
         "(the text says 3 sigma, the caption 95 %; drawn at the reading's level).",
         ("gains", "montecarlo.closed_loop", "montecarlo.open_loop"),
         ("ellipses_per_segment", "ellipse_sigma"),
@@ -105,7 +109,8 @@ FIGURES = {
         ("segment_durations", "maximum_thrust", "thrust_percentile"),
     ),
     "fig07": Product(
-        "Variances of downrange and altitude, predicted by the linear design and measured over the trials; below, their "
+        "Variances of downrange and altitude, predicted by the linear design and measured over the trials; below, "
+        "their "
         "ratio. The band holds 95 % of sample variances if the prediction is true.",
         ("gains", "montecarlo.closed_loop"),
         ("segment_durations",),
@@ -127,13 +132,15 @@ FIGURES = {
 
 TABLES = {
     "eq54": Product(
-        "Final state of the trials beside Eq. 54: mean, covariance, and likelihood-ratio tests of the whole covariance.",
+        "Final state of the trials beside Eq. 54: mean, covariance, and likelihood-ratio tests of the whole "
+        "covariance.",
         ("montecarlo.closed_loop",),
     ),
 }
 
 SUMMARIES = {
-    "readings": "What each reading reproduces. The deviance tests whether the printed covariance (2,000 trials) and the "
+    "readings": "What each reading reproduces. The deviance tests whether the printed covariance (2,000 trials) and "
+    "the "
     "reading's come from the same covariance; a p-value below 0.05 speaks against it.",
 }
 
@@ -147,7 +154,8 @@ ERRATA = (
     Erratum(
         "E2",
         "Algorithm 1, lines 7 and 9: (gamma Sigma)^-1",
-        "The same slip in another form; it designs for a squared noise density of 1/gamma in the unit of thrust, so the "
+        "The same slip in another form; it designs for a squared noise density of 1/gamma in the unit of thrust, so "
+        "the "
         "result depends on that unit.",
         "gamma^2 Sigma^-1",
     ),
@@ -191,7 +199,8 @@ ERRATA = (
     ),
     Erratum(
         "E9",
-        "Eq. 54: entries (2,4)/(4,2) and (3,4)/(4,3) differ in the last digit; a mean without unit; an altitude variance in "
+        "Eq. 54: entries (2,4)/(4,2) and (3,4)/(4,3) differ in the last digit; a mean without unit; an altitude "
+        "variance in "
         "(m/s)^2",
         "A covariance is symmetric; r2 is an altitude.",
         "the means of the entries; m; m^2",
@@ -199,7 +208,8 @@ ERRATA = (
     Erratum(
         "E10",
         "prior final mass 1,346 kg against a Monte Carlo mean of 1,349 kg",
-        "The iteration ends at 1349.44 kg for every starting guess, and convexity of |u| puts the mean over trials below "
+        "The iteration ends at 1349.44 kg for every starting guess, and convexity of |u| puts the mean over trials "
+        "below "
         "the prior, not above.",
         "not reproducible; nothing is tuned for it",
     ),
@@ -252,7 +262,8 @@ PAPER = Paper(
     slug="powered_descent",
     title="Uncertainty Quantification and Control During Mars Powered Descent and Landing using Covariance Steering",
     authors="Jack Ridderhof and Panagiotis Tsiotras",
-    citation="J. Ridderhof, P. Tsiotras, Uncertainty Quantification and Control During Mars Powered Descent and Landing "
+    citation="J. Ridderhof, P. Tsiotras, Uncertainty Quantification and Control During Mars Powered Descent and "
+    "Landing "
     "using Covariance Steering, AIAA Guidance, Navigation, and Control Conference, 2018",
     stages=STAGES,
     figures=FIGURES,

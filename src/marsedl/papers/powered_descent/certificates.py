@@ -1,4 +1,4 @@
-"""Independent checks of the design: forward integration of the paper's equations, and convex upper bounds of the cost."""
+"""Independent checks of the design: the paper's equations integrated forward, and convex upper bounds of the cost."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,9 @@ from marsedl.replication.artifacts import quantity
 class Certificates:
     """How far the design is from its independent checks, by segment."""
 
-    covariance_error: np.ndarray = quantity("1", ("segments",), "final covariance of Eq. 40 against the target, relative")
+    covariance_error: np.ndarray = quantity(
+        "1", ("segments",), "final covariance of Eq. 40 against the target, relative"
+    )
     riccati_error: np.ndarray = quantity("1", ("segments",), "Riccati solution of Eq. 21 at the end, relative")
     h_identity_error: np.ndarray = quantity(
         "1", ("segments",), "largest relative error of G^2 Sigma^-1 = H + Lambda over time, H from Eq. 42"
@@ -28,7 +30,9 @@ class Certificates:
     eq46_residual: np.ndarray = quantity(
         "1", ("segments",), "largest relative residual of Eq. 46 with the P and Q that satisfy Eq. 43"
     )
-    index_eq20: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 20, for several controls")
+    index_eq20: np.ndarray = quantity(
+        "N^2 s", ("segments", "controls"), "modified index by Eq. 20, for several controls"
+    )
     index_eq23: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 23 as printed")
     dropped_term: np.ndarray = quantity("N^2 s", ("segments", "controls"), "term that Eq. 23 leaves out")
     intervals: np.ndarray = quantity("1", ("sizes",), "held intervals of the bounds below", "int64")

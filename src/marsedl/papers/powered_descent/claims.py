@@ -41,8 +41,8 @@ def evaluate(
 ) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
-    Numbers come from the reading's largest ensembles, Fig. 7 from those of the paper's size. Claims that rest on a study
-    which is not done for the reading are None.
+    Numbers come from the reading's largest ensembles, Fig. 7 from those of the paper's size. Claims that rest on a
+    study which is not done for the reading are None.
     """
     large = closed_loop_large or closed_loop
     return {
@@ -109,7 +109,13 @@ def _moment_claims(ensemble, integrator_error):
         mean_numbers = {"euler_step": integrator_error.step[1], "euler_bias": integrator_error.bias[euler, 1, :4]}
     evidence = f"{ensemble.excluded} trials not finite, {int((ensemble.outcome == 1).sum())} below the ground"
     return {
-        "mc_final_mean": Evaluation(state.mean(axis=0), mean_standard_error(state.var(axis=0, ddof=1), len(state)), trials, evidence, mean_numbers),
+        "mc_final_mean": Evaluation(
+            state.mean(axis=0),
+            mean_standard_error(state.var(axis=0, ddof=1), len(state)),
+            trials,
+            evidence,
+            mean_numbers,
+        ),
         "mc_final_cov_diag": Evaluation(np.diag(covariance), np.diag(errors), trials, evidence),
         "mc_final_cov_upper": Evaluation(covariance[UPPER], errors[UPPER], trials, evidence),
         "mc_final_cov_lower": Evaluation(covariance[UPPER], errors[UPPER], trials, evidence),
@@ -147,7 +153,8 @@ def _target_claims(inputs, nominal, linearization, gains, ensemble):
     scale = np.sqrt(np.diag(inputs.final_covariance))
     excess = np.linalg.eigvalsh((wider - gains.covariance[-1]) / np.outer(scale, scale))
     trials = ensemble.count
-    rule = f"limit {MEAN_TOLERANCE:g} for the mean, {COVARIANCE_TOLERANCE:g} for the covariance, plus {SIGMAS:g} standard errors"
+    limits = f"limit {MEAN_TOLERANCE:g} for the mean, {COVARIANCE_TOLERANCE:g} for the covariance"
+    rule = f"{limits}, plus {SIGMAS:g} standard errors"
     return {
         "final_mean_steered": Evaluation(
             mean_met, None, trials, f"largest error of the mean {mean_error:.4f} target standard deviations; {rule}"
@@ -192,7 +199,8 @@ def _loop_claims(inputs, gains, ensemble, open_loop, paper_size):
             bool((np.abs(difference) < 0.1 * spread).all()),
             None,
             open_loop.count,
-            f"difference of the final means at most {np.abs(difference / spread).max():.4f} open-loop standard deviations",
+            f"difference of the final means at most {np.abs(difference / spread).max():.4f} open-loop standard "
+            f"deviations",
         ),
         "gain_jump_26s": Evaluation(
             bool(gain_jump > 0.01), evidence=f"largest jump of a gain {100 * gain_jump:.1f} % of the largest gain"
@@ -248,9 +256,7 @@ def _variance_claims(inputs, gains, ensemble, large):
         "var_midcourse_minor_deviation": Evaluation(
             bool(sampling / 10 < middle < MINOR), None, ensemble.count, f"{cause}; minor is below {100 * MINOR:g} %"
         ),
-        "midcourse_deviation_cause": Evaluation(
-            bool(by_sampling or remains > SIGMAS), None, ensemble.count, cause
-        ),
+        "midcourse_deviation_cause": Evaluation(bool(by_sampling or remains > SIGMAS), None, ensemble.count, cause),
     }
 
 
@@ -266,13 +272,15 @@ def _algorithm_claims(gains, study):
     return {
         "alg1_meets_boundary_conditions": Evaluation(
             bool(reached.all() and error.max() < 1e-3),
-            evidence=f"final variances off by {100 * error[0]:.3g} and {100 * error[1]:.3g} % after {iterations[0]:,} and "
+            evidence=f"final variances off by {100 * error[0]:.3g} and {100 * error[1]:.3g} % after "
+            f"{iterations[0]:,} and "
             f"{iterations[1]:,} iterations{'' if reached.all() else ', the limit'}, in units of {study.unit[0]:g} N",
             numbers={"error": 100 * error.max(), "iterations": iterations},
         ),
         "q_invertible_all_t": Evaluation(
             bool(gains.escape_margin.min() > 0 and smallest > ROUNDING),
-            evidence=f"smallest eigenvalue of R(t) {gains.escape_margin.min():.4f}, of the scaled Riccati solution at the "
+            evidence=f"smallest eigenvalue of R(t) {gains.escape_margin.min():.4f}, of the scaled Riccati solution "
+            f"at the "
             f"start {smallest:.3g}",
             numbers={"critical": study.critical_density},
         ),
@@ -295,7 +303,8 @@ def _theory_claims(certificates):
     return {
         "control_is_optimal": Evaluation(
             bool(optimal and falling and close),
-            evidence=f"costs of independent convex programs with {certificates.intervals[1]} held intervals over closed "
+            evidence=f"costs of independent convex programs with {certificates.intervals[1]} held intervals over "
+            f"closed "
             f"form: mean {mean[:, 1].min():.6f} to {mean[:, 1].max():.6f}, covariance {covariance[:, 1].min():.4f} to "
             f"{covariance[:, 1].max():.4f}; extrapolated {limits[0].max():.6f} and {limits[1].max():.4f}",
         ),
@@ -318,8 +327,10 @@ def _theory_claims(certificates):
 
 DECLARATIONS = {
     "prior_final_mass": Declaration(
-        "The converged prior profile ends at {value:.2f} kg, not at 1346 kg, and no choice of signs, mass-flow constant or "
-        "number of passes gives 1346. As |u| is convex, the mean over trials must not lie above the prior, so the printed "
+        "The converged prior profile ends at {value:.2f} kg, not at 1346 kg, and no choice of signs, mass-flow "
+        "constant or "
+        "number of passes gives 1346. As |u| is convex, the mean over trials must not lie above the prior, so the "
+        "printed "
         "order of the two masses is reversed too.",
         errata=("E10",),
     ),
@@ -347,19 +358,22 @@ DECLARATIONS = {
         errata=("E10",),
     ),
     "eq23_equality": Declaration(
-        "Eq. 23 drops a term of Eq. 20. It accounts for the whole difference (remainder {remainder:.1e}) and does not depend "
+        "Eq. 23 drops a term of Eq. 20. It accounts for the whole difference (remainder {remainder:.1e}) and does "
+        "not depend "
         "on the control (spread {spread:.1e}), so the minimiser is the same.",
         errata=("E12",),
     ),
     "eq46_boundary_conditions": Declaration("Eq. 46 has the noise coefficient on the wrong side.", errata=("E1",)),
     "alg1_meets_boundary_conditions": Declaration(
-        "Lines 7 and 9 have the wrong power of the noise coefficient: the final variances are off by up to {error:.3g} %. "
+        "Lines 7 and 9 have the wrong power of the noise coefficient: the final variances are off by up to "
+        "{error:.3g} %. "
         "In newtons, by accident of the units, it is {printed[error]:.3g} % after {printed[iterations][0]:,} and "
         "{printed[iterations][1]:,} iterations.",
         errata=("E2", "E3", "E4"),
     ),
     "q_invertible_all_t": Declaration(
-        "True wherever Q(0) exists; at critical noise densities (the largest are {critical[0]:.1f} and {critical[1]:.1f} "
+        "True wherever Q(0) exists; at critical noise densities (the largest are {critical[0]:.1f} and "
+        "{critical[1]:.1f} "
         "N s^1/2) it does not.",
         errata=("E16",),
     ),

@@ -62,8 +62,8 @@ def fig02(inputs, nominal: Nominal) -> Figure:
     radius = abs(impact - final[0])
     axes.annotate(rf"$r_d$ = {radius:.0f} m", ((impact + final[0]) / 2, -30), (0, -3), textcoords="offset points",
                   ha="center", va="top", color=GREEN)  # fmt: skip
-    axes.annotate("steered mean path", nominal.mean[len(nominal.mean) // 4, :2], (14, -4), textcoords="offset points",
-                  color=BLUE)  # fmt: skip
+    axes.annotate("steered mean path", nominal.mean[len(nominal.mean) // 3, :2], (-10, 10), textcoords="offset points",
+                  ha="right", color=BLUE)  # fmt: skip
     middle = len(time) * 3 // 5
     arc = start[:2] + np.array([start[2], start[3] - inputs.gravity * time[middle] / 2]) * time[middle]
     axes.annotate("uncontrolled path", arc, (10, 4), textcoords="offset points", color=ORANGE)
@@ -74,7 +74,7 @@ def fig02(inputs, nominal: Nominal) -> Figure:
 
 def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEnsemble) -> Figure:
     """Trajectories in the plane, closed and open loop, with covariance ellipses along the mean path."""
-    figure, both = new_figure(7.6, 4.6, ncols=2, width_ratios=(1, 1))
+    figure, both = new_figure(7.6, 5.3, ncols=2)
     path = gains.mean
     nodes = _ellipse_nodes(inputs, gains)
     for axes, show_open in zip(both, (True, False), strict=True):
@@ -94,7 +94,7 @@ def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEn
     both[0].set(ylabel=COMPONENTS[1], title="closed and open loop")
     both[0].axhline(0.0, color=BLACK, linewidth=0.8)
     level = probability_inside(inputs.ellipse_sigma)
-    both[1].set(title=f"closed loop; ellipses: {inputs.ellipse_sigma:g} sigma, {100 * level:.1f} % of a Gaussian")
+    both[1].set(title=f"closed loop; {inputs.ellipse_sigma:g}-sigma ellipses ({100 * level:.1f} %)")
     handles = [
         both[1].plot([], [], color=color, label=label, marker=marker)[0]
         for color, label, marker in (
@@ -104,7 +104,7 @@ def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEn
             (VERMILION, "ellipses in between, trials at these times", "."),
         )
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -258,6 +258,8 @@ def integrator_error(inputs, integrator_error: IntegratorError) -> Figure:
     panels[0].loglog(step, 0.01 * step / step[0] / 5, color=BLACK, linestyle=":", linewidth=0.8, label="first order")
     for axes, title in zip(panels, ("root mean square difference", "|mean difference|, where resolved"), strict=True):
         axes.axvline(inputs.time_step, color=GREY, linewidth=0.8, linestyle=":")
+        axes.set_xticks(step, [f"{number:.2g}" for number in step])
+        axes.minorticks_off()
         axes.set(xlabel="step (s); dotted: this reading's", title=f"{title} ({integrator_error.trials:,} trials)")
         axes.legend(fontsize=7)
     panels[0].set(ylabel="final state, in the component's unit", ylim=(1e-4, 3))
@@ -277,9 +279,7 @@ def _by_segment(axes, artifact, values, label, **style):
 
 def _at(time, segment, values, wanted_time, wanted_segment):
     """Values at other times, interpolated within each segment."""
-    parts = zip(
-        segments.split(segment, time, values), segments.split(wanted_segment, wanted_time), strict=True
-    )
+    parts = zip(segments.split(segment, time, values), segments.split(wanted_segment, wanted_time), strict=True)
     return np.concatenate([np.interp(wanted, *known) for known, (wanted,) in parts])
 
 

@@ -53,7 +53,9 @@ class FixedPointStudy:
         "1", ("densities", "orders", "segments"), "difference from the closed form as above", allow_nan=True
     )
     smallest_eigenvalue: np.ndarray = quantity(
-        "1", ("densities", "segments"), "smallest eigenvalue of the Riccati solution at the start, scaled by its diagonal"
+        "1",
+        ("densities", "segments"),
+        "smallest eigenvalue of the Riccati solution at the start, scaled by its diagonal",
     )
     critical_density: np.ndarray = quantity(
         "N sqrt(s)", ("segments",), "largest density at which the Riccati solution is singular; 0: none above 1"
@@ -109,7 +111,10 @@ def compute(inputs, linearization: Linearization) -> FixedPointStudy:
         riccati_error=_difference(runs, exact[:, :, np.newaxis]),
         covariance_error=np.array(
             [
-                [[_variance_error(p, r, plant) for p, r in zip(problems, row[ORDERS.index("jacobi")], strict=True)] for row in block]
+                [
+                    [_variance_error(p, r, plant) for p, r in zip(problems, row[ORDERS.index("jacobi")], strict=True)]
+                    for row in block
+                ]
                 for block in runs
             ]
         ),
@@ -169,7 +174,7 @@ def _scaled_smallest_eigenvalue(riccati):
 
 
 def _critical_density(problem):
-    """Largest noise density at which Lambda(0) is singular, by bisection on its inertia between 1 and 1000 N sqrt(s)."""
+    """Largest noise density (N sqrt(s)) at which Lambda(0) is singular, by bisection on its inertia from 1 to 1000."""
 
     def indefinite(density):
         return np.linalg.eigvalsh(riccati_initial(replace(problem, noise_density=density))).min() < 0

@@ -150,13 +150,13 @@ def _fly_segment(
         first = first_trial + group * LANES
         if use_runge_kutta:
             _runge_kutta(
-                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment, increments,
-                state, states, observations, largest,
+                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment,
+                increments, state, states, observations, largest,
             )  # fmt: skip
         else:
             _euler_maruyama(
-                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment, increments,
-                state, states, observations, largest,
+                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment,
+                increments, state, states, observations, largest,
             )  # fmt: skip
         final_state[:, lanes] = state
         observed_maximum[:, lanes] = largest

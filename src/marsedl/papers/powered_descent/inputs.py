@@ -75,4 +75,5 @@ class PoweredDescentInputs(Inputs):
                 raise ValueError(f"{step} makes {steps:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}")
         return self
 
+
 MODEL = PoweredDescentInputs

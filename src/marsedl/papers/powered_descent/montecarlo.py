@@ -32,7 +32,9 @@ class FlightChunk:
     final_state: np.ndarray = quantity(STATE, ("trials", 5), "final state", allow_nan=True)
     observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
     outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
-    kept_history: np.ndarray = quantity(STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True)
+    kept_history: np.ndarray = quantity(
+        STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True
+    )
     kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "thrust and depth of them", allow_nan=True)
 
 
@@ -53,7 +55,9 @@ class FlightEnsemble:
     final_state: np.ndarray = quantity(STATE, ("trials", 5), "final state", allow_nan=True)
     observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
     outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
-    kept_history: np.ndarray = quantity(STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True)
+    kept_history: np.ndarray = quantity(
+        STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True
+    )
     kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "thrust and depth of them", allow_nan=True)
 
 
@@ -135,5 +139,7 @@ def replay(inputs, gains: Gains, *, case: str, number: int, ensemble: FlightEnse
     lines.append(f"  largest control           {thrust:18.9f} N, {thrust / inputs.maximum_thrust:.6f} of the maximum")
     if ensemble is not None:
         same = np.array_equal(end, ensemble.final_state[number], equal_nan=True)
-        lines.append("  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble")
+        lines.append(
+            "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
+        )
     return "\n".join(lines)

@@ -17,7 +17,9 @@ class Nominal:
     time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
     mass: np.ndarray = quantity("kg", ("time",), "prior mass profile: the last pass")
-    mass_of_pass: np.ndarray = quantity("kg", ("passes", "time"), "mass profile after each pass; the first is the guess")
+    mass_of_pass: np.ndarray = quantity(
+        "kg", ("passes", "time"), "mass profile after each pass; the first is the guess"
+    )
     largest_change: np.ndarray = quantity("kg", ("changes",), "largest change of the mass in each pass")
     integrated_change: np.ndarray = quantity("kg s", ("changes",), "integral of the change of the mass in each pass")
     mean: np.ndarray = quantity("m, m, m/s, m/s", ("time", 4), "mean state: downrange, altitude and their rates")
@@ -40,7 +42,8 @@ def compute(inputs) -> Nominal:
         integrated.append(np.trapezoid(change, time))
         if not np.isfinite(change).all() or mass.min() <= 0:
             raise MarsedlError(
-                f"pass {len(largest)} of the mass iteration burns all of the mass; the divert needs too much thrust for "
+                f"pass {len(largest)} of the mass iteration burns all of the mass; the divert needs too much thrust "
+                f"for "
                 f"wet_mass and specific_impulse: give the segments more time or a nearer target"
             )
         if integrated[-1] < inputs.mass_tolerance:

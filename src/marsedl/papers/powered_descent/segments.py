@@ -43,7 +43,9 @@ def design_noise_density(inputs):
 
 def grids(durations, interval):
     """Uniform time grids of the segments, s from the start of each: even numbers of cells no longer than `interval`."""
-    return [np.linspace(0.0, duration, 2 * int(np.ceil(duration / (2 * interval) - 1e-9)) + 1) for duration in durations]
+    return [
+        np.linspace(0.0, duration, 2 * int(np.ceil(duration / (2 * interval) - 1e-9)) + 1) for duration in durations
+    ]
 
 
 def joined_time(times):

@@ -46,13 +46,25 @@ def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: Flig
     def row(name, printed, value, error):
         z = (printed - value) / (error * np.hypot(1.0, share))
         rows.append(
-            (name, f"{printed:.4f}", f"{value:.4f}", f"{error:.4f}", f"{error * share:.4f}", f"{z:+.1f}", f"{len(state)}")
+            (
+                name,
+                f"{printed:.4f}",
+                f"{value:.4f}",
+                f"{error:.4f}",
+                f"{error * share:.4f}",
+                f"{z:+.1f}",
+                f"{len(state)}",
+            )
         )
 
     means, errors = state.mean(axis=0), mean_standard_error(state.var(axis=0, ddof=1), len(state))
     for i, name in enumerate(NAMES):
         row(f"mean {name}", published["mc_final_mean"].printed[i], means[i], errors[i])
-    printed, covariance, errors = printed_covariance(published), np.cov(state, rowvar=False), covariance_standard_errors(state)
+    printed, covariance, errors = (
+        printed_covariance(published),
+        np.cov(state, rowvar=False),
+        covariance_standard_errors(state),
+    )
     for i in range(4):
         for j in range(i, 4):
             name = f"var {NAMES[i]}" if i == j else f"cov {NAMES[i]}, {NAMES[j]}"
