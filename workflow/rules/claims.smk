@@ -12,22 +12,31 @@ for _paper in PAPERS:
         name:
             f"{_paper}_claims"
         input:
-            [path for reading in STUDIES[_paper].readings for path in artifacts(_paper, reading).values()],
+            [
+                path
+                for reading in STUDIES[_paper].readings
+                for path in artifacts(_paper, reading).values()
+            ],
             published=f"data/published/{_paper}.yaml",
         output:
-            claims=f"report/claims/{_paper}.json",
-            table=[f"figures/{_paper}/claims.csv", f"figures/{_paper}/claims.md"],
             **{
                 stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]
                 for stem in PAPERS[_paper].summaries
             },
+            claims=f"report/claims/{_paper}.json",
+            table=[f"figures/{_paper}/claims.csv", f"figures/{_paper}/claims.md"],
         log:
             f"logs/{_paper}/claims.log",
         benchmark:
             f"benchmarks/{_paper}/claims.tsv"
+        conda:
+            "../envs/marsedl.yaml"
         params:
             paper=_paper,
-            artifacts={reading: artifacts(_paper, reading) for reading in STUDIES[_paper].readings},
+            artifacts={
+                reading: artifacts(_paper, reading)
+                for reading in STUDIES[_paper].readings
+            },
             inputs={
                 name: reading.slice(MODELS[_paper].model_fields)
                 for name, reading in STUDIES[_paper].readings.items()
@@ -35,8 +44,6 @@ for _paper in PAPERS:
             errata=[erratum.id for erratum in PAPERS[_paper].errata],
             summaries=list(PAPERS[_paper].summaries),
             code=claims_code(_paper),
-        conda:
-            "../envs/marsedl.yaml"
         script:
             "../scripts/claims.py"
 
@@ -48,9 +55,9 @@ rule all_claims:
         "report/claims.json",
     log:
         "logs/claims.log",
-    params:
-        code=script_of("all_claims.py"),
     conda:
         "../envs/marsedl.yaml"
+    params:
+        code=script_of("all_claims.py"),
     script:
         "../scripts/all_claims.py"

@@ -37,7 +37,10 @@ def cached(paper, name):
 
 def needs(paper, name):
     """Input files of a stage, by the name of the function's parameter."""
-    return {need.split(".")[-1]: cached(paper, need) for need in PAPERS[paper].stages[name].needs}
+    return {
+        need.split(".")[-1]: cached(paper, need)
+        for need in PAPERS[paper].stages[name].needs
+    }
 
 
 def code_of(entry, script):
@@ -52,7 +55,9 @@ def stage(paper, name):
     return dict(
         paper=paper,
         entry=entry,
-        inputs=lambda wildcards: STUDIES[paper].readings[wildcards.reading].slice(inputs),
+        inputs=lambda wildcards: STUDIES[paper]
+        .readings[wildcards.reading]
+        .slice(inputs),
         code=code_of(entry, "stage.py"),
     )
 
@@ -68,17 +73,29 @@ def chunk_files(paper):
     """The chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials."""
 
     def files(wildcards):
-        blocks = -(-cases(paper, wildcards.reading)[wildcards.case] // PAPERS[paper].trials_per_block)
+        blocks = -(
+            -cases(paper, wildcards.reading)[wildcards.case]
+            // PAPERS[paper].trials_per_block
+        )
         chunks = min(STUDIES[paper].chunks[wildcards.case], blocks)
         pattern = f"data/cache/{paper}/{{reading}}/chunks/{{case}}.{{k}}of{chunks}.h5"
-        return expand(pattern, reading=wildcards.reading, case=wildcards.case, k=range(chunks))
+        return expand(
+            pattern, reading=wildcards.reading, case=wildcards.case, k=range(chunks)
+        )
 
     return files
 
 
 def cases_of(paper, scattered):
     """Pattern of the Monte Carlo cases that are scattered into chunks, or of those that are not."""
-    return "|".join(case for case, chunks in STUDIES[paper].chunks.items() if (chunks > 1) == scattered) or "(?!)"
+    return (
+        "|".join(
+            case
+            for case, chunks in STUDIES[paper].chunks.items()
+            if (chunks > 1) == scattered
+        )
+        or "(?!)"
+    )
 
 
 def trial_options(paper):
@@ -93,7 +110,9 @@ def trial_options(paper):
 def chunk_options(paper):
     """The options of a job that flies one chunk of a case."""
     return lambda wildcards: dict(
-        **trial_options(paper)(wildcards), chunk=int(wildcards.chunk), chunks=int(wildcards.chunks)
+        **trial_options(paper)(wildcards),
+        chunk=int(wildcards.chunk),
+        chunks=int(wildcards.chunks),
     )
 
 
@@ -110,7 +129,10 @@ def gathered_from(paper, stage):
 def drawn_from(paper, stem, reading):
     """Input files of a figure or table."""
     needed = PAPERS[paper].product(stem).needs
-    return {need.split(".")[-1]: cached(paper, need).format(reading=reading) for need in needed}
+    return {
+        need.split(".")[-1]: cached(paper, need).format(reading=reading)
+        for need in needed
+    }
 
 
 def product(kind, script, reading=None):
@@ -118,10 +140,14 @@ def product(kind, script, reading=None):
 
     def inputs(wildcards):
         names = PAPERS[wildcards.paper].product(wildcards.stem).inputs
-        return STUDIES[wildcards.paper].readings[reading or wildcards.reading].slice(names)
+        return (
+            STUDIES[wildcards.paper].readings[reading or wildcards.reading].slice(names)
+        )
 
     def code(wildcards):
-        return code_of(f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}", script)
+        return code_of(
+            f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}", script
+        )
 
     return dict(
         paper=lambda wildcards: wildcards.paper,
@@ -137,19 +163,25 @@ def artifacts(paper, reading):
     stages = [
         name
         for name, stage in PAPERS[paper].stages.items()
-        if not name.startswith("montecarlo") and reading in (stage.claimed_in or [reading])
+        if not name.startswith("montecarlo")
+        and reading in (stage.claimed_in or [reading])
     ]
     names = stages + [f"montecarlo.{case}" for case in cases(paper, reading)]
-    return {name.split(".")[-1]: cached(paper, name).format(reading=reading) for name in names}
+    return {
+        name.split(".")[-1]: cached(paper, name).format(reading=reading)
+        for name in names
+    }
 
 
 def products(paper):
     """All figures and tables of a paper that `snakemake all` makes."""
     catalogue = PAPERS[paper]
     tables = [*catalogue.tables, *catalogue.summaries, "claims"]
-    return [f"figures/{paper}/{stem}.{ext}" for stem in catalogue.figures for ext in ("png", "pdf")] + [
-        f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")
-    ]
+    return [
+        f"figures/{paper}/{stem}.{ext}"
+        for stem in catalogue.figures
+        for ext in ("png", "pdf")
+    ] + [f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")]
 
 
 def described(paper):
@@ -175,8 +207,14 @@ def script_of(script):
 
 def claims_code(paper):
     """Digest of a paper's evaluators, its statements about claims, and its tables over all readings."""
-    entries = ["claims:evaluate", "claims:DECLARATIONS", *(f"tables:{stem}" for stem in PAPERS[paper].summaries)]
-    digests = [code_digest(f"marsedl.papers.{paper}.{entry}", SOURCE)[:16] for entry in entries]
+    entries = [
+        "claims:evaluate",
+        "claims:DECLARATIONS",
+        *(f"tables:{stem}" for stem in PAPERS[paper].summaries),
+    ]
+    digests = [
+        code_digest(f"marsedl.papers.{paper}.{entry}", SOURCE)[:16] for entry in entries
+    ]
     return " ".join([script_of("claims.py"), *digests])
 
 

@@ -3,7 +3,11 @@
 
 rule figure:
     input:
-        unpack(lambda wildcards: drawn_from(wildcards.paper, wildcards.stem, wildcards.reading)),
+        unpack(
+            lambda wildcards: drawn_from(
+                wildcards.paper, wildcards.stem, wildcards.reading
+            )
+        ),
     output:
         png="figures/{paper}/{reading}/{stem}.png",
         pdf="figures/{paper}/{reading}/{stem}.pdf",
@@ -11,12 +15,12 @@ rule figure:
         "logs/{paper}/{reading}/{stem}.log",
     benchmark:
         "benchmarks/{paper}/{reading}/{stem}.tsv"
-    params:
-        **product("figures", "figure.py"),
     wildcard_constraints:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
     conda:
         "../envs/marsedl.yaml"
+    params:
+        **product("figures", "figure.py"),
     script:
         "../scripts/figure.py"
 
@@ -31,15 +35,19 @@ use rule figure as default_figure with:
         "logs/{paper}/{stem}.log",
     benchmark:
         "benchmarks/{paper}/{stem}.tsv"
-    params:
-        **product("figures", "figure.py", DEFAULT),
     wildcard_constraints:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
+    params:
+        **product("figures", "figure.py", DEFAULT),
 
 
 rule table:
     input:
-        unpack(lambda wildcards: drawn_from(wildcards.paper, wildcards.stem, wildcards.reading)),
+        unpack(
+            lambda wildcards: drawn_from(
+                wildcards.paper, wildcards.stem, wildcards.reading
+            )
+        ),
     output:
         csv="figures/{paper}/{reading}/{stem}.csv",
         md="figures/{paper}/{reading}/{stem}.md",
@@ -47,12 +55,12 @@ rule table:
         "logs/{paper}/{reading}/{stem}.log",
     benchmark:
         "benchmarks/{paper}/{reading}/{stem}.tsv"
-    params:
-        **product("tables", "table.py"),
     wildcard_constraints:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.tables),
     conda:
         "../envs/marsedl.yaml"
+    params:
+        **product("tables", "table.py"),
     script:
         "../scripts/table.py"
 
@@ -67,7 +75,7 @@ use rule table as default_table with:
         "logs/{paper}/{stem}.log",
     benchmark:
         "benchmarks/{paper}/{stem}.tsv"
-    params:
-        **product("tables", "table.py", DEFAULT),
     wildcard_constraints:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.tables),
+    params:
+        **product("tables", "table.py", DEFAULT),

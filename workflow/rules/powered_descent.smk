@@ -13,10 +13,10 @@ rule powered_descent_nominal:
         "logs/powered_descent/{reading}/nominal.log",
     benchmark:
         "benchmarks/powered_descent/{reading}/nominal.tsv"
-    params:
-        **stage("powered_descent", "nominal"),
     conda:
         "../envs/marsedl.yaml"
+    params:
+        **stage("powered_descent", "nominal"),
     script:
         "../scripts/stage.py"
 
@@ -98,11 +98,11 @@ use rule powered_descent_nominal as powered_descent_montecarlo with:
         "logs/powered_descent/{reading}/montecarlo.{case}.log",
     benchmark:
         "benchmarks/powered_descent/{reading}/montecarlo.{case}.tsv"
+    wildcard_constraints:
+        case=cases_of("powered_descent", scattered=False),
     params:
         **stage("powered_descent", "montecarlo"),
         options=trial_options("powered_descent"),
-    wildcard_constraints:
-        case=cases_of("powered_descent", scattered=False),
 
 
 use rule powered_descent_nominal as powered_descent_montecarlo_chunk with:
@@ -128,8 +128,8 @@ use rule powered_descent_nominal as powered_descent_montecarlo_gather with:
         "logs/powered_descent/{reading}/montecarlo.{case}.log",
     benchmark:
         "benchmarks/powered_descent/{reading}/montecarlo.{case}.tsv"
+    wildcard_constraints:
+        case=cases_of("powered_descent", scattered=True),
     params:
         **stage("powered_descent", "montecarlo_gather"),
         chunks=gathered_from("powered_descent", "montecarlo_chunk"),
-    wildcard_constraints:
-        case=cases_of("powered_descent", scattered=True),

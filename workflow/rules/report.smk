@@ -20,10 +20,10 @@ rule digests:
         "report/digests.json",
     log:
         "logs/digests.log",
-    params:
-        code=script_of("digests.py"),
     conda:
         "../envs/marsedl.yaml"
+    params:
+        code=script_of("digests.py"),
     script:
         "../scripts/digests.py"
 
@@ -37,6 +37,8 @@ rule index:
         "report/index.html",
     log:
         "logs/report.log",
+    conda:
+        "../envs/marsedl.yaml"
     params:
         readings={paper: described(paper) for paper in PAPERS},
         size=str(config.get("size", "full")),
@@ -44,8 +46,9 @@ rule index:
         benchmark_digest=file_digest("data/reference/benchmarks.csv"),
         template=file_digest("src/marsedl/replication/templates/report.html.j2"),
         code=script_of("report.py"),
-        catalogues={paper: code_digest(f"marsedl.papers.{paper}:PAPER", SOURCE) for paper in PAPERS},
-    conda:
-        "../envs/marsedl.yaml"
+        catalogues={
+            paper: code_digest(f"marsedl.papers.{paper}:PAPER", SOURCE)
+            for paper in PAPERS
+        },
     script:
         "../scripts/report.py"

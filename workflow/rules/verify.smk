@@ -10,4 +10,3 @@ rule verify:
         "../envs/marsedl.yaml"
     shell:
         "python -m marsedl.cli verify 2> {log}"
-

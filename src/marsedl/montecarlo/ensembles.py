@@ -264,7 +264,7 @@ class Ensemble:
 
     count, excluded: trials inside and outside of the moments. mean: (times, n). covariance: (times, n, n), divided by
     count - 1. observed_mean: (times, n_observed). All are NaN where count does not suffice.
-    maximum_over_trials: (times, n_observed), -inf when count is 0. The other fields are those of `Chunk`, over all trials.
+    maximum_over_trials: (times, n_observed), -inf when count is 0. The other fields are as in `Chunk`, over all trials.
     """
 
     count: int
