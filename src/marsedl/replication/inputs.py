@@ -226,11 +226,12 @@ def load_study(
     sizes = _mapping(document.get("sizes", {}), str(path), "sizes")
     if size != "full" and size not in sizes:
         raise InputError(f"--config size={size}: {path} defines no such size; {nearest(size, ['full', *sizes])}")
-    limits = _mapping(sizes[size], str(path), f"sizes.{size}", set(model.model_fields)) if size != "full" else {}
+    limits = _limits(sizes[size], str(path), f"sizes.{size}", model) if size != "full" else {}
     readings = {}
     for name in raw:
-        _resolve(name, raw, readings, model, limits, size, ())
-    return Study(paper, readings, chunks)
+        _resolve(name, raw, readings, model, ())
+    # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
+    return Study(paper, {name: _limited(reading, limits) for name, reading in readings.items()}, chunks)
 
 
 def load_studies(
@@ -264,7 +265,22 @@ def load_studies(
     return studies
 
 
-def _resolve(name, raw, done, model, limits, size, pending) -> Reading:
+def _limits(limits, path, where, model) -> dict[str, int | float]:
+    """Return the limits of a size, whole or decimal numbers above zero."""
+    for name, limit in _mapping(limits, path, where, set(model.model_fields)).items():
+        if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
+            raise InputError(f"{path}: {where}.{name}: {_shown(limit)} is not a number above zero")
+    return limits
+
+
+def _limited(reading: Reading, limits: dict[str, int | float]) -> Reading:
+    """Return the reading with no input above its limit."""
+    values = {name: getattr(reading.inputs, name) for name in limits}
+    smaller = {name: limits[name] for name, value in values.items() if value is not None and value > limits[name]}
+    return replace(reading, inputs=reading.inputs.model_copy(update=smaller)) if smaller else reading
+
+
+def _resolve(name, raw, done, model, pending) -> Reading:
     if name in done:
         return done[name]
     origin, body = raw[name]
@@ -283,7 +299,7 @@ def _resolve(name, raw, done, model, limits, size, pending) -> Reading:
             raise InputError(f"{origin}: {where}.based_on: there is no reading '{based_on}'; {nearest(based_on, raw)}")
         if based_on in (*pending, name):
             raise InputError(f"{origin}: {where}.based_on: '{based_on}' is in the end based on '{name}' itself")
-        base = _resolve(based_on, raw, done, model, limits, size, (*pending, name))
+        base = _resolve(based_on, raw, done, model, (*pending, name))
         sources, values = dict(base.sources), dict(base.inputs.model_dump())
     fresh = {}
     accepted = model.keys()
@@ -306,9 +322,6 @@ def _resolve(name, raw, done, model, limits, size, pending) -> Reading:
         remedy = "give it, or name a complete reading under based_on"
         raise InputError(f"{origin}: {where}.inputs: '{missing[0]}' ({model.unit(missing[0])}) is missing; {remedy}")
     _check_frozen(frozen, name, values, origin)
-    for field_name, limit in limits.items():
-        if isinstance(values[field_name], int | float) and values[field_name] > limit:
-            values[field_name] = limit
     try:
         inputs = model.model_validate(values)
     except ValidationError as error:
@@ -378,6 +391,15 @@ def _scaled(value, factor, origin, place):
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{origin}: {place}: must be a number, not {value!r}"[:400])
     return value * factor
+
+
+def _shown(value: object) -> str:
+    """Return a value as a message shows it: short, and never an error of its own."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits, or lists inside of lists without end
+        return f"a {type(value).__name__} too large to show"
+    return text if len(text) <= 100 else text[:97] + "..."
 
 
 def _number_hint(value) -> str:

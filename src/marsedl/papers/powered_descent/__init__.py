@@ -181,8 +181,9 @@ ERRATA = (
     Erratum(
         "E6",
         "gamma = 0.02 without a unit",
-        "Likelihood-ratio test of the printed covariance (table of readings): newtons, kilonewtons, accelerations and "
-        "weights on Mars are rejected; 0.02 of the maximum thrust or of the weight on Earth are not.",
+        "Likelihood-ratio test of the printed covariance without its downrange entry (table of readings): newtons, "
+        "kilonewtons and accelerations are rejected decisively, weights on Mars at the 2 % level; 0.02 of the maximum "
+        "thrust or of the weight on Earth are not rejected and cannot be told apart.",
         "0.02 of the maximum thrust, as Fig. 6 states thrust",
     ),
     Erratum(
