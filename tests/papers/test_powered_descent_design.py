@@ -259,7 +259,10 @@ def test_riccati_solution_at_the_start(pipeline, reading, number, axis, riccati)
 
 
 def test_costs_of_the_feedback(pipeline):
-    problems, gains = problems_of(pipeline.stage_inputs("corrected", "gains"), pipeline.linearization()), pipeline.gains()
+    problems, gains = (
+        problems_of(pipeline.stage_inputs("corrected", "gains"), pipeline.linearization()),
+        pipeline.gains(),
+    )
     expected = ((1.609634e6, 1.609634e6), (None, 1.065318e6))
     for number, problem in enumerate(problems):
         inside = gains.segment == number
@@ -329,7 +332,9 @@ def test_a_second_segment_that_starts_wider_ends_wider(pipeline):
     random = np.random.default_rng(1)
     scale = np.sqrt(np.diag(inputs.final_covariance))
     for _ in range(20):
-        direction = random.standard_normal((4, random.integers(1, 5))) * np.sqrt(np.diag(problem.initial_covariance))[:, None]
+        direction = (
+            random.standard_normal((4, random.integers(1, 5))) * np.sqrt(np.diag(problem.initial_covariance))[:, None]
+        )
         wider = problem.initial_covariance + 0.3 * direction @ direction.T
         end = predicted_covariance(problem, gains.riccati_initial[1], gains.noise_density_plant, wider)[-1]
         excess = np.linalg.eigvalsh((end - inputs.final_covariance) / np.outer(scale, scale))
@@ -366,9 +371,21 @@ def test_the_unit_of_thrust_does_not_matter(pipeline, unit):
 # --- independent checks -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("thrust_unit", [1.0, 180.0, 18_000.0, 1.8e6])
+@pytest.mark.parametrize("thrust_unit", [1.0, 100.0, 1e4, 1e6])
+def test_both_ends_are_met_at_any_noise_density(pipeline, thrust_unit):
+    # 0.02 to 20,000 N sqrt(s). The condition of the closed form grows as the noise falls, hence not 1e-9 as above.
+    gains, inputs = pipeline.gains(thrust_unit=thrust_unit), pipeline.stage_inputs("corrected", "gains")
+    assert np.linalg.eigvalsh(gains.covariance).min() > 0
+    assert gains.escape_margin.min() > 0
+    for number, target in ((0, inputs.intermediate_covariance), (1, inputs.final_covariance)):
+        scale = np.sqrt(np.diag(target))
+        reached = gains.covariance[segment_end(gains, number)]
+        np.testing.assert_allclose(reached / np.outer(scale, scale), np.eye(4), atol=1e-7)
+
+
+@pytest.mark.parametrize("thrust_unit", [1.0, 180.0, 1800.0, 18_000.0])
 def test_forward_integration_confirms_the_design(pipeline, thrust_unit):
-    # Noise densities of 0.02 to 36,000 N sqrt(s). Few held intervals: the convex bounds are tested below.
+    # Noise densities of 0.02 to 360 N sqrt(s). Few held intervals: the convex bounds are tested below.
     checks = pipeline.certificates(thrust_unit=thrust_unit, certificate_intervals=[15, 20])
     assert checks.covariance_error.max() < 1e-7
     assert checks.riccati_error.max() < 1e-7

@@ -165,6 +165,8 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node, deep=False):
         seen = {}
         for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: '<<' is not used here; write it out")
             key = self.construct_object(key_node, deep=True)
             try:
                 repeated = key in seen
@@ -210,7 +212,7 @@ def load_study(
     chunks = _mapping(document["chunks"], str(path), "chunks")
     for case, number in chunks.items():
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 100_000:
-            raise InputError(f"{path}: chunks.{case}: {number!r} is not a whole number from 1 to 100000")
+            raise InputError(f"{path}: chunks.{case}: {_shown(number)} is not a whole number from 1 to 100000")
     raw = {}
     for name, body in _mapping(document["readings"], str(path), "readings").items():
         raw[name] = (str(path), body)
@@ -231,7 +233,8 @@ def load_study(
     for name in raw:
         _resolve(name, raw, readings, model, ())
     # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
-    return Study(paper, {name: _limited(reading, limits) for name, reading in readings.items()}, chunks)
+    limited = {name: _limited(reading, limits, f"{path}: sizes.{size}") for name, reading in readings.items()}
+    return Study(paper, limited, chunks)
 
 
 def load_studies(
@@ -250,7 +253,7 @@ def load_studies(
     _mapping(config, origin, "", {*models, "size", "chunks"})
     chunks = config.get("chunks")
     if chunks is not None and (isinstance(chunks, bool) or not isinstance(chunks, int) or not 1 <= chunks <= 100_000):
-        raise InputError(f"{origin}: chunks: {chunks!r} is not a whole number from 1 to 100000")
+        raise InputError(f"{origin}: chunks: {_shown(chunks)} is not a whole number from 1 to 100000")
     studies = {}
     for slug, model in models.items():
         study = load_study(
@@ -273,10 +276,19 @@ def _limits(limits, path, where, model) -> dict[str, int | float]:
     return limits
 
 
-def _limited(reading: Reading, limits: dict[str, int | float]) -> Reading:
+def _limited(reading: Reading, limits: dict[str, int | float], where: str) -> Reading:
     """Return the reading with no input above its limit."""
-    values = {name: getattr(reading.inputs, name) for name in limits}
-    smaller = {name: limits[name] for name, value in values.items() if value is not None and value > limits[name]}
+    smaller = {}
+    for name, limit in limits.items():
+        value = getattr(reading.inputs, name)
+        if value is None:
+            continue
+        if not isinstance(value, int | float):
+            raise InputError(f"{where}.{name}: only single numbers can be limited, and it is {_shown(value)}")
+        if isinstance(value, int) and not isinstance(limit, int):
+            raise InputError(f"{where}.{name}: {_shown(limit)} is not a whole number")
+        if value > limit:
+            smaller[name] = limit
     return replace(reading, inputs=reading.inputs.model_copy(update=smaller)) if smaller else reading
 
 
@@ -292,9 +304,11 @@ def _resolve(name, raw, done, model, pending) -> Reading:
     if not isinstance(summary, str):
         raise InputError(f"{origin}: {where}.summary: must be a sentence")
     if not isinstance(frozen, str):
-        raise InputError(f"{origin}: {where}.frozen: must be the digest of the reading's inputs, not {frozen!r}")
+        raise InputError(f"{origin}: {where}.frozen: must be the digest of the reading's inputs, not {_shown(frozen)}")
     sources, values = {}, {}
     if based_on is not None:
+        if not isinstance(based_on, str):
+            raise InputError(f"{origin}: {where}.based_on: must be the name of a reading, not {_shown(based_on)}")
         if based_on not in raw:
             raise InputError(f"{origin}: {where}.based_on: there is no reading '{based_on}'; {nearest(based_on, raw)}")
         if based_on in (*pending, name):
@@ -307,11 +321,12 @@ def _resolve(name, raw, done, model, pending) -> Reading:
         name_si, factor = _accepted_key(key, accepted, model, origin, where)
         place = f"{where}.inputs.{key}"
         if not isinstance(entry, dict):
-            raise InputError(f'{origin}: {place}: write {{value: ..., source: "..."}}, not {entry!r}'[:400])
+            raise InputError(f'{origin}: {place}: write {{value: ..., source: "..."}}, not {_shown(entry)}')
         entry = _mapping(entry, origin, place, {"value", "unit", "source"}, required={"value", "source"})
         _check_source(entry["source"], origin, place)
-        if "unit" in entry and entry["unit"] != model.unit(name_si) and factor == 1.0:
-            raise InputError(f"{origin}: {place}.unit: is '{entry['unit']}', must be '{model.unit(name_si)}'")
+        unit = model.unit(name_si) if key == name_si else key.removeprefix(f"{name_si}_").replace("_", "/")
+        if "unit" in entry and entry["unit"] != unit:
+            raise InputError(f"{origin}: {place}.unit: is {_shown(entry['unit'])}, must be '{unit}'")
         if name_si in fresh:
             raise InputError(f"{origin}: {place}: '{name_si}' is set twice, also as '{fresh[name_si]}'")
         fresh[name_si] = key
@@ -321,7 +336,6 @@ def _resolve(name, raw, done, model, pending) -> Reading:
     if missing:
         remedy = "give it, or name a complete reading under based_on"
         raise InputError(f"{origin}: {where}.inputs: '{missing[0]}' ({model.unit(missing[0])}) is missing; {remedy}")
-    _check_frozen(frozen, name, values, origin)
     try:
         inputs = model.model_validate(values)
     except ValidationError as error:
@@ -330,8 +344,9 @@ def _resolve(name, raw, done, model, pending) -> Reading:
         source = sources.get(field_name)
         key = f"inputs.{source.key}" if source else "inputs"
         message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
-        shown = f" (given: {source.written!r}"[:120] + ")" if source else ""
+        shown = f" (given: {_shown(source.written)})" if source else ""
         raise InputError(f"{origin}: {where}.{key}: {message}{shown}{_number_hint(first['input'])}") from None
+    _check_frozen(frozen, name, values, origin)
     done[name] = Reading(name, summary, based_on, frozen, inputs, sources, origin)
     return done[name]
 
@@ -340,10 +355,10 @@ def _mapping(value, origin, place, allowed=None, required=frozenset()) -> dict:
     """Return value if it is a mapping with allowed keys only; the message names the nearest valid key."""
     where = f"{origin}: {place}: " if place else f"{origin}: "
     if not isinstance(value, dict):
-        raise InputError(f"{where}must be keys with values, not {value!r}"[:400])
+        raise InputError(f"{where}must be keys with values, not {_shown(value)}")
     for key in value:
         if not isinstance(key, str):
-            raise InputError(f"{where}the key {key!r} must be a name")
+            raise InputError(f"{where}the key {_shown(key)} must be a name")
         if allowed is not None and key not in allowed:
             raise InputError(f"{where}unknown key '{key}'; {nearest(key, allowed)}")
     for key in sorted(required):
@@ -389,8 +404,11 @@ def _scaled(value, factor, origin, place):
     if isinstance(value, list):
         return [_scaled(entry, factor, origin, place) for entry in value]
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{origin}: {place}: must be a number, not {value!r}"[:400])
-    return value * factor
+        raise InputError(f"{origin}: {place}: must be a number, not {_shown(value)}")
+    try:
+        return value * factor
+    except OverflowError:  # of a whole number with more than 308 digits
+        raise InputError(f"{origin}: {place}: {_shown(value)} is too large") from None
 
 
 def _shown(value: object) -> str:

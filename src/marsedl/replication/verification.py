@@ -23,7 +23,8 @@ BUILDS = (
 )
 
 RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
-SMALLEST_SCALE = 1e-3  # below it, in the field's own unit, fields are residuals at the level of rounding
+SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
+RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
 
 
@@ -116,8 +117,8 @@ def _reduced(array: np.ndarray) -> dict:
     return {"shape": list(array.shape), "counts": array.dtype.kind in "iub", "numbers": [float(n) for n in numbers]}
 
 
-def margin(reference: dict, found: dict) -> float:
-    """Return the largest difference of two reductions in units of its tolerance; infinite for another shape."""
+def margin(name: str, reference: dict, found: dict) -> float:
+    """Return the largest difference of a field's two reductions in tolerances; infinite for another shape."""
     if reference["shape"] != found["shape"] or len(reference["numbers"]) != len(found["numbers"]):
         return np.inf
     if not reference["numbers"]:
@@ -126,7 +127,7 @@ def margin(reference: dict, found: dict) -> float:
     if reference["counts"]:
         tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a)
     else:
-        tolerance = RELATIVE_TOLERANCE * max(a[0], SMALLEST_SCALE)
+        tolerance = RELATIVE_TOLERANCE * max(a[0], 1.0 if name.endswith(RESIDUALS) else SMALLEST_SCALE)
     return float(np.max(np.abs(a - b) / tolerance))
 
 
@@ -153,7 +154,7 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
         reference, found = json.loads(path.read_text(encoding="utf-8")), fingerprints(root, slug)
         missing = sorted(reference.keys() - found.keys())
-        margins = {name: margin(entry, found[name]) for name, entry in reference.items() if name in found}
+        margins = {name: margin(name, entry, found[name]) for name, entry in reference.items() if name in found}
         beyond = sorted((name for name, value in margins.items() if value > 1), key=lambda name: -margins[name])
         for name in missing[:20]:
             print(f"  {slug}: not built: {name}")

@@ -1,0 +1,180 @@
+"""A built copy of the project for the tests of the pipeline: built once in a session, restored for every test."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from marsedl.replication.digests import digest_tree
+from marsedl.replication.verification import PRODUCTS, build_twice, copy_tree, snakemake
+
+ROOT = Path(__file__).parents[1]
+CONFIG = "configs/powered_descent.yaml"
+PHYSICS = "src/marsedl/models/dynamics/powered_descent.py"
+FIGURES = "src/marsedl/papers/powered_descent/figures.py"
+CACHE = "data/cache/powered_descent"
+
+
+@dataclass
+class Plan:
+    """What a dry run would do: the output files of every job, by rule."""
+
+    outputs: dict[str, set[str]]
+    text: str
+
+    @property
+    def rules(self) -> set[str]:
+        return {rule.removeprefix("powered_descent_") for rule in self.outputs if rule != "all"}
+
+    @property
+    def changed(self) -> set[str]:
+        """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
+        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", self.text)
+        names = listed.group(1).replace("\n", ",").split(",") if listed else []
+        return {name.strip().removeprefix("powered_descent_") for name in names if name.strip()}
+
+    @property
+    def files(self) -> set[str]:
+        return {path for paths in self.outputs.values() for path in paths}
+
+    @property
+    def artifacts(self) -> set[str]:
+        """Artifacts as "reading/name", without those of chunks, which are temporary."""
+        found = {path.removeprefix(CACHE + "/").removesuffix(".h5") for path in self.files if path.startswith(CACHE)}
+        return {name for name in found if "/chunks/" not in name}
+
+    @property
+    def readings(self) -> set[str]:
+        return {name.split("/")[0] for name in self.artifacts}
+
+    @property
+    def figures(self) -> set[str]:
+        """Names of the figures and tables, without those that the claims write."""
+        rules = ("figure", "default_figure", "table", "default_table")
+        return {Path(path).stem for rule in rules for path in self.outputs.get(rule, ())}
+
+
+@dataclass
+class Tree:
+    """A copy of the project in which Snakemake runs."""
+
+    folder: Path
+    config: list[str] = field(default_factory=lambda: ["size=smoke", "chunks=3"])
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+    def edit(self, name: str, old: str, new: str) -> None:
+        """Replace a text that occurs exactly once in a file."""
+        text = self.path(name).read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{name} holds {old!r} {text.count(old)} times"
+        self.path(name).write_text(text.replace(old, new), encoding="utf-8")
+
+    def set_inputs(self, reading: str, **values: str) -> None:
+        """Set inputs (texts of YAML) of a reading that does not set them itself yet."""
+        text = self.path(CONFIG).read_text(encoding="utf-8")
+        entry = '      {}: {{value: {}, source: "assumed: test"}}\n'
+        lines = "".join(entry.format(name, value) for name, value in values.items())
+        changed, number = re.subn(rf"(?ms)^(  {reading}:\n.*?    inputs:\n)", rf"\g<1>{lines}", text, count=1)
+        assert number == 1, f"there is no reading {reading}"
+        self.path(CONFIG).write_text(changed, encoding="utf-8")
+
+    def run(self, *arguments: str, configfile: Path | None = None, **environment: str) -> subprocess.CompletedProcess:
+        """Run Snakemake with the configuration that the tree was built with."""
+        return snakemake(self.folder, *self._arguments(arguments, configfile), **environment)
+
+    def start(self, *arguments: str) -> subprocess.Popen:
+        """Start Snakemake in a process group of its own."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "snakemake", *self._arguments(arguments, None)],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": str(self.folder / "src")},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def plan(self, *arguments: str, configfile: Path | None = None) -> Plan:
+        """Dry run: which jobs would run."""
+        done = self.run(*arguments, "--dry-run", "--quiet", "host", configfile=configfile)
+        assert done.returncode == 0, done.stdout[-3000:]
+        outputs = {}
+        for block in re.split(r"\n\[[^\n]*\]\n", done.stdout):
+            rule = re.match(r"(?:local)?(?:rule|checkpoint) (\w+):\n", block)
+            if rule:
+                listed = re.search(r"\n    output: ([^\n]*)", block)
+                paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
+                outputs.setdefault(rule.group(1), set()).update(paths)
+        assert bool(outputs) != ("Nothing to be done" in done.stdout), done.stdout[-3000:]
+        return Plan(outputs, done.stdout)
+
+    def digests(self) -> dict[str, str]:
+        """Digests of all products."""
+        return digest_tree(self.folder, PRODUCTS)
+
+    def state(self) -> dict[str, tuple[int, int]]:
+        """Time and size of every product: unchanged exactly if nothing was written."""
+        paths = [path for pattern in PRODUCTS for path in self.folder.glob(pattern) if path.is_file()]
+        return {str(p.relative_to(self.folder)): (p.stat().st_mtime_ns, p.stat().st_size) for p in sorted(paths)}
+
+    def marsedl(self, *arguments: str) -> subprocess.CompletedProcess:
+        """Run the command `marsedl` in this folder, with this folder's package."""
+        return subprocess.run(
+            [sys.executable, "-m", "marsedl.cli", *arguments],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": str(self.folder / "src")},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    def _arguments(self, arguments, configfile):
+        own = ["--configfile", str(configfile)] if configfile else []
+        config = ["--config", *self.config] if self.config else []
+        return [*arguments, "--cores", "2", *own, *config]
+
+
+@dataclass
+class Built:
+    """Two smoke builds, what was said of them, and a spare copy of the second one."""
+
+    agree: bool
+    said: str
+    first: Tree
+    second: Tree
+    spare: Path
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory) -> Built:
+    """Build the smoke size twice, as `marsedl verify` does; about three minutes."""
+    import contextlib
+    import io
+
+    root = copy_tree(ROOT, tmp_path_factory.mktemp("pipeline") / "project")
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        agree = build_twice(root)
+    first, second = (Tree(root / "build" / "verify" / str(number)) for number in range(2))
+    spare = root / "spare"
+    shutil.copytree(second.folder, spare)  # keeps file times, on which the compiled kernels depend
+    return Built(agree, said.getvalue(), first, second, spare)
+
+
+@pytest.fixture
+def tree(built) -> Tree:
+    """The second build as it was built, in its own place: compiled kernels are bound to their path."""
+    shutil.rmtree(built.second.folder)
+    shutil.copytree(built.spare, built.second.folder)
+    return built.second
+
+
+@pytest.fixture
+def fresh_tree(tmp_path) -> Tree:
+    """A copy of the project in which nothing is built yet."""
+    return Tree(copy_tree(ROOT, tmp_path / "fresh"))

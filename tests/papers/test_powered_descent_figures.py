@@ -1,0 +1,238 @@
+"""The figures hold the right curves; nothing here looks at pixels."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+
+from marsedl.montecarlo.statistics import variance_sampling_band
+from marsedl.papers.powered_descent import PAPER, figures
+from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, save_figure
+
+DRAWN = 12  # trials, see the fixtures
+OVER_TIME = ("fig01", "fig04", "fig05", "fig06a", "fig06b", "fig07")
+
+
+@pytest.fixture(scope="module")
+def draw(pipeline):
+    """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it, once."""
+    drawn = {}
+
+    def draw_once(stem, reading="corrected"):
+        if (stem, reading) not in drawn:
+            product = PAPER.figures[stem]
+            made = {
+                need.split(".")[-1]: pipeline.ensemble(reading, need.split(".")[1])
+                if need.startswith("montecarlo")
+                else pipeline.stage(need, reading)
+                for need in product.needs
+            }
+            drawn[stem, reading] = getattr(figures, stem)(pipeline.inputs(reading, product.inputs), **made)
+        return drawn[stem, reading]
+
+    return draw_once
+
+
+def curves(axes, color=None):
+    """Lines with data (those of a legend have none), of a colour if given."""
+    lines = [line for line in axes.lines if len(line.get_xdata()) > 2]
+    return [line for line in lines if color is None or same_color(line.get_color(), color)]
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+@pytest.mark.parametrize("stem", PAPER.figures)
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
+    figure = draw(stem, reading)
+    assert isinstance(figure, Figure)
+    for axes in figure.axes:
+        assert axes.has_data()
+        assert axes.get_xlabel() or axes not in figure.axes[-1:]
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize("stem", OVER_TIME)
+def test_time_runs_from_zero_to_41_s_with_a_mark_at_the_switch(draw, stem):
+    for axes in draw(stem).axes:
+        np.testing.assert_allclose(axes.get_xlim(), [0.0, 41.0], atol=1e-9)
+        marks = [line for line in axes.lines if list(line.get_xdata()) == [26.0, 26.0]]
+        assert len(marks) == 1 and same_color(marks[0].get_color(), GREY)
+
+
+@pytest.mark.parametrize("stem", ["fig06a", "fig06b"])
+def test_no_curve_joins_both_sides_of_the_switch(draw, stem):
+    for axes in draw(stem).axes:
+        parts = [np.asarray(line.get_xdata()) for line in curves(axes)]
+        assert len(parts) == {"fig06a": 4, "fig06b": 6}[stem]
+        for time in parts:
+            assert time[-1] <= 26.0 or time[0] >= 26.0
+        assert sum(time[-1] == 26.0 for time in parts) == len(parts) / 2
+
+
+def test_fig01_has_one_curve_per_pass(draw, pipeline):
+    (axes,) = draw("fig01").axes
+    made = pipeline.nominal()
+    lines = curves(axes, BLUE)
+    assert len(lines) == len(made.mass_of_pass) - 1 == 8
+    assert axes.get_yscale() == "log"
+    for line, (before, after) in zip(lines, pairwise(made.mass_of_pass), strict=True):
+        shown = line.get_ydata()
+        np.testing.assert_array_equal(shown[~np.isnan(shown)], np.abs(after - before)[~np.isnan(shown)])
+        assert (after == before)[np.isnan(shown)].all()
+    assert len(axes.get_legend().get_texts()) == 8
+
+
+def test_fig02_shows_the_ballistic_arc_and_the_divert_radius(draw):
+    (axes,) = draw("fig02").axes
+    (arc,), (path,) = curves(axes, ORANGE), curves(axes, BLUE)
+    assert (arc.get_xdata()[0], arc.get_ydata()[0]) == (250.0, 500.0)
+    # It reaches the ground after 12.4 s, at 835 m.
+    assert arc.get_xdata()[-1] == pytest.approx(835, abs=0.5)
+    assert arc.get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
+    assert (np.diff(arc.get_ydata()) < 0).all()
+    np.testing.assert_allclose(path.get_xydata()[[0, -1]], [[250, 500], [100, 50]], atol=1e-6)
+    assert len(ellipses(axes, BLACK)) == 3
+    assert any("735 m" in text.get_text() for text in axes.texts)
+
+
+def ellipses(axes, color):
+    """Closed curves as (centre, half width, half height)."""
+    closed = [
+        line.get_xydata() for line in curves(axes, color) if np.allclose(line.get_xydata()[0], line.get_xydata()[-1])
+    ]
+    return [((c.max(axis=0) + c.min(axis=0)) / 2, *np.ptp(c, axis=0) / 2) for c in closed]
+
+
+def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
+    left, right = draw("fig03").axes
+    closed, opened = pipeline.ensemble(), pipeline.ensemble(case="open_loop")
+    gains = pipeline.gains()
+    assert len(curves(left, ORANGE)) == len(opened.kept_history) == DRAWN and not curves(right, ORANGE)
+    for axes in (left, right):
+        trials = curves(axes, BLUE)
+        assert len(trials) == len(closed.kept_history) == DRAWN
+        for line, trial in zip(trials, closed.kept_history, strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), trial[:, :2])
+        black, red = ellipses(axes, BLACK), ellipses(axes, VERMILION)
+        # Six increments per segment: both ends of both segments in black, five in between.
+        assert (len(black), len(red)) == (4, 10)
+        ends = ((250, 500, 40, 40), (50, 150, 10, 10), (50, 150, 10, 10), (100, 50, 5, 0.25))
+        for (centre, width, height), (r1, r2, var1, var2) in zip(black, ends, strict=True):
+            np.testing.assert_allclose(centre, [r1, r2], atol=0.05)
+            # Three standard deviations; a polygon of 100 corners reaches the extremes to 0.1 %.
+            assert width == pytest.approx(3 * np.sqrt(var1), rel=2e-3)
+            assert height == pytest.approx(3 * np.sqrt(var2), rel=2e-3)
+        thirds = [node(gains, round(26 * k / 6, 2)) for k in range(1, 6)]
+        for (centre, width, _), k in zip(red[:5], thirds, strict=True):
+            np.testing.assert_allclose(centre, gains.mean[k, :2], atol=0.3)
+            assert width == pytest.approx(3 * np.sqrt(gains.covariance[k, 0, 0]), rel=0.01)
+        dots = [line for line in axes.lines if line.get_marker() == "." and len(line.get_xdata()) == DRAWN]
+        assert len(dots) == 14
+        # The trials stand inside their ellipses: 3 sigma hold all but 1.1 %.
+        inside = [
+            np.abs(line.get_xdata() - e[0][0]).max() < 1.5 * e[1] for line, e in zip(dots[1:6], red[:5], strict=True)
+        ]
+        assert all(inside)
+        paths = [line for line in curves(axes, BLACK) if len(line.get_xdata()) == len(gains.time)]
+        assert len(paths) == 1
+    assert "sigma" in right.get_title() and "98.9 %" in right.get_title()
+
+
+def test_fig04_shows_the_components_of_the_same_trials(draw, pipeline):
+    ensemble = pipeline.ensemble()
+    panels = draw("fig04").axes
+    assert len(panels) == 4
+    for component, axes in enumerate(panels):
+        lines = curves(axes, BLUE)
+        assert len(lines) == DRAWN
+        for line, trial in zip(lines, ensemble.kept_history, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), trial[:, component])
+        (mean,) = curves(axes, BLACK)
+        np.testing.assert_array_equal(mean.get_ydata(), pipeline.gains().mean[:, component])
+
+
+def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node):
+    ensemble, made = pipeline.ensemble(), pipeline.nominal()
+    axes, difference = draw("fig05").axes
+    assert len(curves(axes, BLUE)) == len(curves(difference, BLUE)) == DRAWN
+    np.testing.assert_array_equal(curves(axes, BLUE)[3].get_ydata(), ensemble.kept_history[3, :, 4])
+    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made.mass)
+    (mean,) = curves(difference, VERMILION)
+    at_20 = node(ensemble, 20.0)
+    expected = ensemble.mean[at_20, 4] - made.mass[node(made, 20.0)]
+    assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
+    assert "2000 trials" in mean.get_label()
+
+
+def test_fig06a_shows_position_and_velocity_gains(draw, pipeline):
+    gains = pipeline.gains()
+    for axes, column in zip(draw("fig06a").axes, (0, 2), strict=True):
+        for row, color in ((0, BLUE), (1, ORANGE)):
+            first, second = curves(axes, color)
+            expected = gains.gain[:, row, column + row]
+            np.testing.assert_array_equal(first.get_ydata(), expected[gains.segment == 0])
+            np.testing.assert_array_equal(second.get_ydata(), expected[gains.segment == 1])
+
+
+def test_fig06b_is_ordered_and_below_the_limit(draw, pipeline):
+    (axes,) = draw("fig06b").axes
+    mean, percentile, largest = (
+        np.concatenate([line.get_ydata() for line in curves(axes, color)]) for color in (BLACK, BLUE, VERMILION)
+    )
+    assert (mean < percentile).all() and (percentile < largest).all() and largest.max() < 1
+    np.testing.assert_allclose(mean, pipeline.ensemble().observed_mean[:, 0] / 18_000.0, rtol=1e-12)
+    assert "2,000 trials" in axes.get_title()
+
+
+def test_fig07_shows_prediction_measurement_and_band(draw, pipeline, node):
+    ensemble, gains = pipeline.ensemble(), pipeline.gains()
+    panels = draw("fig07").axes
+    assert len(panels) == 4
+    for component, color in ((0, BLUE), (1, ORANGE)):
+        axes, ratio = panels[component], panels[component + 2]
+        (predicted,), (measured,) = curves(axes, color), curves(axes, BLACK)
+        np.testing.assert_array_equal(predicted.get_ydata(), gains.covariance[:, component, component])
+        np.testing.assert_array_equal(measured.get_ydata(), ensemble.covariance[:, component, component])
+        (filled,) = (c for c in axes.collections if isinstance(c, PolyCollection))
+        corners = filled.get_paths()[0].vertices
+        for time in (0.0, 13.0, 33.0, 41.0):
+            at = corners[np.isclose(corners[:, 0], time), 1]
+            lower, upper = variance_sampling_band(gains.covariance[node(gains, time), component, component], 2000)
+            np.testing.assert_allclose([at.min(), at.max()], [lower, upper], rtol=1e-9)
+            assert upper / lower == pytest.approx(1 + 4 * 1.96 / np.sqrt(2 * 2000), rel=0.01)
+        # in percent, and about zero
+        (measured,) = curves(ratio, BLACK)
+        k = node(ensemble, 13.0)
+        expected = (
+            ensemble.covariance[k, component, component] / gains.covariance[node(gains, 13.0), component, component]
+        )
+        assert measured.get_ydata()[k] == pytest.approx(100 * (expected - 1), abs=1e-6)
+        (filled,) = (c for c in ratio.collections if isinstance(c, PolyCollection))
+        assert filled.get_paths()[0].vertices[:, 1].max() == pytest.approx(100 * 1.96 * np.sqrt(2 / 2000), rel=0.02)
+
+
+def test_fixed_point_figure_shows_both_orders_and_segments(draw, pipeline):
+    axes, errors = draw("fixed_point").axes
+    study = pipeline.fixed_point()
+    for color, order in ((BLUE, 0), (ORANGE, 1)):
+        for number, line in enumerate(curves(axes, color)):
+            done = study.sweep_converged[:, order, number]
+            np.testing.assert_array_equal(line.get_ydata()[done], study.sweep_iterations[done, order, number])
+            assert np.isnan(line.get_ydata()[~done]).all()
+        assert len(curves(axes, color)) == len(curves(errors, color)) == 2
+
+
+def test_integrator_figure_shows_five_components_of_two_schemes(draw, pipeline):
+    strong, bias = draw("integrator_error").axes
+    errors = pipeline.integrator_error()
+    marked = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
+    assert len(marked) == 10
+    for line in marked:
+        np.testing.assert_array_equal(line.get_xdata(), errors.step)
+    resolved = [line for line in bias.lines if line.get_marker() == "s" and len(line.get_xdata())]
+    assert len(resolved) == 5  # of Euler-Maruyama, whose bias in altitude is resolved at every step
+    assert all(np.isfinite(resolved[1].get_ydata()))

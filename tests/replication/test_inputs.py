@@ -1,0 +1,473 @@
+"""Inputs and readings: what is accepted means what is written, and anything else is one clear message."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.replication import inputs
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import Reading, load_studies, load_study, nearest, read_yaml
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIG = CONFIGS / "powered_descent.yaml"
+SOURCE = "assumed: test"
+
+
+def own(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
+    """Write a user's file with one reading whose inputs are the given lines of YAML."""
+    path = tmp_path / "mine.yaml"
+    head = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}", "      inputs:"]
+    body = [f"        {line}" for line in lines] or ["        {}"]
+    path.write_text("\n".join(head + body) + "\n", encoding="utf-8")
+    return path
+
+
+def load(path):
+    """Load the studies with a user's file, as `snakemake --configfile` and `marsedl --configfile` do."""
+    return load_studies({"powered_descent": MODEL}, CONFIGS, read_yaml(path) or {}, [path])["powered_descent"]
+
+
+def refused(path, *fragments) -> str:
+    """Load a user's file, which must be refused in one line that names the file and holds all fragments."""
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert len(message) < 1000
+    for fragment in (str(path), *fragments):
+        assert fragment in message
+    return message
+
+
+def project(tmp_path, old="", new="", count=1):
+    """A folder of configurations with one edit in the paper's file."""
+    text = CONFIG.read_text(encoding="utf-8")
+    assert not old or text.count(old) == count
+    path = tmp_path / "powered_descent.yaml"
+    path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
+    return path
+
+
+# ------------------------------------------------------------------------------------------------- what is accepted
+
+
+def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
+    line = f"noise_coefficient: {{value: 0.03, source: '{SOURCE}'}}"
+    study = load(own(tmp_path, line))
+    mine, base = study.readings["mine"], study.readings["corrected"]
+    assert mine.inputs.noise_coefficient == 0.03
+    assert mine.inputs.model_copy(update={"noise_coefficient": 0.02}) == base.inputs
+    assert set(mine.differences()) == {"noise_coefficient"}
+    assert mine.sources["gravity"] == study.readings["printed"].sources["gravity"]
+
+
+def test_suffixes_convert_to_si(tmp_path):
+    path = own(
+        tmp_path,
+        f"initial_velocity_angle_deg: {{value: 90, source: '{SOURCE}'}}",
+        f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
+        f"initial_position_km: {{value: [0.25, 0.5], source: '{SOURCE}'}}",
+    )
+    read = load(path).readings["mine"].inputs
+    assert read.initial_velocity_angle == pytest.approx(math.pi / 2, rel=1e-15)
+    assert read.initial_speed == pytest.approx(50.0, rel=1e-15)
+    assert read.initial_position == pytest.approx((250.0, 500.0), rel=1e-15)
+
+
+def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
+    whole = "[[5.0, 0.5, 0, 0], [0.5, 0.25, 0, 0], [0, 0, 0.25, 0.1], [0, 0, 0.1, 0.25]]"
+    path = own(
+        tmp_path,
+        f"final_covariance: {{value: {whole}, source: '{SOURCE}'}}",
+        f"initial_covariance: {{value: [4, 3, 2, 1], source: '{SOURCE}'}}",
+    )
+    read = load(path).readings["mine"].inputs
+    np.testing.assert_array_equal(read.final_covariance, yaml.safe_load(whole))
+    np.testing.assert_array_equal(read.initial_covariance, np.diag([4.0, 3, 2, 1]))
+
+
+def test_tiny_and_badly_scaled_covariances_are_accepted(tmp_path):
+    path = own(tmp_path, f"final_covariance: {{value: [1.0e-14, 1.0e+8, 1.0e-9, 5], source: '{SOURCE}'}}")
+    assert load(path).readings["mine"].inputs.final_covariance[0][0] == 1e-14
+
+
+def test_every_reading_of_the_project_is_complete_and_sourced():
+    study = load_study("powered_descent", MODEL, CONFIG)
+    assert {"printed", "corrected"} <= set(study.readings)
+    assert study.readings["printed"].frozen
+    for reading in study.readings.values():
+        assert set(reading.sources) == set(MODEL.model_fields)
+        assert all(source.source.strip() for source in reading.sources.values())
+
+
+def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone():
+    full, smoke = (load_study("powered_descent", MODEL, CONFIG, size=size).readings for size in ("full", "smoke"))
+    assert full["corrected"].inputs.trials > smoke["corrected"].inputs.trials == 200
+    assert full["plus_sign"].inputs.large_trials == smoke["plus_sign"].inputs.large_trials == 0
+    for name in full:
+        assert full[name].sources == smoke[name].sources
+        assert full[name].inputs.gravity == smoke[name].inputs.gravity
+
+
+def test_slices_hold_what_is_asked_in_the_order_of_names():
+    reading = load_study("powered_descent", MODEL, CONFIG).readings["corrected"]
+    assert reading.slice(["trials", "gravity"]) == {"gravity": 3.71, "trials": 2000}
+    assert list(reading.slice(["trials", "gravity"])) == ["gravity", "trials"]
+
+
+def test_inputs_cannot_be_changed_after_validation():
+    read = load_study("powered_descent", MODEL, CONFIG).readings["corrected"].inputs
+    with pytest.raises(Exception, match="frozen"):
+        read.gravity = 1.0
+
+
+def test_nearest_names_the_nearest_or_all():
+    assert nearest("gravty", ["gravity", "trials"]) == "did you mean 'gravity'?"
+    assert nearest("xyz", ["gravity", "trials"]) == "valid names: gravity, trials"
+
+
+# ------------------------------------------------------------------------------------------- what is refused: values
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "fragments"),
+    [
+        ("gravty", "3.7", ["unknown key 'gravty'", "did you mean 'gravity'?"]),
+        ("Gravity", "3.7", ["unknown key 'Gravity'", "did you mean 'gravity'?"]),
+        ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
+        ("wet_mass", "0", ["greater than 0"]),
+        ("segment_durations", "[26.0, -15.0]", ["greater than 0"]),
+        ("segment_durations", "[0.0, 15.0]", ["greater than 0"]),
+        ("segment_durations", "[26.0]", ["2 items"]),
+        ("segment_durations", "[26.0, 15.0, 3.0]", ["2 items"]),
+        ("segment_durations", "26.0", ["list of numbers"]),
+        ("gravity", ".nan", ["finite"]),
+        ("gravity", ".inf", ["finite"]),
+        ("gravity", "-.inf", ["finite"]),
+        ("final_mean", "[100.0, .nan, 0.0, 0.0]", ["finite"]),
+        ("gravity", "strong", ["number"]),
+        ("gravity", "'3.71'", ["number"]),
+        ("gravity", "1e3", ["number", "with a point, as in 1.0e-3"]),
+        ("gravity", "true", ["number"]),
+        ("gravity", "null", ["number"]),
+        ("gravity", "[3.71]", ["number"]),
+        ("gravity", "2017-08-17", ["number"]),
+        ("trials", "true", ["integer"]),
+        ("trials", "2000.0", ["integer"]),
+        ("trials", "0", ["greater than 0"]),
+        ("trials", "-5", ["greater than 0"]),
+        ("trials", "10000000000000", ["1000000000"]),
+        ("trials", "1" + 400 * "0", ["1000000000"]),
+        ("large_trials", "-1", ["greater than or equal to 0"]),
+        ("seed", "18446744073709551616", ["less than"]),
+        ("seed", "-1", ["greater than or equal to 0"]),
+        ("thrust_percentile", "95", ["less than 1"]),
+        ("thrust_percentile", ".nan", ["inputs.thrust_percentile"]),
+        ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
+        ("design_interval", "5.0e-324", ["design_interval", "steps in a segment"]),
+        ("integrator", "rk5", ["rk4", "euler_maruyama"]),
+        ("boundary_condition", "3", ["algorithm_1"]),
+        ("final_covariance", "[5.0, 0.25, 0.25]", ["size 3", "size 4"]),
+        ("final_covariance", "[]", ["size"]),
+        ("final_covariance", "5.0", ["list of numbers"]),
+        ("final_covariance", "[5.0, -0.25, 0.25, 0.25]", ["not positive definite", "-0.25"]),
+        ("final_covariance", "[5.0, 0.0, 0.25, 0.25]", ["not positive definite"]),
+        ("final_covariance", "[5.0, .nan, 0.25, 0.25]", ["finite"]),
+        ("final_covariance", "[[1, 2, 0, 0], [2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", ["not positive definite"]),
+        ("final_covariance", "[[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", ["not positive definite"]),
+        ("final_covariance", "[[1, 0.1, 0, 0], [0.2, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+         ["not symmetric", "entry (1, 2) is 0.1", "entry (2, 1) is 0.2"]),
+        ("final_covariance", "[[1, 0], [0, 1]]", ["size 2", "size 4"]),
+        ("final_covariance", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]", ["4 variances"]),
+        ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
+        ("final_covariance", "[one, two, three, four]", ["inputs.final_covariance"]),
+        ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
+        ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
+        ("wet_mass_lb", "3300.0", ["wrong unit suffix '_lb'", "the unit is kg", "write 'wet_mass'"]),
+        ("initial_speed_deg", "3.0", ["wrong unit suffix '_deg'", "write 'initial_speed'"]),
+        ("initial_velocity_angle_deg", "true", ["must be a number"]),
+        ("initial_velocity_angle_deg", "'70'", ["must be a number"]),
+        ("initial_velocity_angle_deg", "1" + 400 * "0", ["initial_velocity_angle_deg"]),
+        ("initial_position_km", "[1.0e+307, 1.0]", ["finite"]),
+        ("initial_position_km", "[a, 1.0]", ["must be a number"]),
+        ("gravity", "{a: 1, 2: b}", ["number"]),
+        ("gravity", "0x" + 5000 * "f", ["gravity"]),
+        ("gravity_", "3.0", ["unknown key 'gravity_'", "gravity"]),
+    ],
+)  # fmt: skip
+def test_malformed_values_are_refused(tmp_path, key, value, fragments):
+    message = refused(own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
+    assert "readings.mine.inputs" in message
+
+
+@pytest.mark.parametrize(
+    ("line", "fragments"),
+    [
+        ("gravity: 3.7", ["inputs.gravity", "write {value: ..., source"]),
+        ("gravity: [3.7]", ["inputs.gravity", "write {value: ..., source"]),
+        ("gravity: null", ["inputs.gravity", "write {value: ..., source"]),
+        ("gravity: {value: 3.7}", ["inputs.gravity", "'source' is missing"]),
+        ("gravity: {source: Eq. 1}", ["inputs.gravity", "'value' is missing"]),
+        ("gravity: {value: 3.7, sorce: Eq. 1}", ["unknown key 'sorce'", "did you mean 'source'?"]),
+        ("gravity: {value: 3.7, source: ''}", ["inputs.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: 7}", ["inputs.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: assumed}", ["inputs.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed: '}", ["inputs.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed:'}", ["inputs.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["inputs.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
+        ("initial_velocity_angle_deg: {value: 70.0, unit: rad, source: Eq. 1}", ["initial_velocity_angle_deg.unit"]),
+        ("7: {value: 3.7, source: Eq. 1}", ["the key 7 must be a name"]),
+        ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
+    ],
+)
+def test_malformed_entries_are_refused(tmp_path, line, fragments):
+    refused(own(tmp_path, line), *fragments)
+
+
+def test_one_input_under_two_keys_is_refused(tmp_path):
+    path = own(
+        tmp_path,
+        f"initial_speed: {{value: 50.0, source: '{SOURCE}'}}",
+        f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
+    )
+    refused(path, "'initial_speed' is set twice", "initial_speed_km_s")
+
+
+# ----------------------------------------------------------------------------------------- what is refused: readings
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("readings: {mine: {based_on: corected}}", ["mine.based_on", "'corected'", "did you mean 'corrected'?"]),
+        ("readings: {mine: {based_on: [corrected]}}", ["mine.based_on"]),
+        ("readings: {mine: {based_on: 7}}", ["mine.based_on"]),
+        ("readings: {mine: {based_on: mine}}", ["mine.based_on", "itself"]),
+        ("readings: {a: {based_on: b}, b: {based_on: c}, c: {based_on: a}}", ["based_on", "itself"]),
+        ("readings: {mine: {inputs: {}}}", ["is missing", "based_on"]),
+        ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name is taken", "based_on"]),
+        ("readings: {Mine: {based_on: corrected}}", ["readings.Mine", "lower case"]),
+        ("readings: {'../mine': {based_on: corrected}}", ["lower case"]),
+        ("readings: {m" + 50 * "e" + ": {based_on: corrected}}", ["at most 40"]),
+        ("readings: {7: {based_on: corrected}}", ["the key 7 must be a name"]),
+        ("readings: {mine: {base_on: corrected}}", ["unknown key 'base_on'", "did you mean 'based_on'?"]),
+        ("readings: {mine: {based_on: corrected, summary: [a]}}", ["mine.summary", "sentence"]),
+        ("readings: {mine: {based_on: corrected, frozen: true}}", ["mine.frozen", "digest"]),
+        ("readings: {mine: {based_on: corrected, frozen: abc}}", ["is frozen", "based_on: mine"]),
+        ("readings: {mine: {based_on: corrected, inputs: [a]}}", ["mine.inputs", "keys with values"]),
+        ("readings: {mine: {based_on: corrected, inputs: null}}", ["mine.inputs", "keys with values"]),
+        ("readings: {mine: [a]}", ["readings.mine", "keys with values"]),
+        ("readings: {mine: null}", ["readings.mine", "keys with values"]),
+        ("readings: [mine]", ["readings", "keys with values"]),
+        ("readings: null", ["readings", "keys with values"]),
+        ("[readings]", ["powered_descent", "keys with values"]),
+        ("3", ["powered_descent", "keys with values"]),
+        ("{}", ["'readings' is missing"]),
+        ("{readings: {}, chunks: 3}", ["unknown key 'chunks'"]),
+    ],
+)  # fmt: skip
+def test_malformed_readings_are_refused(tmp_path, text, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"powered_descent:\n  {text}\n", encoding="utf-8")
+    refused(path, *fragments)
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("powerd_descent: {readings: {}}", ["unknown key 'powerd_descent'", "did you mean 'powered_descent'?"]),
+        ("readings: {}", ["unknown key 'readings'"]),
+        ("- powered_descent", ["keys with values"]),
+        ("chunks: 0", ["chunks", "whole number"]),
+        ("chunks: true", ["chunks", "whole number"]),
+        ("chunks: 2.0", ["chunks", "whole number"]),
+        ("chunks: many", ["chunks", "whole number"]),
+        ("chunks: {closed_loop: 2}", ["chunks", "whole number"]),
+        ("chunks: 1000000000", ["chunks", "whole number"]),
+        ("size: tiny", ["no such size", "smoke"]),
+        ("size: [smoke]", ["no such size"]),
+    ],
+)
+def test_malformed_top_levels_are_refused(tmp_path, text, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load(path)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_empty_file_adds_nothing(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("", encoding="utf-8")
+    assert load(path).readings.keys() == load_study("powered_descent", MODEL, CONFIG).readings.keys()
+
+
+# -------------------------------------------------------------------------------------------- what is refused: files
+
+
+@pytest.mark.parametrize(
+    ("content", "fragments"),
+    [
+        (b"powered_descent:\n  readings: {mine: {based_on: corrected}\n", ["not valid YAML"]),
+        (b"powered_descent:\n\treadings: {}\n", ["line 2", "not valid YAML"]),
+        (
+            b"powered_descent: {readings: {}}\npowered_descent: {readings: {}}\n",
+            ["line 2", "'powered_descent'", "twice"],
+        ),
+        (b"powered_descent: &a {readings: {}}\n", ["line 1", "anchors and aliases"]),
+        (b"powered_descent: {readings: *a}\n", ["line 1", "alias"]),
+        (b"powered_descent: {readings: {a: {<<: {based_on: b}}}}\n", ["<<"]),
+        (b"powered_descent: \xff\xfe\n", ["not valid YAML"]),
+        (b"powered_descent: {readings: {}}\n---\nmore: 1\n", ["not valid YAML"]),
+        (b"powered_descent: !!python/object/apply:os.getcwd []\n", ["not valid YAML"]),
+        (b"powered_descent: \x00\n", ["not valid YAML"]),
+        (b"seed: " + 6000 * b"1" + b"\n", ["not valid YAML"]),
+        (b"when: 2017-99-99\n", ["not valid YAML"]),
+        (b"[" * 100_000, ["not valid YAML"]),
+        (b"{a: " * 3000 + b"1" + b"}" * 3000, ["not valid YAML"]),
+    ],
+)
+def test_malformed_files_are_refused(tmp_path, content, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content)
+    message = refused(path, *fragments)
+    assert "Traceback" not in message
+
+
+def test_missing_files_and_folders_are_refused(tmp_path):
+    refused(tmp_path / "none.yaml", "cannot be read")
+    refused(tmp_path, "cannot be read")
+
+
+# -------------------------------------------------------------------------------------- what is refused: the project's
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fragments"),
+    [
+        ("gravity: {value: 3.71", "gravity: {value: 3.72", ["readings.printed", "is frozen", "based_on: printed"]),
+        ("boundary_condition: {value: eq_46", "boundary_condition: {value: corrected", ["printed_eq46", "is frozen"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "whole number"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_loop: true", ["chunks.closed_loop", "whole number"]),
+        ("chunks: {", "chunk: {", ["unknown key 'chunk'", "did you mean 'chunks'?"]),
+        ("    trials: 200\n", "    trails: 200\n", ["sizes.smoke", "unknown key 'trails'", "did you mean 'trials'?"]),
+        ("    trials: 200\n", "    trials: few\n", ["sizes.smoke.trials", "number above zero"]),
+        ("    trials: 200\n", "    trials: true\n", ["sizes.smoke.trials", "number above zero"]),
+        ("    trials: 200\n", "    trials: -3\n", ["sizes.smoke.trials", "number above zero"]),
+        ("    trials: 200\n", "    trials: 0.5\n", ["sizes.smoke.trials", "whole number"]),
+        ("    trials: 200\n", "    segment_durations: 3\n", ["sizes.smoke.segment_durations"]),
+        ("    trials: 200\n", "    integrator: 3\n", ["sizes.smoke.integrator"]),
+    ],
+)  # fmt: skip
+def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):
+    path = project(tmp_path, old, new)
+    with pytest.raises(InputError) as caught:
+        load_study("powered_descent", MODEL, path, size="smoke")
+    for fragment in (str(path), *fragments):
+        assert fragment in str(caught.value)
+
+
+def test_comments_and_sources_of_a_frozen_reading_may_change(tmp_path):
+    path = project(tmp_path, "gravity: {value: 3.71, unit: m/s^2, source: ", "gravity: {value: 3.71, source: ")
+    assert load_study("powered_descent", MODEL, path).readings["printed"].inputs.gravity == 3.71
+
+
+# -------------------------------------------------------------------------------------------------- malformed at random
+
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(min_value=10**300),
+    st.floats(),
+    st.floats(min_value=1e-300, max_value=1e300),
+    st.text(max_size=5),
+    st.sampled_from(["1e3", "-.inf", "rk4", "corrected", "assumed", ""]),
+    st.dates(),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(SCALARS, inner, max_size=3)),
+    max_leaves=20,
+)
+SQUARES = st.lists(st.lists(st.floats(width=32), min_size=4, max_size=4), min_size=4, max_size=4)
+FIELDS = sorted(MODEL.model_fields)
+KEYS = st.one_of(
+    st.sampled_from(FIELDS),
+    st.sampled_from(sorted(MODEL.keys())),
+    st.builds(lambda name, suffix: name + suffix, st.sampled_from(FIELDS), st.sampled_from(inputs.KNOWN_SUFFIXES)),
+    st.builds(lambda name, at: name[:at] + name[at + 1 :], st.sampled_from(FIELDS), st.integers(0, 10)),
+    st.text(max_size=8),
+    st.integers(),
+)
+ENTRIES = st.one_of(
+    st.fixed_dictionaries({"value": st.one_of(VALUES, SQUARES), "source": st.just(SOURCE)}),
+    st.fixed_dictionaries({"value": SCALARS}, optional={"source": SCALARS, "unit": SCALARS, "vale": SCALARS}),
+    VALUES,
+)
+BODIES = st.one_of(
+    st.fixed_dictionaries({"based_on": st.just("corrected"), "inputs": st.dictionaries(KEYS, ENTRIES, max_size=3)}),
+    st.fixed_dictionaries({}, optional={"based_on": VALUES, "inputs": VALUES, "summary": VALUES, "frozen": VALUES}),
+    VALUES,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(name=st.one_of(st.just("mine"), KEYS), body=BODIES)
+@example(name="mine", body={"based_on": ["corrected"]})
+@example(name="mine", body={"based_on": "corrected", "inputs": {"gravity": {"value": 10**5000, "source": "Eq. 1"}}})
+@example(
+    name="mine",
+    body={"based_on": "corrected", "inputs": {"initial_speed_km_s": {"value": 10**5000, "source": "Eq. 1"}}},
+)
+@example(name="mine", body={"based_on": "corrected", "inputs": {"gravity": {"value": {1: 2, "a": 3}, "source": "Eq."}}})
+def test_any_reading_is_valid_or_refused_with_file_and_key(name, body):
+    try:
+        study = load_study(
+            "powered_descent", MODEL, CONFIG, overlay={"readings": {name: body}}, overlay_name="mine.yaml"
+        )
+    except InputError as error:
+        message = str(error)
+        assert message.startswith("mine.yaml: ")
+        assert "readings" in message
+        assert len(message) < 3000
+        return
+    reading = study.readings[name]
+    assert isinstance(reading, Reading)
+    # What was accepted is finite, of the declared kinds, and equal to itself when validated again.
+    assert MODEL.model_validate(reading.inputs.model_dump()) == reading.inputs
+    for value in reading.inputs.model_dump().values():
+        if not isinstance(value, str | None):
+            assert np.all(np.isfinite(np.array(value, dtype=float)))
+    for field in ("initial_covariance", "intermediate_covariance", "final_covariance"):
+        np.linalg.cholesky(np.array(getattr(reading.inputs, field)))
+
+
+@settings(max_examples=200, deadline=None)
+@given(content=st.binary(max_size=60))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("bytes") / "mine.yaml"
+    path.write_bytes(content)
+    try:
+        read_yaml(path)
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ")
+
+
+@settings(max_examples=200, deadline=None)
+@given(text=st.text(alphabet="abc:{}[]&*!?-|>'\"#% \n\t0129.~<,", max_size=60))
+def test_any_text_is_read_or_refused(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("text") / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    try:
+        read_yaml(path)
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ")

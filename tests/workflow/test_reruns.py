@@ -1,0 +1,179 @@
+"""What reruns after a change, and what does not, in a built tree."""
+
+import os
+import shutil
+
+import pytest
+
+pytestmark = pytest.mark.workflow
+
+CONFIG = "configs/powered_descent.yaml"
+PACKAGE = "src/marsedl"
+PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
+FIGURES = f"{PACKAGE}/papers/powered_descent/figures.py"
+STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
+SUMMARY = {"digests", "index"}
+CLAIMS = {"claims", "all_claims", *SUMMARY}
+DRAWN_FROM_TRIALS = {"fig03", "fig04", "fig05", "fig06b", "fig07", "eq54"}
+
+
+def test_a_second_run_has_nothing_to_do(tree):
+    before = tree.state()
+    done = tree.run("all")
+    assert done.returncode == 0
+    assert "Nothing to be done" in done.stdout
+    assert tree.state() == before
+
+
+def test_touched_files_are_not_changed_files(tree):
+    """Products first and sources last, so that by their times everything is out of date."""
+    files = sorted(path for path in tree.folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts)
+    for number, path in enumerate(sorted(files, key=lambda path: path.suffix in (".py", ".smk", ".yaml"))):
+        os.utime(path, ns=(2 * 10**18 + number,) * 2)
+    assert tree.plan("all").rules == set()
+
+
+def test_a_copied_tree_has_nothing_to_do(tree, tmp_path):
+    copied = type(tree)(tmp_path / "another folder")
+    shutil.copytree(tree.folder, copied.folder, copy_function=shutil.copyfile)  # without times
+    assert copied.plan("all").rules == set()
+
+
+def test_comments_docstrings_and_blank_lines_rerun_nothing(tree):
+    tree.edit(PHYSICS, '    """Norm of the thrust, ||u|| (Eq. 2)', '\n\n    """Size of the thrust, ||u|| (Eq. 2)')
+    tree.edit(PHYSICS, "    return np.sqrt(", "    # Never negative.\n    return np.sqrt(")
+    for script in sorted(tree.path("workflow/scripts").glob("*.py")):
+        script.write_text('"""Another docstring."""\n\n\n# A comment.\n' + script.read_text(encoding="utf-8"))
+    for module in sorted(tree.path(PACKAGE).rglob("*.py")):
+        module.write_text(module.read_text(encoding="utf-8") + "\n\n# A comment at the end.\n", encoding="utf-8")
+    assert tree.plan("all").rules == set()
+
+
+def test_an_edited_comment_in_the_configuration_reruns_nothing(tree):
+    tree.edit(CONFIG, "# Jobs into which", "# Another comment.\n# Jobs into which")
+    assert tree.plan("all").rules == set()
+
+
+def test_an_edited_script_reruns_its_jobs(tree):
+    tree.edit(
+        "workflow/scripts/table.py", "with guarded(snakemake) as job:", "with guarded(snakemake) as job:\n    pass"
+    )
+    plan = tree.plan("all")
+    assert plan.changed == {"default_table"}
+    assert plan.rules == {"default_table", *SUMMARY}
+
+
+def test_shared_physics_reruns_its_users_and_what_depends_on_them(tree):
+    tree.edit(PHYSICS, "/ mass - gravity,", "/ mass - 1.0 * gravity,")
+    plan = tree.plan("all")
+    # Gathering holds its chunks' code, since chunks leave no record.
+    assert plan.changed == {"nominal", "linearization", "integrator_error", "montecarlo_gather"}
+    assert plan.rules == {
+        *{"nominal", "linearization", "gains", "fixed_point", "certificates", "integrator_error"},
+        *{"montecarlo_chunk", "montecarlo_gather", "default_figure", "default_table", *CLAIMS},
+    }
+    assert len(plan.readings) == 11
+
+
+def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(tree):
+    tree.edit(
+        f"{PACKAGE}/methods/covariance_steering/fixed_point.py",
+        '    "diverged: an iterate is not finite",',
+        '    "diverged: some iterate is not finite",',
+    )
+    plan = tree.plan("all")
+    assert plan.changed == {"fixed_point"}
+    assert plan.artifacts == {"printed/fixed_point", "corrected/fixed_point"}
+    assert plan.rules == {"fixed_point", "default_figure", *CLAIMS}
+    assert plan.figures == {"fixed_point"}
+
+
+def test_a_figure_of_its_own_reruns_alone(tree):
+    tree.edit(FIGURES, '"position gain (N/m)"', '"gain of position (N/m)"')
+    plan = tree.plan("all")
+    assert plan.rules == {"default_figure", *SUMMARY}
+    assert plan.figures == {"fig06a"}
+
+
+def test_a_statistic_reruns_the_figure_that_shows_it(tree):
+    tree.edit(
+        STATISTICS,
+        "chdtri(degrees, 1.0 - tail) / degrees, variance *",
+        "chdtri(degrees, 1 - tail) / degrees, variance *",
+    )
+    plan = tree.plan("all")
+    assert plan.rules == {"default_figure", *SUMMARY}
+    assert plan.figures == {"fig07"}
+
+
+def test_a_statistic_of_claims_and_tables_reruns_them(tree):
+    tree.edit(
+        STATISTICS, "    return np.sqrt(variance_of_covariance)", "    return np.sqrt(1.0 * variance_of_covariance)"
+    )
+    plan = tree.plan("all")
+    assert plan.changed == {"claims", "default_table"}
+    assert plan.rules == {"default_table", *CLAIMS}
+    assert plan.artifacts == set()
+
+
+def test_a_printed_value_reruns_the_claims_and_no_artifact(tree):
+    published = tree.path("data/published/powered_descent.yaml")
+    published.write_text(published.read_text(encoding="utf-8") + "\n# A comment.\n", encoding="utf-8")
+    plan = tree.plan("all")
+    assert plan.rules >= CLAIMS
+    assert plan.artifacts == set()
+    assert plan.figures <= {"eq54"}  # the table beside Eq. 54 shows printed values too
+
+
+def test_an_input_of_figures_reruns_no_artifact(tree):
+    tree.set_inputs("corrected", ellipse_sigma="2.5")
+    plan = tree.plan("all")
+    assert plan.figures == {"fig02", "fig03"}
+    assert plan.rules == {"default_figure", *CLAIMS}
+
+
+def test_the_number_of_drawn_trials_reruns_the_flights(tree):
+    tree.set_inputs("corrected", drawn_trials="15")
+    plan = tree.plan("all")
+    assert plan.rules == {"montecarlo_chunk", "montecarlo_gather", "default_figure", "default_table", *CLAIMS}
+    assert plan.readings.isdisjoint({"printed", "printed_eq46"})
+    assert len(plan.readings) == 9
+    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo"}
+    assert plan.figures == DRAWN_FROM_TRIALS
+
+
+def test_the_maximum_thrust_reruns_what_uses_it_and_no_design(tree):
+    tree.set_inputs("corrected", maximum_thrust="17000.0")
+    plan = tree.plan("all")
+    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo", "fixed_point"}
+    assert plan.figures == {*DRAWN_FROM_TRIALS, "fixed_point"}
+
+
+def test_one_readings_input_leaves_the_other_readings_alone(tree):
+    """Run for real, there and back again."""
+    before, digests = tree.state(), tree.digests()
+    tree.set_inputs("kilonewton_noise", noise_coefficient="0.03")
+    assert tree.run("claims").returncode == 0
+    after = tree.state()
+    changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+    mine = {name for name in changed if name.startswith("data/cache")}
+    assert mine == {
+        f"data/cache/powered_descent/kilonewton_noise/{name}.h5"
+        for name in ("nominal", "linearization", "gains", "montecarlo.closed_loop", "montecarlo.open_loop")
+    }
+    assert changed - mine == {
+        *{f"figures/powered_descent/{stem}.{ext}" for stem in ("claims", "readings") for ext in ("csv", "md")},
+        *{"report/claims.json", "report/claims/powered_descent.json"},
+    }
+    different = {name for name, digest in tree.digests().items() if digest != digests[name]}
+    assert "data/cache/powered_descent/kilonewton_noise/gains.h5" in different
+    tree.edit(CONFIG, '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
+    assert tree.run("all").returncode == 0
+    assert tree.digests() == digests
+
+
+def test_another_number_of_chunks_reruns_only_the_flights(tree):
+    tree.config = ["size=smoke", "chunks=1"]
+    plan = tree.plan("all")
+    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo"}
+    assert plan.rules.isdisjoint({"nominal", "linearization", "gains", "fixed_point", "certificates"})
