@@ -1,4 +1,4 @@
-"""Benchmarks of the powered-descent Monte Carlo and design: `python bench/run.py`.
+"""Benchmarks of the powered-descent Monte Carlo, design and pipeline: `python bench/run.py`.
 
 What is claimed are ratios, measured in one run by interleaved repetitions, with medians; one thread unless it says
 otherwise. Prints a table and writes it to `data/reference/benchmarks.csv`. Other load on the machine lowers the scaling
@@ -12,6 +12,7 @@ import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -39,6 +40,7 @@ from marsedl.papers.powered_descent import (  # noqa: E402
 )
 from marsedl.papers.powered_descent.inputs import MODEL  # noqa: E402
 from marsedl.replication.inputs import load_study  # noqa: E402
+from marsedl.replication.verification import copy_tree, snakemake  # noqa: E402
 
 REPETITIONS = 7
 TRIALS = 2000  # the paper's
@@ -83,7 +85,7 @@ def problem(made, trials):
 
 
 def fly_numpy(schedules, plant, every, states, fill):
-    """The kernel's scheme and outputs in array code over all trials; `fill(out)` writes the normals (2, trials) of a step."""
+    """The kernel's scheme and outputs in array code; `fill(out)` writes the normals (2, trials) of a step."""
     state = np.ascontiguousarray(states.T)
     trials = state.shape[1]
     slope, stage, total, scaled = (np.empty_like(state) for _ in range(4))
@@ -186,6 +188,15 @@ def interleaved(functions, repetitions=REPETITIONS):
     return [statistics.median(taken) for taken in times]
 
 
+def children_cpu(tree, target):
+    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = snakemake(tree, target, NUMBA_NUM_THREADS="1")
+    assert done.returncode == 0, done.stdout[-3000:]
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def ensemble_in_this_process(trials):
     """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
@@ -278,6 +289,17 @@ def measure():
     one, two = interleaved((with_threads(1), with_threads(2)))
     numba.set_num_threads(1)
     row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
+
+    say("pipeline from nothing, with nothing to do, and for one figure")
+    with tempfile.TemporaryDirectory() as folder:
+        tree = copy_tree(ROOT, Path(folder) / "tree")
+        row("snakemake all, full size, from nothing", children_cpu(tree, "all"), "CPU s", below=120.0)
+        nothing = statistics.median(children_cpu(tree, "all") for _ in range(3))
+        row("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
+        figure = tree / "figures" / PAPER.slug / "fig07.png"
+        figure.unlink()
+        drawn = children_cpu(tree, str(figure.relative_to(tree)))
+        row("one figure drawn again, beyond that", drawn - nothing, "CPU s", below=3.0)
 
     for trials in ENSEMBLE_SIZES:
         say(f"ensemble of {trials:,} trials")
