@@ -8,6 +8,7 @@ with threads most.
 import csv
 import json
 import os
+import re
 import resource
 import statistics
 import subprocess
@@ -197,6 +198,14 @@ def children_cpu(tree, target):
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+def peak_memory():
+    """Peak resident memory of this process, MB; `ru_maxrss` would count that of the process which started it too."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text()).group(1)) / 1024
+
+
 def ensemble_in_this_process(trials):
     """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
@@ -209,8 +218,7 @@ def ensemble_in_this_process(trials):
     )
     seconds = time.perf_counter() - start
     assert ensemble.count + ensemble.excluded == trials
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(json.dumps({"seconds": seconds, "memory": memory}))
+    print(json.dumps({"seconds": seconds, "memory": peak_memory()}))
 
 
 def measure():

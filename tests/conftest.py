@@ -171,7 +171,7 @@ def tree(built) -> Tree:
     """The second build as it was built, in its own place: compiled kernels are bound to their path."""
     shutil.rmtree(built.second.folder)
     shutil.copytree(built.spare, built.second.folder)
-    return built.second
+    return Tree(built.second.folder)
 
 
 @pytest.fixture

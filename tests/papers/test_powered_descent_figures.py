@@ -163,6 +163,10 @@ def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node
     np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made.mass)
     (mean,) = curves(difference, VERMILION)
     at_20 = node(ensemble, 20.0)
+    third = curves(difference, BLUE)[3].get_ydata()
+    assert third[0] == 0.0
+    expected = ensemble.kept_history[3, at_20, 4] - made.mass[node(made, 20.0)]
+    assert third[at_20] == pytest.approx(expected, abs=1e-9)
     expected = ensemble.mean[at_20, 4] - made.mass[node(made, 20.0)]
     assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
     assert "2000 trials" in mean.get_label()

@@ -235,7 +235,7 @@ class Chunk:
     block_observed_mean: (blocks, times, n_observed).
     histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
     histogram_edges: (n_observed, bins + 1).
-    maximum_over_trials: (times, n_observed), -inf when no trial is finite.
+    maximum_over_trials: (times, n_observed), NaN when no trial is finite.
     final_state: (trials, n). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
     kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), trials first_trial .. first_trial + kept
     - 1.
@@ -263,8 +263,8 @@ class Ensemble:
     """All trials 0 .. trials - 1. What is excluded, and where, is said in `Chunk`.
 
     count, excluded: trials inside and outside of the moments. mean: (times, n). covariance: (times, n, n), divided by
-    count - 1. observed_mean: (times, n_observed). All are NaN where count does not suffice.
-    maximum_over_trials: (times, n_observed), -inf when count is 0. The other fields are as in `Chunk`, over all trials.
+    count - 1. observed_mean, maximum_over_trials: (times, n_observed). All are NaN where count does not suffice. The
+    other fields are as in `Chunk`, over all trials.
     """
 
     count: int
@@ -353,7 +353,7 @@ def run_blocks(
             times, n_observed, _ = block.observed.shape
             edges = _checked_edges(histogram_edges, n_observed)
             histogram = np.zeros((times, n_observed, edges.shape[1] + 1), np.int64)
-            maximum_over_trials = np.full((times, n_observed), -np.inf)
+            maximum_over_trials = np.full((times, n_observed), np.nan)
 
         finite = _finite_trials(block)
         history, observed = block.history, block.observed
@@ -363,7 +363,8 @@ def run_blocks(
         observed_mean = observed.mean(axis=-1) if count else np.zeros(observed.shape[:-1])
         blocks.append((count, last - first - count, mean, second_moment, observed_mean))
         _count_in_bins(observed, edges, histogram)
-        np.maximum(maximum_over_trials, observed.max(axis=-1, initial=-np.inf), out=maximum_over_trials)
+        if count:
+            np.fmax(maximum_over_trials, observed.max(axis=-1), out=maximum_over_trials)
 
         outcomes.append(np.where(finite, block.outcome, NON_FINITE).astype(np.int8))
         final_state.append(block.final_state.T.copy())
@@ -443,7 +444,7 @@ def merge(chunks: Sequence[Chunk]):
         observed_mean=observed_sum / count if count > 0 else np.full_like(observed_sum, np.nan),
         histogram=sum(chunk.histogram for chunk in chunks),
         histogram_edges=chunks[0].histogram_edges,
-        maximum_over_trials=np.maximum.reduce([chunk.maximum_over_trials for chunk in chunks]),
+        maximum_over_trials=np.fmax.reduce([chunk.maximum_over_trials for chunk in chunks]),
         final_state=joined("final_state"),
         observed_maximum=joined("observed_maximum"),
         outcome=joined("outcome"),

@@ -28,7 +28,7 @@ class FlightChunk:
     block_observed_mean: np.ndarray = quantity(OBSERVED, ("blocks", "time", 2), "mean thrust and depth of each block")
     histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by thrust and depth over time", "int64")
     histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest thrust and depth over the trials")
+    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
     final_state: np.ndarray = quantity(STATE, ("trials", 5), "final state", allow_nan=True)
     observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
     outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
@@ -51,7 +51,7 @@ class FlightEnsemble:
     observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean thrust and depth", allow_nan=True)
     histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by thrust and depth over time", "int64")
     histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest thrust and depth over the trials")
+    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
     final_state: np.ndarray = quantity(STATE, ("trials", 5), "final state", allow_nan=True)
     observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
     outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
@@ -83,7 +83,14 @@ def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks
         histogram_edges=np.array([thrust_edges, np.linspace(*DEPTH_RANGE, THRUST_BINS + 1)]),
         kept=min(inputs.drawn_trials, trials),
     )
-    return FlightChunk(**{field.name: getattr(reduced, field.name) for field in fields(reduced)})
+    return FlightChunk(**{field.name: _without_infinities(getattr(reduced, field.name)) for field in fields(reduced)})
+
+
+def _without_infinities(value):
+    """An infinite number of a trial that is not finite becomes NaN, which artifacts can hold."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return np.where(np.isinf(value), np.nan, value)
+    return value
 
 
 def block_simulator(inputs, gains, case):

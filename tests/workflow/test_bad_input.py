@@ -1,0 +1,73 @@
+"""Bad input is refused in one message before any job, and nothing is built or changed."""
+
+import pytest
+
+pytestmark = pytest.mark.workflow
+
+READING = "powered_descent: {readings: {mine: {based_on: corrected, inputs: {%s}}}}\n"
+TARGET = "figures/powered_descent/mine/fig07.png"
+
+
+def refused(tree, *arguments, configfile=None):
+    """Run Snakemake, which must refuse without a traceback and leave everything as it is; returns what it says."""
+    before = tree.state()
+    done = tree.run(*arguments, configfile=configfile)
+    assert done.returncode != 0
+    assert "Traceback" not in done.stdout
+    assert "Job stats" not in done.stdout
+    assert tree.state() == before
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("content", "fragments"),
+    [
+        (READING % "gravty: {value: 3.7, source: Eq. 1}", ["mine.inputs", "'gravty'", "did you mean 'gravity'?"]),
+        (READING % "gravity: {value: 1e3, source: Eq. 1}", ["mine.inputs.gravity", "with a point"]),
+        (READING % "final_covariance: {value: [1.0, -1.0, 1.0, 1.0], source: Eq. 1}", ["not positive definite"]),
+        (READING % "time_step: {value: 1.0e-12, unit: s, source: Eq. 1}", ["time_step", "steps in a segment"]),
+        ("powered_descent: {readings: {a: {based_on: b}, b: {based_on: a}}}\n", ["based_on", "itself"]),
+        ("powered_descent: {readings: {a: {based_on: corected}}}\n", ["based_on", "did you mean 'corrected'?"]),
+        ("powerd_descent: {}\n", ["did you mean 'powered_descent'?"]),
+        ("size: smoke\nsize: full\n", ["'size'", "twice"]),
+        ("size: &anchor smoke\n", ["anchors"]),
+        ("- a\n- list\n", ["mine.yaml"]),
+        ("powered_descent:\n\treadings: {}\n", ["mine.yaml"]),
+        ("powered_descent: {readings: {mine: \n", ["mine.yaml"]),
+        ("{a: " * 2000 + "1" + "}" * 2000, ["mine.yaml"]),
+        (b"size: \xff\xfe\n", ["mine.yaml"]),
+    ],
+)
+def test_a_malformed_file_of_the_user_is_refused(tree, tmp_path, content, fragments):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    said = refused(tree, TARGET, configfile=path)
+    for fragment in ("mine.yaml", *fragments):
+        assert fragment in said
+
+
+def test_a_missing_file_of_the_user_is_refused(tree, tmp_path):
+    assert "none.yaml" in refused(tree, TARGET, configfile=tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    ("setting", "fragments"),
+    [
+        ("size=tiny", ["size=tiny", "valid names: full, smoke"]),
+        ("chunks=0", ["chunks", "whole number"]),
+        ("chunk=3", ["unknown key 'chunk'", "did you mean 'chunks'?"]),
+        ("powered_descent=3", ["powered_descent", "keys with values"]),
+    ],
+)
+def test_a_malformed_setting_is_refused(tree, setting, fragments):
+    tree.config = [setting]
+    said = refused(tree, "all")
+    for fragment in fragments:
+        assert fragment in said
+
+
+def test_a_changed_frozen_reading_is_refused(tree):
+    tree.edit("configs/powered_descent.yaml", "gravity: {value: 3.71", "gravity: {value: 3.72")
+    said = refused(tree, "all")
+    assert "configs/powered_descent.yaml: readings.printed: is frozen" in said
+    assert "based_on: printed" in said

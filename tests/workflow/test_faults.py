@@ -1,0 +1,263 @@
+"""What goes wrong outside of the code: lost, damaged and foreign files, killed processes, full and read-only disks."""
+
+import contextlib
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from marsedl.papers.powered_descent.gains import Gains
+from marsedl.replication import artifacts
+
+pytestmark = pytest.mark.workflow
+
+CACHE = "data/cache/powered_descent"
+GAINS = f"{CACHE}/corrected/gains.h5"
+FIGURE = "figures/powered_descent/fig06a.png"
+
+
+def failed(tree, *targets) -> str:
+    """Run Snakemake, which must fail; returns what it says."""
+    done = tree.run(*targets)
+    assert done.returncode != 0, done.stdout[-3000:]
+    return done.stdout
+
+
+def works(tree, *targets) -> str:
+    done = tree.run(*targets)
+    assert done.returncode == 0, done.stdout[-3000:]
+    return done.stdout
+
+
+# ---------------------------------------------------------------------------------------------------------- artifacts
+
+
+def test_a_lost_artifact_is_rebuilt_alone(tree):
+    digests = tree.digests()
+    tree.path(GAINS).unlink()
+    works(tree, GAINS)
+    assert tree.digests() == digests
+    assert tree.plan("all").rules == set(), "its content is what it was"
+
+
+def truncated(path):
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def of_another_reading(path):
+    shutil.copyfile(path.parents[1] / "target4" / path.name, path)
+
+
+def of_another_paper(path):
+    gains = artifacts.load(path, Gains)
+    artifacts.save(path, gains, paper="random_field", reading="corrected", provenance={})
+
+
+def of_another_kind(path):
+    shutil.copyfile(path.with_name("nominal.h5"), path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "fragments"),
+    [
+        (truncated, ["truncated"]),
+        (of_another_reading, ["target4", "corrected"]),
+        (of_another_paper, ["random_field", "powered_descent"]),
+        (of_another_kind, ["Nominal", "Gains"]),
+    ],
+)
+def test_a_damaged_or_foreign_artifact_is_refused_and_rebuilt_when_deleted(tree, damage, fragments):
+    digests = tree.digests()
+    damage(tree.path(GAINS))
+    said = failed(tree, FIGURE)
+    for fragment in (GAINS, "delete it and run snakemake again", "logs/powered_descent/fig06a.log", *fragments):
+        assert fragment in said
+    assert "Traceback" not in said
+    tree.path(GAINS).unlink()
+    works(tree, FIGURE)
+    assert tree.digests() == digests
+
+
+def test_a_malformed_file_of_printed_claims_is_refused_by_name(tree):
+    digests = tree.digests()
+    published = tree.path("data/published/powered_descent.yaml")
+    content = published.read_text(encoding="utf-8")
+    published.write_text(content.replace("kind: ", "kindd: ", 1), encoding="utf-8")
+    said = failed(tree, "report/claims/powered_descent.json")
+    for fragment in ("data/published/powered_descent.yaml", "'kindd'", "'kind'", "logs/powered_descent/claims.log"):
+        assert fragment in said
+    published.write_text(content, encoding="utf-8")
+    works(tree, "report/claims/powered_descent.json")
+    assert tree.digests() == digests
+
+
+# ---------------------------------------------------------------------------------------------------- failing stages
+
+
+def test_a_failing_stage_names_itself_and_leaves_the_others_running(tree):
+    tree.set_inputs("kilonewton_noise", mass_iterations="1")
+    tree.set_inputs("earth_weight_noise", gravity="3.72")
+    before = tree.state()
+    said = failed(tree, *(f"{CACHE}/{reading}/gains.h5" for reading in ("kilonewton_noise", "earth_weight_noise")))
+    where = "paper powered_descent, reading kilonewton_noise, job powered_descent_nominal: "
+    assert where + "the mass iteration still changes" in said
+    assert "raise mass_iterations or mass_tolerance" in said
+    assert "(log: logs/powered_descent/kilonewton_noise/nominal.log)" in said
+    assert "MarsedlError" in tree.path("logs/powered_descent/kilonewton_noise/nominal.log").read_text(encoding="utf-8")
+    after = tree.state()
+    changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+    finished = {f"{CACHE}/earth_weight_noise/{name}.h5" for name in ("nominal", "linearization", "gains")}
+    assert changed == {*finished, f"{CACHE}/kilonewton_noise/nominal.h5"}
+    assert finished <= after.keys()
+
+
+# -------------------------------------------------------------------------------------------------- killed processes
+
+CASE = f"{CACHE}/corrected/montecarlo.closed_loop_large.h5"
+
+
+def jobs_of(process) -> list[int]:
+    """Processes of the session of a started Snakemake that run a stage."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit() and int(folder.name) != process.pid:
+            with contextlib.suppress(OSError, IndexError):
+                session = int((folder / "stat").read_text().rpartition(")")[2].split()[3])
+                command = (folder / "cmdline").read_bytes().split(b"\0")
+                if session == process.pid and b"python" in command[0] and b".stage.py" in command[1]:
+                    found.append(int(folder.name))
+    return found
+
+
+def first_job_of(process, seconds=60) -> int:
+    """Wait until a job of a started Snakemake runs."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if jobs := jobs_of(process):
+            return jobs[0]
+        assert process.poll() is None, "Snakemake ended before a job was seen"
+        time.sleep(0.005)
+    raise AssertionError("no job started")
+
+
+def killed(process):
+    """Kill what is left of a started Snakemake."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    for job in jobs_of(process):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(job, signal.SIGKILL)
+    process.wait()
+
+
+@pytest.fixture
+def without_case(tree):
+    """The tree without the large closed-loop flights, whose chunks and gathering then have to run."""
+    digests = tree.digests()
+    tree.path(CASE).unlink()
+    return tree, digests
+
+
+def test_a_killed_stage_is_run_again(without_case):
+    tree, digests = without_case
+    process = tree.start(CASE)
+    try:
+        os.kill(first_job_of(process), signal.SIGKILL)
+        assert process.wait(timeout=120) != 0
+    finally:
+        killed(process)
+    assert not tree.path(CASE).exists()
+    works(tree, CASE)
+    assert tree.digests() == digests
+    assert tree.plan("all").rules == set()
+
+
+def test_a_killed_snakemake_can_go_on(without_case):
+    tree, digests = without_case
+    process = tree.start(CASE)
+    try:
+        first_job_of(process)
+    finally:
+        killed(process)
+    said = tree.run(CASE)
+    if said.returncode != 0:
+        assert "--unlock" in said.stdout
+        works(tree, "--unlock")
+        works(tree, CASE)
+    assert tree.digests() == digests
+    assert not list(tree.folder.glob("data/cache/**/*.partial"))
+    assert tree.plan("all").rules == set()
+
+
+# -------------------------------------------------------------------------------------------------------------- disks
+
+
+@contextlib.contextmanager
+def mounted(*arguments):
+    """Mount a file system for the time of a test, or say why it cannot be tested."""
+    folder = arguments[-1]
+    done = subprocess.run(["mount", *map(str, arguments)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"NOT TESTED: mounting needs root: {done.stderr.strip()}")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_is_said_and_nothing_else_is_lost(tree):
+    """The reading's folder lies on a disk of 64 kB for the time of one run."""
+    digests = tree.digests()
+    folder = tree.path(f"{CACHE}/kilonewton_noise")
+    shutil.rmtree(folder)
+    folder.mkdir()
+    with mounted("-t", "tmpfs", "-o", "size=64k", "tmpfs", folder):
+        said = failed(tree, f"{CACHE}/kilonewton_noise/gains.h5")
+        assert "reading kilonewton_noise, job powered_descent_nominal" in said
+        assert f"{CACHE}/kilonewton_noise/nominal.h5" in said
+        assert "space" in said
+        assert not list(folder.iterdir()), "no half-written file stays"
+    assert {name: tree.digests().get(name) for name in digests if "kilonewton_noise" not in name} == {
+        name: digest for name, digest in digests.items() if "kilonewton_noise" not in name
+    }
+    works(tree, "all")
+    assert tree.digests() == digests
+
+
+def test_a_limit_of_file_sizes_is_said(tree):
+    """As a full disk, but without a disk."""
+    digests = tree.digests()
+    tree.path(GAINS).unlink()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    size = artifact_size = 150_000
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        done = tree.run(GAINS)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    assert artifact_size == size
+    assert done.returncode != 0
+    assert re.search(rf"job powered_descent_gains: {re.escape(GAINS)}: ", done.stdout)
+    works(tree, GAINS)
+    assert tree.digests() == digests
+
+
+def test_a_read_only_cache_is_said(tree):
+    digests = tree.digests()
+    folder = tree.path(f"{CACHE}/kilonewton_noise")
+    tree.set_inputs("kilonewton_noise", noise_coefficient="0.03")
+    with mounted("--bind", folder, folder):
+        subprocess.run(["mount", "-o", "remount,ro,bind", str(folder)], check=True)
+        said = failed(tree, f"{CACHE}/kilonewton_noise/nominal.h5")
+        assert f"{CACHE}/kilonewton_noise" in said
+        assert "Read-only file system" in said or "permission" in said
+    assert tree.digests() == digests, "the old files are intact"
