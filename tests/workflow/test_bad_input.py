@@ -31,23 +31,41 @@ def refused(tree, *arguments, configfile=None):
         ("powerd_descent: {}\n", ["did you mean 'powered_descent'?"]),
         ("size: smoke\nsize: full\n", ["'size'", "twice"]),
         ("size: &anchor smoke\n", ["anchors"]),
-        ("- a\n- list\n", ["mine.yaml"]),
-        ("powered_descent:\n\treadings: {}\n", ["mine.yaml"]),
-        ("powered_descent: {readings: {mine: \n", ["mine.yaml"]),
-        ("{a: " * 2000 + "1" + "}" * 2000, ["mine.yaml"]),
-        (b"size: \xff\xfe\n", ["mine.yaml"]),
     ],
 )
 def test_a_malformed_file_of_the_user_is_refused(tree, tmp_path, content, fragments):
     path = tmp_path / "mine.yaml"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    path.write_text(content, encoding="utf-8")
     said = refused(tree, TARGET, configfile=path)
     for fragment in ("mine.yaml", *fragments):
         assert fragment in said
 
 
-def test_a_missing_file_of_the_user_is_refused(tree, tmp_path):
-    assert "none.yaml" in refused(tree, TARGET, configfile=tmp_path / "none.yaml")
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"- a\n- list\n",
+        b"powered_descent:\n\treadings: {}\n",
+        b"powered_descent: {readings: {mine: \n",
+        b"size: \xff\xfe\n",
+        b"{a: " * 2000 + b"1" + b"}" * 2000,
+        None,
+    ],
+    ids=["list", "tab", "cut off", "not UTF-8", "deep", "missing"],
+)
+def test_a_file_that_is_no_yaml_stops_snakemake_itself(tree, tmp_path, content):
+    """Snakemake reads the file before any code of this project runs, so that the message is its own."""
+    path = tmp_path / "mine.yaml"
+    if content is not None:
+        path.write_bytes(content)
+    before = tree.state()
+    done = tree.run(TARGET, configfile=path)
+    assert done.returncode != 0
+    assert tree.state() == before
+    said = tree.marsedl("explain", "powered_descent", "fig07", "--configfile", str(path))
+    assert said.returncode == 2
+    assert said.stderr.startswith(f"marsedl: {path}: ")
+    assert "Traceback" not in said.stderr
 
 
 @pytest.mark.parametrize(

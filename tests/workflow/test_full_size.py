@@ -1,0 +1,93 @@
+"""The whole pipeline at full size: every product, every verdict with its reason, the numbers against committed ones."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from marsedl.papers import SLUGS, catalogue
+from marsedl.replication.claims import COUNTED_VERDICTS, UNEXPLAINED, load_published
+from marsedl.replication.verification import compare_reference, copy_tree, snakemake
+
+pytestmark = pytest.mark.workflow
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    folder = copy_tree(ROOT, tmp_path_factory.mktemp("full") / "project")
+    done = snakemake(folder, "all", "--cores", "2")
+    assert done.returncode == 0, done.stdout[-3000:]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rows(full):
+    return json.loads((full / "report" / "claims.json").read_text(encoding="utf-8"))
+
+
+def test_the_numbers_agree_with_the_committed_ones(full, capsys):
+    assert compare_reference(full, SLUGS), capsys.readouterr().out
+
+
+def test_every_printed_claim_has_a_computed_verdict_and_every_difference_a_reason(full, rows):
+    for slug in SLUGS:
+        published = load_published(full / "data" / "published" / f"{slug}.yaml")
+        mine = {row["id"]: row for row in rows if row["paper"] == slug}
+        assert set(mine) == {claim.id for claim in published}
+    for row in rows:
+        assert row["verdict"] in COUNTED_VERDICTS
+        assert row["reason"] != UNEXPLAINED, row["id"]
+        if row["verdict"] in ("differs", "fails"):
+            assert re.search(r"\bE\d+\b", row["reason"]) or "withheld" in row["reason"], row["id"]
+        assert {"value", "standard_error", "trials"} <= set(row["readings"]["corrected"])
+
+
+def test_the_ensembles_have_the_sizes_that_are_claimed(rows):
+    trials = {row["id"]: {name: r["trials"] for name, r in row["readings"].items()} for row in rows}
+    for name, count in trials["mc_final_mean"].items():
+        assert count == (100_000 if name in ("corrected", "target4") else 2000), name
+    assert set(trials["var_endpoints_nearly_exact"].values()) == {2000}
+
+
+@pytest.mark.parametrize(
+    ("claim", "reading", "verdict"),
+    [
+        ("mc_mean_final_mass", "corrected", "reproduced"),
+        ("mc_mean_final_mass", "plus_sign", "differs"),
+        ("mc_final_cov_diag", "corrected", "differs"),
+        ("mc_final_cov_diag", "target4", "reproduced"),
+        ("mc_final_cov_upper", "target4", "reproduced"),
+        ("mc_final_cov_lower", "target4", "differs"),
+        ("prior_final_mass", "corrected", "differs"),
+        ("mc_final_mean", "target4", "differs"),
+        ("final_cov_steered", "printed_eq46", "fails"),
+        ("final_cov_steered", "newton_noise", "fails"),
+        ("max_thrust_not_exceeded", "corrected", "holds"),
+    ],
+)
+def test_what_the_readings_reproduce(rows, claim, reading, verdict):
+    """The findings that the documentation rests on; any of them may only change together with it."""
+    row = next(row for row in rows if row["id"] == claim)
+    assert row["readings"][reading]["verdict"] == verdict
+
+
+def test_every_product_of_the_catalogue_is_there_and_not_empty(full):
+    for slug in SLUGS:
+        paper, folder = catalogue(slug), full / "figures" / slug
+        names = [f"{stem}.{kind}" for stem in paper.figures for kind in ("png", "pdf")]
+        tables = [*paper.tables, *paper.summaries, "claims"]
+        names += [f"{stem}.{kind}" for stem in tables for kind in ("csv", "md")]
+        assert {path.name for path in folder.glob("*.*")} == set(names)
+        assert all((folder / name).stat().st_size > 100 for name in names)
+
+
+def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(full, rows):
+    page = (full / "report" / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
+    assert str(full) not in page
+    names = {row["id"] for row in rows} | {name for row in rows for name in row["readings"]}
+    for slug in SLUGS:
+        names |= set(catalogue(slug).figures) | {erratum.id for erratum in catalogue(slug).errata}
+    assert all(name in page for name in names)
