@@ -110,7 +110,12 @@ def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
     assert "no verdict yet: run 'snakemake claims'" in explained(capsys, "powered_descent", "prior_final_mass")
     result = {"value": 1349.4, "standard_error": None, "trials": None, "verdict": "differs", "evidence": "a sentence"}
     row = {"paper": "powered_descent", "id": "prior_final_mass", "verdict": "differs", "reading": "corrected"}
-    row |= {"reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}}
+    row |= {
+        "kind": "deterministic",
+        "reason": "E10",
+        "resolution": 1.0,
+        "readings": {"corrected": {**result, "z": None}},
+    }
     (bare_project / "report").mkdir()
     (bare_project / "report" / "claims.json").write_text(json.dumps([row]), encoding="utf-8")
     said = explained(capsys, "powered_descent", "prior_final_mass")
@@ -188,7 +193,7 @@ def test_diff_of_folders(tmp_path, capsys):
         (["corrected", "2000"], ["trial 2000", "0 to 1999"]),
         (["corrected", "-1"], ["trial -1", "0 to 1999"]),
         (["corected", "1"], ["no reading 'corected'"]),
-        (["corrected", "1"], ["gains.h5 is not built yet; run 'snakemake data/cache/powered_descent/corrected/gains.h5'"]),
+        (["corrected", "1"], ["is not built yet; run 'snakemake data/cache/powered_descent/corrected/gains.h5'"]),
     ],
 )  # fmt: skip
 def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, arguments, fragments):

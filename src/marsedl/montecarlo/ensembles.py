@@ -222,32 +222,19 @@ def replay(simulate_block: SimulateBlock, trial):
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
-    """Reduced trials first_trial .. first_trial + trials - 1, a whole number of blocks.
+class Reduced:
+    """What is kept of any number of trials, beside their moments.
 
-    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted in
-    `block_excluded`; it stays in the per-trial arrays and among the kept histories as it is. All other outcomes are
-    included.
+    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted; it stays in
+    the per-trial arrays and among the kept histories as it is. All other outcomes are included.
 
-    first_trial: int. block_size: int.
-    block_counts, block_excluded: (blocks,), int64, trials inside and outside the block's moments.
-    block_mean: (blocks, times, n). block_second_moment: (blocks, times, n, n), sums of products about the block's mean.
-    block_observed_mean: (blocks, times, n_observed).
     histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
     histogram_edges: (n_observed, bins + 1).
     maximum_over_trials: (times, n_observed), NaN when no trial is finite.
     final_state: (trials, n). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
-    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), trials first_trial .. first_trial + kept
-    - 1.
+    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), of the first trials.
     """
 
-    first_trial: int
-    block_size: int
-    block_counts: np.ndarray
-    block_excluded: np.ndarray
-    block_mean: np.ndarray
-    block_second_moment: np.ndarray
-    block_observed_mean: np.ndarray
     histogram: np.ndarray
     histogram_edges: np.ndarray
     maximum_over_trials: np.ndarray
@@ -259,12 +246,30 @@ class Chunk:
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
-    """All trials 0 .. trials - 1. What is excluded, and where, is said in `Chunk`.
+class Chunk(Reduced):
+    """Trials first_trial .. first_trial + trials - 1, a whole number of blocks, with the moments of every block.
+
+    first_trial: int. block_size: int.
+    block_counts, block_excluded: (blocks,), int64, trials inside and outside the block's moments.
+    block_mean: (blocks, times, n). block_second_moment: (blocks, times, n, n), sums of products about the block's mean.
+    block_observed_mean: (blocks, times, n_observed).
+    """
+
+    first_trial: int
+    block_size: int
+    block_counts: np.ndarray
+    block_excluded: np.ndarray
+    block_mean: np.ndarray
+    block_second_moment: np.ndarray
+    block_observed_mean: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble(Reduced):
+    """All trials 0 .. trials - 1, with their moments.
 
     count, excluded: trials inside and outside of the moments. mean: (times, n). covariance: (times, n, n), divided by
-    count - 1. observed_mean, maximum_over_trials: (times, n_observed). All are NaN where count does not suffice. The
-    other fields are as in `Chunk`, over all trials.
+    count - 1. observed_mean: (times, n_observed). The moments are NaN where count does not suffice.
     """
 
     count: int
@@ -272,14 +277,6 @@ class Ensemble:
     mean: np.ndarray
     covariance: np.ndarray
     observed_mean: np.ndarray
-    histogram: np.ndarray
-    histogram_edges: np.ndarray
-    maximum_over_trials: np.ndarray
-    final_state: np.ndarray
-    observed_maximum: np.ndarray
-    outcome: np.ndarray
-    kept_history: np.ndarray
-    kept_observed: np.ndarray
 
 
 @njit(error_model="numpy", cache=True)

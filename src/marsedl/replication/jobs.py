@@ -154,6 +154,8 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     stored = folder / f"montecarlo.{case}.h5"
     kind = _kind(hints["ensemble"])
     ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
+    if ensemble is not None and number >= len(ensemble.outcome):  # what is stored is of a smaller size
+        ensemble = None
     inputs = Slice(reading.slice(paper.stages["montecarlo"].inputs))
     return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)
 

@@ -80,12 +80,14 @@ def fingerprints(root: Path, slug: str) -> dict[str, dict]:
     """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of every artifact."""
     from marsedl.replication.artifacts import opened
 
-    found = {}
+    found, readings = {}, set()
     for row in read_claims(_claims_file(root, slug)):
+        readings.update(row["readings"])
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
-    for artifact in sorted((root / "data" / "cache" / slug).glob("*/*.h5")):
+    cached = (root / "data" / "cache" / slug).glob("*/*.h5")
+    for artifact in sorted(path for path in cached if path.parent.name in readings):
         with opened(artifact) as file:
             for name, dataset in sorted(file.items()):
                 if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":

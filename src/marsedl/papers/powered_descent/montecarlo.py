@@ -16,16 +16,9 @@ DEPTH_RANGE = (-2000.0, 2000.0)
 
 
 @dataclass(frozen=True)
-class FlightChunk:
-    """Reduced trials of one chunk, block by block."""
+class Flights:
+    """What chunks and ensembles have in common."""
 
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks",), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE, ("blocks", "time", 5), "mean state of each block")
-    block_second_moment: np.ndarray = quantity("SI", ("blocks", "time", 5, 5), "second moment about the block's mean")
-    block_observed_mean: np.ndarray = quantity(OBSERVED, ("blocks", "time", 2), "mean thrust and depth of each block")
     histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by thrust and depth over time", "int64")
     histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
     maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
@@ -39,7 +32,20 @@ class FlightChunk:
 
 
 @dataclass(frozen=True)
-class FlightEnsemble:
+class FlightChunk(Flights):
+    """Reduced trials of one chunk, block by block."""
+
+    first_trial: int = quantity("1", (), "number of the first trial")
+    block_size: int = quantity("1", (), "trials in a block")
+    block_counts: np.ndarray = quantity("1", ("blocks",), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity(STATE, ("blocks", "time", 5), "mean state of each block")
+    block_second_moment: np.ndarray = quantity("SI", ("blocks", "time", 5, 5), "second moment about the block's mean")
+    block_observed_mean: np.ndarray = quantity(OBSERVED, ("blocks", "time", 2), "mean thrust and depth of each block")
+
+
+@dataclass(frozen=True)
+class FlightEnsemble(Flights):
     """All trials of one Monte Carlo case."""
 
     time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
@@ -49,16 +55,6 @@ class FlightEnsemble:
     mean: np.ndarray = quantity(STATE, ("time", 5), "mean state", allow_nan=True)
     covariance: np.ndarray = quantity("SI", ("time", 5, 5), "sample covariance", allow_nan=True)
     observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean thrust and depth", allow_nan=True)
-    histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by thrust and depth over time", "int64")
-    histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
-    final_state: np.ndarray = quantity(STATE, ("trials", 5), "final state", allow_nan=True)
-    observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
-    outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
-    kept_history: np.ndarray = quantity(
-        STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True
-    )
-    kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "thrust and depth of them", allow_nan=True)
 
 
 def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
@@ -131,7 +127,9 @@ def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
         for duration in inputs.segment_durations
     ]
     time, segment = segments.joined_time(outputs)
-    return FlightEnsemble(time, segment, **{field.name: getattr(merged, field.name) for field in fields(merged)})
+    return FlightEnsemble(
+        time=time, segment=segment, **{field.name: getattr(merged, field.name) for field in fields(merged)}
+    )
 
 
 def replay(inputs, gains: Gains, *, case: str, number: int, ensemble: FlightEnsemble | None = None) -> str:

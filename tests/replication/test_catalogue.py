@@ -1,0 +1,117 @@
+"""The project's shape: catalogues that fit their modules, and a workflow that keeps its own rules."""
+
+import ast
+import inspect
+import re
+import shutil
+import subprocess
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from marsedl.papers import SLUGS, catalogue, input_model
+
+ROOT = Path(__file__).parents[2]
+RULES = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
+SCRIPTS = sorted((ROOT / "workflow" / "scripts").glob("*.py"))
+FILES_OF_EVERY_PAPER = {"__init__.py", "inputs.py", "figures.py", "claims.py"}
+SCIENCE = ("numpy", "scipy", "numba", "casadi", "cvxpy", "matplotlib", "h5py")
+
+
+def parameters(function) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_every_paper_has_the_same_files(slug):
+    present = {path.name for path in (ROOT / "src" / "marsedl" / "papers" / slug).glob("*.py")}
+    assert FILES_OF_EVERY_PAPER <= present
+    for name in ("configs", "data/published"):
+        assert (ROOT / name / f"{slug}.yaml").exists()
+    assert (ROOT / "workflow" / "rules" / f"{slug}.smk").exists()
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_stages_products_and_functions_belong_together(slug):
+    paper, fields = catalogue(slug), set(input_model(slug).model_fields)
+    for name, stage in paper.stages.items():
+        module, function = paper.entry(name).split(":")
+        assert {need.split(".")[-1] for need in stage.needs} <= parameters(getattr(import_module(module), function))
+        assert set(stage.inputs) <= fields
+        assert {need.split(".")[0] for need in stage.needs} <= set(paper.stages)
+        assert stage.meaning
+    for kind, products in (("figures", paper.figures), ("tables", paper.tables)):
+        module = import_module(f"marsedl.papers.{slug}.{kind}")
+        for stem, product in products.items():
+            assert {need.split(".")[-1] for need in product.needs} <= parameters(getattr(module, stem))
+            assert set(product.inputs) <= fields
+            assert product.caption
+    assert set(paper.cases.values()) <= fields
+    assert len({erratum.id for erratum in paper.errata}) == len(paper.errata)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_every_figure_function_is_in_the_catalogue(slug):
+    paper = catalogue(slug)
+    for kind, known in (("figures", paper.figures), ("tables", {**paper.tables, **paper.summaries})):
+        module = import_module(f"marsedl.papers.{slug}.{kind}")
+        drawn = {
+            name
+            for name, function in inspect.getmembers(module, inspect.isfunction)
+            if function.__module__ == module.__name__ and re.match(r"fig\d|tab\d|eq\d", name)
+        }
+        assert drawn <= set(known)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_the_default_reading_and_the_printed_one_exist(slug):
+    text = (ROOT / "configs" / f"{slug}.yaml").read_text(encoding="utf-8")
+    assert re.search(r"(?m)^  printed:\n    frozen: ", text)
+    assert re.search(r"(?m)^  corrected:\n", text)
+
+
+def rules_of(path) -> dict[str, str]:
+    """Bodies of the rules of a file, by name or position."""
+    parts = re.split(r"(?m)^ *(?:rule\s*(\w*)\s*:|use rule \w+ as (\w+) with:)\n", path.read_text(encoding="utf-8"))
+    return {
+        a or b or f"{path.stem} {k}": body for k, (a, b, body) in enumerate(zip(*[iter(parts[1:])] * 3, strict=True))
+    }
+
+
+@pytest.mark.parametrize("path", [*RULES, ROOT / "Snakefile"], ids=lambda path: path.name)
+def test_every_rule_has_a_log_and_none_runs_python_itself(path):
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"(?m)^\s*(run:|checkpoint\b)", text)
+    assert "directory(" not in text
+    for name, body in rules_of(path).items():
+        if re.search(r"(?m)^ +(script|shell|output):", body):
+            assert re.search(r"(?m)^ +log:", body), f"rule {name} of {path.name} has no log"
+
+
+def test_rules_are_found():
+    assert {"figure", "default_figure", "powered_descent_nominal", "powered_descent_montecarlo_chunk", "verify"} <= {
+        name for path in RULES for name in rules_of(path)
+    }
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_scripts_are_short_and_hold_no_science(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 25
+    tree = ast.parse(text)
+    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    for name in imported:
+        assert name.split(".")[0] not in SCIENCE
+        assert not name.startswith(("marsedl.models", "marsedl.methods", "marsedl.montecarlo"))
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.Lambda | ast.While)]
+    assert "guarded(snakemake)" in text
+
+
+def test_imports_keep_to_the_layers():
+    command = shutil.which("lint-imports")
+    assert command, "import-linter is part of the development environment"
+    done = subprocess.run([command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "0 broken" in done.stdout

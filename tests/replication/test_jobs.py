@@ -1,0 +1,186 @@
+"""What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.replication import artifacts, jobs
+from marsedl.replication.errors import MarsedlError
+
+SOURCE = Path(__file__).parents[2] / "src"
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A test artifact."""
+
+    value: np.ndarray = artifacts.quantity("m", (2,), "two numbers")
+
+
+class Named(dict):
+    """Stands for Snakemake's named lists: items by name, by position and as attributes."""
+
+    def __getattr__(self, name):
+        return self[name]
+
+    def __getitem__(self, key):
+        return list(self.values())[key] if isinstance(key, int) else super().__getitem__(key)
+
+
+def job_of(tmp_path, **params):
+    return SimpleNamespace(
+        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", **params}),
+        input=Named(),
+        output=Named(out=str(tmp_path / "out.h5")),
+        wildcards=Named(reading="r"),
+        log=Named(log=str(tmp_path / "logs" / "job.log")),
+        rule="p_stage",
+    )
+
+
+@pytest.fixture
+def pinned(monkeypatch, tmp_path):
+    for name, value in {**jobs.NUMERIC_ENVIRONMENT, "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(tmp_path)}.items():
+        monkeypatch.setenv(name, value)
+
+
+def saved(path, reading="r", value=(1.0, 2.0)):
+    artifacts.save(path, Thing(np.array(value)), paper="p", reading=reading, provenance={})
+    return str(path)
+
+
+# -------------------------------------------------------------------------------------------------------- environment
+
+
+def test_the_numeric_environment_is_pinned_for_children():
+    code = "import os, sys; from pathlib import Path; from marsedl.replication import jobs\n"
+    code += (
+        f"jobs.pin_numerics(Path({str(SOURCE.parent)!r})); jobs.assert_numerics(); assert 'numpy' not in sys.modules\n"
+    )
+    code += "print(os.environ['OPENBLAS_CORETYPE'], os.environ['OMP_NUM_THREADS'], os.environ['NUMBA_CACHE_DIR'])"
+    clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
+    done = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
+    core, threads, cache = done.stdout.split()
+    assert (core, threads) == ("Haswell", "1")
+    assert Path(cache).parent == SOURCE.parent / ".cache" / "numba"
+
+
+def test_an_unpinned_environment_is_refused(pinned, monkeypatch):
+    jobs.assert_numerics()
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("PYTHONHASHSEED")
+    with pytest.raises(MarsedlError, match=r"OMP_NUM_THREADS, PYTHONHASHSEED.*start jobs through snakemake"):
+        jobs.assert_numerics()
+
+
+# ------------------------------------------------------------------------------------------------- inputs and artifacts
+
+
+def test_a_slice_holds_declared_inputs_only():
+    inputs = jobs.Slice({"covariance": [[1, 0], [0, 1]], "speed": 3.0, "scheme": "rk4", "nothing": None})
+    np.testing.assert_array_equal(inputs.covariance, np.eye(2))
+    assert inputs.covariance.dtype == float
+    assert (inputs.speed, inputs.scheme, inputs.nothing) == (3.0, "rk4", None)
+    with pytest.raises(AttributeError, match="'gravity' is not declared for this stage"):
+        _ = inputs.gravity
+
+
+def test_arguments_are_loaded_by_annotation(tmp_path):
+    def stage(inputs, one: Thing, many: list[Thing], maybe: Thing | None = None):
+        """Only its annotations are read."""
+
+    snakemake = job_of(tmp_path)
+    snakemake.input = Named(
+        one=saved(tmp_path / "one.h5"), many=[saved(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3)]
+    )
+    loaded = jobs.Job(snakemake).arguments(stage)
+    assert set(loaded) == {"one", "many"}
+    np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])
+    assert [thing.value[0] for thing in loaded["many"]] == [0.0, 1.0, 2.0]
+
+
+def test_an_artifact_of_another_reading_is_refused(tmp_path):
+    def stage(inputs, one: Thing):
+        """Only its annotations are read."""
+
+    snakemake = job_of(tmp_path)
+    snakemake.input = Named(one=saved(tmp_path / "one.h5", reading="other"))
+    with pytest.raises(artifacts.ArtifactError, match=r"one\.h5.*other"):
+        jobs.Job(snakemake).arguments(stage)
+
+
+def test_saving_keeps_where_a_result_comes_from(tmp_path):
+    snakemake = job_of(tmp_path, options={"case": "closed_loop"})
+    snakemake.input = Named(one=saved(tmp_path / "one.h5"))
+    jobs.Job(snakemake).save(Thing(np.array([3.0, 4.0])))
+    kept = artifacts.provenance(tmp_path / "out.h5")
+    assert kept["inputs"] == {"a": 1.0}
+    assert kept["code"] == "abc"
+    assert kept["options"] == {"case": "closed_loop"}
+    assert set(kept["made_from"]) == {"one.h5"}
+    assert {"numpy", "numba"} <= set(kept["versions"])
+
+
+# ------------------------------------------------------------------------------------------------------------ failures
+
+
+def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys):
+    snakemake = job_of(tmp_path)
+    with pytest.raises(SystemExit) as caught, jobs.guarded(snakemake):
+        raise MarsedlError("the iteration does not converge: raise its limit")
+    assert caught.value.code == 1
+    said = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: the iteration does not converge: raise its limit" in said
+    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in said
+    assert "Traceback" not in said
+    assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
+
+
+def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise ZeroDivisionError("by zero")
+    said = capsys.readouterr().err
+    assert "Traceback" in said
+    assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in said
+
+
+def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        pytest.fail("the body must not run")
+    assert "OPENBLAS_CORETYPE" in capsys.readouterr().err
+
+
+def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):
+    with jobs.guarded(job_of(tmp_path)) as job:
+        assert (job.paper, job.reading) == ("p", "r")
+    assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
+
+
+def test_the_first_job_of_a_kind_runs_alone(tmp_path, pinned):
+    """A second process waits for the first one's kernels, and a third one finds them."""
+    code = (
+        "import sys, time; from marsedl.replication.jobs import alone_when_new\n"
+        "with alone_when_new('a.b:c'):\n    print('in', flush=True); sys.stdin.readline()\n"
+    )
+    start = [sys.executable, "-c", code]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(start, **pipes) as first:
+        assert first.stdout.readline() == "in\n"
+        with subprocess.Popen(start, **pipes) as second:
+            os.set_blocking(second.stdout.fileno(), False)
+            with pytest.raises(subprocess.TimeoutExpired):
+                second.wait(timeout=1.0)
+            assert second.stdout.read() in (None, "")
+            os.set_blocking(second.stdout.fileno(), True)
+            first.communicate("\n", timeout=30)
+            assert second.stdout.readline() == "in\n"
+            second.communicate("\n", timeout=30)
+    assert (tmp_path / "a.b.c.compiled").exists()
+    subprocess.run(start, input="\n", text=True, check=True, timeout=30, stdout=subprocess.DEVNULL)
