@@ -172,9 +172,3 @@ def tree(built) -> Tree:
     shutil.rmtree(built.second.folder)
     shutil.copytree(built.spare, built.second.folder)
     return Tree(built.second.folder)
-
-
-@pytest.fixture
-def fresh_tree(tmp_path) -> Tree:
-    """A copy of the project in which nothing is built yet."""
-    return Tree(copy_tree(ROOT, tmp_path / "fresh"))

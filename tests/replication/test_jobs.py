@@ -164,23 +164,23 @@ def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):
 
 
 def test_the_first_job_of_a_kind_runs_alone(tmp_path, pinned):
-    """A second process waits for the first one's kernels, and a third one finds them."""
+    """Two processes that start together do their work one after the other."""
     code = (
-        "import sys, time; from marsedl.replication.jobs import alone_when_new\n"
-        "with alone_when_new('a.b:c'):\n    print('in', flush=True); sys.stdin.readline()\n"
+        "import time; from marsedl.replication.jobs import alone_when_new\n"
+        "with alone_when_new('a.b:c'):\n    start = time.monotonic(); time.sleep(0.3); end = time.monotonic()\n"
+        "print(start, end)"
     )
-    start = [sys.executable, "-c", code]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen(start, **pipes) as first:
-        assert first.stdout.readline() == "in\n"
-        with subprocess.Popen(start, **pipes) as second:
-            os.set_blocking(second.stdout.fileno(), False)
-            with pytest.raises(subprocess.TimeoutExpired):
-                second.wait(timeout=1.0)
-            assert second.stdout.read() in (None, "")
-            os.set_blocking(second.stdout.fileno(), True)
-            first.communicate("\n", timeout=30)
-            assert second.stdout.readline() == "in\n"
-            second.communicate("\n", timeout=30)
+    started = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    try:
+        times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in started)
+    finally:
+        for process in started:
+            process.kill()
+    assert times[0][1] <= times[1][0]
     assert (tmp_path / "a.b.c.compiled").exists()
-    subprocess.run(start, input="\n", text=True, check=True, timeout=30, stdout=subprocess.DEVNULL)
+
+
+def test_a_failed_first_job_leaves_the_others_to_compile(tmp_path, pinned):
+    with pytest.raises(ZeroDivisionError), jobs.alone_when_new("a.b:c"):
+        raise ZeroDivisionError
+    assert not (tmp_path / "a.b.c.compiled").exists()

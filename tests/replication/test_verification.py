@@ -9,6 +9,7 @@ import pytest
 
 from marsedl import cli
 from marsedl.replication import artifacts, verification
+from marsedl.replication.claims import UNEXPLAINED
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.verification import COUNT_TOLERANCE, RELATIVE_TOLERANCE, SMALLEST_SCALE, margin
 
@@ -42,11 +43,12 @@ def store(root, scale=1.0, iterations=100):
     artifacts.save(path, thing, paper=SLUG, reading="corrected", provenance={})
 
 
-def claim(root, value):
+def claim(root, value, reason="E10: not reproducible"):
     path = root / "report" / "claims" / f"{SLUG}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     readings = {"corrected": {"value": value, "verdict": "differs"}, "printed": {"value": None, "verdict": None}}
-    path.write_text(json.dumps([{"paper": SLUG, "id": "final_mass", "readings": readings}]), encoding="utf-8")
+    row = {"paper": SLUG, "id": "final_mass", "reason": reason, "readings": readings}
+    path.write_text(json.dumps([row]), encoding="utf-8")
 
 
 def reduced(*values, kind=float):
@@ -130,6 +132,19 @@ def test_a_lost_artifact_fails(project, capsys):
     assert "not built: corrected/nominal/mass" in capsys.readouterr().out
 
 
+def test_a_build_without_any_of_the_numbers_fails(project, capsys):
+    (project / "data" / "cache" / SLUG / "corrected" / "nominal.h5").unlink()
+    claim(project, None)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    assert "0 numbers compared" in capsys.readouterr().out
+
+
+def test_an_unexplained_verdict_fails(project, capsys):
+    claim(project, 1349.4, reason=UNEXPLAINED)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    assert "claim final_mass differs or fails without a reason" in capsys.readouterr().out
+
+
 def test_missing_builds_and_references_are_refused(project, capsys):
     (project / "data" / "reference" / f"{SLUG}.json").unlink()
     assert cli.main(["verify", "--no-rebuild"]) == 2
@@ -163,8 +178,7 @@ def test_equal_builds_agree(project, monkeypatch, capsys):
     assert "1 products in each of two builds, 0 differ" in capsys.readouterr().out
     (one, first, here), (two, second, there) = calls
     assert one != two
-    for what in ("--cores",):
-        assert first[first.index(what) + 1] != second[second.index(what) + 1]
+    assert first[first.index("--cores") + 1] != second[second.index("--cores") + 1]
     assert first[-1] != second[-1]
     assert here["PYTHONHASHSEED"] != there["PYTHONHASHSEED"]
 

@@ -225,8 +225,8 @@ def replay(simulate_block: SimulateBlock, trial):
 class Reduced:
     """What is kept of any number of trials, beside their moments.
 
-    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted; it stays in
-    the per-trial arrays and among the kept histories as it is. All other outcomes are included.
+    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted; it stays
+    in the per-trial arrays and among the kept histories as it is. All other outcomes are included.
 
     histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
     histogram_edges: (n_observed, bins + 1).

@@ -162,11 +162,11 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             print(f"  {slug}: not built: {name}")
         for name in beyond[:20]:
             print(f"  {slug}: {name} is off by {margins[name]:.3g} tolerances")
-        worst = max(margins, key=margins.get)
+        worst = max(margins, key=margins.get, default="none of them was built")
         print(
             f"{slug}: {len(margins)} numbers compared with {path.name}, {len(beyond)} beyond tolerance, "
             f"{len(missing)} missing; "
-            f"worst margin {margins[worst]:.3g} tolerances ({worst})",
+            f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})",
             flush=True,
         )
         unexplained = [row["id"] for row in read_claims(_claims_file(root, slug)) if row["reason"] == UNEXPLAINED]

@@ -136,6 +136,19 @@ TABLES = {
         "covariance.",
         ("montecarlo.closed_loop",),
     ),
+    "algorithm_1": Product(
+        "Runs of Algorithm 1 in the reading's thrust unit and in units of the maximum thrust, with the corrected "
+        "boundary condition and with both printed ones; last, the printed form with a loose absolute tolerance.",
+        ("fixed_point",),
+        ("intermediate_covariance", "final_covariance"),
+        beyond=True,
+    ),
+    "certificates": Product(
+        "Independent checks of the design: the paper's equations integrated forward, and the cost of convex programs "
+        "with held controls, which lies above the closed form's and falls to it.",
+        ("certificates",),
+        beyond=True,
+    ),
 }
 
 SUMMARIES = {

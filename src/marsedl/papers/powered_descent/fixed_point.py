@@ -21,7 +21,9 @@ DENSITIES = np.geomspace(20.0, 1000.0, 18)  # N sqrt(s)
 class FixedPointStudy:
     """Runs of Algorithm 1 with every boundary condition, and its iterations against the noise density."""
 
-    unit: np.ndarray = quantity("N", ("units",), "thrust unit of the run: the reading's, and the maximum thrust")
+    unit: np.ndarray = quantity(
+        "N", ("units",), "thrust unit of the run: the reading's, and the maximum thrust if that is another"
+    )
     boundary: np.ndarray = quantity("1", ("boundaries",), "boundary condition", "str")
     order: np.ndarray = quantity("1", ("orders",), "gauss_seidel, or jacobi as printed", "str")
     iterations: np.ndarray = quantity("1", ("units", "boundaries", "orders", "segments"), "iterations", "int64")
@@ -65,7 +67,7 @@ class FixedPointStudy:
 def compute(inputs, linearization: Linearization) -> FixedPointStudy:
     """Run Algorithm 1 in the reading's thrust unit and in units of the maximum thrust, and sweep the noise density."""
     problems = problems_of(inputs, linearization)
-    units = (inputs.thrust_unit, inputs.maximum_thrust)
+    units = tuple(dict.fromkeys((inputs.thrust_unit, inputs.maximum_thrust)))
     tolerance, limit = inputs.fixed_point_tolerance, inputs.fixed_point_iterations
     plant = segments.plant_noise_density(inputs)
 

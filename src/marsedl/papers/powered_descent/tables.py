@@ -1,4 +1,4 @@
-"""Tables: Eq. 54 of one reading against print, and what each reading reproduces."""
+"""Tables: one reading's final state against Eq. 54, its studies, and what each reading reproduces."""
 
 import numpy as np
 
@@ -7,7 +7,9 @@ from marsedl.montecarlo.statistics import (
     mean_standard_error,
     two_sample_covariance_deviance,
 )
+from marsedl.papers.powered_descent.certificates import Certificates
 from marsedl.papers.powered_descent.claims import UPPER
+from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
 from marsedl.papers.powered_descent.flight import THRUST
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
 
@@ -72,6 +74,79 @@ def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: Flig
     for name, test in zip(("whole covariance", "without r1"), agreement(published, ensemble), strict=True):
         statistic = f"deviance {test.statistic:.1f} on {test.degrees_of_freedom}"
         rows.append((name, "", statistic, "", "", f"p = {test.p_value:.2g}", f"{len(state)}"))
+    return rows
+
+
+def algorithm_1(inputs, published, fixed_point: FixedPointStudy):
+    """Runs of Algorithm 1 in both thrust units: iterations, distance from the closed form, final variances."""
+    rows = [
+        (
+            "thrust unit (N)",
+            "boundary condition",
+            "order",
+            "iterations (segments 1, 2)",
+            "tolerance reached",
+            "error against the closed form of the equivalent noise",
+            "largest error of the final variances (%)",
+        )
+    ]
+    study = fixed_point
+    for unit, boundary, order in np.ndindex(study.iterations.shape[:3]):
+        run = (unit, boundary, order)
+        jacobi = study.order[order] == "jacobi"
+        rows.append(
+            (
+                f"{study.unit[unit]:g}",
+                str(study.boundary[boundary]),
+                str(study.order[order]),
+                ", ".join(f"{number:,}" for number in study.iterations[run]),
+                ", ".join("yes" if reached else "no" for reached in study.converged[run]),
+                ", ".join(f"{error:.1e}" for error in study.riccati_error[run]),
+                ", ".join(f"{100 * error:.3g}" for error in study.covariance_error[unit, boundary]) if jacobi else "",
+            )
+        )
+    for unit in range(len(study.unit)):
+        target = np.diag(inputs.intermediate_covariance), np.diag(inputs.final_covariance)
+        errors = [np.abs(v / t - 1).max() for v, t in zip(study.loose_variance[unit], target, strict=True)]
+        rows.append(
+            (
+                f"{study.unit[unit]:g}",
+                "algorithm_1",
+                "jacobi, absolute 1e-3",
+                ", ".join(f"{number:,}" for number in study.loose_iterations[unit]),
+                "",
+                "",
+                ", ".join(f"{100 * error:.3g}" for error in errors),
+            )
+        )
+    return rows
+
+
+def certificates(inputs, published, certificates: Certificates):
+    """Distances of the design from its independent checks, by segment."""
+    checks = (
+        ("final covariance by Eq. 40, forward, against the target", "covariance_error"),
+        ("Riccati solution at the end by Eq. 21, forward", "riccati_error"),
+        ("G^2 Sigma^-1 = H + Lambda, H by Eq. 42", "h_identity_error"),
+        ("initial costate of Eq. 39 against the closed form", "costate_error_eq39"),
+        ("initial costate of Eq. 37 against Eq. 39", "costate_error_eq37"),
+    )
+    rows = [("check (relative errors; costs over closed form)", "segment 1", "segment 2")]
+    rows += [(name, *(f"{value:.1e}" for value in getattr(certificates, field))) for name, field in checks]
+    rows.append(
+        ("final mean by Eq. 31, forward (m, m/s)", *(f"{np.abs(e).max():.1e}" for e in certificates.mean_error))
+    )
+    for number, intervals in enumerate(certificates.intervals):
+        mean, covariance = certificates.mean_cost_ratio[:, number], certificates.covariance_cost_ratio[:, number]
+        rows.append((f"cost of the mean, {intervals} held intervals", *(f"{value:.7f}" for value in mean)))
+        rows.append((f"cost of the covariance, {intervals} held intervals", *(f"{value:.4f}" for value in covariance)))
+        status = (
+            f"{s}, {i} iterations"
+            for s, i in zip(
+                certificates.solver_status[:, number], certificates.solver_iterations[:, number], strict=True
+            )
+        )
+        rows.append((f"semidefinite solver, {intervals} held intervals", *status))
     return rows
 
 
