@@ -20,4 +20,4 @@ rule all:
     input:
         "report/index.html",
         "report/claims.json",
-        [products(paper) for paper in PAPERS],
+        [products(paper) + cache(paper) for paper in PAPERS],

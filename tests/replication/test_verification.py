@@ -162,10 +162,10 @@ def builder(monkeypatch, contents, code=0):
     calls = []
 
     def fake(folder, *arguments, **environment):
-        calls.append((folder, arguments, environment))
+        calls.append((folder, arguments, environment))  # in any order: the builds run at the same time
         table = folder / "figures" / SLUG / "eq54.csv"
         table.parent.mkdir(parents=True)
-        table.write_text(contents[len(calls) - 1], encoding="utf-8")
+        table.write_text(contents[int(folder.name)], encoding="utf-8")
         return subprocess.CompletedProcess(arguments, code, "what Snakemake said", "")
 
     monkeypatch.setattr(verification, "snakemake", fake)
@@ -192,7 +192,7 @@ def test_different_builds_are_named(project, monkeypatch, capsys):
 
 
 def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
-    builder(monkeypatch, ["1\n"], code=1)
+    builder(monkeypatch, ["1\n", "1\n"], code=1)
     with pytest.raises(MarsedlError, match="what Snakemake said"):
         verification.build_twice(project)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from marsedl.papers import catalogue
+from marsedl.papers import catalogue, input_model
 from marsedl.papers.powered_descent.gains import Gains
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
 from marsedl.replication.artifacts import load
@@ -88,7 +88,7 @@ def test_every_target_exists_for_an_own_reading(tree, mine):
     targets = {f"figures/powered_descent/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
     targets |= {f"figures/powered_descent/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
     stages = [name for name in paper.stages if not name.startswith("montecarlo")]
-    stages += [f"montecarlo.{case}" for case in paper.cases]
+    stages += [f"montecarlo.{case}" for case in input_model("powered_descent").CASES]
     targets |= {f"data/cache/powered_descent/mine/{name}.h5" for name in stages}
     plan = tree.plan(*sorted(targets), configfile=mine)
     assert plan.files >= targets

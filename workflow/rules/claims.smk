@@ -12,11 +12,7 @@ for _paper in PAPERS:
         name:
             f"{_paper}_claims"
         input:
-            [
-                path
-                for reading in STUDIES[_paper].readings
-                for path in artifacts(_paper, reading).values()
-            ],
+            cache(_paper),
             published=f"data/published/{_paper}.yaml",
         output:
             **{

@@ -65,7 +65,7 @@ def stage(paper, name):
 def cases(paper, reading):
     """The Monte Carlo cases of a reading with their numbers of trials; a case without trials is left out."""
     inputs = STUDIES[paper].readings[reading].inputs
-    trials = {case: getattr(inputs, name) for case, name in PAPERS[paper].cases.items()}
+    trials = {case: getattr(inputs, name) for case, name in MODELS[paper].CASES.items()}
     return {case: number for case, number in trials.items() if number}
 
 
@@ -222,3 +222,12 @@ def file_digest(path):
     """Digest of a file that a job reads beside its inputs; empty if there is none."""
     path = Path(path)
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
+
+
+def cache(paper):
+    """All artifacts of a paper that its claims use."""
+    return [
+        path
+        for reading in STUDIES[paper].readings
+        for path in artifacts(paper, reading).values()
+    ]

@@ -8,13 +8,7 @@ rule report:
 
 rule digests:
     input:
-        [path for paper in PAPERS for path in products(paper)],
-        [
-            path
-            for paper in PAPERS
-            for reading in STUDIES[paper].readings
-            for path in artifacts(paper, reading).values()
-        ],
+        [products(paper) + cache(paper) for paper in PAPERS],
         "report/claims.json",
     output:
         "report/digests.json",

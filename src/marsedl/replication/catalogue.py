@@ -44,8 +44,7 @@ class Paper:
     """The bill of materials of one replicated paper.
 
     `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
-    `cases` are the Monte Carlo ensembles, with the input that holds their number of trials; a block is the least that
-    is simulated by one job.
+    A block of trials is the least that is simulated by one job.
     """
 
     slug: str
@@ -56,7 +55,6 @@ class Paper:
     figures: dict[str, Product]
     tables: dict[str, Product] = field(default_factory=dict)
     summaries: dict[str, str] = field(default_factory=dict)
-    cases: dict[str, str] = field(default_factory=dict)
     errata: tuple[Erratum, ...] = ()
     trials_per_block: int = 1000
 

@@ -74,7 +74,7 @@ def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
     script = _parsed("(script)", False, str(path), path.read_bytes())
     closure = _Closure(source_root)
     closure.add_script(script)
-    return _sha256([*(_text(statement) for statement in script.tree.body), closure.digest()])
+    return _sha256([script.text, closure.digest()])
 
 
 def source_digest(source_root: Path = SOURCE_ROOT) -> str:

@@ -92,6 +92,9 @@ class Inputs(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    # Monte Carlo ensembles of the paper, with the input that holds their number of trials.
+    CASES: typing.ClassVar[dict[str, str]] = {}
+
     @classmethod
     def unit(cls, name: str) -> str:
         """Return the SI unit of an input."""
@@ -209,7 +212,7 @@ def load_study(
     """
     sections = {"readings", "chunks", "sizes"}
     document = _mapping(read_yaml(path), str(path), "", sections, required={"readings", "chunks"})
-    chunks = _mapping(document["chunks"], str(path), "chunks")
+    chunks = _mapping(document["chunks"], str(path), "chunks", set(model.CASES), required=set(model.CASES))
     for case, number in chunks.items():
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 100_000:
             raise InputError(f"{path}: chunks.{case}: {_shown(number)} is not a whole number from 1 to 100000")

@@ -135,7 +135,7 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     from marsedl.replication.errors import InputError
     from marsedl.replication.inputs import nearest
 
-    trials = {name: getattr(reading.inputs, field) for name, field in paper.cases.items()}
+    trials = {name: getattr(reading.inputs, field) for name, field in reading.inputs.CASES.items()}
     if not trials.get(case):
         raise InputError(
             f"reading {reading.name} has no case '{case}'; {nearest(case, [c for c, n in trials.items() if n])}"

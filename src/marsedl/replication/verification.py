@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -58,17 +59,23 @@ def snakemake(folder: Path, *arguments: str, **environment: str) -> subprocess.C
 
 def build_twice(root: Path) -> bool:
     """Build the smoke size twice from nothing and compare the digests of every product; prints what differs."""
-    digests = []
-    for number, build in enumerate(BUILDS):
-        folder = copy_tree(root, root / "build" / "verify" / str(number))
-        described = ", ".join(f"{key} {value}" for key, value in build.items())
-        print(f"smoke build {number + 1} of {len(BUILDS)} ({described})", flush=True)
+    folders = [root / "build" / "verify" / str(number) for number in range(len(BUILDS))]
+    for folder, build in zip(folders, BUILDS, strict=True):
+        copy_tree(root, folder)
+        print(
+            f"smoke build in {folder.name} ({', '.join(f'{key} {value}' for key, value in build.items())})", flush=True
+        )
+
+    def run(folder, build):
         config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
-        done = snakemake(folder, "all", "--cores", build["cores"], *config, PYTHONHASHSEED=build["PYTHONHASHSEED"])
+        return snakemake(folder, "all", "--cores", build["cores"], *config, PYTHONHASHSEED=build["PYTHONHASHSEED"])
+
+    with ThreadPoolExecutor() as pool:
+        finished = list(pool.map(run, folders, BUILDS))
+    for folder, done in zip(folders, finished, strict=True):
         if done.returncode:
             raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
-        digests.append(digest_tree(folder, PRODUCTS))
-    first, second = digests
+    first, second = (digest_tree(folder, PRODUCTS) for folder in folders)
     unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
     for name in unequal:
         print(f"  differs: {name} (compare with 'marsedl diff build/verify/0/{name} build/verify/1/{name}')")

@@ -283,11 +283,5 @@ PAPER = Paper(
     figures=FIGURES,
     tables=TABLES,
     summaries=SUMMARIES,
-    cases={
-        "closed_loop": "trials",
-        "open_loop": "trials",
-        "closed_loop_large": "large_trials",
-        "open_loop_large": "large_trials",
-    },
     errata=ERRATA,
 )

@@ -1,6 +1,6 @@
 """Typed inputs of the powered-descent paper; their values and sources are in `configs/powered_descent.yaml`."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
@@ -25,6 +25,13 @@ LARGEST_STEP_COUNT = 1_000_000
 
 class PoweredDescentInputs(Inputs):
     """Everything that the powered-descent results depend on."""
+
+    CASES: ClassVar[dict[str, str]] = {
+        "closed_loop": "trials",
+        "open_loop": "trials",
+        "closed_loop_large": "large_trials",
+        "open_loop_large": "large_trials",
+    }
 
     initial_position: vector(2) = given("m", "mean initial position: downrange, altitude")
     initial_speed: NonNegative = given("m/s", "mean initial speed")
