@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marsedl.methods.covariance_steering.closed_form import predicted_covariance, riccati_initial
-from marsedl.methods.covariance_steering.fixed_point import equivalent_squared_noise_density, fixed_point
+from marsedl.methods.covariance_steering.closed_form import (
+    equivalent_squared_noise_density,
+    predicted_covariance,
+    riccati_initial,
+)
+from marsedl.methods.covariance_steering.fixed_point import fixed_point
 
 GAMMA, FULL_THRUST = 0.02, 18000.0
 

@@ -457,7 +457,7 @@ def test_printed_readings_miss_the_target_in_newtons(pipeline):
 
 
 def test_printed_algorithm_in_newtons_is_slow_and_its_stopping_rule_wrong(pipeline):
-    study = pipeline.fixed_point("printed", fixed_point_iterations=200_000)
+    study = pipeline.fixed_point("printed", fixed_point_iterations=150_000)
     assert study.converged[0, 1].all()
     assert (study.iterations[0, 1, 1] > 50_000).all()
     np.testing.assert_allclose(study.covariance_error[0, 1], [0.0035, 0.0108], rtol=0.02)

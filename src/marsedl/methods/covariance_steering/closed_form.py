@@ -25,6 +25,7 @@ __all__ = [
     "Steering",
     "SteeringError",
     "SteeringProblem",
+    "equivalent_squared_noise_density",
     "escape_margin",
     "predicted_covariance",
     "riccati_initial",
@@ -308,6 +309,23 @@ def predicted_covariance(problem, riccati_initial, plant_noise_density, initial_
     r = np.eye(len(riccati_initial)) - gramian @ riccati_initial
     moments = r @ initial_covariance @ r.swapaxes(1, 2) + plant_noise_density**2 * (r @ gramian)
     return _symmetric(phi @ moments @ phi.swapaxes(1, 2))
+
+
+def equivalent_squared_noise_density(noise_density, control_unit=1.0, boundary="corrected"):
+    """Squared noise density whose correct design is the fixed point of a printed boundary condition.
+
+        corrected: gamma^2 U^2,     algorithm_1: U^2 / gamma,     eq_46: U^2 / gamma^2
+
+    Args:
+        noise_density: gamma, in units of U sqrt(s).
+        control_unit: U, caller's unit of control (N).
+        boundary: "corrected", "algorithm_1" or "eq_46".
+
+    Returns:
+        G^2, squared unit of control times s (N^2 s).
+    """
+    power = {"corrected": 2, "algorithm_1": -1, "eq_46": -2}[boundary]
+    return noise_density**power * control_unit**2
 
 
 def _along(time, value, shape, name):

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-__all__ = ["FixedPoint", "equivalent_squared_noise_density", "fixed_point"]
+from marsedl.methods.covariance_steering.closed_form import equivalent_squared_noise_density
+
+__all__ = ["FixedPoint", "fixed_point"]
 
 _BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 _STATUS = (
@@ -108,23 +110,6 @@ def fixed_point(
         last_change=change,
         status=_STATUS[code],
     )
-
-
-def equivalent_squared_noise_density(noise_density, control_unit=1.0, boundary="corrected"):
-    """Squared noise density whose correct design is the fixed point of a printed boundary condition.
-
-        corrected: gamma^2 U^2,     algorithm_1: U^2 / gamma,     eq_46: U^2 / gamma^2
-
-    Args:
-        noise_density: gamma, in units of U sqrt(s).
-        control_unit: U, caller's unit of control (N).
-        boundary: "corrected", "algorithm_1" or "eq_46".
-
-    Returns:
-        G^2, squared unit of control times s (N^2 s).
-    """
-    power = {"corrected": 2, "algorithm_1": -1, "eq_46": -2}[boundary]
-    return noise_density**power * control_unit**2
 
 
 @njit(cache=True, error_model="numpy")

@@ -50,7 +50,7 @@ STAGES = {
         (*_DESIGN, "certificate_intervals"),
         ("linearization", "gains"),
         meaning="independent checks of the design",
-        claimed_in=("printed", "corrected", "target4"),
+        claimed_in=("printed", "corrected"),
     ),
     "integrator_error": Stage(
         (*_FLIGHT, "finest_time_step", "convergence_trials"),

@@ -4,8 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.closed_form import predicted_covariance, riccati_initial
-from marsedl.methods.covariance_steering.fixed_point import equivalent_squared_noise_density, fixed_point
+from marsedl.methods.covariance_steering.closed_form import (
+    equivalent_squared_noise_density,
+    predicted_covariance,
+    riccati_initial,
+)
+from marsedl.methods.covariance_steering.fixed_point import fixed_point
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.gains import problems_of
 from marsedl.papers.powered_descent.linearization import Linearization

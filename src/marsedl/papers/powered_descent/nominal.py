@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import steer
-from marsedl.papers.powered_descent import flight, segments
+from marsedl.papers.powered_descent import segments
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.errors import MarsedlError
 
@@ -75,6 +75,8 @@ def design(inputs, times, masses):
 def fly_mean(inputs, times, steerings):
     """Fly the mean initial state without noise; returns the mass at all nodes (k,), kg, and the final state (4,)."""
     from scipy.interpolate import CubicSpline
+
+    from marsedl.papers.powered_descent import flight  # here, as later stages load this module for its artifact
 
     # One step spans two cells of the design grid, whose nodes are then the half-steps.
     schedules = [

@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.closed_form import SteeringProblem
-from marsedl.methods.covariance_steering.fixed_point import equivalent_squared_noise_density
-from marsedl.methods.linearization import linearize
-from marsedl.models.dynamics.powered_descent import mass_flow_constant, powered_descent_rates
+from marsedl.methods.covariance_steering.closed_form import SteeringProblem, equivalent_squared_noise_density
 
 SEGMENTS = 2
 
@@ -25,6 +22,8 @@ def end_conditions(inputs):
 
 def mass_flow(inputs):
     """Propellant mass per impulse, kg/(N s): as stated, or from the specific impulse."""
+    from marsedl.models.dynamics.powered_descent import mass_flow_constant
+
     if inputs.mass_flow_constant is not None:
         return inputs.mass_flow_constant
     return mass_flow_constant(inputs.specific_impulse, inputs.standard_gravity)
@@ -66,6 +65,9 @@ def linear_model(mass, gravity):
     The plant is affine in position, velocity and thrust, so the point of linearization does not matter; the mass is a
     parameter (Sec. IV). mass: (k,), kg. Returns A (k, 4, 4), B (k, 4, 2), c (k, 4).
     """
+    # Imported here: most jobs that use segments neither linearize nor fly.
+    from marsedl.methods.linearization import linearize
+    from marsedl.models.dynamics.powered_descent import powered_descent_rates
 
     def motion(downrange, altitude, downrange_velocity, vertical_velocity, thrust_downrange, thrust_vertical, mass):
         state = (downrange, altitude, downrange_velocity, vertical_velocity, mass)
