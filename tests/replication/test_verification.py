@@ -41,6 +41,9 @@ def store(root, scale=1.0, iterations=100):
     thing = Thing(scale * np.linspace(1500.0, 1349.4, 50), iterations, "x")
     path = root / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
     artifacts.save(path, thing, paper=SLUG, reading="corrected", provenance={})
+    digests = root / "report" / "digests.json"
+    digests.parent.mkdir(exist_ok=True)
+    digests.write_text(json.dumps({path.relative_to(root).as_posix(): "0"}), encoding="utf-8")
 
 
 def claim(root, value, reason="E10: not reproducible"):
@@ -86,6 +89,13 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 
 
 # ----------------------------------------------------------------------------------------------------------- reference
+
+
+def test_artifacts_that_are_not_of_this_build_are_left_out(project):
+    stale = project / "data" / "cache" / SLUG / "mine" / "nominal.h5"
+    thing = Thing(np.ones(3), 1, "x")
+    artifacts.save(stale, thing, paper=SLUG, reading="mine", provenance={})
+    assert not [name for name in verification.fingerprints(project, SLUG) if name.startswith("mine")]
 
 
 def test_fingerprints_hold_every_number_and_no_text(project):

@@ -90,8 +90,8 @@ def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(tree):
     plan = tree.plan("all")
     assert plan.changed == {"fixed_point"}
     assert plan.artifacts == {"printed/fixed_point", "corrected/fixed_point"}
-    assert plan.rules == {"fixed_point", "default_figure", *CLAIMS}
-    assert plan.figures == {"fixed_point"}
+    assert plan.rules == {"fixed_point", "default_figure", "default_table", *CLAIMS}
+    assert plan.figures == {"fixed_point", "algorithm_1"}
 
 
 def test_a_figure_of_its_own_reruns_alone(tree):
@@ -152,7 +152,7 @@ def test_the_maximum_thrust_reruns_what_uses_it_and_no_design(tree):
     tree.set_inputs("corrected", maximum_thrust="17000.0")
     plan = tree.plan("all")
     assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo", "fixed_point"}
-    assert plan.figures == {*DRAWN_FROM_TRIALS, "fixed_point"}
+    assert plan.figures == {*DRAWN_FROM_TRIALS, "fixed_point", "algorithm_1"}
 
 
 def test_one_readings_input_leaves_the_other_readings_alone(tree):

@@ -87,14 +87,15 @@ def fingerprints(root: Path, slug: str) -> dict[str, dict]:
     """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of every artifact."""
     from marsedl.replication.artifacts import opened
 
-    found, readings = {}, set()
-    for row in read_claims(_claims_file(root, slug)):
-        readings.update(row["readings"])
+    found = {}
+    for row in read_claims(_product(root, f"report/claims/{slug}.json")):
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
-    cached = (root / "data" / "cache" / slug).glob("*/*.h5")
-    for artifact in sorted(path for path in cached if path.parent.name in readings):
+    # Those of this build: the cache may hold others, of a user's readings or of earlier versions.
+    products = json.loads(_product(root, "report/digests.json").read_text(encoding="utf-8"))
+    cached = [root / name for name in sorted(products) if name.startswith(f"data/cache/{slug}/")]
+    for artifact in filter(Path.exists, cached):
         with opened(artifact) as file:
             for name, dataset in sorted(file.items()):
                 if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":
@@ -102,8 +103,8 @@ def fingerprints(root: Path, slug: str) -> dict[str, dict]:
     return found
 
 
-def _claims_file(root: Path, slug: str) -> Path:
-    path = root / "report" / "claims" / f"{slug}.json"
+def _product(root: Path, name: str) -> Path:
+    path = root / name
     if not path.exists():
         raise MarsedlError(f"{path}: there is no full build to compare; run 'snakemake all'")
     return path
@@ -176,7 +177,11 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})",
             flush=True,
         )
-        unexplained = [row["id"] for row in read_claims(_claims_file(root, slug)) if row["reason"] == UNEXPLAINED]
+        unexplained = [
+            row["id"]
+            for row in read_claims(_product(root, f"report/claims/{slug}.json"))
+            if row["reason"] == UNEXPLAINED
+        ]
         for claim in unexplained:
             print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")
         agree = agree and not beyond and not missing and not unexplained

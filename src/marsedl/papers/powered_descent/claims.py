@@ -22,6 +22,7 @@ UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))
 MEAN_TOLERANCE = 0.1  # of the target's standard deviation
 COVARIANCE_TOLERANCE = 0.1  # of the target's variances and of their geometric means
 SIGMAS = 3.0
+JUMP = 0.01  # of the largest gain, or of the maximum thrust; less than this would not be called a jump
 MINOR = 0.15  # a deviation of a variance by less than this is called minor
 ROUNDING = 1e-6  # relative; two expressions closer than this are called equal
 
@@ -196,17 +197,17 @@ def _loop_claims(inputs, gains, ensemble, open_loop, paper_size):
     at_paper_size = paper_size.observed_maximum[:, THRUST].max() / inputs.maximum_thrust
     return {
         "open_loop_mean_equals_closed_loop_mean": Evaluation(
-            bool((np.abs(difference) < 0.1 * spread).all()),
+            bool((np.abs(difference) < MEAN_TOLERANCE * spread).all()),
             None,
             open_loop.count,
             f"difference of the final means at most {np.abs(difference / spread).max():.4f} open-loop standard "
             f"deviations",
         ),
         "gain_jump_26s": Evaluation(
-            bool(gain_jump > 0.01), evidence=f"largest jump of a gain {100 * gain_jump:.1f} % of the largest gain"
+            bool(gain_jump > JUMP), evidence=f"largest jump of a gain {100 * gain_jump:.1f} % of the largest gain"
         ),
         "control_jump_26s": Evaluation(
-            bool(abs(thrust[1] - thrust[0]) > 0.01),
+            bool(abs(thrust[1] - thrust[0]) > JUMP),
             evidence=f"mean control jumps from {thrust[0]:.4f} to {thrust[1]:.4f} of the maximum thrust",
         ),
         "max_thrust_not_exceeded": Evaluation(
