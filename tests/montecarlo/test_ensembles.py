@@ -23,9 +23,11 @@ from marsedl.montecarlo.ensembles import (
     propagator,
     replay,
     run_blocks,
+    without_infinities,
 )
 from marsedl.montecarlo.integrators import runge_kutta_4
-from marsedl.montecarlo.streams import LANES, inline_njit, normals
+from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.streams import normals
 
 SEED, INITIAL_STREAM, PROCESS_STREAM = 31, 0, 1
 STEP, STEPS, STEPS_PER_OUTPUT = 0.05, (40, 24), 4
@@ -292,6 +294,7 @@ def test_merged_ensemble_equals_numpy_on_all_samples():
     paths = simulate_block(0, 1130)
     ensemble = merge(run_chunks(4))
     assert (ensemble.count, ensemble.excluded) == (1130, 0)
+    np.testing.assert_array_equal(ensemble.flying, np.full(TIMES, 1130), strict=True)
     np.testing.assert_allclose(ensemble.mean, paths.history.mean(axis=-1), rtol=1e-12, atol=1e-14)
     covariance = np.array([np.cov(history) for history in paths.history])
     np.testing.assert_allclose(ensemble.covariance, covariance, rtol=1e-11, atol=1e-14)
@@ -372,10 +375,136 @@ def test_histogram_counts_what_lies_outside_and_on_the_edges():
 
     def simulate(first, last):
         empty = np.zeros((1, 1, last - first))
-        return Trajectories(empty, values[np.newaxis, np.newaxis], empty[0], empty[0], np.zeros(last - first, np.int8))
+        zeros, ones = np.zeros(last - first, np.int8), np.ones(last - first, np.int64)
+        return Trajectories(empty, values[np.newaxis, np.newaxis], empty[0], empty[0], zeros, ones)
 
     chunk = run_blocks(simulate, 0, values.size, histogram_edges=uneven)
     np.testing.assert_array_equal(chunk.histogram[0, 0], [1, 1, 1, 3, 2])
+
+
+# ---- trials that end at their own times ------------------------------------------------------------------------------
+
+
+def own_lengths(first, last):
+    """Outputs of trials: some end at once, many in the last third, trial 8 alone is left at the last output."""
+    trials = np.arange(first, last)
+    lengths = np.where(trials % 97 == 5, 1, TIMES - 1 - trials * 7 % (TIMES // 3))
+    return np.where(trials == 8, TIMES, lengths)
+
+
+def ending(first, last, beyond=np.nan):
+    """The oscillator with trials that end early: their final state stands at their end, with the time below it."""
+    paths = simulate_block(first, last)
+    lengths = own_lengths(first, last)
+    ended = np.arange(TIMES)[:, np.newaxis, np.newaxis] >= lengths
+    history, observed = np.where(ended, beyond, paths.history), np.where(ended, beyond, paths.observed)
+    final_state = np.vstack([paths.history[lengths - 1, :, np.arange(last - first)].T, 0.2 * lengths])
+    return replace(paths, history=history, observed=observed, final_state=final_state, length=lengths)
+
+
+def test_moments_are_those_of_the_trials_still_flying():
+    paths, lengths = simulate_block(0, 1130), own_lengths(0, 1130)
+    ensemble = merge(run_chunks(4, simulate=ending))
+    assert (ensemble.count, ensemble.excluded) == (1130, 0)
+    assert (ensemble.outcome == 0).all()
+    assert ensemble.flying[0] == 1130 and ensemble.flying[-1] == 1
+    for time in range(TIMES):
+        flying = lengths > time
+        assert ensemble.flying[time] == flying.sum()
+        history, observed = paths.history[time][:, flying], paths.observed[time][:, flying]
+        np.testing.assert_allclose(ensemble.mean[time], history.mean(axis=-1), rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(ensemble.observed_mean[time], observed.mean(axis=-1), rtol=1e-12)
+        np.testing.assert_array_equal(ensemble.maximum_over_trials[time], observed.max(axis=-1))
+        np.testing.assert_array_equal(ensemble.histogram[time, 0, 1:-1], np.histogram(observed[0], EDGES[0])[0])
+        if time < TIMES - 1:
+            np.testing.assert_allclose(ensemble.covariance[time], np.cov(history), rtol=1e-11, atol=1e-14)
+    assert np.isnan(ensemble.covariance[-1]).all()  # of one trial
+    np.testing.assert_array_equal(ensemble.final_state[:, 2], 0.2 * lengths)
+    for trial in range(230):
+        end = lengths[trial]
+        np.testing.assert_array_equal(ensemble.kept_history[trial, :end], paths.history[:end, :, trial])
+        np.testing.assert_array_equal(ensemble.kept_observed[trial, :end], paths.observed[:end, :, trial])
+    kept = np.isnan(ensemble.kept_history).all(axis=2)
+    np.testing.assert_array_equal(kept.sum(axis=1), TIMES - lengths[:230])
+
+
+def test_what_stands_beyond_the_end_of_a_trial_is_ignored():
+    expected = merge(run_chunks(2, simulate=ending))
+    for beyond in (np.inf, -1e9):
+        found = merge(run_chunks(2, simulate=lambda first, last, beyond=beyond: ending(first, last, beyond)))
+        assert_identical(found, expected)
+
+
+@pytest.mark.parametrize("chunks", [2, 5, 12])
+def test_early_ends_do_not_depend_on_the_number_of_chunks(chunks):
+    assert_identical(merge(run_chunks(1, simulate=ending)), merge(run_chunks(chunks, simulate=ending)))
+
+
+def test_early_ends_leave_the_moments_before_them_alone():
+    # to the last bit: nobody has ended in the middle but those that end at once, in both ensembles
+    def ending_at_once(first, last):
+        lengths = own_lengths(first, last)
+        return replace(simulate_block(first, last), length=np.where(lengths == 1, 1, TIMES))
+
+    early, late = merge(run_chunks(2, simulate=ending)), merge(run_chunks(2, simulate=ending_at_once))
+    middle = slice(0, TIMES // 2)
+    for name in ("flying", "mean", "covariance", "observed_mean", "maximum_over_trials", "histogram"):
+        np.testing.assert_array_equal(getattr(early, name)[middle], getattr(late, name)[middle], err_msg=name)
+
+
+def test_a_block_whose_trials_have_all_ended_adds_nothing_any_more():
+    def ending_blocks(first, last):
+        return replace(simulate_block(first, last), length=np.full(last - first, 5 if first < 100 else TIMES))
+
+    ensemble = merge(run_chunks(1, trials=300, simulate=ending_blocks))
+    np.testing.assert_array_equal(ensemble.flying, np.where(np.arange(TIMES) < 5, 300, 200))
+    others = merge(run_chunks(1, trials=200, simulate=lambda first, last: simulate_block(first + 100, last + 100)))
+    for name in ("mean", "covariance", "maximum_over_trials", "histogram"):
+        np.testing.assert_array_equal(getattr(ensemble, name)[5:], getattr(others, name)[5:], err_msg=name)
+    nobody = merge(
+        run_chunks(1, trials=300, simulate=lambda a, b: replace(simulate_block(a, b), length=np.full(b - a, 5)))
+    )
+    assert nobody.flying[5:].tolist() == [0] * (TIMES - 5)
+    for values in (nobody.mean, nobody.covariance, nobody.observed_mean, nobody.maximum_over_trials):
+        assert np.isfinite(values[:5]).all() and np.isnan(values[5:]).all()
+    assert nobody.histogram[5:].sum() == 0
+
+
+def test_a_trial_is_non_finite_by_its_valid_numbers_only():
+    def simulate(first, last):
+        paths = ending(first, last)
+        for trial, output in ((20, -1), (21, 0)):  # the last valid output, and the first invalid one
+            if first <= trial < last:
+                paths.history[own_lengths(trial, trial + 1)[0] + output, 1, trial - first] = np.inf
+        return paths
+
+    ensemble = merge(run_chunks(2, simulate=simulate))
+    np.testing.assert_array_equal(np.flatnonzero(ensemble.outcome == NON_FINITE), [20])
+    assert (ensemble.count, ensemble.excluded) == (1129, 1)
+    others = np.arange(1130) != 20
+    flying = (own_lengths(0, 1130)[others, np.newaxis] > np.arange(TIMES)).sum(axis=0)
+    np.testing.assert_array_equal(ensemble.flying, flying)
+
+
+def test_replay_of_a_trial_that_ends_early():
+    whole, alone = ending(0, 300), replay(ending, 17)
+    for field in fields(Trajectories):
+        np.testing.assert_array_equal(getattr(alone, field.name)[..., 0], getattr(whole, field.name)[..., 17])
+
+
+@pytest.mark.parametrize("length", [np.array([0, 3]), np.array([3, TIMES + 1]), np.array([3])])
+def test_wrong_lengths_are_refused(length):
+    with pytest.raises(ValueError, match="outputs for each trial"):
+        run_blocks(lambda first, last: replace(simulate_block(first, last), length=length), 0, 2)
+
+
+def test_infinite_numbers_become_storable():
+    np.testing.assert_array_equal(without_infinities(np.array([1.0, np.inf, -np.inf, np.nan])), [1.0, *[np.nan] * 3])
+    assert without_infinities(7) == 7
+    np.testing.assert_array_equal(without_infinities(np.array([3])), np.array([3]), strict=True)
+
+
+# ---- bounds and chunks -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("trials", [1, 999, 1000, 1001, 12_345])

@@ -6,7 +6,7 @@ from numba import njit
 
 from marsedl.montecarlo.ensembles import observe_nothing, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
-from marsedl.montecarlo.streams import LANES, inline_njit
+from marsedl.montecarlo.lanes import LANES, inline_njit
 
 RK4, EULER = "rk4", "euler"
 

@@ -13,6 +13,7 @@ from marsedl.montecarlo.statistics import (
     mean_standard_error,
     merge_moments,
     percentile,
+    percentile_spread,
     two_sample_covariance_deviance,
     variance_confidence_band,
     variance_sampling_band,
@@ -35,6 +36,26 @@ def test_central_moments_and_their_merge_equal_numpy():
         assert count == 700
         np.testing.assert_allclose(mean, samples.mean(axis=0), rtol=1e-14)
         np.testing.assert_allclose(second / 699, [np.cov(samples[:, i].T) for i in range(5)], rtol=1e-7, atol=1e-8)
+
+
+def test_moments_merge_with_counts_of_their_own_at_every_time():
+    rng = np.random.default_rng(9)
+    samples, other = rng.standard_normal((40, 6, 3)) @ FACTOR.T, rng.standard_normal((7, 6, 3))
+    counts = np.array([40, 40, 12, 1, 0, 0]), np.array([7, 0, 7, 3, 2, 0])
+
+    def moments(values, numbers):
+        parts = [central_moments(values[:number, time]) for time, number in enumerate(numbers)]
+        return numbers, np.stack([mean for _, mean, _ in parts]), np.stack([second for _, _, second in parts])
+
+    count, mean, second = merge_moments(moments(samples, counts[0]), moments(other, counts[1]))
+    np.testing.assert_array_equal(count, counts[0] + counts[1])
+    for time, (a, b) in enumerate(zip(*counts, strict=True)):
+        single = merge_moments(central_moments(samples[:a, time]), central_moments(other[:b, time]))
+        np.testing.assert_array_equal(mean[time], single[1])
+        np.testing.assert_array_equal(second[time], single[2])
+        expected = central_moments(np.concatenate([samples[:a, time], other[:b, time]]))
+        np.testing.assert_allclose(mean[time], expected[1], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(second[time], expected[2], rtol=1e-12, atol=1e-13)
 
 
 def test_standard_errors_are_the_spread_of_repeated_estimates():
@@ -78,6 +99,33 @@ def test_percentile_of_many_samples_and_of_bad_levels():
     for level in (0.0, 1.0, 95):
         with pytest.raises(ValueError, match="level"):
             percentile([1.0, 2.0], level)
+
+
+@pytest.mark.parametrize(("count", "level"), [(1000, 0.01), (1000, 0.99), (1000, 0.5), (61, 0.9)])
+def test_the_error_of_a_percentile_is_that_of_a_bootstrap(count, level):
+    rng = np.random.default_rng(10)
+    samples, resamples = np.sort(rng.exponential(size=count)), 4000
+    rank = int(level * count + 0.5)
+    drawn = np.array([np.partition(rng.choice(samples, count), rank - 1)[rank - 1] for _ in range(resamples)])
+    variance, fourth = drawn.var(ddof=1), ((drawn - drawn.mean()) ** 4).mean()
+    tolerance = 4.0 * variance_standard_error(variance, fourth, resamples)
+    assert tolerance < 0.2 * variance
+    assert abs(percentile(samples, level)[1] ** 2 - variance) < tolerance
+
+
+def test_percentile_spread_is_the_standard_error_of_one_group():
+    rng = np.random.default_rng(11)
+    samples = rng.standard_normal(200 * 500 + 499)
+    values, spread = percentile_spread(samples, 0.9, 500)
+    assert values.shape == (200,)
+    np.testing.assert_array_equal(values[3], np.quantile(samples[1500:2000], 0.9))
+    assert spread == pytest.approx(np.std(values, ddof=1), rel=1e-14)
+    asymptotic = np.sqrt(0.9 * 0.1 / 500) / stats.norm.pdf(stats.norm.ppf(0.9))
+    assert spread == pytest.approx(asymptotic, rel=4.0 / np.sqrt(2 * 200))
+    for size in (50_250, 0, -5):
+        with pytest.raises(ValueError, match="two groups"):
+            percentile_spread(samples, 0.9, size)
+    assert percentile_spread(samples, 0.9, 50_249)[0].shape == (2,)
 
 
 @pytest.mark.parametrize("count", [1, 20, 137, 5000])

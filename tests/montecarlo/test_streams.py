@@ -3,16 +3,8 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from marsedl.montecarlo.streams import (
-    LANES,
-    NORMALS_PER_BLOCK,
-    _box_muller,
-    fill_normals,
-    logarithm,
-    normals,
-    philox4x64,
-    sine_cosine_of_turn,
-)
+from marsedl.montecarlo.lanes import LANES
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, _box_muller, fill_normals, normals, philox4x64
 
 
 @njit(error_model="numpy")
@@ -22,15 +14,6 @@ def raw_blocks(counters, keys):
         c, k = counters[i], keys[i]
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = philox4x64(c[0], c[1], c[2], c[3], k[0], k[1])
     return out
-
-
-@njit(error_model="numpy")
-def elementary_functions(x, bits):
-    logs, sines, cosines = np.empty_like(x), np.empty_like(x), np.empty_like(x)
-    for i in range(x.size):
-        logs[i] = logarithm(x[i])
-        sines[i], cosines[i] = sine_cosine_of_turn(bits[i])
-    return logs, sines, cosines
 
 
 @njit(error_model="numpy")
@@ -66,27 +49,6 @@ def test_counter_is_block_stream_trial_and_key_is_seed():
     angle = 2.0 * np.pi * (raw[[1, 3]] / 2.0**64)
     expected = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).ravel()
     np.testing.assert_allclose(normals(42, 3, [11], 32)[0, 28:32], expected, rtol=1e-13, atol=1e-14)
-
-
-def test_elementary_functions_are_accurate():
-    rng = np.random.default_rng(2)
-    x = np.concatenate([2.0 ** -rng.uniform(0, 53, 100_000), 1.0 - rng.integers(0, 2**20, 1000) * 2.0**-53, [2.0**-53]])
-    bits = rng.integers(0, 2**64, x.size, dtype=np.uint64)
-    bits &= np.uint64(2**64 - 2**11)  # the leading 53 bits, which the function keeps
-    bits[:9] = np.concatenate([np.arange(8, dtype=np.uint64) << np.uint64(61), np.array([2**64 - 2**11], np.uint64)])
-    logs, sines, cosines = elementary_functions(x, bits)
-    np.testing.assert_allclose(logs, np.log(x), rtol=4e-16, atol=0)
-    # exact removal of the quarter turns, so that the reference does not suffer from the rounding of its argument
-    quarter = np.round(bits / 2.0**62).astype(object)
-    remainder = np.array([int(b) - int(q) * 2**62 for b, q in zip(bits, quarter, strict=True)], float)
-    angle = remainder * (2.0 * np.pi / 2.0**64)
-    rotation = np.exp(0.5j * np.pi * np.arange(4)).round()[quarter.astype(int) % 4]
-    point = rotation.real * np.cos(angle) - rotation.imag * np.sin(angle)
-    np.testing.assert_allclose(cosines, point, rtol=0, atol=2.5e-16)
-    np.testing.assert_allclose(
-        sines, rotation.imag * np.cos(angle) + rotation.real * np.sin(angle), rtol=0, atol=2.5e-16
-    )
-    np.testing.assert_allclose(sines**2 + cosines**2, 1.0, rtol=0, atol=5e-16)
 
 
 def test_extreme_bits_give_finite_normals():

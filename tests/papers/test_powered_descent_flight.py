@@ -133,9 +133,7 @@ def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, no
 def fly_quietly(pipeline, noise_density, spread, trials):
     """Final states of trials with another plant noise and an initial spread in units of the given one, (trials, 5)."""
     inputs, gains = pipeline.stage_inputs("corrected", "montecarlo_chunk"), pipeline.gains()
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
-    parts = segments.split(gains.segment, gains.gain, gains.mean, gains.feedforward)
-    schedules = [flight.schedule(t, *part, round(10 * t[-1])) for t, part in zip(times, parts, strict=True)]
+    schedules = flight.schedules_of(inputs, gains, [260, 150])
     states = flight.initial_states(
         segments.initial_mean(inputs), inputs.initial_covariance, WET_MASS, inputs.seed, np.arange(trials)
     )
@@ -188,6 +186,7 @@ def test_results_do_not_depend_on_the_number_of_chunks(pipeline, trials, block_s
     whole = pipeline.fly("corrected", gains, trials=trials, block_size=block_size)
     parts = pipeline.fly("corrected", gains, trials=trials, block_size=block_size, chunks=chunks)
     assert whole.count == trials and len(whole.final_state) == trials
+    assert (whole.flying == trials).all()
     assert_identical(whole, parts)
 
 
@@ -322,7 +321,7 @@ def test_a_case_with_only_non_finite_trials_can_still_be_stored(pipeline, tmp_pa
 
 def test_trajectories_have_the_fields_that_the_tests_compare():
     assert {field.name for field in fields(Trajectories)} == {
-        *("history", "observed", "observed_maximum", "final_state", "outcome")
+        *("history", "observed", "observed_maximum", "final_state", "outcome", "length")
     }
 
 

@@ -1,5 +1,6 @@
 """What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -178,6 +179,26 @@ def test_the_first_job_of_a_kind_runs_alone(tmp_path, pinned):
             process.kill()
     assert times[0][1] <= times[1][0]
     assert (tmp_path / "a.b.c.compiled").exists()
+
+
+def test_a_job_that_waited_for_the_first_one_does_not_hold_up_others(tmp_path, pinned, monkeypatch):
+    locked = []
+
+    def flock(file, operation):
+        locked.append(operation)
+        (tmp_path / "a.b.c.compiled").touch()  # the first job ends just now
+        fcntl_flock(file, operation)
+
+    fcntl_flock = fcntl.flock
+    monkeypatch.setattr(jobs.fcntl, "flock", flock)
+    with jobs.alone_when_new("a.b:c"), (tmp_path / "lock").open("w") as other:
+        assert locked == [fcntl.LOCK_EX]
+        fcntl_flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises BlockingIOError if the job holds the lock
+
+
+def test_a_first_job_holds_the_lock(tmp_path, pinned):
+    with jobs.alone_when_new("a.b:c"), (tmp_path / "lock").open("w") as other, pytest.raises(BlockingIOError):
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def test_a_failed_first_job_leaves_the_others_to_compile(tmp_path, pinned):

@@ -8,12 +8,14 @@ have a fixed size and are merged in their order: the result is bitwise the same 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
 
+from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.statistics import central_moments, merge_moments
-from marsedl.montecarlo.streams import LANES, NORMALS_PER_BLOCK, fill_normals, inline_njit, lane_array
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 BLOCK_SIZE = 1000
 
@@ -166,7 +168,10 @@ class Trajectories:
     """Everything of some consecutive trials; the trial is the last dimension.
 
     history: (times, n, trials), state. observed: (times, n_observed, trials). observed_maximum: (n_observed, trials),
-    largest value over all steps. final_state: (n, trials). outcome: (trials,), int8, see the codes of this module.
+    largest value over all steps. final_state: (n_final, trials), the state at the trial's own end, with or without the
+    components of the history and others such as the time. outcome: (trials,), int8, see the codes of this module.
+    length: (trials,), int64, number of outputs up to the trial's end, 1 to times: what history and observed hold
+    beyond is ignored.
     """
 
     history: np.ndarray
@@ -174,6 +179,7 @@ class Trajectories:
     observed_maximum: np.ndarray
     final_state: np.ndarray
     outcome: np.ndarray
+    length: np.ndarray
 
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
@@ -197,7 +203,7 @@ def new_trajectories(initial_state, times, n_observed):
 
     initial_state: (n, trials), copied to `final_state` with the last trial repeated to a whole number of groups.
     times: number of outputs, of all segments together. n_observed: observed quantities. Maxima start at -inf,
-    outcomes at COMPLETED.
+    outcomes at COMPLETED, lengths at all outputs.
     """
     final_state = pad_to_groups(initial_state)
     n, padded = final_state.shape
@@ -207,6 +213,7 @@ def new_trajectories(initial_state, times, n_observed):
         observed_maximum=np.full((n_observed, padded), -np.inf),
         final_state=final_state,
         outcome=np.full(padded, COMPLETED, np.int8),
+        length=np.full(padded, times, np.int64),
     )
 
 
@@ -225,14 +232,16 @@ def replay(simulate_block: SimulateBlock, trial):
 class Reduced:
     """What is kept of any number of trials, beside their moments.
 
-    A non-finite trial (code NON_FINITE) is left out of moments, histogram and maximum over time, and counted; it stays
-    in the per-trial arrays and among the kept histories as it is. All other outcomes are included.
+    Moments, histogram and maximum at a time are those of the trials still flying, which have not ended before it. A
+    non-finite trial (code NON_FINITE) is left out of them at all times, and counted; it stays in the per-trial arrays
+    and among the kept histories as it is. All other outcomes are included.
 
     histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
     histogram_edges: (n_observed, bins + 1).
-    maximum_over_trials: (times, n_observed), NaN when no trial is finite.
-    final_state: (trials, n). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
-    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), of the first trials.
+    maximum_over_trials: (times, n_observed), NaN when no finite trial is flying.
+    final_state: (trials, n_final). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
+    kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), of the first trials; NaN beyond the end of
+    the trial.
     """
 
     histogram: np.ndarray
@@ -250,7 +259,8 @@ class Chunk(Reduced):
     """Trials first_trial .. first_trial + trials - 1, a whole number of blocks, with the moments of every block.
 
     first_trial: int. block_size: int.
-    block_counts, block_excluded: (blocks,), int64, trials inside and outside the block's moments.
+    block_counts: (blocks, times), int64, trials in the block's moments. block_excluded: (blocks,), int64, its
+    non-finite trials.
     block_mean: (blocks, times, n). block_second_moment: (blocks, times, n, n), sums of products about the block's mean.
     block_observed_mean: (blocks, times, n_observed).
     """
@@ -268,12 +278,15 @@ class Chunk(Reduced):
 class Ensemble(Reduced):
     """All trials 0 .. trials - 1, with their moments.
 
-    count, excluded: trials inside and outside of the moments. mean: (times, n). covariance: (times, n, n), divided by
-    count - 1. observed_mean: (times, n_observed). The moments are NaN where count does not suffice.
+    count, excluded: trials inside the moments at the start and outside of them at all times, together all trials.
+    flying: (times,), int64, trials in the moments at each time. mean: (times, n). covariance: (times, n, n), divided by
+    flying - 1. observed_mean: (times, n_observed). The moments are NaN only where no trial (of a covariance: fewer than
+    two) is flying; a caller who wants more for an estimate masks by `flying`.
     """
 
     count: int
     excluded: int
+    flying: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
     observed_mean: np.ndarray
@@ -303,10 +316,39 @@ def _count_in_bins(values, edges, counts):
                     counts[time, quantity, guess + 1] += 1
 
 
+def _ended(length, times):
+    """(times, trials) bool: the trial has ended before the output."""
+    return np.arange(times)[:, np.newaxis] >= length
+
+
 def _finite_trials(block):
-    """(trials,) bool: every number of the trial is finite."""
-    arrays = (block.history, block.observed, block.observed_maximum, block.final_state)
-    return np.logical_and.reduce([np.isfinite(a).reshape(-1, a.shape[-1]).all(axis=0) for a in arrays])
+    """(trials,) bool: every number of the trial is finite, up to its end."""
+    finite = np.isfinite(block.observed_maximum).all(axis=0) & np.isfinite(block.final_state).all(axis=0)
+    ended = _ended(block.length, len(block.history))
+    for array in (block.history, block.observed):
+        finite &= (np.isfinite(array).all(axis=1) | ended).all(axis=0)
+    return finite
+
+
+def _flying(length, times):
+    """Runs of outputs between which no trial ends: yields (outputs, trials that fly there), two indices of arrays.
+
+    length: (trials,), outputs of each trial, 0 for a trial that is to be left out.
+    """
+    for start, end in pairwise(np.unique(np.concatenate([[0, times], length]))):
+        flying = length > start
+        # A slice copies nothing.
+        yield slice(start, end), slice(None) if flying.all() else flying
+
+
+def without_infinities(value):
+    """Replace infinite numbers, which only non-finite trials have, by NaN, which artifacts can hold.
+
+    value: anything; all but floating-point arrays is returned as it is.
+    """
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return np.where(np.isinf(value), np.nan, value)
+    return value
 
 
 def _checked_edges(edges, n_observed):
@@ -332,7 +374,8 @@ def run_blocks(
     interest is in one bin [0, 1). kept: trials 0 .. kept - 1 of the ensemble keep their full histories, in whatever
     chunks they are.
 
-    Returns a `Chunk`. Raises ValueError for bounds off the blocks, wrong edges, or a block of another length.
+    Returns a `Chunk`. Raises ValueError for bounds off the blocks, wrong edges, a block with another number of trials,
+    or a trial without outputs or with more than there are.
     """
     if first_trial < 0 or first_trial % block_size:
         raise ValueError(f"first_trial ({first_trial}) must be a multiple of block_size ({block_size})")
@@ -346,35 +389,43 @@ def run_blocks(
         block = simulate_block(first, last)
         if block.outcome.shape != (last - first,):
             raise ValueError(f"block of trials [{first}, {last}) came back with {block.outcome.size} outcomes")
+        times, n, _ = block.history.shape
+        n_observed = block.observed.shape[1]
+        if block.length.shape != (last - first,) or not ((block.length >= 1) & (block.length <= times)).all():
+            raise ValueError(f"length of trials [{first}, {last}) must be within 1 and {times} outputs for each trial")
         if histogram is None:
-            times, n_observed, _ = block.observed.shape
             edges = _checked_edges(histogram_edges, n_observed)
             histogram = np.zeros((times, n_observed, edges.shape[1] + 1), np.int64)
             maximum_over_trials = np.full((times, n_observed), np.nan)
 
         finite = _finite_trials(block)
-        history, observed = block.history, block.observed
-        if not finite.all():
-            history, observed = history[..., finite], observed[..., finite]
-        count, mean, second_moment = central_moments(np.moveaxis(history, -1, 0))
-        observed_mean = observed.mean(axis=-1) if count else np.zeros(observed.shape[:-1])
-        blocks.append((count, last - first - count, mean, second_moment, observed_mean))
-        _count_in_bins(observed, edges, histogram)
-        if count:
-            np.fmax(maximum_over_trials, observed.max(axis=-1), out=maximum_over_trials)
+        counts, mean, second_moment = np.zeros(times, np.int64), np.zeros((times, n)), np.zeros((times, n, n))
+        observed_mean = np.zeros((times, n_observed))
+        for outputs, trials in _flying(np.where(finite, block.length, 0), times):
+            history, observed = block.history[outputs][..., trials], block.observed[outputs][..., trials]
+            count, mean[outputs], second_moment[outputs] = central_moments(np.moveaxis(history, -1, 0))
+            counts[outputs] = count
+            if count:
+                observed_mean[outputs] = observed.mean(axis=-1)
+                largest = maximum_over_trials[outputs]
+                np.fmax(largest, observed.max(axis=-1), out=largest)
+                _count_in_bins(observed, edges, histogram[outputs])
+        blocks.append((counts, last - first - np.count_nonzero(finite), mean, second_moment, observed_mean))
 
         outcomes.append(np.where(finite, block.outcome, NON_FINITE).astype(np.int8))
         final_state.append(block.final_state.T.copy())
         observed_maximum.append(block.observed_maximum.T.copy())
         keep = max(0, min(kept, last) - first)
-        kept_history.append(np.moveaxis(block.history[..., :keep], -1, 0).copy())
-        kept_observed.append(np.moveaxis(block.observed[..., :keep], -1, 0).copy())
+        ended = _ended(block.length[:keep], times).T
+        for kept_arrays, array in ((kept_history, block.history), (kept_observed, block.observed)):
+            kept_arrays.append(np.moveaxis(array[..., :keep], -1, 0).copy())
+            kept_arrays[-1][ended] = np.nan
 
     counts, excluded, means, second_moments, observed_means = zip(*blocks, strict=True)
     return Chunk(
         first_trial=first_trial,
         block_size=block_size,
-        block_counts=np.array(counts, np.int64),
+        block_counts=np.stack(counts),
         block_excluded=np.array(excluded, np.int64),
         block_mean=np.stack(means),
         block_second_moment=np.stack(second_moments),
@@ -421,24 +472,27 @@ def merge(chunks: Sequence[Chunk]):
             raise ValueError(f"chunk at trial {chunk.first_trial} has other histogram edges")
         expected += chunk.outcome.size
 
-    total = (0, np.zeros_like(chunks[0].block_mean[0]), np.zeros_like(chunks[0].block_second_moment[0]))
+    total = tuple(
+        np.zeros_like(getattr(chunks[0], name)[0]) for name in ("block_counts", "block_mean", "block_second_moment")
+    )
     for chunk in chunks:
         for block in zip(chunk.block_counts, chunk.block_mean, chunk.block_second_moment, strict=True):
             total = merge_moments(total, block)
-    count, mean, second_moment = total
-    counts = np.concatenate([chunk.block_counts for chunk in chunks])
-    observed_mean = np.concatenate([chunk.block_observed_mean for chunk in chunks])
-    observed_sum = (counts[:, np.newaxis, np.newaxis] * observed_mean).sum(axis=0)
+    flying, mean, second_moment = total
+    at_time = flying[:, np.newaxis]
 
     def joined(name):
         return np.concatenate([getattr(chunk, name) for chunk in chunks])
 
+    observed_sum = (joined("block_counts")[:, :, np.newaxis] * joined("block_observed_mean")).sum(axis=0)
+    covariance = second_moment / np.maximum(at_time - 1, 1)[:, np.newaxis]
     return Ensemble(
-        count=int(count),
+        count=int(flying[0]),
         excluded=int(sum(chunk.block_excluded.sum() for chunk in chunks)),
-        mean=mean if count > 0 else np.full_like(mean, np.nan),
-        covariance=second_moment / (count - 1) if count > 1 else np.full_like(second_moment, np.nan),
-        observed_mean=observed_sum / count if count > 0 else np.full_like(observed_sum, np.nan),
+        flying=flying,
+        mean=np.where(at_time > 0, mean, np.nan),
+        covariance=np.where(at_time[:, np.newaxis] > 1, covariance, np.nan),
+        observed_mean=np.where(at_time > 0, observed_sum / np.maximum(at_time, 1), np.nan),
         histogram=sum(chunk.histogram for chunk in chunks),
         histogram_edges=chunks[0].histogram_edges,
         maximum_over_trials=np.fmax.reduce([chunk.maximum_over_trials for chunk in chunks]),

@@ -21,7 +21,7 @@ Both schemes have strong order 1 with additive noise, as the noise enters only b
 differ in the deterministic part: order 4 against order 1, which is also the weak order of Euler-Maruyama.
 """
 
-from marsedl.montecarlo.streams import LANES, inline_njit
+from marsedl.montecarlo.lanes import LANES, inline_njit
 
 
 def runge_kutta_4(drift):

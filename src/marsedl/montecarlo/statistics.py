@@ -34,20 +34,24 @@ def merge_moments(a, b):
 
     M = M_a + M_b + d d' n_a n_b / n,   mean = mean_a + d n_b / n,   d = mean_b - mean_a,   n = n_a + n_b.
 
-    a, b: (count, mean (..., n), second_moment (..., n, n)) as from `central_moments`. Returns the same triple.
+    a, b: (count, mean (..., n), second_moment (..., n, n)) as from `central_moments`; the counts are numbers or arrays
+    (...). Returns the same triple. A sample without members leaves the other as it is.
     """
     count_a, mean_a, second_a = a
     count_b, mean_b, second_b = b
-    if count_a == 0 or count_b == 0:
-        return a if count_b == 0 else b
+    count_a, count_b = np.asarray(count_a), np.asarray(count_b)
     count = count_a + count_b
+    share = count_b / np.maximum(count, 1)
     difference = mean_b - mean_a
     product = difference[..., :, np.newaxis] * difference[..., np.newaxis, :]
-    return (
-        count,
-        mean_a + difference * (count_b / count),
-        second_a + second_b + product * (count_a * (count_b / count)),
-    )
+    mean = mean_a + difference * share[..., np.newaxis]
+    second = second_a + second_b + product * (count_a * share)[..., np.newaxis, np.newaxis]
+
+    def unless_empty(both, only_a, only_b, axes):
+        empty_a, empty_b = (np.expand_dims(c == 0, axes) for c in (count_a, count_b))
+        return np.where(empty_b, only_a, np.where(empty_a, only_b, both))
+
+    return count, unless_empty(mean, mean_a, mean_b, -1), unless_empty(second, second_a, second_b, (-1, -2))
 
 
 def mean_standard_error(variance, count):
@@ -89,7 +93,7 @@ def percentile(samples, level):
     """Sample percentile (linear interpolation) and its Maritz-Jarrett standard error (Maritz, Jarrett 1978).
 
     The error is the standard deviation of the order statistics weighted by Beta(m, N - m + 1), m = floor(level N +
-    1/2).
+    1/2): exactly that of a bootstrap of the m-th order statistic with infinitely many resamples.
 
     samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels.
     """
@@ -105,6 +109,20 @@ def percentile(samples, level):
     deviation = ordered - ordered[rank - 1]
     spread = weights @ deviation**2 - (weights @ deviation) ** 2
     return float(np.quantile(ordered, level)), float(np.sqrt(max(spread, 0.0)))
+
+
+def percentile_spread(samples, level, size):
+    """Percentiles of disjoint groups of consecutive samples, and how far they scatter from group to group.
+
+    samples: (count,); those that do not fill a last group are left out. level: within [0, 1]. size: samples in a group.
+    Returns (values (groups,), their standard deviation). Raises ValueError for fewer than two groups.
+    """
+    samples = np.asarray(samples, dtype=float)
+    groups = samples.size // size if size > 0 else 0
+    if groups < 2:
+        raise ValueError(f"{samples.size} samples hold fewer than two groups of {size}; take smaller groups")
+    values = np.quantile(samples[: groups * size].reshape(groups, size), level, axis=1)
+    return values, float(values.std(ddof=1))
 
 
 def histogram_percentile(counts, edges, level):

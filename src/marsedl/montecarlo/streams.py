@@ -3,23 +3,15 @@
 Nothing is ever "drawn next", so trial i of a million can be re-run alone, and no result depends on threads, chunks or
 order. Streams keep purposes apart: by convention stream 0 is the initial state, stream 1 the process noise, and a paper
 names further ones. The same (seed, trial) gives independent numbers in different streams.
-
-Compiled Monte Carlo code works on groups of `LANES` consecutive trials. Every elementwise operation is an inner loop
-over the lanes without calls or branches, which the compiler turns into vector instructions; IEEE arithmetic without
-contraction makes a lane's result the same in every lane and at every vector width.
 """
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
-from numba.np import arrayobj
 
-# Trials per group: a multiple of every vector width, and enough to keep the cost per loop small.
-LANES = 64
-
-# Decorator of everything that runs inside a kernel's loops. Inlining is forced: a call would prevent vectorisation.
-inline_njit = njit(error_model="numpy", forceinline=True)
+from marsedl.montecarlo.elementary import logarithm, sine_cosine_of_turn
+from marsedl.montecarlo.lanes import LANES, inline_njit
 
 NORMALS_PER_BLOCK = 4
 
@@ -28,28 +20,6 @@ _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
 _MULTIPLIER_1 = np.uint64(0xCA5A826395121157)
 _WEYL_0 = np.uint64(0x9E3779B97F4A7C15)
 _WEYL_1 = np.uint64(0xBB67AE8584CAA73B)
-
-
-@intrinsic
-def lane_array(typing_context, rows):
-    """Uninitialised float64 scratch (rows, LANES) on the stack, valid until the calling function returns.
-
-    Of such arrays the compiler knows that they do not overlap, and so it vectorises large models too (`np.empty` does
-    not tell it). Never return one.
-    """
-    array_type = types.Array(types.float64, 2, "C")
-
-    def generate(context, builder, signature, arguments):
-        integer = context.get_value_type(types.intp)
-        lanes, itemsize = ir.Constant(integer, LANES), ir.Constant(integer, 8)
-        data = builder.alloca(ir.DoubleType(), size=builder.mul(arguments[0], lanes))
-        data.align = 64
-        array = arrayobj.make_array(array_type)(context, builder)
-        shape, strides = [arguments[0], lanes], [builder.mul(lanes, itemsize), itemsize]
-        arrayobj.populate_array(array, data=data, shape=shape, strides=strides, itemsize=itemsize, meminfo=None)
-        return array._getvalue()
-
-    return array_type(types.intp), generate
 
 
 @intrinsic
@@ -79,59 +49,6 @@ def philox4x64(counter0, counter1, counter2, counter3, key0, key1):
         key0 = np.uint64(key0 + _WEYL_0)
         key1 = np.uint64(key1 + _WEYL_1)
     return counter0, counter1, counter2, counter3
-
-
-@inline_njit
-def logarithm(x):
-    """Natural logarithm of a normal positive double, free of branches and calls so that a loop over it vectorises.
-
-    x = 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)); polynomial of the FreeBSD msun library (error below 1 ulp).
-    Zero, subnormal, infinite and NaN arguments are not treated.
-    """
-    bits = np.float64(x).view(np.int64)
-    exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
-    f = np.int64(bits - (exponent << np.int64(52))).view(np.float64) - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    w = z * z
-    even = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01))
-    odd = z * (
-        6.666666666666735130e-01
-        + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
-    )
-    half_square = 0.5 * f * f
-    k = np.float64(exponent)
-    low = s * (half_square + even + odd) + k * 1.90821492927058770002e-10
-    return k * 6.93147180369123816490e-01 - ((half_square - low) - f)
-
-
-@inline_njit
-def sine_cosine_of_turn(bits):
-    """(sine, cosine) of the angle 2 pi bits / 2^64, bits: uint64; free of branches and calls.
-
-    The nearest quarter turn is removed exactly in integers; polynomials of the FreeBSD msun library on [-pi/4, pi/4].
-    The angle keeps its 53 leading bits.
-    """
-    quarter = np.int64((bits + np.uint64(1 << 61)) >> np.uint64(62))
-    remainder = np.int64(bits - (np.uint64(quarter) << np.uint64(62))) >> np.int64(11)
-    x = np.float64(remainder) * (2.0**-53 * 6.283185307179586)
-    z = x * x
-    sine_tail = -1.98412698298579493134e-04 + z * (
-        2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
-    )
-    sine = x + x * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * sine_tail))
-    cosine_tail = 2.48015872894767294178e-05 + z * (
-        -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
-    )
-    tail = z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * cosine_tail))
-    leading = 1.0 - 0.5 * z
-    cosine = leading + (((1.0 - leading) - 0.5 * z) + tail)
-    swap = (quarter & 1) != 0
-    first = cosine if swap else sine
-    second = sine if swap else cosine
-    first = -first if (quarter & 2) != 0 else first
-    second = -second if ((quarter + 1) & 2) != 0 else second
-    return first, second
 
 
 @inline_njit

@@ -170,16 +170,15 @@ def alone_when_new(entry: str) -> typing.Iterator[None]:
     """Let the first job of a kind run alone while compiled kernels are new: others then load what it compiled."""
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
     done = folder / (entry.replace(":", ".") + ".compiled")
-    if done.exists():
-        yield
-        return
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if done.exists():
-            fcntl.flock(lock, fcntl.LOCK_UN)
-        yield
-        done.touch()
+    if not done.exists():
+        with (folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():  # else another job has compiled while this one waited
+                yield
+                done.touch()
+                return
+    yield
 
 
 @contextlib.contextmanager

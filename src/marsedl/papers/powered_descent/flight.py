@@ -9,7 +9,9 @@ from numba.extending import register_jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, new_trajectories, output_count, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
-from marsedl.montecarlo.streams import LANES, inline_njit, normals
+from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.powered_descent import segments
 
 INITIAL_STREAM, NOISE_STREAM = 0, 1
 NOISES = 2  # components of the thrust noise
@@ -52,6 +54,22 @@ def schedule(time, gain, mean, feedforward, steps):
         grid = np.linspace(0.0, time[-1], half_steps + 1)
         tables = [CubicSpline(time, table)(grid) for table in (gain, mean, feedforward)]
     return Schedule(time[-1] / steps, steps, *(np.ascontiguousarray(table) for table in tables))
+
+
+def schedules_of(inputs, gains, steps):
+    """Sample the control of the design on the half-step grids of all segments.
+
+    inputs: segment_durations and design_interval are read. gains: `Gains`. steps: number of steps by segment. Returns
+    `Schedule` by segment.
+    """
+    times = segments.grids(inputs.segment_durations, inputs.design_interval)
+    parts = segments.split(gains.segment, gains.gain, gains.mean, gains.feedforward)
+    return [schedule(time, *part, number) for time, part, number in zip(times, parts, steps, strict=True)]
+
+
+def plant_of(inputs):
+    """The simulated plant with the gravity, mass flow and noise of the reading's inputs; returns `Plant`."""
+    return Plant(inputs.gravity, segments.mass_flow(inputs), segments.plant_noise_density(inputs))
 
 
 def open_loop(closed_loop):

@@ -52,13 +52,7 @@ def compute(inputs, gains: Gains) -> IntegratorError:
 
 def _final_states(inputs, gains, counts, scheme, refinement):
     """Final states (trials, 5) of a run whose steps hold `refinement` increments of the reference run."""
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
-    parts = segments.split(gains.segment, gains.gain, gains.mean, gains.feedforward)
-    schedules = [
-        flight.schedule(time, *part, count // refinement)
-        for time, part, count in zip(times, parts, counts, strict=True)
-    ]
-    plant = flight.Plant(inputs.gravity, segments.mass_flow(inputs), segments.plant_noise_density(inputs))
+    schedules = flight.schedules_of(inputs, gains, [count // refinement for count in counts])
     states = flight.initial_states(
         segments.initial_mean(inputs),
         inputs.initial_covariance,
@@ -68,7 +62,7 @@ def _final_states(inputs, gains, counts, scheme, refinement):
     )
     flown = flight.fly(
         schedules,
-        plant,
+        flight.plant_of(inputs),
         states,
         steps_per_output=[schedule.steps for schedule in schedules],
         seed=inputs.seed,

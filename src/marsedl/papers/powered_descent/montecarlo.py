@@ -37,7 +37,7 @@ class FlightChunk(Flights):
 
     first_trial: int = quantity("1", (), "number of the first trial")
     block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks",), "trials in the moments of each block", "int64")
+    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
     block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
     block_mean: np.ndarray = quantity(STATE, ("blocks", "time", 5), "mean state of each block")
     block_second_moment: np.ndarray = quantity("SI", ("blocks", "time", 5, 5), "second moment about the block's mean")
@@ -51,6 +51,7 @@ class FlightEnsemble(Flights):
     time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
     count: int = quantity("1", (), "trials in the moments")
+    flying: np.ndarray = quantity("1", ("time",), "trials in the moments over time: here all of them", "int64")
     excluded: int = quantity("1", (), "trials left out of the moments because they are not finite")
     mean: np.ndarray = quantity(STATE, ("time", 5), "mean state", allow_nan=True)
     covariance: np.ndarray = quantity("SI", ("time", 5, 5), "sample covariance", allow_nan=True)
@@ -79,27 +80,18 @@ def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks
         histogram_edges=np.array([thrust_edges, np.linspace(*DEPTH_RANGE, THRUST_BINS + 1)]),
         kept=min(inputs.drawn_trials, trials),
     )
-    return FlightChunk(**{field.name: _without_infinities(getattr(reduced, field.name)) for field in fields(reduced)})
-
-
-def _without_infinities(value):
-    """An infinite number of a trial that is not finite becomes NaN, which artifacts can hold."""
-    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        return np.where(np.isinf(value), np.nan, value)
-    return value
+    return FlightChunk(
+        **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
+    )
 
 
 def block_simulator(inputs, gains, case):
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    parts = segments.split(gains.segment, gains.gain, gains.mean, gains.feedforward)
     steps = [flight.step_count(d, inputs.time_step, inputs.output_interval) for d in inputs.segment_durations]
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
-    schedules = [
-        flight.schedule(time, *part, number) for time, part, (number, _) in zip(times, parts, steps, strict=True)
-    ]
+    schedules = flight.schedules_of(inputs, gains, [number for number, _ in steps])
     if case.startswith("open_loop"):
         schedules = [flight.open_loop(schedule) for schedule in schedules]
-    plant = flight.Plant(inputs.gravity, segments.mass_flow(inputs), segments.plant_noise_density(inputs))
+    plant = flight.plant_of(inputs)
     mean = segments.initial_mean(inputs)
 
     def simulate_block(first, last):

@@ -1,0 +1,114 @@
+"""Logarithm, exponential, sine and cosine without branches and calls, so that loops over them become vector code.
+
+The compiler cannot vectorise a loop that calls the mathematics library. Polynomials and splittings of constants are
+those of the FreeBSD msun library. A value depends on its argument alone, not on the loop, lane or processor.
+"""
+
+import numpy as np
+
+from marsedl.montecarlo.lanes import inline_njit
+
+# Adding 1.5 * 2^52 rounds a double to an integer, which then stands in the sum's lowest bits, in two's complement.
+# Rounding functions and conversions to integers would need instructions that not every processor has as vectors.
+_ROUNDER = 1.5 * 2.0**52
+
+# The first two parts have 33 bits: their products with up to 2^20 quarter turns are exact.
+_HALF_PI_1 = 1.57079632673412561417e00
+_HALF_PI_2 = 6.07710050630396597660e-11
+_HALF_PI_3 = 2.02226624879595063154e-21
+
+# The first part has 32 bits.
+_LOG_2_HIGH = 6.93147180369123816490e-01
+_LOG_2_LOW = 1.90821492927058770002e-10
+
+
+@inline_njit
+def logarithm(x):
+    """Natural logarithm of a normal positive double, error below 1 ulp.
+
+    x = 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)). Zero, subnormal, infinite and NaN arguments are not treated.
+    """
+    bits = np.float64(x).view(np.int64)
+    exponent = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
+    f = np.int64(bits - (exponent << np.int64(52))).view(np.float64) - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    w = z * z
+    even = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01))
+    odd = z * (
+        6.666666666666735130e-01
+        + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
+    )
+    half_square = 0.5 * f * f
+    k = np.float64(exponent)
+    low = s * (half_square + even + odd) + k * _LOG_2_LOW
+    return k * _LOG_2_HIGH - ((half_square - low) - f)
+
+
+@inline_njit
+def exponential(x):
+    """e^x for |x| <= 708, error below 1 ulp; NaN gives NaN.
+
+    e^x = 2^k e^r, k = the integer nearest to x / log 2. Larger |x| are not treated: they need 2^k beyond the normal
+    doubles. An infinite x gives NaN.
+    """
+    shifted = x * 1.44269504088896338700e00 + _ROUNDER
+    k = shifted - _ROUNDER
+    high = x - k * _LOG_2_HIGH
+    low = k * _LOG_2_LOW
+    r = high - low
+    z = r * r
+    tail = 6.61375632143793436117e-05 + z * (-1.65339022054652515390e-06 + z * 4.13813679705723846039e-08)
+    c = r - z * (1.66666666666666019037e-01 + z * (-2.77777777770155933842e-03 + z * tail))
+    power_of_2 = np.int64((np.float64(shifted).view(np.int64) + np.int64(1023)) << np.int64(52)).view(np.float64)
+    return (1.0 - ((low - (r * c) / (2.0 - c)) - high)) * power_of_2
+
+
+@inline_njit
+def _of_quarter_turns(quarter, x):
+    """(sine, cosine) of quarter pi / 2 + x, quarter: int64, of which the last two bits count; x in [-pi/4, pi/4]."""
+    z = x * x
+    sine_tail = -1.98412698298579493134e-04 + z * (
+        2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
+    )
+    sine = x + x * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * sine_tail))
+    cosine_tail = 2.48015872894767294178e-05 + z * (
+        -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
+    )
+    tail = z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * cosine_tail))
+    leading = 1.0 - 0.5 * z
+    cosine = leading + (((1.0 - leading) - 0.5 * z) + tail)
+    swap = (quarter & 1) != 0
+    first = cosine if swap else sine
+    second = sine if swap else cosine
+    first = -first if (quarter & 2) != 0 else first
+    second = -second if ((quarter + 1) & 2) != 0 else second
+    return first, second
+
+
+@inline_njit
+def sine_cosine(angle):
+    """(sine, cosine) of an angle in radians, each with an error of at most 1.5 ulp for |angle| up to 1e6.
+
+    The nearest quarter turn is subtracted in three parts (Cody, Waite 1980). Beyond 1e6 the subtraction is not exact:
+    the error grows to the spacing of the doubles at the angle, and beyond 1e15 the result means nothing. An infinite
+    angle or NaN gives NaN.
+    """
+    shifted = angle * 6.36619772367581382433e-01 + _ROUNDER
+    n = shifted - _ROUNDER
+    rest = angle - n * _HALF_PI_1
+    x = rest - n * _HALF_PI_2
+    # With what the second subtraction rounded away, so that the argument is rounded once.
+    x = x + (((rest - x) - n * _HALF_PI_2) - n * _HALF_PI_3)
+    return _of_quarter_turns(np.float64(shifted).view(np.int64), x)
+
+
+@inline_njit
+def sine_cosine_of_turn(bits):
+    """(sine, cosine) of the angle 2 pi bits / 2^64, bits: uint64.
+
+    The nearest quarter turn is removed exactly in integers. The angle keeps its 53 leading bits.
+    """
+    quarter = np.int64((bits + np.uint64(1 << 61)) >> np.uint64(62))
+    remainder = np.int64(bits - (np.uint64(quarter) << np.uint64(62))) >> np.int64(11)
+    return _of_quarter_turns(quarter, np.float64(remainder) * (2.0**-53 * 6.283185307179586))

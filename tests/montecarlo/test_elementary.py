@@ -1,0 +1,178 @@
+"""Elementary functions against the same in decimal arithmetic of fifty digits, and that loops over them are vectors."""
+
+import re
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from numba import njit
+
+from marsedl.montecarlo.elementary import exponential, logarithm, sine_cosine, sine_cosine_of_turn
+from marsedl.montecarlo.lanes import LANES
+
+DIGITS = 50
+PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899863")
+
+
+@njit(error_model="numpy")
+def logarithms(x, out):
+    for group in range(x.shape[0]):
+        for lane in range(LANES):
+            out[group, lane] = logarithm(x[group, lane])
+
+
+@njit(error_model="numpy")
+def exponentials(x, out):
+    for group in range(x.shape[0]):
+        for lane in range(LANES):
+            out[group, lane] = exponential(x[group, lane])
+
+
+@njit(error_model="numpy")
+def sines_and_cosines(angles, sines, cosines):
+    for group in range(angles.shape[0]):
+        for lane in range(LANES):
+            sines[group, lane], cosines[group, lane] = sine_cosine(angles[group, lane])
+
+
+@njit(error_model="numpy")
+def sines_and_cosines_of_turns(bits, sines, cosines):
+    for group in range(bits.shape[0]):
+        for lane in range(LANES):
+            sines[group, lane], cosines[group, lane] = sine_cosine_of_turn(bits[group, lane])
+
+
+def evaluated(kernel, x, results=1):
+    """Values of a kernel, (results, x.size)."""
+    padded = np.resize(x, (-(-x.size // LANES), LANES))
+    out = np.empty((results, *padded.shape))
+    kernel(padded, *out)
+    return out.reshape(results, -1)[:, : x.size]
+
+
+def exact_sine_cosine(angle):
+    """(sine, cosine) of a Decimal as Decimals, by Taylor series after exact removal of quarter turns."""
+    quarter = int((angle * 2 / PI).to_integral_value())
+    x = angle - quarter * PI / 2
+    values, term, square = [Decimal(0), Decimal(0)], Decimal(1), x * x
+    for start, first in ((0, x), (1, Decimal(1))):
+        term, order = first, 2 - start
+        while abs(term) > Decimal(10) ** -DIGITS * abs(first):
+            values[start] += term
+            term *= -square / (order * (order + 1))
+            order += 2
+    sine, cosine = values
+    return ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[quarter % 4]
+
+
+def errors_in_ulp(values, exact):
+    """Distances of doubles from exact Decimals, in units of the spacing of the doubles there."""
+    spacings = np.spacing(np.abs([float(e) for e in exact]))
+    return np.array([float((Decimal(v) - e) / Decimal(s)) for v, e, s in zip(values, exact, spacings, strict=True)])
+
+
+def arguments(scale, seed=1):
+    """A dense grid and random numbers within [-scale, scale], and small ones."""
+    rng = np.random.default_rng(seed)
+    small = scale * 10.0 ** rng.uniform(-20, 0, 300) * rng.choice([-1, 1], 300)
+    return np.concatenate([np.linspace(-scale, scale, 1501), rng.uniform(-scale, scale, 1500), small])
+
+
+@pytest.mark.parametrize("scale", [1.0, 10.0, 1e4, 1e6])
+def test_sine_and_cosine_are_accurate(scale):
+    angles = arguments(scale)
+    # Multiples of pi / 4 and their neighbours, where the remainder cancels or the quarter changes.
+    turns = np.unique(np.rint(np.linspace(-scale, scale, 400) * 4 / np.pi)) * (np.pi / 4)
+    angles = np.concatenate([angles, turns, np.nextafter(turns, np.inf), np.nextafter(turns, -np.inf)])
+    with localcontext(prec=DIGITS + 30):
+        exact = np.array([exact_sine_cosine(Decimal(angle)) for angle in angles]).T
+        for found, expected in zip(evaluated(sines_and_cosines, angles, 2), exact, strict=True):
+            error = np.abs(errors_in_ulp(found, expected)).max()
+            assert 0.5 < error <= 1.5
+
+
+def test_exact_sine_and_cosine_are_those_of_numpy():
+    with localcontext(prec=DIGITS + 30):
+        for angle in (-7.0, -0.1, 0.0, 0.7, 1.0, 2.0, 4.0, 5.5):
+            assert [float(v) for v in exact_sine_cosine(Decimal(angle))] == pytest.approx(
+                [np.sin(angle), np.cos(angle)], rel=1e-15
+            )
+
+
+def test_sine_and_cosine_beyond_their_range_err_by_the_spacing_of_the_angles():
+    angles = 10.0 ** np.linspace(6, 12, 200)
+    with localcontext(prec=DIGITS + 30):
+        exact = np.array([exact_sine_cosine(Decimal(angle)) for angle in angles]).T.astype(float)
+    error = np.abs(evaluated(sines_and_cosines, angles, 2) - exact)
+    assert (error <= np.spacing(angles)).all()
+    assert (error[:, angles > 1e8] > 1e-15).any()
+
+
+@pytest.mark.parametrize("scale", [1.0, 20.0, 708.0])
+def test_exponential_is_accurate(scale):
+    x = arguments(scale)
+    changes = (np.rint(np.linspace(-scale, scale, 200) / np.log(2.0)) + 0.5) * np.log(2.0)  # where 2^k changes
+    x = np.concatenate([x, np.clip(changes, -708.0, 708.0), [0.0, -708.0, 708.0]])
+    with localcontext(prec=DIGITS):
+        error = np.abs(errors_in_ulp(evaluated(exponentials, x)[0], [Decimal(v).exp() for v in x])).max()
+    assert 0.5 < error < 1.0
+
+
+def test_logarithm_is_accurate():
+    rng = np.random.default_rng(2)
+    x = np.concatenate([2.0 ** -rng.uniform(0, 53, 3000), 1.0 - rng.integers(0, 2**20, 500) * 2.0**-53, [2.0**-53]])
+    x = np.concatenate([x, 10.0 ** rng.uniform(-307, 308, 500)])
+    with localcontext(prec=DIGITS):
+        exact = [Decimal(v).ln() for v in x]
+        found = evaluated(logarithms, x)[0]
+        assert (found[x == 1.0] == 0.0).all()
+        error = np.abs(errors_in_ulp(found[x != 1.0], [e for e in exact if e != 0])).max()
+    assert 0.5 < error < 1.0
+
+
+def test_sine_and_cosine_of_a_turn_are_accurate():
+    rng = np.random.default_rng(3)
+    bits = rng.integers(0, 2**64, 3000, dtype=np.uint64)
+    bits &= np.uint64(2**64 - 2**11)  # the leading 53 bits, which the function keeps
+    bits[:9] = np.concatenate([np.arange(8, dtype=np.uint64) << np.uint64(61), np.array([2**64 - 2**11], np.uint64)])
+    with localcontext(prec=DIGITS + 30):
+        exact = np.array([exact_sine_cosine(2 * PI * int(b) / 2**64) for b in bits]).T
+        found = evaluated(sines_and_cosines_of_turns, bits, 2)
+        for values, expected in zip(found, exact, strict=True):
+            expected = [Decimal(0) if abs(e) < Decimal("1e-45") else e for e in expected]
+            assert 0.5 < np.abs(errors_in_ulp(values[9:], expected[9:])).max() < 2.0
+            np.testing.assert_allclose(values[:9], np.array(expected[:9], float), rtol=3e-16, atol=0)
+
+
+def test_not_a_number_and_infinite_arguments():
+    for angle in (np.nan, np.inf, -np.inf):
+        assert np.isnan(sine_cosine(angle)).all()
+        assert np.isnan(exponential(angle))
+    # and they do not spoil the lanes beside them
+    angles = np.linspace(-3.0, 3.0, LANES)
+    angles[::2] = np.nan
+    found = evaluated(sines_and_cosines, angles, 2)
+    assert np.isnan(found[:, ::2]).all() and np.isfinite(found[:, 1::2]).all()
+
+
+def test_vectors_give_the_bits_of_single_values():
+    # a call for one value goes through scalar code
+    angles, powers, positive = arguments(1e4)[::20], arguments(708.0)[::20], np.abs(arguments(1e4)[::20]) + 1e-300
+    bits = np.random.default_rng(4).integers(0, 2**64, 150, dtype=np.uint64)
+    cases = [
+        (evaluated(sines_and_cosines, angles, 2).T, [sine_cosine(angle) for angle in angles]),
+        (evaluated(exponentials, powers)[0], [exponential(power) for power in powers]),
+        (evaluated(logarithms, positive)[0], [logarithm(x) for x in positive]),
+        (evaluated(sines_and_cosines_of_turns, bits, 2).T, [sine_cosine_of_turn(b) for b in bits]),
+    ]
+    for together, alone in cases:
+        np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.parametrize("kernel", [logarithms, exponentials, sines_and_cosines, sines_and_cosines_of_turns])
+def test_loops_are_vectorised(kernel):
+    results = 2 if kernel in (sines_and_cosines, sines_and_cosines_of_turns) else 1
+    evaluated(kernel, np.ones(LANES, np.uint64 if kernel is sines_and_cosines_of_turns else float), results)
+    (code,) = kernel.inspect_llvm().values()
+    assert re.search(r"fmul <\d+ x double>", code)
+    assert not re.search(r"call double @(sin|cos|exp|log|llvm\.(sin|cos|exp|log))", code)
