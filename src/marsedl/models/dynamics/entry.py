@@ -1,0 +1,207 @@
+"""Entry of a gliding point mass over a rotating spherical planet, Eqs. 1-3 of stochastic entry guidance."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = [
+    "aerodynamic_coefficients",
+    "aerodynamic_factor",
+    "entry_rates",
+    "entry_rates_from_sines",
+    "reference_area",
+]
+
+
+def reference_area(diameter):
+    """Area of a circle, A = pi d^2 / 4 (stochastic entry guidance, Table 1).
+
+    Args:
+        diameter: d, m.
+
+    Returns:
+        A, m^2.
+    """
+    return np.pi * diameter**2 / 4.0
+
+
+def aerodynamic_coefficients(mass, reference_area, ballistic_coefficient, lift_to_drag):
+    """Drag and lift coefficient from ballistic coefficient and lift-to-drag ratio (stochastic entry guidance, Table 1).
+
+        C_D = m / (BC A),   C_L = (L/D) C_D
+
+    Args:
+        mass: m, kg.
+        reference_area: A, m^2.
+        ballistic_coefficient: BC, kg/m^2.
+        lift_to_drag: L/D, 1.
+
+    Returns:
+        Tuple of C_D and C_L, 1.
+    """
+    drag_coefficient = mass / (ballistic_coefficient * reference_area)
+    return drag_coefficient, lift_to_drag * drag_coefficient
+
+
+@register_jitable
+def aerodynamic_factor(coefficient, reference_area, mass):
+    """Factor k of an aerodynamic acceleration k rho V^2, k = A C / (2 m) (stochastic entry guidance, Eqs. 2 and 3).
+
+    Args:
+        coefficient: C_D or C_L, 1.
+        reference_area: A, m^2.
+        mass: m, kg.
+
+    Returns:
+        k, m^2/kg.
+    """
+    return 0.5 * reference_area * coefficient / mass
+
+
+@register_jitable
+def entry_rates_from_sines(
+    radius,
+    velocity,
+    sin_latitude,
+    cos_latitude,
+    sin_flight_path_angle,
+    cos_flight_path_angle,
+    sin_azimuth,
+    cos_azimuth,
+    sin_bank,
+    cos_bank,
+    density,
+    drag_factor,
+    lift_factor,
+    gravitational_parameter,
+    rotation_rate,
+    heading_sign,
+):
+    """Time derivatives of the entry state in planet-relative coordinates (stochastic entry guidance, Eqs. 1a to 1f).
+
+        r'     = V sin(gamma)
+        theta' = V cos(gamma) sin(psi) / (r cos(phi))
+        phi'   = V cos(gamma) cos(psi) / r
+        V'     = -D/m - g sin(gamma) + W^2 r cos(phi) (sin(gamma) cos(phi) - cos(gamma) sin(phi) cos(psi))
+        gamma' = [L cos(sigma)/m - g cos(gamma) + V^2 cos(gamma)/r + 2 W V cos(phi) sin(psi)
+                  + W^2 r cos(phi) (cos(gamma) cos(phi) + sin(gamma) sin(phi) cos(psi))] / V
+        psi'   = [L sin(sigma)/(m cos(gamma)) + s (V^2 cos(gamma) sin(psi) tan(phi)/r
+                  - 2 W V (tan(gamma) cos(phi) cos(psi) - sin(phi)) + W^2 r sin(phi) cos(phi) sin(psi)/cos(gamma))] / V
+
+    with g = mu/r^2, D/m = k_D rho V^2, L/m = k_L rho V^2, W the rotation rate. The azimuth runs clockwise from north,
+    as theta' and phi' show, so s = +1. Eq. 1f prints s = -1, for which vacuum flight keeps neither inertial energy nor
+    angular momentum.
+
+    No function is called and every quotient shares a reciprocal, so that a loop over trials becomes vector code.
+
+    Args:
+        radius: r, m.
+        velocity: V, planet-relative, m/s.
+        sin_latitude, cos_latitude: of phi.
+        sin_flight_path_angle, cos_flight_path_angle: of gamma, planet-relative, positive while climbing.
+        sin_azimuth, cos_azimuth: of psi, the planet-relative heading, clockwise from north.
+        sin_bank, cos_bank: of sigma; a positive bank turns the heading clockwise.
+        density: rho, kg/m^3.
+        drag_factor, lift_factor: k_D, k_L, m^2/kg (`aerodynamic_factor`).
+        gravitational_parameter: mu, m^3/s^2.
+        rotation_rate: W, rad/s.
+        heading_sign: s, +1, or -1 as printed.
+
+    Returns:
+        Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
+        (rad/s).
+    """
+    inverse_radius = 1.0 / radius
+    inverse_velocity = 1.0 / velocity
+    inverse_cos_latitude = 1.0 / cos_latitude
+    inverse_cos_path = 1.0 / cos_flight_path_angle
+
+    gravity = gravitational_parameter * inverse_radius * inverse_radius
+    mass_flux = density * velocity
+    climb = velocity * sin_flight_path_angle
+    angular_speed = velocity * cos_flight_path_angle * inverse_radius
+    eastward = angular_speed * sin_azimuth
+    centrifugal = rotation_rate * rotation_rate * radius * cos_latitude
+    northward_sine = sin_latitude * cos_azimuth
+
+    velocity_rate = (
+        -drag_factor * mass_flux * velocity
+        - gravity * sin_flight_path_angle
+        + centrifugal * (sin_flight_path_angle * cos_latitude - cos_flight_path_angle * northward_sine)
+    )
+    path_rate = (
+        lift_factor * mass_flux * cos_bank
+        + angular_speed
+        - gravity * cos_flight_path_angle * inverse_velocity
+        + 2.0 * rotation_rate * cos_latitude * sin_azimuth
+        + centrifugal
+        * (cos_flight_path_angle * cos_latitude + sin_flight_path_angle * northward_sine)
+        * inverse_velocity
+    )
+    inertial_heading_rate = (
+        eastward * sin_latitude * inverse_cos_latitude
+        - 2.0 * rotation_rate * (sin_flight_path_angle * inverse_cos_path * cos_latitude * cos_azimuth - sin_latitude)
+        + centrifugal * sin_latitude * sin_azimuth * inverse_cos_path * inverse_velocity
+    )
+    heading_rate = lift_factor * mass_flux * sin_bank * inverse_cos_path + heading_sign * inertial_heading_rate
+    return (
+        climb,
+        eastward * inverse_cos_latitude,
+        angular_speed * cos_azimuth,
+        velocity_rate,
+        path_rate,
+        heading_rate,
+    )
+
+
+@register_jitable
+def entry_rates(
+    radius,
+    longitude,
+    latitude,
+    velocity,
+    flight_path_angle,
+    azimuth,
+    bank,
+    density,
+    drag_factor,
+    lift_factor,
+    gravitational_parameter,
+    rotation_rate,
+    heading_sign,
+):
+    """Time derivatives of the entry state as `entry_rates_from_sines`, from the angles.
+
+    Args:
+        radius: m.
+        longitude: rad; the rates do not depend on it.
+        latitude: rad.
+        velocity: m/s.
+        flight_path_angle, azimuth, bank: rad.
+        density: kg/m^3.
+        drag_factor, lift_factor: m^2/kg.
+        gravitational_parameter: m^3/s^2.
+        rotation_rate: rad/s.
+        heading_sign: +1, or -1 for Eq. 1f as printed.
+
+    Returns:
+        Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
+        (rad/s).
+    """
+    return entry_rates_from_sines(
+        radius,
+        velocity,
+        np.sin(latitude),
+        np.cos(latitude),
+        np.sin(flight_path_angle),
+        np.cos(flight_path_angle),
+        np.sin(azimuth),
+        np.cos(azimuth),
+        np.sin(bank),
+        np.cos(bank),
+        density,
+        drag_factor,
+        lift_factor,
+        gravitational_parameter,
+        rotation_rate,
+        heading_sign,
+    )

@@ -1,0 +1,83 @@
+"""Longitudinal entry with the density as a state of its own (stochastic entry guidance, Eqs. 13, 24 and 27)."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = ["density_noise_intensity", "longitudinal_entry_rates"]
+
+
+@register_jitable
+def longitudinal_entry_rates(
+    radius,
+    velocity,
+    flight_path_angle,
+    downrange,
+    density,
+    bank_cosine,
+    mean_density,
+    inverse_scale_height,
+    decay_rate,
+    drag_factor,
+    lift_factor,
+    gravitational_parameter,
+):
+    """Time derivatives of the longitudinal state and the drift of the density.
+
+    Stochastic entry guidance, Eqs. 27 and 24 with the density's drift of Eq. 13:
+
+        r'     = V sin(gamma)
+        V'     = -k_D rho V^2 - g sin(gamma)
+        gamma' = k_L rho V u - (g - V^2/r) cos(gamma)/V
+        R'     = V cos(gamma)
+        rho'   = [(1/H - lambda) rho + lambda rho_bar] s',    s' = -V sin(gamma),    g = mu/r^2
+
+    The planet does not rotate. Mean density, scale height and decay rate are those at the current radius, looked up by
+    the caller.
+
+    Args:
+        radius: r, m.
+        velocity: V, m/s.
+        flight_path_angle: gamma, rad, positive while climbing.
+        downrange: R, m; the rates do not depend on it.
+        density: rho, kg/m^3.
+        bank_cosine: u, cosine of the bank angle, 1.
+        mean_density: rho_bar, kg/m^3.
+        inverse_scale_height: 1/H, 1/m.
+        decay_rate: lambda of the density variation, 1/m.
+        drag_factor, lift_factor: k_D, k_L, m^2/kg.
+        gravitational_parameter: mu, m^3/s^2.
+
+    Returns:
+        Tuple of the rates of radius (m/s), velocity (m/s^2), flight path angle (rad/s), downrange (m/s) and density
+        (kg/(m^3 s)).
+    """
+    sin_path, cos_path = np.sin(flight_path_angle), np.cos(flight_path_angle)
+    gravity = gravitational_parameter / (radius * radius)
+    mass_flux = density * velocity
+    climb = velocity * sin_path
+    return (
+        climb,
+        -drag_factor * mass_flux * velocity - gravity * sin_path,
+        lift_factor * mass_flux * bank_cosine - (gravity / velocity - velocity / radius) * cos_path,
+        velocity * cos_path,
+        -((inverse_scale_height - decay_rate) * density + decay_rate * mean_density) * climb,
+    )
+
+
+@register_jitable
+def density_noise_intensity(mean_density, diffusion, radius_rate):
+    """Variance that the density of a descending vehicle gains per second (stochastic entry guidance, Eqs. 13 and 24).
+
+        g^2 = rho_bar^2 phi max(s', 0),   s' = -r'
+
+    A climbing vehicle meets densities again that it has seen below, hence no new noise.
+
+    Args:
+        mean_density: rho_bar, kg/m^3.
+        diffusion: phi of the relative density variation, 1/m.
+        radius_rate: r', m/s.
+
+    Returns:
+        g^2, (kg/m^3)^2/s.
+    """
+    return mean_density * mean_density * diffusion * np.maximum(-radius_rate, 0.0)

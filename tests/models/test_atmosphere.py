@@ -1,0 +1,271 @@
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+from numba import njit
+
+from marsedl.models.atmosphere import (
+    casadi_log_density,
+    log_quadratic,
+    read_density_table,
+    tabulated,
+    temperature_pressure_fit,
+    two_exponential,
+)
+
+SHIPPED = Path(__file__).parents[2] / "data" / "atmosphere" / "mars_density.csv"
+CALIBRATED = (-0.0343295, -0.8737816, -4.2342822, 60e3)
+HEADER = "altitude_km,density_kg_m3\n"
+
+
+def calibrated(altitude):
+    return log_quadratic(altitude, *CALIBRATED)
+
+
+@njit
+def compiled_calibrated(altitude):
+    return log_quadratic(altitude, -0.0343295, -0.8737816, -4.2342822, 60e3)
+
+
+@njit
+def compiled_fit(altitude):
+    return temperature_pressure_fit(altitude)
+
+
+@njit
+def compiled_two_exponential(altitude):
+    return two_exponential(altitude)
+
+
+FITS = [
+    pytest.param(calibrated, compiled_calibrated, [60e3], id="log_quadratic"),
+    pytest.param(temperature_pressure_fit, compiled_fit, [], id="temperature_pressure_fit"),
+    pytest.param(two_exponential, compiled_two_exponential, [25e3], id="two_exponential"),
+]
+
+
+@pytest.fixture
+def table():
+    return read_density_table(SHIPPED, "jezero_2021")
+
+
+@pytest.fixture
+def write(tmp_path):
+    def _write(text):
+        path = tmp_path / "table.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return _write
+
+
+# ---- closed fits ----
+
+
+@pytest.mark.parametrize(("fit", "compiled", "changes"), FITS)
+def test_numpy_numba_and_casadi_agree(fit, compiled, changes):
+    casadi.GlobalOptions.setNumpyMode(-1)
+    altitudes = np.concatenate([np.linspace(-10e3, 140e3, 173), changes])
+    expected = np.array(fit(altitudes))
+    assert expected.shape == (3, altitudes.size)
+    symbol = casadi.SX.sym("altitude")
+    traced = casadi.Function("fit", [symbol], [casadi.vertcat(*fit(symbol))]).map(altitudes.size)
+    np.testing.assert_allclose([fit(float(h)) for h in altitudes], expected.T, rtol=5e-15, atol=1e-25)
+    np.testing.assert_allclose([compiled(h) for h in altitudes], expected.T, rtol=5e-15, atol=1e-25)
+    np.testing.assert_allclose(traced(altitudes[np.newaxis]).full(), expected, rtol=5e-15, atol=1e-25)
+
+
+@pytest.mark.parametrize(("fit", "compiled", "changes"), FITS)
+def test_derivatives_of_the_fits(fit, compiled, changes):
+    step = 10.0
+    altitudes = np.arange(-9.9e3, 130e3, 777.0)
+    altitudes = altitudes[[all(abs(h - change) > step for change in changes) for h in altitudes]]
+    (low, low_slope, _), (high, high_slope, _) = fit(altitudes - step), fit(altitudes + step)
+    _, slope, curvature = fit(altitudes)
+    np.testing.assert_allclose((high - low) / (2 * step), slope, rtol=1e-6)
+    np.testing.assert_allclose((high_slope - low_slope) / (2 * step), curvature, rtol=1e-6, atol=1e-16)
+
+
+@pytest.mark.parametrize(("fit", "compiled", "changes"), FITS[:2])
+def test_casadi_differentiates_the_smooth_fits(fit, compiled, changes):
+    casadi.GlobalOptions.setNumpyMode(-1)
+    symbol = casadi.SX.sym("altitude")
+    derivative = casadi.Function("slope", [symbol], [casadi.jacobian(fit(symbol)[0], symbol)])
+    for altitude in (-5e3, 12e3, 60e3, 61e3, 125e3):
+        assert float(derivative(altitude)) == pytest.approx(fit(altitude)[1], rel=1e-13)
+
+
+def test_calibrated_density():
+    # at the end of the calibrated nominal, altitude 12.47 km
+    assert np.exp(calibrated(12.47e3)[0]) == pytest.approx(4.62e-3, abs=0.005e-3)
+    assert -1 / calibrated(90e3)[1] == pytest.approx(7.78e3, abs=5)  # scale height above 60 km
+
+
+def test_log_quadratic_is_smooth_at_the_last_altitude_of_the_parabola():
+    below, above = calibrated(np.nextafter(60e3, 0)), calibrated(np.nextafter(60e3, 1e9))
+    assert below[:2] == pytest.approx(above[:2], rel=1e-12)
+    assert below[2] == pytest.approx(2 * CALIBRATED[0] / 1e8, rel=1e-15)
+    assert above[2] == 0
+    h = np.array([70e3, 120e3])
+    # above: along the tangent
+    np.testing.assert_allclose(calibrated(h)[0], calibrated(60e3)[0] + calibrated(60e3)[1] * (h - 60e3), rtol=1e-14)
+
+
+def test_temperature_pressure_fit_is_pressure_over_gas_constant_and_temperature():
+    h = 30e3
+    temperature = 1.4e-13 * h**3 - 8.85e-9 * h**2 - 1.245e-3 * h + 205.3645
+    density = 559.351005946503 * np.exp(-0.000105 * h) / (188.95110711075 * temperature)
+    assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(density, rel=1e-14)
+
+
+def test_temperature_pressure_fit_against_mars_gram(table):
+    ratio = np.exp(temperature_pressure_fit(table[:, 0])[0]) / table[:, 1]
+    assert abs(ratio[table[:, 0] < 40e3] - 1).max() == pytest.approx(0.1635, abs=5e-5)  # at 20 km
+    np.testing.assert_allclose(ratio[np.isin(table[:, 0], [50e3, 100e3])], [1.64, 9.75], rtol=0.005)
+
+
+def test_two_exponential_layers_and_jump():
+    assert np.exp(two_exponential(0.0)[0]) == pytest.approx(1.59e-2, rel=1e-14)
+    assert np.exp(two_exponential(50e3)[0]) == pytest.approx(5.25e-2 * np.exp(-50 / 7.295), rel=1e-13)
+    below, above = two_exponential(np.nextafter(25e3, 0))[0], two_exponential(25e3)[0]
+    assert np.exp(above - below) == pytest.approx(1.031, abs=5e-4)
+
+
+# ---- the curve through a table ----
+
+
+def test_tabulated_meets_the_table_and_never_overshoots(table):
+    profile = tabulated(table)
+    np.testing.assert_allclose(np.exp(profile(table[:, 0])[0]), table[:, 1], rtol=1e-13)
+    assert (profile(np.linspace(-5e3, 140e3, 5000))[1] < 0).all()
+
+
+def test_derivatives_of_tabulated(table):
+    profile, step = tabulated(table), 1.0
+    altitudes = np.arange(-8e3, 140e3, 333.0)
+    altitudes = altitudes[np.abs(altitudes[:, np.newaxis] - table[:, 0]).min(axis=1) > step]
+    (low, low_slope, _), (high, high_slope, _) = profile(altitudes - step), profile(altitudes + step)
+    _, slope, curvature = profile(altitudes)
+    np.testing.assert_allclose((high - low) / (2 * step), slope, rtol=1e-7)
+    np.testing.assert_allclose((high_slope - low_slope) / (2 * step), curvature, rtol=1e-6, atol=1e-15)
+
+
+def test_tabulated_continues_along_the_end_slopes(table):
+    profile = tabulated(table)
+    for end, beyond in ((0.0, -7e3), (130e3, 160e3)):
+        value, slope, _ = profile(end)
+        continued = profile(beyond)
+        assert continued[0] == pytest.approx(value + slope * (beyond - end), rel=1e-14)
+        assert continued[1:] == (slope, 0.0)
+
+
+def test_pchip_of_a_coarser_table_predicts_the_omitted_nodes():
+    full = read_density_table(SHIPPED, "marsgram_2021a_sample")
+    profile = tabulated(full[::2])
+    omitted = full[5:-5:2]
+    assert np.abs(np.exp(profile(omitted[:, 0])[0]) / omitted[:, 1] - 1).max() < 0.02
+
+
+def test_casadi_curve_is_the_same(table):
+    profile, function = tabulated(table), casadi_log_density(table)
+    symbol = casadi.MX.sym("altitude")
+    derivative = casadi.Function("slope", [symbol], [casadi.jacobian(function(symbol), symbol)])
+    hessian = casadi.Function("curvature", [symbol], [casadi.hessian(function(symbol), symbol)[0]])
+    altitudes = np.concatenate([np.linspace(-10e3, 150e3, 641), table[:, 0]])
+    value, slope, curvature = profile(altitudes)
+    evaluate = [function.map(altitudes.size), derivative.map(altitudes.size), hessian.map(altitudes.size)]
+    found = [f(altitudes[np.newaxis]).full()[0] for f in evaluate]
+    np.testing.assert_allclose(found[0], value, rtol=1e-12)
+    np.testing.assert_allclose(found[1], slope, rtol=1e-11)
+    off_nodes = np.abs(altitudes[:, np.newaxis] - table[:, 0]).min(axis=1) > 1e-6  # it jumps at the nodes
+    np.testing.assert_allclose(found[2][off_nodes], curvature[off_nodes], rtol=1e-10, atol=1e-20)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([[0, 1], [1, 0.5]], "table: 2 rows are too few"),
+        ([[0, 1], [1, 0.5], [1, 0.4]], "table, row 2: non-monotone density table"),
+        ([[0, 1], [1, 0.0], [2, 0.4]], "table, row 1: density 0 kg/m\\^3 is not positive"),
+        ([[0, 1], [1, np.inf], [2, 0.4]], "table, row 1: .* not finite"),
+        ([0, 1, 2], "shape \\(n, 2\\), got \\(3,\\)"),
+    ],
+)
+@pytest.mark.parametrize("curve", [tabulated, casadi_log_density])
+def test_curves_refuse_bad_tables(curve, rows, message):
+    with pytest.raises(ValueError, match=message):
+        curve(rows)
+
+
+# ---- reading tables ----
+
+
+@pytest.mark.parametrize(
+    ("source", "rows", "first", "last"),
+    [
+        ("marsgram_2021a_sample", 76, 1.664e-2, 1.148e-10),
+        ("marsgram_2021a_sample_daily_mean", 76, 1.311e-2, 8.891e-11),
+        ("cospar_nh_mean", 17, 1.550e-2, 4.730e-10),
+        ("jezero_2021", 27, 1.466e-2, 7.281e-10),
+    ],
+)
+def test_shipped_tables(source, rows, first, last):
+    table = read_density_table(f"{SHIPPED}#{source}")
+    assert table.shape == (rows, 2)
+    assert table[0].tolist() == [0.0, first]
+    assert table[-1, 1] == last
+    np.testing.assert_array_equal(table, read_density_table(SHIPPED, source))
+
+
+def test_own_table_with_comments_metres_and_other_columns(write):
+    path = write("# my run\n\nwind , density_kg_m3, altitude_m\n# 1 row\n3,1e-2,0\n4, 5e-3 ,5000\n\n5,2e-3,10000\n")
+    np.testing.assert_array_equal(read_density_table(path), [[0, 1e-2], [5000, 5e-3], [10000, 2e-3]])
+
+
+def test_a_single_source_need_not_be_chosen(write):
+    path = write("source,altitude_km,density_kg_m3\na,0,3\na,1,2\na,2,1\n")
+    assert read_density_table(path).shape == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "columns must be density_kg_m3 and one of altitude_km, altitude_m .*found none"),
+        ("altitude,density_kg_m3\n0,1\n", "columns must be .*found altitude, density_kg_m3"),
+        ("altitude_km,rho\n0,1\n", "columns must be .*found altitude_km, rho"),
+        ("altitude_km,altitude_m,density_kg_m3\n", "one of altitude_km, altitude_m"),
+        (HEADER + "0,1\n1,0.5\n", "table.csv: 2 rows are too few for a density table; give at least 3"),
+        (HEADER + "0,1\n1\n2,0.3\n", "table.csv, line 3: 1 values for 2 columns"),
+        ("# note\n" + HEADER + "0,1\n1,thin\n2,0.3\n", "line 4: density_kg_m3 is not a number: 'thin'; write it"),
+        (HEADER + "0,1\n,0.5\n2,0.3\n", "line 3: altitude_km is not a number: ''"),
+        (HEADER + "0,1\n1,nan\n2,0.3\n", "line 3: altitude 1000.0 m, density nan kg/m\\^3: not finite"),
+        (HEADER + "0,1\n1,0.5\ninf,0.3\n", "line 4: altitude inf m, .*not finite"),
+        (HEADER + "0,1\n1,-0.5\n2,0.3\n", "line 3: density -0.5 kg/m\\^3 is not positive"),
+        (HEADER + "0,1\n2,0.5\n1,0.3\n", "line 4: non-monotone density table: altitude 1000 m follows 2000 m; sort"),
+        ("source,altitude_km,density_kg_m3\nb,0,1\na,0,1\n", "several sources; choose one by .*: a, b$"),
+    ],
+)
+def test_bad_tables(write, text, message):
+    with pytest.raises(ValueError, match=message):
+        read_density_table(write(text))
+
+
+def test_bad_choices_of_source(write):
+    with pytest.raises(ValueError, match="no source 'jezero'; choose one of cospar_nh_mean, jezero_2021, marsgram"):
+        read_density_table(f"{SHIPPED}#jezero")
+    with pytest.raises(ValueError, match="two sources asked for, 'cospar_nh_mean' and 'jezero_2021'"):
+        read_density_table(f"{SHIPPED}#cospar_nh_mean", "jezero_2021")
+    with pytest.raises(ValueError, match="no column 'source'; leave '#mine' out"):
+        read_density_table(f"{write(HEADER)}#mine")
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(ValueError, match=r"nowhere\.csv: there is no such density table"):
+        read_density_table(tmp_path / "nowhere.csv")
+    with pytest.raises(ValueError, match="cannot be read as a density table"):
+        read_density_table(tmp_path)
+    binary = tmp_path / "binary.csv"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(ValueError, match="give a UTF-8 CSV file"):
+        read_density_table(binary)

@@ -1,0 +1,80 @@
+import casadi
+import numpy as np
+from numba import njit
+
+from marsedl.models.dynamics.entry import entry_rates
+from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
+
+DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER = 1 / 270, 0.24 / 270, 4.2828e13
+CONSTANTS = (DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER)
+
+
+@njit
+def compiled_rates(*arguments):
+    return longitudinal_entry_rates(*arguments)
+
+
+@njit
+def compiled_intensity(*arguments):
+    return density_noise_intensity(*arguments)
+
+
+def random_arguments(count):
+    """Arguments of `longitudinal_entry_rates`, (12, count)."""
+    random = np.random.default_rng(4)
+    low = [3.4e6, 400, -0.4, -7e5, 1e-5, -1, 1e-5, 5e-5, 1e-4, 1e-3, 1e-4, 4e13]
+    high = [3.6e6, 6000, 0.4, 1e4, 2e-2, 1, 2e-2, 2e-4, 4e-4, 5e-3, 2e-3, 5e13]
+    return random.uniform(low, high, (count, 12)).T
+
+
+def test_numba_casadi_and_numpy_agree():
+    casadi.GlobalOptions.setNumpyMode(-1)
+    arguments = random_arguments(200)
+    broadcast = np.array(longitudinal_entry_rates(*arguments))
+    compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
+    symbols = casadi.SX.sym("arguments", 12)
+    rates = casadi.vertcat(*longitudinal_entry_rates(*casadi.vertsplit(symbols)))
+    traced = casadi.Function("rates", [symbols], [rates]).map(200)(arguments).full()
+    scale = np.abs(broadcast).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(compiled / scale, broadcast / scale, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(traced / scale, broadcast / scale, rtol=0, atol=1e-15)
+
+
+def test_planar_part_is_equatorial_flight_over_a_planet_at_rest():
+    for point in random_arguments(50).T:
+        radius, velocity, path, _, density, cosine, *_, drag, lift, mu = point
+        azimuth, bank = np.pi / 2, np.arccos(cosine)
+        full = entry_rates(radius, 1.0, 0.0, velocity, path, azimuth, bank, density, drag, lift, mu, 0.0, 1.0)
+        rates = longitudinal_entry_rates(*point)
+        # The downrange of Eq. 27d is measured along the flight: angle times radius.
+        np.testing.assert_allclose(rates[:4], [full[0], full[3], full[4], radius * full[1]], rtol=1e-13, atol=1e-15)
+
+
+def test_density_drift_is_that_of_mean_and_variation():
+    # rho = rho_bar (1 + v), d rho_bar = rho_bar/H ds, dv = -lambda v ds (Eqs. 5, 6 and 8)
+    for point in random_arguments(50).T:
+        velocity, path, density, (mean, inverse, decay) = point[1], point[2], point[4], point[6:9]
+        variation, sink_rate = density / mean - 1, -velocity * np.sin(path)
+        expected = (mean * inverse * (1 + variation) - mean * decay * variation) * sink_rate
+        scale = (inverse + decay) * (density + mean) * abs(sink_rate)  # the terms may cancel
+        assert abs(longitudinal_entry_rates(*point)[4] - expected) < 1e-15 * scale
+
+
+def test_mean_density_stays_the_mean_density():
+    mean, inverse_scale_height, climb = 3e-3, 1e-4, 2000 * np.sin(-0.2)
+    state = (3.42e6, 2000.0, -0.2, 0.0, mean)
+    rates = longitudinal_entry_rates(*state, 0.5, mean, inverse_scale_height, 2e-4, *CONSTANTS)
+    np.testing.assert_allclose(rates[4], -mean * inverse_scale_height * climb, rtol=1e-14)
+
+
+def test_noise_is_met_only_while_descending():
+    climb = np.array([-100.0, -1.0, 0.0, 1.0, 100.0])
+    intensity = density_noise_intensity(2e-3, 5e-5, climb)
+    np.testing.assert_allclose(intensity, 4e-6 * 5e-5 * np.array([100, 1, 0, 0, 0]), rtol=1e-15)
+    assert [compiled_intensity(2e-3, 5e-5, rate) for rate in climb] == intensity.tolist()
+
+
+def test_noise_over_a_descent_is_that_of_the_process_of_altitude():
+    # Over a small sink distance the relative variance grows by phi ds, whatever the speed.
+    for speed in (10.0, 1000.0):
+        np.testing.assert_allclose(density_noise_intensity(2e-3, 5e-5, -speed) * (3.0 / speed), 4e-6 * 5e-5 * 3.0)
