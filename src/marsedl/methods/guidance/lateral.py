@@ -1,0 +1,147 @@
+"""Lateral guidance: bank reversals, heading alignment, limit of the bank rate (Secs. III.D-E, V).
+
+Sections and equations are those of the stochastic entry guidance.
+"""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = [
+    "CORRECTED",
+    "PRINTED",
+    "SIGN_ONLY",
+    "bank_direction",
+    "deadband",
+    "heading_alignment",
+    "heading_alignment_limit",
+    "rate_limited_bank",
+    "rate_limited_bank_as_printed",
+]
+
+# Forms of the heading alignment.
+CORRECTED, SIGN_ONLY, PRINTED = 0, 1, 2
+
+
+@register_jitable
+def deadband(time, start_time, start_width, end_time, end_width):
+    """Half width of the crossrange deadband: constant, then linear in time, then constant (Fig. 5).
+
+    Args:
+        time: s.
+        start_time, end_time: bounds of the linear part, s, start_time < end_time.
+        start_width, end_width: half widths before and after it, m (or rad: the unit of the result).
+
+    Returns:
+        eps_max, in the unit of the widths.
+    """
+    rest = np.minimum(np.maximum((end_time - time) / (end_time - start_time), 0.0), 1.0)
+    return rest * start_width + (1.0 - rest) * end_width
+
+
+@register_jitable
+def bank_direction(direction, crossrange, width):
+    """New bank direction: reversed when the crossrange has grown beyond the deadband (Eq. 57).
+
+        b = -b if b eps > eps_max
+
+    Banking in direction +1 turns right and lets eps grow, so eps is tested on the side to which it grows only.
+
+    Args:
+        direction: b, +1 or -1.
+        crossrange: eps, positive while the target is to the left, m or rad.
+        width: eps_max, in the unit of the crossrange.
+
+    Returns:
+        Direction of the next bank command, +1 or -1.
+    """
+    return direction * (1 - 2 * (direction * crossrange > width))
+
+
+@register_jitable
+def _arctangent_of_ratio(numerator, denominator):
+    """The arctangent of numerator / denominator without the division; its limit at a zero denominator."""
+    sign = 1.0 - 2.0 * (denominator < 0.0)
+    return np.arctan2(sign * numerator, sign * denominator)
+
+
+@register_jitable
+def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
+    """Bank command that points the heading at the target, within +-limit (Eq. 58).
+
+        CORRECTED   sigma = -K atan(eps / delta_go)
+        SIGN_ONLY   sigma = -K atan(delta_go / eps)
+        PRINTED     sigma = +K atan(delta_go / eps)
+
+    A positive bank turns right and lets eps grow, so K needs the minus. With the printed ratio the arctangent is near
+    +-90 degrees all the time, and the command is at one of its limits.
+
+    Args:
+        downrange_angle, crossrange_angle: delta_go, eps of `targeting.targeting`, rad.
+        gain: K, 1.
+        limit: largest bank, rad.
+        form: CORRECTED, SIGN_ONLY or PRINTED.
+
+    Returns:
+        sigma, rad.
+    """
+    if form == CORRECTED:
+        command = -gain * _arctangent_of_ratio(crossrange_angle, downrange_angle)
+    else:
+        command = gain * _arctangent_of_ratio(downrange_angle, crossrange_angle)
+        if form == SIGN_ONLY:
+            command = -command
+    return np.minimum(np.maximum(command, -limit), limit)
+
+
+@register_jitable
+def heading_alignment_limit(velocity, change_velocity, high, low):
+    """Largest bank of the heading alignment: high down to a velocity, then low (Sec. V).
+
+    Args:
+        velocity: m/s.
+        change_velocity: last velocity of the high limit, m/s.
+        high, low: limits, rad.
+
+    Returns:
+        Limit, rad.
+    """
+    return high * (velocity >= change_velocity) + low * (velocity < change_velocity)
+
+
+@register_jitable
+def rate_limited_bank(command, flown, largest_change):
+    """Bank to be flown: the command, as far as it can be reached from the bank flown before (Eq. 71, corrected).
+
+        sigma = clip(sigma_cmd, sigma_flown - L dt, sigma_flown + L dt)
+
+    Args:
+        command: sigma_cmd, rad.
+        flown: sigma_flown, rad.
+        largest_change: L dt, rad.
+
+    Returns:
+        sigma, rad.
+    """
+    return np.minimum(np.maximum(command, flown - largest_change), flown + largest_change)
+
+
+@register_jitable
+def rate_limited_bank_as_printed(command, previous_command, largest_change):
+    """Bank to be flown, literally by Eq. 71.
+
+        sigma = sigma_prev + L dt   if sigma_cmd - sigma_prev >= L dt
+                sigma_prev - L dt   if sigma_prev - sigma_cmd <= -L dt
+                sigma_cmd           otherwise
+
+    The second condition is the first one again: a bank to the left is not limited, and as sigma_prev is the command,
+    not the bank flown, one to the right is limited for a single step only.
+
+    Args:
+        command: sigma_cmd, rad.
+        previous_command: sigma_prev, the command before, rad.
+        largest_change: L dt, rad.
+
+    Returns:
+        sigma, rad.
+    """
+    return np.minimum(command, previous_command + largest_change)

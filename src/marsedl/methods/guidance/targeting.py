@@ -1,0 +1,78 @@
+"""Downrange and crossrange angle of the target (stochastic entry guidance, Appendix D)."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = ["require_target_ahead", "targeting"]
+
+
+@register_jitable
+def targeting(
+    longitude,
+    latitude,
+    radius,
+    velocity,
+    flight_path_angle,
+    azimuth,
+    rotation_rate,
+    target_longitude,
+    target_latitude,
+):
+    """Angles of the target along and across the orbit plane (stochastic entry guidance, Eqs. 93 to 99).
+
+        delta_go = angle(r, r_t),     eps = asin(r_t . h / |h|),     h = r x (V + Omega x r)
+
+    The target is taken where it is now (t_f,est = t). Then the planet's rotation angle cancels and the frame of the
+    vehicle (up, east, north) serves, in which r = (1, 0, 0) and h = (0, -v_north, v_east):
+
+        r_t = (cos(phi) cos(phi_t) cos(d) + sin(phi) sin(phi_t), cos(phi_t) sin(d),
+               cos(phi) sin(phi_t) - sin(phi) cos(phi_t) cos(d)),    d = theta_t - theta
+
+    Both angles come from arctangents of two components: the arccosine of Eq. 98 loses half the digits near zero.
+
+    Args:
+        longitude, latitude: of the vehicle, rad.
+        radius: m.
+        velocity: planet-relative, m/s.
+        flight_path_angle, azimuth: planet-relative, the azimuth clockwise from north, rad.
+        rotation_rate: Omega, rad/s.
+        target_longitude, target_latitude: rad.
+
+    Returns:
+        Tuple of the downrange angle (rad, negative once the target is passed) and the crossrange angle (rad, positive
+        while the target is left of the orbit plane). Times a reference radius they are distances.
+    """
+    sin_latitude, cos_latitude = np.sin(latitude), np.cos(latitude)
+    target_up, target_out = np.sin(target_latitude), np.cos(target_latitude)
+    to_target = target_longitude - longitude
+    along_meridian = target_out * np.cos(to_target)
+    up = cos_latitude * along_meridian + sin_latitude * target_up
+    east = target_out * np.sin(to_target)
+    north = cos_latitude * target_up - sin_latitude * along_meridian
+
+    horizontal = velocity * np.cos(flight_path_angle)
+    velocity_east = horizontal * np.sin(azimuth) + rotation_rate * radius * cos_latitude
+    velocity_north = horizontal * np.cos(azimuth)
+    inverse_speed = 1.0 / np.sqrt(velocity_east * velocity_east + velocity_north * velocity_north)
+    ahead = (east * velocity_east + north * velocity_north) * inverse_speed
+    left = (north * velocity_east - east * velocity_north) * inverse_speed
+
+    distance = np.arctan2(np.sqrt(east * east + north * north), up)
+    crossrange_angle = np.arctan2(left, np.sqrt(up * up + ahead * ahead))
+    return distance * (1.0 - 2.0 * (ahead < 0.0)), crossrange_angle
+
+
+def require_target_ahead(downrange_angle):
+    """Refuse an entry state from which the target is passed already.
+
+    Args:
+        downrange_angle: at entry, rad, from `targeting`.
+
+    Raises:
+        ValueError: if it is negative.
+    """
+    if downrange_angle < 0:
+        raise ValueError(
+            f"the target lies {-np.degrees(downrange_angle):.4g} degrees behind the entry point; move either of them, "
+            "or turn the azimuth at entry towards the target"
+        )

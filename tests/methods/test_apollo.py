@@ -1,0 +1,305 @@
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from marsedl.methods.guidance.apollo import adjoint_gains, density_slaved_matrix, drag_form
+from marsedl.methods.guidance.longitudinal import linear_model
+from marsedl.methods.lincov import discretize, trigger_projection
+from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
+
+DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER = 1 / 270, 0.24 / 270, 4.2828e13
+CONSTANTS = (DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER)
+DECAY_FACTOR, PLANET_RADIUS, COSINE = 2.0, 3.397e6, 0.6
+STATE = np.array([PLANET_RADIUS + 125e3, 5800.0, np.radians(-15.5), 0.0, 0.0])
+RANGE = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+
+
+def profile(radius):
+    """Mean density, 1/H and d(1/H)/dr of ln rho = a + b h + c h^2."""
+    altitude = radius - PLANET_RADIUS
+    a, b, c = -4.23, -8.7e-5, -1.5e-10
+    return np.exp(a + b * altitude + c * altitude**2), -b - 2 * c * altitude, -2 * c + 0 * altitude
+
+
+def rates(state, cosine=COSINE):
+    mean, inverse, _ = profile(state[0])
+    return np.array(longitudinal_entry_rates(*state, cosine, mean, inverse, DECAY_FACTOR * inverse, *CONSTANTS))
+
+
+def start():
+    state = STATE.copy()
+    state[4] = profile(state[0])[0]
+    return state
+
+
+class Reference(NamedTuple):
+    """A flight of Eqs. 27 with constant bank, its linear model and discrete systems."""
+
+    state: np.ndarray  # (N + 1, 5)
+    transition: np.ndarray  # (N, 5, 5)
+    control: np.ndarray  # (N, 5)
+    slaved_transition: np.ndarray  # (N, 4, 4)
+    slaved_control: np.ndarray  # (N, 4)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """The flight down to 500 m/s as a function of time, and its duration."""
+
+    def slow(t, state):
+        return state[1] - 500.0
+
+    slow.terminal = True
+    flown = solve_ivp(
+        lambda t, y: rates(y),
+        (0, 400),
+        start(),
+        method="DOP853",
+        rtol=1e-12,
+        atol=[1e-5, 1e-8, 1e-12, 1e-5, 1e-17],
+        events=slow,
+        dense_output=True,
+    )
+    assert flown.status == 1
+    return flown.sol, float(flown.t[-1])
+
+
+def discrete(flight, intervals, substeps):
+    path, duration = flight
+    width = duration / intervals
+    middles = (np.arange(intervals * substeps) + 0.5) * (width / substeps)
+    states = path(middles).T
+    count, cosine = len(states), np.full(len(middles), COSINE)
+    mean, inverse, slope = profile(states[:, 0])
+    matrix, control = linear_model(states, cosine, mean, inverse, slope, DECAY_FACTOR, *CONSTANTS)
+    steps = np.full(intervals, width)
+    shape = (intervals, substeps)
+    full = discretize(matrix.reshape(*shape, 5, 5), control.reshape(*shape, 5), np.zeros((*shape, 5, 5)), steps)
+    slaved_matrix = density_slaved_matrix(matrix, inverse, states[:, 4])
+    assert slaved_matrix.shape == (count, 4, 4)
+    slaved = discretize(
+        slaved_matrix.reshape(*shape, 4, 4), control[:, :4].reshape(*shape, 4), np.zeros((*shape, 4, 4)), steps
+    )
+    nodes = path(np.linspace(0, duration, intervals + 1)).T
+    return Reference(nodes, full.transition, full.control, slaved.transition, slaved.control)
+
+
+@pytest.fixture(scope="module")
+def reference(flight):
+    return discrete(flight, round(flight[1]), 10)
+
+
+def random_system(intervals=12, n=4, seed=9):
+    random = np.random.default_rng(seed)
+    transition = np.eye(n) + 0.3 * random.standard_normal((intervals, n, n))
+    return transition, random.standard_normal((intervals, n)), random.standard_normal(n), random
+
+
+# ---- adjoint gains ---------------------------------------------------------------------------------------------------
+
+
+def test_double_integrator_has_the_gains_of_the_textbook():
+    # x'' = u over the rest T of the time: final position x + T x' + T^2/2 u
+    step, intervals = 0.5, 8
+    transition = np.tile([[1.0, step], [0.0, 1.0]], (intervals, 1, 1))
+    control = np.tile([step**2 / 2, step], (intervals, 1))
+    gains = adjoint_gains(transition, control, [1.0, 0.0], 3.0)
+    rest = step * np.arange(intervals, 0, -1)
+    np.testing.assert_allclose(gains.adjoint[:-1], np.stack([rest**0, rest], axis=1), rtol=1e-14)
+    np.testing.assert_allclose(gains.control_adjoint, rest**2 / 2, rtol=1e-14)
+    np.testing.assert_allclose(gains.gain, -3 * np.stack([2 / rest**2, 2 / rest], axis=1), rtol=1e-14)
+
+
+def test_adjoint_predicts_the_final_error_of_a_held_control():
+    transition, control, final_adjoint, random = random_system()
+    gains = adjoint_gains(transition, control, final_adjoint, 1.0)
+    for first in range(len(control)):
+        deviation, held = random.standard_normal(4), random.standard_normal()
+        state = deviation
+        for k in range(first, len(control)):
+            state = transition[k] @ state + control[k] * held
+        predicted = gains.adjoint[first] @ deviation + gains.control_adjoint[first] * held
+        assert final_adjoint @ state == pytest.approx(predicted, rel=1e-11)
+
+
+def test_control_of_the_gain_held_to_the_end_cancels_the_final_error():
+    transition, control, final_adjoint, random = random_system()
+    gains = adjoint_gains(transition, control, final_adjoint, 1.0)
+    for first in range(len(control)):
+        state = random.standard_normal(4)
+        held, size = gains.gain[first] @ state, np.abs(gains.adjoint[first] * state).sum()
+        for k in range(first, len(control)):
+            state = transition[k] @ state + control[k] * held
+        assert abs(final_adjoint @ state) < 1e-12 * size
+    np.testing.assert_allclose(adjoint_gains(transition, control, final_adjoint, 5.0).gain, 5 * gains.gain, rtol=1e-15)
+
+
+def test_gain_is_zero_where_no_control_effect_is_left():
+    transition, control, final_adjoint, _ = random_system()
+    control[8:] = 0
+    gains = adjoint_gains(transition, control, final_adjoint, 5.0)
+    assert (gains.gain[8:] == 0).all()
+    assert (gains.control_adjoint[8:] == 0).all()
+    assert (gains.gain[:8] != 0).all()
+    np.testing.assert_allclose(gains.adjoint[8:], [_backwards(transition[k:], final_adjoint) for k in range(8, 13)])
+
+
+def _backwards(transition, final_adjoint):
+    for matrix in transition[::-1]:
+        final_adjoint = matrix.T @ final_adjoint
+    return final_adjoint
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    transition, control, final_adjoint, _ = random_system()
+    for arguments in (
+        (transition[1:], control, final_adjoint),
+        (transition, control[0], final_adjoint),
+        (transition, control, final_adjoint[:3]),
+    ):
+        with pytest.raises(ValueError, match="do not fit: shapes"):
+            adjoint_gains(*arguments, 5.0)
+    with pytest.raises(ValueError, match=r"gain must have shape \(N, 5\)"):
+        drag_form(np.zeros((3, 4)), 1, 1, 1, 1, 0)
+    with pytest.raises(ValueError, match=r"state_matrix must have shape \(k, 5, 5\)"):
+        density_slaved_matrix(np.zeros((3, 4, 4)), np.ones(3), np.ones(3))
+
+
+# ---- on a flight -----------------------------------------------------------------------------------------------------
+
+
+def influence_along(flight, intervals, final_adjoint):
+    """The adjoint times the rates at the bounds of the intervals; one sub-step each."""
+    reference = discrete(flight, intervals, 1)
+    adjoint = adjoint_gains(reference.transition, reference.control, final_adjoint, 5.0).adjoint
+    return np.einsum("ki,ki->k", adjoint, np.array([rates(state) for state in reference.state]))
+
+
+def test_adjoint_times_rates_is_constant_along_a_flight_with_constant_bank(flight):
+    # The rates solve the linear model, so theta'f keeps its final value: V cos(gamma), or zero with the trigger.
+    path, duration = flight
+    final_rates = rates(path(duration))
+    projected = trigger_projection(final_rates, np.eye(5)[1]).T @ RANGE
+    assert abs(projected @ final_rates) < 1e-12 * abs(final_rates[3])
+    for final_adjoint, value in ((RANGE, final_rates[3]), (projected, 0.0)):
+        errors = []
+        for intervals in (1000, 2000, 4000):
+            errors.append(np.abs(influence_along(flight, intervals, final_adjoint) - value).max())
+        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.1)
+        assert errors[-1] < 1e-5 * final_rates[3]
+
+
+def test_a_changing_bank_breaks_that_constancy(flight):
+    path, duration = flight
+    reference = discrete(flight, 2000, 1)
+    adjoint = adjoint_gains(reference.transition, reference.control, RANGE, 5.0).adjoint
+    changed = np.array([rates(state, 0.9 * COSINE) for state in reference.state])
+    influence = np.einsum("ki,ki->k", adjoint, changed)
+    assert np.abs(influence - influence[-1]).max() > 0.1 * rates(path(duration))[3]
+
+
+def test_gains_bring_a_deviating_flight_to_the_target_range(flight, reference):
+    # Over-control 1, the control held from entry to the end: what is left of the range error is of second order.
+    path, duration = flight
+    gains = adjoint_gains(reference.transition, reference.control, RANGE, 1.0)
+    largest = np.array([0.0, 2.0, 1e-4, -500.0, 0.0])
+    errors = []
+    for size in (1.0, 0.5):
+        deviation = size * largest
+        cosine = COSINE + gains.gain[0] @ deviation
+        flown = solve_ivp(
+            lambda t, y, u=cosine: rates(y, u),
+            (0, duration),
+            start() + deviation,
+            method="DOP853",
+            rtol=1e-11,
+            atol=[1e-4, 1e-7, 1e-11, 1e-4, 1e-16],
+        )
+        errors.append(flown.y[3, -1] - path(duration)[3])
+    assert abs(errors[0]) < 0.05 * abs(gains.adjoint[0] @ largest)
+    assert errors[0] / errors[1] == pytest.approx(4, abs=0.4)
+
+
+def test_a_steeper_path_shortens_the_range(reference):
+    adjoint = adjoint_gains(reference.transition, reference.control, RANGE, 5.0).adjoint
+    assert adjoint[0, 2] > 0  # positive error of the flight path angle: longer
+    assert (adjoint[:, 3] == 1).all()
+
+
+def test_density_slaved_adjoint_is_the_projection_of_the_five_state_one(flight):
+    # theta4_r = theta5_r - theta5_rho rho/H: exact in continuous time, as the density of the mean profile stays on it.
+    path, duration = flight
+    projected = trigger_projection(rates(path(duration)), np.eye(5)[1]).T @ RANGE
+    for final_adjoint in (RANGE, projected):
+        errors = []
+        for substeps in (5, 10, 20):
+            flown = discrete(flight, round(duration), substeps)
+            full = adjoint_gains(flown.transition, flown.control, final_adjoint, 5.0)
+            slaved = adjoint_gains(flown.slaved_transition, flown.slaved_control, final_adjoint[:4], 5.0)
+            _, inverse, _ = profile(flown.state[:, 0])
+            expected = full.adjoint[:, :4].copy()
+            expected[:, 0] -= full.adjoint[:, 4] * flown.state[:, 4] * inverse
+            by_state = np.abs(slaved.adjoint - expected).max(axis=0) / np.abs(expected).max(axis=0)
+            by_control = np.abs(slaved.control_adjoint - full.control_adjoint).max() / full.control_adjoint.max()
+            errors.append(max(*by_state, by_control))
+        assert errors[1] < 2e-6  # with ten sub-steps per second
+        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.1)
+
+
+def test_density_slaved_gain_of_the_radius_combines_those_of_radius_and_density(reference):
+    full = adjoint_gains(reference.transition, reference.control, RANGE, 5.0).gain[:200]
+    slaved = adjoint_gains(reference.slaved_transition, reference.slaved_control, RANGE[:4], 5.0).gain[:200]
+    _, inverse, _ = profile(reference.state[:200, 0])
+    combined = full[:, 0] - full[:, 4] * reference.state[:200, 4] * inverse
+    np.testing.assert_allclose(slaved[:, 0], combined, rtol=1e-5)
+    # In drag variables it is therefore the classical form: all of the altitude is read from the drag.
+    _, velocity, path_angle, _, density = reference.state[:200].T
+    drag = DRAG_FACTOR * density * velocity**2
+    form = drag_form(full, density, drag, 1 / inverse, velocity, path_angle)
+    np.testing.assert_allclose(form[:, 1], -slaved[:, 0] / (inverse * drag), rtol=1e-5)
+
+
+# ---- drag form and slaved density ------------------------------------------------------------------------------------
+
+
+def test_drag_form_feeds_back_the_same_at_equal_velocity(reference):
+    gain = adjoint_gains(reference.transition, reference.control, RANGE, 5.0).gain
+    radius, velocity, path_angle, _, density = reference.state[:-1].T
+    _, inverse, _ = profile(radius)
+    drag = DRAG_FACTOR * density * velocity**2
+    form = drag_form(gain, density, drag, 1 / inverse, velocity, path_angle)
+
+    # A deviation along the mean profile, at equal velocity; drag and altitude rate by differences.
+    random = np.random.default_rng(10)
+    step = 1e-30
+    radius_change, angle_change, range_change = random.standard_normal((3, len(gain))) * [[100.0], [1e-3], [500.0]]
+    density_change = -density * inverse * radius_change
+    drag_change = (DRAG_FACTOR * (density + 1j * step * density_change) * velocity**2).imag / step
+    climb_change = (velocity * np.sin(path_angle + 1j * step * angle_change)).imag / step
+    deviations = np.stack([radius_change, 0 * radius_change, angle_change, range_change, density_change], axis=1)
+    terms = gain * deviations
+    fed_back = np.einsum("kj,kj->k", form, np.stack([range_change, drag_change, climb_change], axis=1))
+    assert (np.abs(fed_back - terms.sum(axis=1)) < 1e-14 * np.abs(terms).sum(axis=1)).all()
+
+
+def test_slaved_matrix_is_the_derivative_with_the_density_of_the_altitude():
+    random = np.random.default_rng(11)
+    count, step = 20, 1e-30
+    radius = PLANET_RADIUS + random.uniform(10e3, 90e3, count)
+    mean, inverse, slope = profile(radius)
+    states = np.stack([radius, random.uniform(500, 5800, count), random.uniform(-0.3, 0, count), radius, mean], axis=1)
+    cosine = random.uniform(-1, 1, count)
+    matrix, _ = linear_model(states, cosine, mean, inverse, slope, DECAY_FACTOR, *CONSTANTS)
+    slaved = density_slaved_matrix(matrix, inverse, mean)
+
+    def slaved_rates(points):
+        density, inverse, _ = profile(points[:, 0])
+        atmosphere = (density, inverse, DECAY_FACTOR * inverse)
+        return np.stack(longitudinal_entry_rates(*points.T, density, cosine, *atmosphere, *CONSTANTS)[:4], axis=1)
+
+    columns = [slaved_rates(states[:, :4] + 1j * step * unit).imag / step for unit in np.eye(4)]
+    scale = np.array([1e3, 100.0, 0.01, 1e3])
+    difference = (slaved - np.stack(columns, axis=2)) * scale / scale[:, np.newaxis]
+    assert np.abs(difference).max() < 1e-14

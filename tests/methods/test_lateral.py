@@ -1,0 +1,287 @@
+import casadi
+import numpy as np
+import pytest
+from numba import njit
+
+from marsedl.methods.guidance.lateral import (
+    CORRECTED,
+    PRINTED,
+    SIGN_ONLY,
+    bank_direction,
+    deadband,
+    heading_alignment,
+    heading_alignment_limit,
+    rate_limited_bank,
+    rate_limited_bank_as_printed,
+)
+from marsedl.methods.guidance.targeting import targeting
+from marsedl.models.dynamics.entry import entry_rates
+
+DEADBAND = (105.0, 6e3, 125.0, 1.2e3)
+GAIN = 50.0
+PLANET_RADIUS, ROTATION_RATE, TARGET = 3.397e6, 7.0882e-5, (np.radians(137.0), 0.0)
+RADIUS, LONGITUDE, LATITUDE, VELOCITY, PATH_ANGLE, AZIMUTH = range(6)
+
+
+@njit
+def compiled_deadband(time):
+    return deadband(time, *DEADBAND)
+
+
+@njit
+def compiled_direction(direction, crossrange, width):
+    return bank_direction(direction, crossrange, width)
+
+
+@njit
+def compiled_alignment(downrange_angle, crossrange_angle, limit, form):
+    return heading_alignment(downrange_angle, crossrange_angle, GAIN, limit, form)
+
+
+@njit
+def compiled_limit(velocity, change_velocity, high, low):
+    return heading_alignment_limit(velocity, change_velocity, high, low)
+
+
+@njit
+def compiled_banks(command, before, largest_change):
+    return (
+        rate_limited_bank(command, before, largest_change),
+        rate_limited_bank_as_printed(command, before, largest_change),
+    )
+
+
+def fly(state, seconds, guidance, rotation_rate=ROTATION_RATE, substeps=4):
+    """Fly with a bank of `guidance(state, downrange_angle, crossrange_angle)` each second, until 500 m/s at the latest.
+
+    Returns crossranges (m) at the start of each second and at the end. The density is exponential.
+    """
+    state, crossranges = np.array(state), []
+
+    def rates(state, bank):
+        density = 1.45e-2 * np.exp(-(state[RADIUS] - PLANET_RADIUS) / 10.8e3)
+        return np.array(entry_rates(*state, bank, density, 1 / 270, 0.24 / 270, 4.2828e13, rotation_rate, 1.0))
+
+    def target(state):
+        arguments = (state[i] for i in (LONGITUDE, LATITUDE, RADIUS, VELOCITY, PATH_ANGLE, AZIMUTH))
+        return targeting(*arguments, rotation_rate, *TARGET)
+
+    step = 1.0 / substeps
+    for _ in range(seconds):
+        downrange_angle, crossrange_angle = target(state)
+        crossranges.append(PLANET_RADIUS * crossrange_angle)
+        bank = guidance(state, downrange_angle, crossrange_angle)
+        for _ in range(substeps):
+            first = rates(state, bank)
+            second = rates(state + step / 2 * first, bank)
+            third = rates(state + step / 2 * second, bank)
+            state = state + step / 6 * (first + 2 * second + 2 * third + rates(state + step * third, bank))
+        if state[VELOCITY] <= 500:
+            break
+    return np.array([*crossranges, PLANET_RADIUS * target(state)[1]])
+
+
+def start_of_heading_alignment(crossrange):
+    """A state 77 km uprange of the target at 1.1 km/s."""
+    longitude = TARGET[0] - 77e3 / PLANET_RADIUS
+    return [PLANET_RADIUS + 16.65e3, longitude, -crossrange / PLANET_RADIUS, 1098.0, 0.016, np.pi / 2]
+
+
+# ---- deadband and reversals ------------------------------------------------------------------------------------------
+
+
+def test_deadband_is_constant_linear_constant():
+    times = np.array([0.0, 105.0, 110.0, 115.0, 125.0, 300.0])
+    widths = deadband(times, *DEADBAND)
+    np.testing.assert_allclose(widths, [6e3, 6e3, 4.8e3, 3.6e3, 1.2e3, 1.2e3], rtol=1e-15)
+    assert (widths[[0, 1]] == 6e3).all()
+    assert (widths[[4, 5]] == 1.2e3).all()
+    np.testing.assert_allclose([compiled_deadband(time) for time in times], widths, rtol=1e-15)
+
+
+def printed_direction(direction, crossrange, width):
+    """The three cases of Eq. 57."""
+    if direction == -1 and crossrange < -width:
+        return +1
+    if direction == +1 and crossrange > +width:
+        return -1
+    return direction
+
+
+def test_bank_direction_is_eq_57():
+    for direction in (-1, 1):
+        for crossrange in (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0):
+            expected = printed_direction(direction, crossrange, 2.0)
+            assert bank_direction(direction, crossrange, 2.0) == expected
+            assert compiled_direction(float(direction), crossrange, 2.0) == expected
+
+
+def test_bank_direction_of_many_trials_at_once():
+    directions, crossranges = np.array([1, 1, -1, -1]), np.array([3.0, -3.0, 3.0, -3.0])
+    np.testing.assert_array_equal(bank_direction(directions, crossranges, 2.0), [-1, 1, -1, 1])
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_crossrange_grows_to_the_side_of_the_bank_direction(direction):
+    state = [PLANET_RADIUS + 30e3, TARGET[0] - 240e3 / PLANET_RADIUS, 0.0, 5000.0, -0.15, np.pi / 2]
+    crossrange = fly(state, 20, lambda *_: direction * np.radians(60.0))
+    assert (direction * np.diff(crossrange) > 0).all()
+
+
+def test_reversals_keep_the_crossrange_near_the_deadband():
+    directions = [1.0]
+
+    def guidance(state, downrange_angle, crossrange_angle):
+        directions.append(bank_direction(directions[-1], PLANET_RADIUS * crossrange_angle, 2e3))
+        return directions[-1] * np.radians(60.0)
+
+    state = [PLANET_RADIUS + 30e3, TARGET[0] - 240e3 / PLANET_RADIUS, 0.0, 5000.0, -0.15, np.pi / 2]
+    crossrange = fly(state, 60, guidance)
+    held = fly(state, 60, lambda *_: np.radians(60.0))
+    assert len(set(directions)) == 2  # it did reverse
+    assert np.abs(crossrange).max() < 0.5 * np.abs(held).max()
+
+
+# ---- heading alignment -----------------------------------------------------------------------------------------------
+
+
+def test_forms_of_the_heading_alignment():
+    downrange, limit = 0.02, np.radians(35)
+    for crossrange in (-1e-3, -3e-6, 2e-6, 5e-5, 2e-2):
+        corrected = -GAIN * np.arctan(crossrange / downrange)
+        printed = GAIN * np.arctan(downrange / crossrange)
+        for form, command in ((CORRECTED, corrected), (SIGN_ONLY, -printed), (PRINTED, printed)):
+            expected = np.clip(command, -limit, limit)
+            assert heading_alignment(downrange, crossrange, GAIN, limit, form) == pytest.approx(expected, rel=1e-14)
+            assert compiled_alignment(downrange, crossrange, limit, form) == pytest.approx(expected, rel=1e-14)
+
+
+def test_heading_alignment_with_a_negative_downrange_is_still_the_ratio():
+    for downrange, crossrange in ((-0.02, 1e-5), (-0.02, -1e-5)):
+        expected = -GAIN * np.arctan(crossrange / downrange)
+        assert heading_alignment(downrange, crossrange, GAIN, 1.0, CORRECTED) == pytest.approx(expected, rel=1e-14)
+
+
+def test_heading_alignment_above_the_target_takes_the_limit():
+    assert heading_alignment(0.0, 1e-6, GAIN, 0.6, CORRECTED) == -0.6
+    assert heading_alignment(0.0, 0.0, GAIN, 0.6, CORRECTED) == 0.0
+    assert heading_alignment(0.02, 0.0, GAIN, 0.6, PRINTED) == 0.6
+
+
+def test_limit_changes_below_the_stated_velocity():
+    for velocity, expected in ((1000.0, 45.0), (900.0, 45.0), (np.nextafter(900.0, 0), 35.0), (500.0, 35.0)):
+        assert heading_alignment_limit(velocity, 900.0, 45.0, 35.0) == expected
+        assert compiled_limit(velocity, 900.0, 45.0, 35.0) == expected
+
+
+def aligned(form, gain=GAIN):
+    def guidance(state, downrange_angle, crossrange_angle):
+        limit = heading_alignment_limit(state[VELOCITY], 900.0, np.radians(45), np.radians(35))
+        return heading_alignment(downrange_angle, crossrange_angle, gain, limit, form)
+
+    return guidance
+
+
+@pytest.mark.parametrize("crossrange", [-1.1e3, 1.1e3])
+def test_heading_alignment_nulls_the_crossrange_over_a_planet_at_rest(crossrange):
+    flown = fly(start_of_heading_alignment(crossrange), 120, aligned(CORRECTED), rotation_rate=0.0)
+    assert len(flown) < 120  # 500 m/s are reached
+    assert flown[0] == pytest.approx(crossrange, abs=1)
+    assert abs(flown[-1]) < 0.1
+
+
+def test_rotation_of_the_planet_leaves_a_crossrange_inversely_proportional_to_the_gain():
+    # Drag slows the planet-relative velocity, which turns the inertial one and with it the orbit plane.
+    left = [fly(start_of_heading_alignment(1.1e3), 120, aligned(CORRECTED, gain))[-1] for gain in (50.0, 100.0, 200.0)]
+    assert abs(left[0]) < 0.03 * 1.1e3
+    np.testing.assert_allclose(np.divide(left[:-1], left[1:]), 2, rtol=0.2)
+
+
+def test_printed_heading_alignment_drives_the_crossrange_away():
+    flown = fly(start_of_heading_alignment(1.1e3), 120, aligned(PRINTED))
+    assert flown[-1] > 2 * flown[0] > 0
+    assert (np.diff(flown) > 0).all()
+
+
+def test_heading_alignment_with_its_sign_mended_chatters_between_its_limits():
+    banks, law = [], aligned(SIGN_ONLY)
+
+    def guidance(*arguments):
+        banks.append(law(*arguments))
+        return banks[-1]
+
+    flown = fly(start_of_heading_alignment(1.1e3), 120, guidance)
+    assert abs(flown[-1]) < 100
+    late = np.array(banks[-30:])
+    np.testing.assert_allclose(np.abs(late), np.radians(35), rtol=1e-12)
+    assert np.count_nonzero(np.diff(np.sign(late))) >= 5
+
+
+# ---- limit of the bank rate ------------------------------------------------------------------------------------------
+
+
+def printed_bank(command, previous, largest_change):
+    """The three cases of Eq. 71, the second as printed."""
+    if command - previous >= +largest_change:
+        return previous + largest_change
+    if previous - command <= -largest_change:
+        return previous - largest_change
+    return command
+
+
+def test_bank_changes_by_no_more_than_the_limit():
+    for flown in (-1.0, 0.0, 0.5):
+        for command in (-1.3, -0.6, 0.0, 0.1, 1.3):
+            bank = rate_limited_bank(command, flown, 0.25)
+            assert bank == pytest.approx(flown + np.clip(command - flown, -0.25, 0.25), rel=1e-15)
+            assert bank == command or abs(bank - flown) == pytest.approx(0.25, rel=1e-15)
+            printed = rate_limited_bank_as_printed(command, flown, 0.25)
+            assert printed == pytest.approx(printed_bank(command, flown, 0.25), rel=1e-15)
+            assert compiled_banks(command, flown, 0.25) == (bank, printed)
+
+
+def test_a_full_reversal_takes_as_long_as_the_rate_allows():
+    bank, steps = np.radians(-60), 0
+    while bank < np.radians(60) - 1e-12:
+        bank = rate_limited_bank(np.radians(60), bank, np.radians(15))
+        steps += 1
+    assert steps == 8
+
+
+def test_printed_limit_lets_a_bank_to_the_left_pass_at_once():
+    assert rate_limited_bank_as_printed(-1.0, 1.0, 0.25) == -1.0
+    assert rate_limited_bank_as_printed(1.0, -1.0, 0.25) == -0.75
+    assert rate_limited_bank_as_printed(1.0, 1.0, 0.25) == 1.0  # one step later: the previous command was 1
+
+
+# ---- all of them -----------------------------------------------------------------------------------------------------
+
+
+def test_casadi_and_numpy_agree():
+    casadi.GlobalOptions.setNumpyMode(-1)
+    random = np.random.default_rng(8)
+    points = random.uniform([90, -1, -3, -0.05, -0.01, 500], [140, 1, 3, 0.05, 0.01, 1100], (200, 6)).T
+    points[1] = np.sign(points[1])
+
+    def outputs(time, direction, crossrange, downrange_angle, crossrange_angle, velocity):
+        limit = heading_alignment_limit(velocity, 900.0, 0.8, 0.6)
+        forms = (CORRECTED, SIGN_ONLY, PRINTED)
+        return (
+            deadband(time, *DEADBAND),
+            bank_direction(direction, crossrange, 2.0),
+            limit,
+            *(heading_alignment(downrange_angle, crossrange_angle, GAIN, limit, form) for form in forms),
+            rate_limited_bank(crossrange, direction, 0.25),
+            rate_limited_bank_as_printed(crossrange, direction, 0.25),
+        )
+
+    symbols = casadi.SX.sym("arguments", 6)
+    traced = casadi.Function("outputs", [symbols], [casadi.vertcat(*outputs(*casadi.vertsplit(symbols)))])
+    np.testing.assert_allclose(traced.map(200)(points).full(), np.array(outputs(*points)), rtol=1e-14, atol=1e-15)
+
+
+def test_numbers_that_are_not_finite_stay_visible():
+    assert np.isnan(compiled_alignment(np.nan, 1e-3, 0.6, CORRECTED))
+    assert np.isnan(compiled_alignment(0.02, np.nan, 0.6, PRINTED))
+    assert np.isnan(compiled_banks(np.nan, 0.0, 0.25)).all()
+    assert np.isnan(compiled_deadband(np.nan))
