@@ -1,0 +1,603 @@
+"""Chance-constrained linear feedback of least terminal variance (stochastic entry guidance, Problem 1), certified.
+
+Problem 1 is convex in (P_k, K_k P_k). For fixed multipliers its Lagrangian is the cost of an unconstrained LQG problem
+(Theorem III.1), so a Riccati sweep evaluates the Lagrange dual, a covariance sweep its gradient, and the dual value
+certifies the gains that it finds. Two other formulations check it: a semidefinite program, and the search over LQG
+weights of the paper.
+
+The control is scalar. States may have any unit: with a scalar control the Riccati and covariance sweeps consist of
+products, sums of like units and one division, so scaling the states changes nothing but rounding; the multipliers are
+updated by factors, so neither does scaling controls or cost. Only the two other formulations need scaled unknowns.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from marsedl.methods.lincov import DiscreteSystem, propagate
+
+__all__ = [
+    "ChanceConstrainedProblem",
+    "ConeProgram",
+    "InfeasibleProblem",
+    "Solution",
+    "WeightSearch",
+    "chance_factor",
+    "lqg_gains",
+    "lqg_gains_as_printed",
+    "noise_floor",
+    "solve",
+    "solve_cone_program",
+    "solve_over_weights",
+]
+
+# Sweeps before the limits on the final state are questioned, and before the ascent is given up.
+_SWEEPS_BEFORE_DOUBT, _SWEEPS = 400, 5000
+# Exponents of the multiplicative update, first of the final state and of the controls, and how they adapt.
+_FINAL_POWER, _CONTROL_POWER, _GROWTH, _SHRINKAGE, _POWER_RANGE = 0.7, 0.5, 1.1, 0.5, (0.1, 1e3)
+# Longest step of the logarithm of a multiplier, of the final state and of the controls.
+_FINAL_STEP, _CONTROL_STEP = 0.5, 0.8
+# Terms that final limits may add to the Lagrangian, over the cost, before they are taken to have no bound.
+_DIVERGED = 1e12
+# Excess over a limit that the paper's route may have and still count as a solution.
+_ACCEPTED_EXCESS = 1e-3
+
+
+class InfeasibleProblem(ValueError):
+    """No linear feedback meets all limits; the message names the limit and the least that can be attained."""
+
+
+class ChanceConstrainedProblem(NamedTuple):
+    """Minimize Var(a'x_N) + sum_k R_k Var(u_k), u_k = K_k x_k, with std(d_i'x_N) <= D_i and std(u_k) <= U_k."""
+
+    system: DiscreteSystem  # N intervals, n states
+    initial_covariance: np.ndarray  # P_0, (n, n)
+    objective: np.ndarray  # a, (n,)
+    control_weight: np.ndarray  # R_k > 0, unit of Var(a'x) per control unit^2, (N,)
+    final_directions: np.ndarray  # d_i, (m, n); m may be 0
+    final_limits: np.ndarray  # D_i, standard deviations, (m,)
+    control_limits: np.ndarray  # U_k, standard deviations, (N,)
+    state_scale: np.ndarray  # size of a typical deviation of every state, (n,)
+
+
+class Solution(NamedTuple):
+    """Optimal feedback with its certificate; multipliers are those of variances, in the units of the problem."""
+
+    gain: np.ndarray  # K_k, (N, n)
+    covariance: np.ndarray  # P_k, (N + 1, n, n)
+    control_variance: np.ndarray  # Var(u_k), (N,)
+    final_multipliers: np.ndarray  # of Var(d_i'x_N) <= D_i^2, (m,)
+    control_multipliers: np.ndarray  # of Var(u_k) <= U_k^2, (N,)
+    cost: float  # Var(a'x_N) + sum_k R_k Var(u_k)
+    dual_value: float  # a lower bound of the cost of any feedback that meets the limits
+    gap: float  # (cost - dual_value) / cost
+    gap_above_floor: float  # (cost - dual_value) / (cost - noise_floor)
+    noise_floor: float  # part of the cost that no feedback can change
+    final_ratio: np.ndarray  # std(d_i'x_N) / D_i, (m,)
+    control_ratio: np.ndarray  # std(u_k) / U_k, (N,)
+    complementarity: float  # largest |multiplier * (limit^2 - variance)|, relative to the cost
+    iterations: int  # Riccati and covariance sweeps
+    status: str  # "optimal", or a sentence that says what was not reached
+
+
+class ConeProgram(NamedTuple):
+    """Optimum of the semidefinite program."""
+
+    cost: float
+    status: str  # of the solver
+    iterations: int  # of the solver
+
+
+class WeightSearch(NamedTuple):
+    """End of the search over LQG weights; it may have failed."""
+
+    gain: np.ndarray  # K_k, (N, n)
+    cost: float
+    worst_ratio: float  # largest standard deviation over its limit
+    evaluations: int  # Riccati and covariance sweeps
+    success: bool  # the optimizer converged and no limit is exceeded by more than 0.1 %
+    status: str  # the optimizer's message
+
+
+def chance_factor(level):
+    """Half-width of the interval that a Gaussian variable stays in with a given probability, in standard deviations.
+
+    sqrt(2) erfinv(level), by which Eqs. 82 and 84 (stochastic entry guidance) divide; level is 1 - p.
+
+    Args:
+        level: probability in (0, 1), scalar or array.
+
+    Returns:
+        Factor of the standard deviation; 3.0000 for 0.9973.
+
+    Raises:
+        ValueError: if a level is not in (0, 1).
+    """
+    from scipy.special import erfinv
+
+    level = np.asarray(level, dtype=float)
+    if not ((level > 0) & (level < 1)).all():
+        raise ValueError(f"level must lie strictly between 0 and 1, not {level}: it is the probability 1 - p")
+    return np.sqrt(2) * erfinv(level)
+
+
+def lqg_gains(system, final_weight, control_weight):
+    """Feedback that minimizes tr(Q P_N) + sum_k R_k Var(u_k) (stochastic entry guidance, Problem 2 and Eq. 55).
+
+        K_k = -(B'SB + R_k)^-1 B'SA,    S_k = (A + B K_k)' S_{k+1} (A + B K_k) + R_k K_k'K_k,    S_N = Q
+
+    Eq. 55a lacks the inverse. The sum of squares (Joseph form) equals Eq. 55b, but keeps S positive semidefinite in
+    rounded arithmetic.
+
+    Args:
+        system: `DiscreteSystem`.
+        final_weight: Q, symmetric positive semidefinite, (n, n).
+        control_weight: R_k, positive, (N,).
+
+    Returns:
+        Gains K_k (N, n), zero where B_k = 0, and value matrices S_k (N + 1, n, n).
+
+    Raises:
+        ValueError: if shapes do not fit.
+    """
+    final_weight, control_weight = _weights(system, final_weight, control_weight)
+    transition, control = (np.ascontiguousarray(field, dtype=float) for field in (system.transition, system.control))
+    return _riccati(transition, control, final_weight, control_weight)
+
+
+def lqg_gains_as_printed(system, final_weight, control_weight):
+    """The recursion of Eq. 55 (stochastic entry guidance) literally, without the inverse: it grows beyond all bounds.
+
+        K_k = -(B'SB + R_k) B'SA,    S_k = A'SA - K_k' (R_k + B'SB) K_k,    S_N = Q
+
+    Args:
+        system: `DiscreteSystem`.
+        final_weight: Q, (n, n).
+        control_weight: R_k, (N,).
+
+    Returns:
+        Gains (N, n) and matrices S_k (N + 1, n, n); infinite or nan from where they exceed the range of numbers.
+
+    Raises:
+        ValueError: if shapes do not fit.
+    """
+    final_weight, control_weight = _weights(system, final_weight, control_weight)
+    intervals, n = system.control.shape
+    gain, value = np.zeros((intervals, n)), np.empty((intervals + 1, n, n))
+    value[-1] = final_weight
+    with np.errstate(all="ignore"):
+        for k in range(intervals - 1, -1, -1):
+            transition, control, after = system.transition[k], system.control[k], value[k + 1]
+            bracket = control @ after @ control + control_weight[k]
+            gain[k] = -bracket * (control @ after @ transition)
+            value[k] = transition.T @ after @ transition - bracket * np.outer(gain[k], gain[k])
+    return gain, value
+
+
+def noise_floor(system, objective):
+    """Variance of the objective from the noise of the intervals at the end on which the control has no effect.
+
+        sum of a' Phi(N, k+1) G_k G_k' Phi(N, k+1)' a    over the k after the last one with B_k != 0
+
+    No feedback can lower it, so no cost of Problem 1 is smaller.
+
+    Args:
+        system: `DiscreteSystem`.
+        objective: a, (n,).
+
+    Returns:
+        Variance in the unit of (a'x)^2; 0 if the last control has an effect.
+    """
+    adjoint, variance = np.array(objective, dtype=float), 0.0
+    for transition, control, noise in zip(*(field[::-1] for field in system), strict=True):
+        if control.any():
+            break
+        variance += adjoint @ noise @ adjoint
+        adjoint = adjoint @ transition
+    return float(variance)
+
+
+def solve(problem, tolerance=1e-8):
+    """Solve Problem 1 by its Lagrange dual (stochastic entry guidance, Theorem III.1 and Eqs. 85 to 90).
+
+        maximize over xi >= 0:   sum_k tr(S_{k+1} G_k G_k') + tr(S_0 P_0) - sum_i xi_i D_i^2 - sum_k xi_k U_k^2
+
+    where S solves Eq. 55 with the weights Q = a a' + sum_i xi_i d_i d_i' and R_k + xi_k, which also give the gains. The
+    derivative by a multiplier is the excess of its variance; the KKT points are the fixed points of
+    xi <- xi (variance / limit^2)^q. Every multiplier has its own q, which grows while the excess keeps its sign and is
+    halved when it changes: the ascent does not depend on units, and little on the size of R_k.
+
+    Args:
+        problem: `ChanceConstrainedProblem`.
+        tolerance: largest excess of a variance over its squared limit, relative; and largest sum of |multiplier *
+            (limit^2 - variance)|, relative to the cost above the noise floor.
+
+    Returns:
+        `Solution`; its status is "optimal" if the tolerance was reached. It may miss it where a limit equals the least
+        deviation that can be attained, and no multiplier is large enough.
+
+    Raises:
+        InfeasibleProblem: if the limits on the final state cannot be met with the limits on the control.
+        ValueError: if an argument has a wrong shape, is not finite or not positive, or the objective has no variance.
+    """
+    problem = _checked(problem)
+    objective_weight = np.outer(problem.objective, problem.objective)
+    floor = noise_floor(problem.system, problem.objective)
+    final, control, iterations, converged = _ascend(problem, objective_weight, floor, tolerance)
+    gain, value = lqg_gains(
+        problem.system,
+        objective_weight + _spread(problem.final_directions, final),
+        problem.control_weight + control,
+    )
+    covariance, control_variance = propagate(problem.system, gain, problem.initial_covariance)
+    final_square, control_square = problem.final_limits**2, problem.control_limits**2
+    final_ratio, control_ratio = _ratios(problem, covariance[-1], control_variance)
+    cost = _cost(problem, covariance[-1], control_variance)
+    dual_value = _lagrangian_value(problem, value) - final @ final_square - control @ control_square
+    slack = np.concatenate([final * final_square * (1 - final_ratio), control * control_square * (1 - control_ratio)])
+    return Solution(
+        gain=gain,
+        covariance=covariance,
+        control_variance=control_variance,
+        final_multipliers=final,
+        control_multipliers=control,
+        cost=cost,
+        dual_value=float(dual_value),
+        gap=(cost - dual_value) / cost,
+        gap_above_floor=(cost - dual_value) / _above_floor(cost, floor),
+        noise_floor=floor,
+        final_ratio=np.sqrt(final_ratio),
+        control_ratio=np.sqrt(control_ratio),
+        complementarity=float(np.abs(slack).max() / cost),
+        iterations=iterations,
+        status="optimal" if converged else f"tolerance {tolerance:g} not reached in {iterations} sweeps",
+    )
+
+
+def solve_cone_program(problem, reference):
+    """Solve Problem 1 as a semidefinite program with Clarabel, without any Riccati equation.
+
+        minimize  a'P_N a + sum_k R_k z_k    subject to    [P_k, Y_k'; Y_k, z_k] >= 0,   z_k <= U_k^2,
+        P_{k+1} = A P_k A' + A Y_k' B' + B Y_k A' + B z_k B' + G G',   d_i'P_N d_i <= D_i^2
+
+    Y = K P, and z bounds K P K'; the relaxation is lossless. A singular P_0 = L L' leaves Y_0 = q'L', z_0 >= q'q.
+
+    Args:
+        problem: `ChanceConstrainedProblem` of some dozens of intervals.
+        reference: `Solution` of the same problem, used only for units: the deviations of P_k, and the cost.
+
+    Returns:
+        `ConeProgram`; its status may be "optimal_inaccurate".
+
+    Raises:
+        RuntimeError: if the solver does not return an optimum.
+        ValueError: as `solve`.
+    """
+    import cvxpy
+
+    problem = _checked(problem)
+    n, unit = len(problem.objective), reference.cost
+    deviation = np.sqrt(np.diagonal(reference.covariance, axis1=1, axis2=2))
+    scale = np.where(deviation > 0, deviation, problem.state_scale)
+    rows, columns = np.triu_indices(n)
+    limits = problem.control_limits
+
+    covariance, effort, constraints = problem.initial_covariance / np.outer(scale[0], scale[0]), [], []
+    for k, (transition, control, noise) in enumerate(zip(*problem.system, strict=True)):
+        across = transition * scale[k] / scale[k + 1][:, None]
+        effect = control[:, None] * limits[k] / scale[k + 1][:, None]
+        after = across @ covariance @ across.T + noise / np.outer(scale[k + 1], scale[k + 1])
+        if control.any():
+            if k == 0:
+                variances, vectors = np.linalg.eigh(covariance)
+                positive = variances > 1e-14 * variances[-1]
+                root = vectors[:, positive] * np.sqrt(variances[positive])
+                response, variance = cvxpy.Variable((root.shape[1], 1)), cvxpy.Variable((1, 1))
+                cross = root @ response
+                constraints.append(cvxpy.sum_squares(response) <= variance)
+            else:
+                moment = cvxpy.Variable((n + 1, n + 1), PSD=True)
+                constraints.append(moment[rows, columns] == covariance[rows, columns])
+                covariance, cross, variance = moment[:n, :n], moment[:n, n:], moment[n:, n:]
+                after = across @ covariance @ across.T + noise / np.outer(scale[k + 1], scale[k + 1])
+            mixed = across @ cross @ effect.T
+            after = after + mixed + mixed.T + effect @ variance @ effect.T
+            constraints.append(variance <= 1)
+            effort.append(problem.control_weight[k] * limits[k] ** 2 / unit * variance[0, 0])
+        covariance = after
+    objective = problem.objective * scale[-1] / np.sqrt(unit)
+    directions = problem.final_directions * scale[-1] / problem.final_limits[:, None]
+    constraints += [direction @ covariance @ direction <= 1 for direction in directions]
+    program = cvxpy.Problem(cvxpy.Minimize(objective @ covariance @ objective + sum(effort)), constraints)
+    program.solve(solver=cvxpy.CLARABEL, direct_solve_method="qdldl")
+    if program.status not in (cvxpy.OPTIMAL, cvxpy.OPTIMAL_INACCURATE):
+        raise RuntimeError(f"semidefinite program of {len(limits)} intervals: solver status {program.status}")
+    return ConeProgram(float(program.value * unit), program.status, int(program.solver_stats.num_iters))
+
+
+def solve_over_weights(problem, start=None):
+    """Search for the LQG weights that solve Problem 1 by sequential quadratic programming (Corollary III.2).
+
+    Unknowns: Q = T D T' for states divided by `state_scale`, T unit lower triangular with plain entries, D = 10^q
+    diagonal, which are n (n + 1) / 2 numbers, and log10 R_k where B_k != 0. Gains follow from Eq. 55, derivatives from
+    forward differences. The search is not convex: from unlucky starts it ends far from the optimum, or outside the
+    limits.
+
+    Args:
+        problem: `ChanceConstrainedProblem` of some dozens of intervals.
+        start: Q (n, n) and R (N,) to begin with; without it every variance is divided by its squared limit (Bryson's
+            rule), that of the objective by the noise floor, or by its open-loop value if there is no floor.
+
+    Returns:
+        `WeightSearch`: the gains at which the search ended, whether it succeeded or not.
+
+    Raises:
+        ValueError: as `solve`.
+    """
+    from scipy.optimize import minimize
+
+    problem = _checked(problem)
+    system, scale = problem.system, problem.state_scale
+    intervals, n = system.control.shape
+    free, lower = system.control.any(axis=1), np.tril_indices(n, -1)
+    objective_weight = np.outer(problem.objective, problem.objective)
+    unit = noise_floor(system, problem.objective) or _open_loop_cost(problem, objective_weight)
+    if start is None:
+        final_weight = _spread(problem.final_directions, problem.final_limits**-2)
+        start = objective_weight / unit + final_weight, problem.control_limits**-2
+    evaluations = 0
+
+    def weights(unknown):
+        factor, control_weight = np.eye(n), np.ones(intervals)
+        factor[lower] = unknown[n : n + len(lower[0])]
+        control_weight[free] = 10 ** unknown[n + len(lower[0]) :]
+        return (factor * 10 ** unknown[:n]) @ factor.T / np.outer(scale, scale), control_weight
+
+    def evaluate(unknown):
+        nonlocal evaluations
+        evaluations += 1
+        gain, _ = lqg_gains(system, *weights(unknown))
+        covariance, control_variance = propagate(system, gain, problem.initial_covariance)
+        cost = _cost(problem, covariance[-1], control_variance)
+        return gain, cost, np.concatenate(_ratios(problem, covariance[-1], control_variance))
+
+    # The optimizer asks for the cost, the limits and their derivatives one after the other at the same point.
+    @lru_cache(maxsize=2)
+    def outputs(key):
+        _, cost, ratios = evaluate(np.frombuffer(key))
+        return np.concatenate([[cost / unit], 1 - ratios])
+
+    @lru_cache(maxsize=2)
+    def derivatives(key):
+        unknown, base = np.frombuffer(key), outputs(key)
+        steps = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(unknown), 1)
+        moved = [outputs((unknown + row).tobytes()) for row in np.diag(steps)]
+        # SciPy 1.17's SLSQP misreads a Jacobian that is not in C order.
+        return np.ascontiguousarray((np.array(moved) - base).T / steps)
+
+    weight, control_weight = np.asarray(start[0]) * np.outer(scale, scale), np.asarray(start[1], dtype=float)
+    # A singular start has no logarithm.
+    triangular = np.linalg.cholesky(weight + 1e-9 * np.trace(weight) * np.eye(n))
+    root = np.diag(triangular)
+    unknown = np.concatenate([2 * np.log10(root), (triangular / root)[lower], np.log10(control_weight[free])])
+    result = minimize(
+        lambda unknown: outputs(unknown.tobytes())[0],
+        unknown,
+        jac=lambda unknown: derivatives(unknown.tobytes())[0],
+        constraints={
+            "type": "ineq",
+            "fun": lambda unknown: outputs(unknown.tobytes())[1:],
+            "jac": lambda unknown: derivatives(unknown.tobytes())[1:],
+        },
+        # Wide enough for every reasonable weight, and without overflow.
+        bounds=[(entry - 15, entry + 15) for entry in unknown],
+        method="SLSQP",
+        options={"maxiter": 300, "ftol": 1e-7},
+    )
+    gain, cost, ratios = evaluate(result.x)
+    worst = float(np.sqrt(ratios.max()))
+    success = bool(result.success) and worst <= 1 + _ACCEPTED_EXCESS
+    return WeightSearch(gain, cost, worst, evaluations, success, str(result.message))
+
+
+def _ascend(problem, base_weight, floor, tolerance):
+    """Maximize the dual of the cost tr(base_weight P_N) + sum_k R_k Var(u_k), of which feedback cannot change `floor`.
+
+    Returns:
+        Multipliers (m,) and (N,), number of sweeps, and whether the tolerance was reached.
+    """
+    system, m, intervals = problem.system, len(problem.final_limits), len(problem.control_limits)
+    square = np.concatenate([problem.final_limits, problem.control_limits]) ** 2
+    free = np.concatenate([np.ones(m, bool), system.control.any(axis=1)])
+    multiplier = np.where(free, 1e-3 * _open_loop_cost(problem, base_weight) / square, 0.0)
+    power = np.repeat([_FINAL_POWER, _CONTROL_POWER], [m, intervals])
+    longest = np.repeat([_FINAL_STEP, _CONTROL_STEP], [m, intervals])
+    previous = np.zeros(m + intervals)
+    for sweep in range(1, _SWEEPS + 1):
+        gain, _ = _riccati(
+            system.transition,
+            system.control,
+            base_weight + _spread(problem.final_directions, multiplier[:m]),
+            problem.control_weight + multiplier[m:],
+        )
+        covariance, control_variance = propagate(system, gain, problem.initial_covariance)
+        cost = np.sum(base_weight * covariance[-1]) + problem.control_weight @ control_variance
+        ratio = np.concatenate(_ratios(problem, covariance[-1], control_variance))
+        # Too small to change the gains, but a multiplier can still return from here; it counts as zero.
+        lowest = np.where(free, np.concatenate([1e-12 * cost / square[:m], 1e-9 * problem.control_weight]), 0.0)
+        counted = np.where(multiplier > 2 * lowest, multiplier, 0.0)
+        slack = counted @ (square * np.abs(1 - ratio))
+        converged = bool(ratio.max() <= 1 + tolerance and slack <= tolerance * _above_floor(cost, floor))
+        diverged = (multiplier[:m] * square[:m]).max(initial=0.0) > _DIVERGED * cost
+        if converged or diverged:
+            break
+        if sweep == _SWEEPS_BEFORE_DOUBT and ratio[:m].max(initial=0.0) > 1 + _ACCEPTED_EXCESS:
+            _question_limits(problem, multiplier[:m] * square[:m])
+        excess = np.log(np.maximum(ratio, 1e-3))
+        power = np.clip(power * np.where(excess * previous < 0, _SHRINKAGE, _GROWTH), *_POWER_RANGE)
+        previous = excess
+        multiplier = np.maximum(multiplier * np.exp(np.clip(power * excess, -longest, longest)), lowest)
+    if m and not converged:
+        _question_limits(problem, multiplier[:m] * square[:m])
+    return counted[:m], counted[m:], sweep, converged
+
+
+def _question_limits(problem, multipliers):
+    """Raise `InfeasibleProblem` if dual bounds prove that the limits on the final state cannot be met.
+
+    First each alone, then together in the proportion of the diverging multipliers.
+    """
+    limits = problem.final_limits
+    for i, (direction, limit) in enumerate(zip(problem.final_directions, limits, strict=True)):
+        least = _least_variance(problem, np.outer(direction, direction))
+        if least > limit**2:
+            raise InfeasibleProblem(
+                f"final limit {i} (direction {direction}) cannot be met: the least standard deviation that the control "
+                f"limits allow is {np.sqrt(least):.6g}, the limit {limit:.6g}; relax this limit or those on the control"
+            )
+    share = multipliers / multipliers.sum()
+    least = _least_variance(problem, _spread(problem.final_directions, share / limits**2))
+    if least > 1:
+        raise InfeasibleProblem(
+            "the final limits can be met one by one but not together: whatever the feedback, one standard deviation "
+            f"is at least {np.sqrt(least):.6g} times its limit; relax the final limits or those on the control"
+        )
+
+
+def _least_variance(problem, weight):
+    """Lower bound of tr(weight P_N) over all feedback that meets the limits on the control."""
+    intervals, n = problem.system.control.shape
+    # The recursion needs a weight of the control; this one can cost 1e-9 of the open-loop variance at most.
+    price = 1e-9 * _open_loop_cost(problem, weight) / intervals
+    bare = problem._replace(
+        final_directions=np.empty((0, n)),
+        final_limits=np.empty(0),
+        control_weight=price / problem.control_limits**2,
+    )
+    _, control, *_ = _ascend(bare, weight, 0.0, 1e-7)
+    _, value = lqg_gains(bare.system, weight, bare.control_weight + control)
+    return _lagrangian_value(bare, value) - control @ bare.control_limits**2 - price * intervals
+
+
+def _lagrangian_value(problem, value):
+    """Least cost of the unconstrained problem, sum_k tr(S_{k+1} G_k G_k') + tr(S_0 P_0)."""
+    return float(np.sum(value[1:] * problem.system.noise) + np.sum(value[0] * problem.initial_covariance))
+
+
+def _open_loop_cost(problem, weight):
+    """tr(weight P_N) without any control."""
+    open_loop = propagate(problem.system, np.zeros_like(problem.system.control), problem.initial_covariance)
+    return float(np.sum(weight * open_loop.covariance[-1]))
+
+
+def _cost(problem, final_covariance, control_variance):
+    """Var(a'x_N) + sum_k R_k Var(u_k) (Eq. 53)."""
+    return float(problem.objective @ final_covariance @ problem.objective + problem.control_weight @ control_variance)
+
+
+def _above_floor(cost, floor):
+    """The part of the cost that feedback decides; never zero, so that a ratio to it is finite."""
+    return max(cost - floor, np.finfo(float).eps * cost)
+
+
+def _spread(directions, weights):
+    """sum_i w_i d_i d_i'."""
+    return directions.T @ (weights[:, None] * directions)
+
+
+def _ratios(problem, final_covariance, control_variance):
+    """Variances over squared limits, (m,) and (N,)."""
+    final = np.einsum("mi,ij,mj->m", problem.final_directions, final_covariance, problem.final_directions)
+    return final / problem.final_limits**2, control_variance / problem.control_limits**2
+
+
+def _weights(system, final_weight, control_weight):
+    """Both weights as arrays of the shapes that the system asks for."""
+    final_weight = np.ascontiguousarray(final_weight, dtype=float)
+    control_weight = np.ascontiguousarray(control_weight, dtype=float)
+    intervals, n = system.control.shape
+    if final_weight.shape != (n, n) or control_weight.shape != (intervals,):
+        raise ValueError(
+            f"final_weight and control_weight must have shapes {(n, n)} and {(intervals,)} to fit the system, "
+            f"not {final_weight.shape} and {control_weight.shape}"
+        )
+    return final_weight, control_weight
+
+
+def _checked(problem):
+    """The problem with arrays of floats, after a look at every field."""
+    system = DiscreteSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
+    others = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
+    if system.control.ndim != 2:
+        raise ValueError(f"system.control must have shape (N, n), not {system.control.shape}")
+    (intervals, n), m = system.control.shape, others["final_limits"].size
+    shapes = {
+        "system.transition": (intervals, n, n),
+        "system.control": (intervals, n),
+        "system.noise": (intervals, n, n),
+        "initial_covariance": (n, n),
+        "objective": (n,),
+        "control_weight": (intervals,),
+        "final_directions": (m, n),
+        "final_limits": (m,),
+        "control_limits": (intervals,),
+        "state_scale": (n,),
+    }
+    arrays = {f"system.{name}": field for name, field in system._asdict().items()} | others
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"{name} must have shape {shape} to fit system.control, not {arrays[name].shape}")
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} must be finite")
+    for name in ("control_weight", "final_limits", "control_limits", "state_scale"):
+        if not (others[name] > 0).all():
+            raise ValueError(f"{name} must be positive; entry {np.argmin(others[name] > 0)} is not")
+    problem = ChanceConstrainedProblem(system, **others)
+    if not _open_loop_cost(problem, np.outer(problem.objective, problem.objective)) > 0:
+        raise ValueError("objective: its final variance is zero without any control, so there is nothing to minimize")
+    return problem
+
+
+@njit(cache=True, error_model="numpy")
+def _riccati(transition, control, final_weight, control_weight):
+    """Gains (N, n) and value matrices (N + 1, n, n) of Eq. 55 in Joseph form."""
+    intervals, n = control.shape
+    gain, value = np.zeros((intervals, n)), np.empty((intervals + 1, n, n))
+    value[intervals] = final_weight
+    closed_loop, product, weighted = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    for k in range(intervals - 1, -1, -1):
+        after, now = value[k + 1], value[k]
+        curvature = control_weight[k]
+        effective = False
+        for i in range(n):
+            effective = effective or control[k, i] != 0.0
+            total = 0.0
+            for j in range(n):
+                total += after[i, j] * control[k, j]
+            weighted[i] = total
+            curvature += control[k, i] * total
+        if effective:
+            for j in range(n):
+                total = 0.0
+                for i in range(n):
+                    total += weighted[i] * transition[k, i, j]
+                gain[k, j] = -total / curvature
+        for i in range(n):
+            for j in range(n):
+                closed_loop[i, j] = transition[k, i, j] + control[k, i] * gain[k, j]
+        for i in range(n):
+            for j in range(n):
+                total = 0.0
+                for l in range(n):
+                    total += after[i, l] * closed_loop[l, j]
+                product[i, j] = total
+        for i in range(n):
+            for j in range(i + 1):
+                total = control_weight[k] * gain[k, i] * gain[k, j]
+                for l in range(n):
+                    total += closed_loop[l, i] * product[l, j]
+                now[i, j] = total
+                now[j, i] = total
+    return gain, value

@@ -1,0 +1,271 @@
+"""Linear covariance analysis of a time-varying system with scalar, held control u_k = K_k x_k and white noise."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = [
+    "Covariances",
+    "DiscreteSystem",
+    "compose",
+    "discretize",
+    "propagate",
+    "trigger_projection",
+    "trigger_time_variance",
+    "velocity_indexed_gain",
+]
+
+
+class DiscreteSystem(NamedTuple):
+    """x_{k+1} = A_k x_k + B_k u_k + G_k w_k over N intervals (stochastic entry guidance, Eq. 35)."""
+
+    transition: np.ndarray  # A_k, (N, n, n)
+    control: np.ndarray  # B_k, (N, n)
+    noise: np.ndarray  # G_k G_k', (N, n, n)
+
+
+class Covariances(NamedTuple):
+    """Covariance of the state at the N + 1 bounds, variance of the control in the N intervals."""
+
+    covariance: np.ndarray  # P_k, (N + 1, n, n)
+    control_variance: np.ndarray  # Var(u_k), (N,)
+
+
+def discretize(state_matrix, control_matrix, noise_intensity, step):
+    """Integrate x' = A x + B u + G w' over intervals of held control (stochastic entry guidance, Eqs. 37 to 39).
+
+    An interval has s sub-steps of h = step / s, on each of which A, B and GG' keep their value at its middle:
+
+        Phi = I + Ah + (Ah)^2/2 + (Ah)^3/6,   h (I + Ah/2 + (Ah)^2/6) B,   h exp(Ah/2) GG' exp(Ah/2)'
+
+    Second order in h for matrices that change, third for the transition and the control effect of constant ones.
+
+    Args:
+        state_matrix: A in the middle of the sub-steps, (N, s, n, n), 1/s in the units of the states.
+        control_matrix: B likewise, (N, s, n).
+        noise_intensity: GG' likewise, (N, s, n, n).
+        step: lengths of the intervals, (N,), s.
+
+    Returns:
+        `DiscreteSystem`; its noise is symmetric to the last bit.
+
+    Raises:
+        ValueError: if shapes do not fit, or a step is not positive.
+    """
+    state_matrix, control_matrix, noise_intensity, step = (
+        np.asarray(value, dtype=float) for value in (state_matrix, control_matrix, noise_intensity, step)
+    )
+    shape = state_matrix.shape
+    if len(shape) != 4 or shape[2] != shape[3] or shape[1] < 1:
+        raise ValueError(f"state_matrix must have shape (N, s, n, n) with s > 0, not {shape}")
+    for name, value, expected in (
+        ("control_matrix", control_matrix, shape[:3]),
+        ("noise_intensity", noise_intensity, shape),
+        ("step", step, shape[:1]),
+    ):
+        if value.shape != expected:
+            raise ValueError(f"{name} must have shape {expected} to fit state_matrix, not {value.shape}")
+    if not (step > 0).all():
+        raise ValueError(f"step must be positive; entry {np.argmin(step > 0)} is {step[np.argmin(step > 0)]}")
+
+    intervals, substeps, n, _ = shape
+    h = step / substeps
+    identity = np.eye(n)
+    transition = np.tile(identity, (intervals, 1, 1))
+    control, noise = np.zeros((intervals, n)), np.zeros((intervals, n, n))
+    for j in range(substeps):
+        first = state_matrix[:, j] * h[:, None, None]
+        second = first @ first
+        third = second @ first
+        across = identity + first + second / 2 + third / 6
+        from_middle = identity + first / 2 + second / 8 + third / 48
+        held = np.einsum("kij,kj->ki", identity + first / 2 + second / 6, control_matrix[:, j] * h[:, None])
+        injected = from_middle @ (noise_intensity[:, j] * h[:, None, None]) @ from_middle.swapaxes(1, 2)
+        transition = across @ transition
+        control = np.einsum("kij,kj->ki", across, control) + held
+        noise = across @ noise @ across.swapaxes(1, 2) + injected
+    return DiscreteSystem(transition, control, _symmetric(noise))
+
+
+def compose(system, starts):
+    """Join intervals into coarser ones, over each of which the control is held.
+
+    Args:
+        system: `DiscreteSystem` of N intervals.
+        starts: fine interval with which each coarse one begins, (M,), strictly increasing from 0.
+
+    Returns:
+        `DiscreteSystem` of M intervals that covers the same time.
+
+    Raises:
+        ValueError: if starts does not begin with 0, does not increase, or exceeds N - 1.
+    """
+    starts = np.asarray(starts)
+    intervals, n = system.control.shape
+    if starts.ndim != 1 or not starts.size or starts[0] != 0 or (np.diff(starts) < 1).any() or starts[-1] >= intervals:
+        raise ValueError(f"starts must increase strictly from 0 and stay below the {intervals} intervals of the system")
+    transition = np.tile(np.eye(n), (len(starts), 1, 1))
+    control, noise = np.zeros((len(starts), n)), np.zeros((len(starts), n, n))
+    coarse = -1
+    for k in range(intervals):
+        if coarse + 1 < len(starts) and starts[coarse + 1] == k:
+            coarse += 1
+        across = system.transition[k]
+        transition[coarse] = across @ transition[coarse]
+        control[coarse] = across @ control[coarse] + system.control[k]
+        noise[coarse] = across @ noise[coarse] @ across.T + system.noise[k]
+    return DiscreteSystem(transition, control, _symmetric(noise))
+
+
+def propagate(system, gain, initial_covariance):
+    """Covariance under the feedback u_k = K_k x_k (stochastic entry guidance, Eqs. 42 and 45).
+
+        P_{k+1} = (A_k + B_k K_k) P_k (A_k + B_k K_k)' + G_k G_k',     Var(u_k) = K_k P_k K_k'
+
+    Args:
+        system: `DiscreteSystem`.
+        gain: K_k, (N, n); zeros for the open loop.
+        initial_covariance: P_0, (n, n).
+
+    Returns:
+        `Covariances`; every matrix is symmetric to the last bit.
+
+    Raises:
+        ValueError: if shapes do not fit.
+    """
+    # One memory layout, one compiled kernel.
+    system = DiscreteSystem(*(np.ascontiguousarray(field, dtype=float) for field in system))
+    gain, initial_covariance = np.ascontiguousarray(gain, dtype=float), np.asarray(initial_covariance, dtype=float)
+    intervals, n = system.control.shape
+    if gain.shape != (intervals, n):
+        raise ValueError(f"gain must have shape {(intervals, n)} to fit the system, not {gain.shape}")
+    if initial_covariance.shape != (n, n):
+        raise ValueError(f"initial_covariance must have shape {(n, n)}, not {initial_covariance.shape}")
+    return Covariances(*_propagate(*system, gain, _symmetric(initial_covariance)))
+
+
+def trigger_projection(rates, normal):
+    """Deviation at the stopping time T of a state trigger from that at the nominal final time t_f.
+
+        x(T) - xbar(t_f) = Z_f xtilde(t_f),    Z_f = I - f nu' / (nu' f)
+
+    (stochastic entry guidance, Eqs. 64 and 67). A final weight a at T becomes Z_f' a at t_f (Eq. 68).
+
+    Args:
+        rates: f, time derivatives of the nominal state at t_f, (n,).
+        normal: nu, the flight stops when nu'x falls to its bound, (n,).
+
+    Returns:
+        Z_f, (n, n).
+
+    Raises:
+        ValueError: if nu'f = 0 (the nominal does not cross the trigger surface), or shapes differ.
+    """
+    rates, normal, approach = _crossing(rates, normal)
+    return np.eye(len(rates)) - np.outer(rates, normal) / approach
+
+
+def trigger_time_variance(rates, normal, covariance):
+    """Variance of the stopping time of a state trigger, Var(T) = nu' P nu / (nu' f)^2.
+
+    To first order T - t_f = -nu' xtilde(t_f) / (nu' f) (stochastic entry guidance, Eqs. 62 and 63).
+
+    Args:
+        rates, normal: f and nu of `trigger_projection`, (n,).
+        covariance: P of the deviation at the nominal final time, (n, n).
+
+    Returns:
+        Var(T), s^2.
+
+    Raises:
+        ValueError: as `trigger_projection`.
+    """
+    _, normal, approach = _crossing(rates, normal)
+    return float(normal @ covariance @ normal) / approach**2
+
+
+def velocity_indexed_gain(gain, rates, velocity_index, control_slope):
+    """Gain in time of a law that is flown against velocity, u = u(V) + K(V) (x - x_ref(V)).
+
+    A velocity deviation also shifts the reference that is looked up, by f / Vdot per unit of velocity:
+
+        K_eff = K (I - f e_V' / Vdot) + (du/dV) e_V'
+
+    Args:
+        gain: K on the reference, (N, n).
+        rates: f, time derivatives of the reference, (N, n).
+        velocity_index: index of V in the state.
+        control_slope: du/dV of the reference control u(V), (N,).
+
+    Returns:
+        K_eff, (N, n); its rows are only (du/dV) e_V' where K is zero.
+
+    Raises:
+        ValueError: if shapes do not fit, or if Vdot = 0 where K feeds back a moving state.
+    """
+    gain, rates, control_slope = (np.asarray(value, dtype=float) for value in (gain, rates, control_slope))
+    if gain.ndim != 2 or rates.shape != gain.shape or control_slope.shape != gain.shape[:1]:
+        raise ValueError(
+            "gain (N, n), rates (N, n) and control_slope (N,) do not fit: "
+            f"shapes {gain.shape}, {rates.shape} and {control_slope.shape}"
+        )
+    along, acceleration = np.einsum("ki,ki->k", gain, rates), rates[:, velocity_index]
+    moving = along != 0
+    if (moving & (acceleration == 0)).any():
+        raise ValueError(
+            f"rates: the velocity is stationary at point {np.argmax(moving & (acceleration == 0))}, where a reference "
+            "against velocity does not exist; set the gain to zero there"
+        )
+    effective = gain.copy()
+    effective[:, velocity_index] += control_slope - np.divide(
+        along, acceleration, out=np.zeros_like(along), where=moving
+    )
+    return effective
+
+
+def _crossing(rates, normal):
+    """Both vectors as arrays, and nu'f, the rate at which the trigger surface is approached."""
+    rates, normal = np.asarray(rates, dtype=float), np.asarray(normal, dtype=float)
+    if rates.ndim != 1 or rates.shape != normal.shape:
+        raise ValueError(f"rates and normal must be vectors of one length, not of shapes {rates.shape}, {normal.shape}")
+    approach = normal @ rates
+    if approach == 0:
+        raise ValueError("normal' rates is zero: the nominal does not cross the trigger surface, so no time is defined")
+    return rates, normal, approach
+
+
+def _symmetric(matrix):
+    """Half the sum of matrix and transpose: equal to the last bit on both sides of the diagonal."""
+    return (matrix + matrix.swapaxes(-1, -2)) / 2
+
+
+@njit(cache=True, error_model="numpy")
+def _propagate(transition, control, noise, gain, initial_covariance):
+    """Covariance (N + 1, n, n) and control variance (N,); compiled because the LQG dual calls it a thousand times."""
+    intervals, n = control.shape
+    covariance, control_variance = np.empty((intervals + 1, n, n)), np.empty(intervals)
+    covariance[0] = initial_covariance
+    closed_loop, product = np.empty((n, n)), np.empty((n, n))
+    for k in range(intervals):
+        now, after = covariance[k], covariance[k + 1]
+        variance = 0.0
+        for i in range(n):
+            for j in range(n):
+                variance += gain[k, i] * now[i, j] * gain[k, j]
+                closed_loop[i, j] = transition[k, i, j] + control[k, i] * gain[k, j]
+        control_variance[k] = variance
+        for i in range(n):
+            for j in range(n):
+                total = 0.0
+                for l in range(n):
+                    total += now[i, l] * closed_loop[j, l]
+                product[i, j] = total
+        for i in range(n):
+            for j in range(i + 1):
+                total = noise[k, i, j]
+                for l in range(n):
+                    total += closed_loop[i, l] * product[l, j]
+                after[i, j] = total
+                after[j, i] = total
+    return covariance, control_variance

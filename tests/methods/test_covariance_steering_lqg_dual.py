@@ -1,0 +1,427 @@
+from fractions import Fraction
+from math import erf
+
+import numpy as np
+import pytest
+
+from marsedl.methods.covariance_steering.lqg_dual import (
+    ChanceConstrainedProblem,
+    InfeasibleProblem,
+    chance_factor,
+    lqg_gains,
+    lqg_gains_as_printed,
+    noise_floor,
+    solve,
+    solve_cone_program,
+    solve_over_weights,
+)
+from marsedl.methods.lincov import DiscreteSystem, compose, discretize, propagate
+from marsedl.methods.linearization import linearize
+
+STATE_SCALE = np.array([1e3, 100, 0.01, 1e3, 5e-3])
+ALTITUDE, FLIGHT_PATH_ANGLE, RANGE = np.eye(5)[[0, 2, 3]]
+
+
+def entry_rates(radius, velocity, flight_path_angle, downrange, density, cosine, drag=3.7e-3, lift=8.9e-4, scale=9.5e3):
+    """Planar entry of a capsule at Mars; the density follows an exponential, and its deviations die out."""
+    gravity = 4.2828e13 / radius**2
+    climb, mean = velocity * np.sin(flight_path_angle), 0.0165 * np.exp(-(radius - 3.397e6) / scale)
+    return (
+        climb,
+        -drag * density * velocity**2 - gravity * np.sin(flight_path_angle),
+        lift * density * velocity * cosine - (gravity / velocity - velocity / radius) * np.cos(flight_path_angle),
+        velocity * np.cos(flight_path_angle),
+        -density * climb / scale + 2 * (density - mean) * climb / scale,
+    )
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """160 intervals of 1 s from 60 km to 600 m/s, of 4 sub-steps each; the last 32 are beyond control."""
+    step, states = 0.125, [np.array([3.397e6 + 60e3, 5700.0, -0.24, 0.0, 0.0165 * np.exp(-60 / 9.5)])]
+    for _ in range(1280):
+        middle = states[-1] + step / 2 * np.array(entry_rates(*states[-1], 0.5))
+        states.append(states[-1] + step * np.array(entry_rates(*middle, 0.5)))
+    points = np.array(states[1::2])
+    model = linearize(entry_rates, points, np.full((640, 1), 0.5))
+    noise = np.zeros((640, 5, 5))
+    sink_rate = np.maximum(-points[:, 1] * np.sin(points[:, 2]), 0)
+    noise[:, 4, 4] = (0.02 * points[:, 4]) ** 2 * 4 / 9.5e3 * sink_rate
+    system = discretize(
+        model.state_matrix.reshape(160, 4, 5, 5),
+        model.control_matrix.reshape(160, 4, 5),
+        noise.reshape(160, 4, 5, 5),
+        np.ones(160),
+    )
+    system.control[128:] = 0
+    return system
+
+
+@pytest.fixture(scope="module")
+def pose(flight):
+    """`pose(every, **changes)`: the problem on intervals of `every` s; range in metres, two final limits."""
+
+    def problem(every=4, **changes):
+        starts = np.arange(0, 160, every)
+        limits = np.minimum.reduceat(np.where(np.arange(160) < 60, 0.5, np.linspace(0.5, 0.3, 160)), starts)
+        fields = {
+            "system": compose(flight, starts),
+            "initial_covariance": np.diag([0, 2.0, np.radians(0.03), 400.0, 2e-6]) ** 2,
+            "objective": RANGE,
+            "control_weight": np.full(len(starts), 0.1 * every),
+            "final_directions": np.array([ALTITUDE, FLIGHT_PATH_ANGLE]),
+            "final_limits": np.array([100.0, np.radians(0.3)]),
+            "control_limits": limits,
+            "state_scale": STATE_SCALE,
+        }
+        return ChanceConstrainedProblem(**(fields | changes))
+
+    return problem
+
+
+@pytest.fixture(scope="module")
+def solved(pose):
+    """The problem on 40 intervals of 4 s, and its solution."""
+    problem = pose()
+    return problem, solve(problem)
+
+
+def cost_of(problem, gain):
+    """Cost and the ratios of all standard deviations to their limits, from the definition."""
+    covariance, control_variance = propagate(problem.system, gain, problem.initial_covariance)
+    final = np.einsum("mi,ij,mj->m", problem.final_directions, covariance[-1], problem.final_directions)
+    cost = problem.objective @ covariance[-1] @ problem.objective + problem.control_weight @ control_variance
+    return cost, np.sqrt(
+        np.concatenate([final / problem.final_limits**2, control_variance / problem.control_limits**2])
+    )
+
+
+def multiplier_weights(problem, solution):
+    """Weights of the LQG problem of Eq. 88."""
+    weight = np.outer(problem.objective, problem.objective) + sum(
+        xi * np.outer(d, d) for xi, d in zip(solution.final_multipliers, problem.final_directions, strict=True)
+    )
+    return weight, problem.control_weight + solution.control_multipliers
+
+
+def random_system(seed, intervals=6, n=3):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(intervals, n, n))
+    transition = np.eye(n) + 0.3 * rng.normal(size=(intervals, n, n))
+    return DiscreteSystem(transition, rng.normal(size=(intervals, n)), root @ root.swapaxes(1, 2))
+
+
+def test_chance_factor_inverts_the_error_function():
+    assert chance_factor(0.9973) == pytest.approx(3.0, abs=3e-5)
+    for level in (0.5, 0.9, 0.999):
+        assert erf(chance_factor(level) / np.sqrt(2)) == pytest.approx(level, rel=1e-14)
+    with pytest.raises(ValueError, match="strictly between 0 and 1"):
+        chance_factor([0.5, 1.0])
+
+
+def test_riccati_of_one_scalar_step_in_closed_form():
+    a, b, q, weight = 1.3, 0.7, 2.0, 0.4
+    system = DiscreteSystem(np.full((1, 1, 1), a), np.full((1, 1), b), np.ones((1, 1, 1)))
+    gain, value = lqg_gains(system, [[q]], [weight])
+    assert gain[0, 0] == pytest.approx(-a * b * q / (b * b * q + weight), rel=1e-15)
+    assert value[0, 0, 0] == pytest.approx(a * a * q * weight / (b * b * q + weight), rel=1e-15)
+    assert value[1, 0, 0] == q
+
+
+def test_joseph_form_equals_the_printed_recursion_in_exact_arithmetic():
+    # Small integers, so that floats represent the system exactly.
+    rng = np.random.default_rng(3)
+    transition, control = rng.integers(-3, 4, size=(4, 3, 3)), rng.integers(-2, 3, size=(4, 3))
+    root, weight = rng.integers(-2, 3, size=(3, 3)), rng.integers(1, 5, size=4)
+
+    def exact(array):
+        return np.vectorize(Fraction, otypes=[object])(array.astype(int).astype(object))
+
+    printed = joseph = exact(root @ root.T)
+    gain, value = lqg_gains(DiscreteSystem(transition, control, np.zeros((4, 3, 3))), root @ root.T, weight)
+    for k in range(3, -1, -1):
+        a, b, r = exact(transition[k]), exact(control[k]), Fraction(int(weight[k]))
+        feedback = -(b @ joseph @ a) / (b @ joseph @ b + r)
+        closed_loop = a + np.outer(b, feedback)
+        printed = a.T @ printed @ a - np.outer(feedback, feedback) * (r + b @ printed @ b)
+        joseph = closed_loop.T @ joseph @ closed_loop + r * np.outer(feedback, feedback)
+        assert (printed == joseph).all()
+        assert gain[k] == pytest.approx(feedback.astype(float), rel=1e-12)
+        assert value[k] == pytest.approx(joseph.astype(float), rel=1e-12)
+
+
+def test_lqg_gains_beat_all_perturbed_gains():
+    system, rng = random_system(4), np.random.default_rng(5)
+    weight, control_weight, initial = np.diag([1.0, 0.0, 2.0]), rng.uniform(0.5, 2, size=6), np.eye(3)
+    gain, value = lqg_gains(system, weight, control_weight)
+
+    def cost(feedback):
+        covariance, control_variance = propagate(system, feedback, initial)
+        return np.sum(weight * covariance[-1]) + control_weight @ control_variance
+
+    least = cost(gain)
+    assert least == pytest.approx(np.sum(value[0] * initial) + np.sum(value[1:] * system.noise), rel=1e-13)
+    for _ in range(50):
+        direction = rng.normal(size=gain.shape)
+        changes = [cost(gain + h * direction) - least for h in (-2e-3, -1e-3, 1e-3, 2e-3)]
+        assert min(changes) > 0
+        # Stationary: the cost is even in the step up to third order.
+        assert changes[2] - changes[1] == pytest.approx(0, abs=0.05 * changes[2])
+        assert changes[3] / changes[2] == pytest.approx(4, rel=0.05)
+
+
+def test_printed_gain_has_no_inverse_and_overflows(pose):
+    system = pose().system
+    weight = 1e12 * np.outer(RANGE, RANGE)
+    gain, _ = lqg_gains_as_printed(system, weight, np.full(40, 1e-2))
+    last = np.flatnonzero(system.control.any(axis=1))[-1]
+    tail = np.linalg.multi_dot(system.transition[last + 1 :][::-1])
+    after = tail.T @ weight @ tail
+    b = system.control[last]
+    expected = -(b @ after @ b + 1e-2) * (b @ after @ system.transition[last])
+    assert gain[last] == pytest.approx(expected, rel=1e-10)
+    assert np.abs(expected).max() > 1e25
+    assert not np.isfinite(gain[:last]).all()
+    assert np.isfinite(lqg_gains(system, weight, np.full(40, 1e-2))[0]).all()
+
+
+def test_solution_meets_the_optimality_conditions(solved):
+    _, solution = solved
+    assert solution.status == "optimal"
+    assert abs(solution.gap) < 1e-7 and abs(solution.gap_above_floor) < 1e-7
+    assert solution.complementarity < 1e-7
+    assert (solution.final_multipliers >= 0).all() and (solution.control_multipliers >= 0).all()
+    assert max(solution.final_ratio.max(), solution.control_ratio.max()) <= 1 + 1e-7
+    priced = solution.control_multipliers > 0
+    assert solution.control_ratio[priced] == pytest.approx(1, abs=1e-4)
+    # The case has both kinds of limits, or it would test nothing.
+    assert 5 < priced.sum() < priced.size - 8 and (solution.final_multipliers > 0).all()
+
+
+def test_solution_reports_what_its_gains_do(solved):
+    problem, solution = solved
+    cost, ratios = cost_of(problem, solution.gain)
+    assert solution.cost == pytest.approx(cost, rel=1e-13)
+    assert np.allclose(np.concatenate([solution.final_ratio, solution.control_ratio]), ratios, rtol=1e-12)
+    assert solution.gap == (solution.cost - solution.dual_value) / solution.cost
+    assert np.array_equal(solution.covariance, solution.covariance.swapaxes(1, 2))
+    assert not solution.gain[~problem.system.control.any(axis=1)].any()
+
+
+def test_lagrangian_is_stationary_and_convex_along_gains(solved):
+    problem, solution = solved
+    rng = np.random.default_rng(6)
+    squared_limits = np.concatenate([problem.final_limits, problem.control_limits]) ** 2
+    multipliers = squared_limits * np.concatenate([solution.final_multipliers, solution.control_multipliers])
+
+    def lagrangian(gain):
+        cost, ratios = cost_of(problem, gain)
+        return cost + multipliers @ (ratios**2 - 1)
+
+    for _ in range(20):
+        direction = 1e-3 * rng.normal(size=solution.gain.shape) * np.abs(solution.gain)
+        up, down = lagrangian(solution.gain + direction), lagrangian(solution.gain - direction)
+        assert up > solution.cost and down > solution.cost
+        assert up - down == pytest.approx(0, abs=0.1 * (up - solution.cost))
+
+
+def test_other_feedback_costs_more_or_breaks_a_limit(solved):
+    problem, solution = solved
+    rng = np.random.default_rng(10)
+    for size in (1e-3, 1e-2, 0.1):
+        for _ in range(20):
+            gain = solution.gain * (1 + size * rng.normal(size=solution.gain.shape))
+            cost, ratios = cost_of(problem, gain)
+            assert cost > solution.cost or ratios.max() > 1 + 1e-6
+
+
+def test_optimal_multipliers_are_the_lqg_weights_of_the_solution(solved):
+    problem, solution = solved
+    weight, control_weight = multiplier_weights(problem, solution)
+    gain, value = lqg_gains(problem.system, weight, control_weight)
+    assert np.allclose(gain, solution.gain, rtol=1e-12, atol=0)
+    limits = np.concatenate([problem.final_limits, problem.control_limits])
+    multipliers = np.concatenate([solution.final_multipliers, solution.control_multipliers])
+    lagrangian = np.sum(value[0] * problem.initial_covariance) + np.sum(value[1:] * problem.system.noise)
+    assert solution.dual_value == pytest.approx(lagrangian - multipliers @ limits**2, rel=1e-12)
+
+
+def test_any_multipliers_bound_the_cost_from_below(solved):
+    problem, solution = solved
+    rng = np.random.default_rng(11)
+    for size in (0.01, 0.3, 2.0):
+        factors = [np.exp(size * rng.normal(size=xi.shape)) for xi in solution[3:5]]
+        final, control = solution.final_multipliers * factors[0], solution.control_multipliers * factors[1]
+        changed = solution._replace(final_multipliers=final, control_multipliers=control)
+        _, value = lqg_gains(problem.system, *multiplier_weights(problem, changed))
+        bound = np.sum(value[0] * problem.initial_covariance) + np.sum(value[1:] * problem.system.noise)
+        assert bound - final @ problem.final_limits**2 - control @ problem.control_limits**2 < solution.cost
+
+
+@pytest.mark.parametrize("objective", [RANGE, np.array([0.0, 60.0, 0.0, 1.0, 0.0])], ids=["range", "range and speed"])
+def test_semidefinite_program_finds_the_same_optimum(pose, objective):
+    problem = pose(10, objective=objective)
+    solution = solve(problem)
+    program = solve_cone_program(problem, solution)
+    assert program.status in ("optimal", "optimal_inaccurate")
+    assert program.cost == pytest.approx(solution.cost, rel=1e-6)
+    assert program.iterations > 5
+
+
+def test_semidefinite_program_does_not_take_the_optimum_from_its_reference(pose):
+    problem = pose(20)
+    solution = solve(problem)
+    spoiled = solution._replace(cost=3 * solution.cost, covariance=2 * solution.covariance)
+    assert solve_cone_program(problem, spoiled).cost == pytest.approx(solution.cost, rel=1e-6)
+
+
+def test_refining_the_partition_never_raises_the_optimum(pose):
+    solutions = [solve(pose(every)) for every in (1, 2, 4, 8, 16)]
+    assert {solution.status for solution in solutions} == {"optimal"}
+    costs = np.array([solution.cost for solution in solutions])
+    assert (np.diff(costs) > 0).all()
+    assert (costs > [solution.noise_floor for solution in solutions]).all()
+
+
+def test_full_size_problem_takes_a_few_hundred_sweeps(pose):
+    solution = solve(pose(1))
+    assert solution.status == "optimal" and solution.iterations < 400
+
+
+@pytest.mark.parametrize("weight", [1e-7, 1e-3, 10.0, 1e5])
+def test_small_and_large_control_weights_are_solved_alike(pose, weight):
+    solution = solve(pose(4, control_weight=np.full(40, weight)))
+    assert solution.status == "optimal" and abs(solution.gap) < 1e-7
+
+
+def test_solution_does_not_depend_on_units(solved):
+    problem, solution = solved
+    unit = np.array([1e3, 0.3, 1e-2, 1e6, 1e-5])
+    other = solve(
+        problem._replace(
+            system=DiscreteSystem(
+                problem.system.transition / unit[:, None] * unit,
+                problem.system.control / unit,
+                problem.system.noise / np.outer(unit, unit),
+            ),
+            initial_covariance=problem.initial_covariance / np.outer(unit, unit),
+            objective=problem.objective * unit,
+            final_directions=problem.final_directions * unit,
+            state_scale=problem.state_scale / unit,
+        )
+    )
+    assert other.iterations == solution.iterations
+    assert other.cost == pytest.approx(solution.cost, rel=1e-10)
+    assert np.allclose(other.gain / unit, solution.gain, rtol=1e-8, atol=0)
+
+
+def test_scaling_the_whole_cost_leaves_the_gains(solved):
+    problem, solution = solved
+    other = solve(problem._replace(objective=1e-3 * problem.objective, control_weight=1e-6 * problem.control_weight))
+    assert np.allclose(other.gain, solution.gain, rtol=1e-8, atol=0)
+    assert other.cost == pytest.approx(1e-6 * solution.cost, rel=1e-10)
+    assert other.final_multipliers == pytest.approx(1e-6 * solution.final_multipliers, rel=1e-8)
+
+
+def test_without_binding_limits_the_solution_is_lqg(pose):
+    problem = pose(4, final_directions=np.empty((0, 5)), final_limits=np.empty(0), control_limits=np.full(40, 1e3))
+    solution = solve(problem)
+    gain, _ = lqg_gains(problem.system, np.outer(RANGE, RANGE), problem.control_weight)
+    assert solution.status == "optimal" and not solution.control_multipliers.any()
+    assert np.array_equal(solution.gain, gain)
+
+
+def test_noise_floor_is_the_effect_of_the_last_noise_alone(pose, solved):
+    problem, solution = solved
+    uncontrolled = 1 + np.flatnonzero(problem.system.control.any(axis=1))[-1]
+    tail = DiscreteSystem(*(field[uncontrolled:] for field in problem.system))
+    alone = propagate(tail, np.zeros_like(tail.control), np.zeros((5, 5))).covariance[-1]
+    assert noise_floor(problem.system, RANGE) == pytest.approx(RANGE @ alone @ RANGE, rel=1e-12)
+    assert solution.noise_floor == noise_floor(problem.system, RANGE)
+    assert solution.gap_above_floor * (solution.cost - solution.noise_floor) == pytest.approx(
+        solution.cost - solution.dual_value, rel=1e-9
+    )
+    assert noise_floor(DiscreteSystem(*(field[:uncontrolled] for field in problem.system)), RANGE) == 0
+
+
+def test_noise_floor_is_sharp_and_never_undercut(pose):
+    problem = pose(4, control_weight=np.full(40, 1e-9), control_limits=np.full(40, 1e3))
+    problem = problem._replace(final_directions=np.empty((0, 5)), final_limits=np.empty(0))
+    free = solve(problem)
+    assert free.cost > free.noise_floor
+    # Without any earlier disturbance there is nothing to control, and only the floor is left.
+    last = np.flatnonzero(problem.system.control.any(axis=1))[-1]
+    noise = np.where(np.arange(40)[:, None, None] > last, problem.system.noise, 0.0)
+    quiet = problem._replace(system=problem.system._replace(noise=noise), initial_covariance=np.zeros((5, 5)))
+    assert solve(quiet).cost == pytest.approx(free.noise_floor, rel=1e-12)
+
+
+def test_an_impossible_limit_is_named_with_the_least_attainable_deviation(pose):
+    with pytest.raises(InfeasibleProblem, match=r"final limit 0 \(direction.*the limit 1;") as caught:
+        solve(pose(4, final_limits=np.array([1.0, np.radians(0.3)])))
+    least = float(str(caught.value).split("allow is ")[1].split(",")[0])
+    alone = pose(
+        4,
+        objective=ALTITUDE,
+        final_directions=np.empty((0, 5)),
+        final_limits=np.empty(0),
+        control_weight=np.full(40, 1e-9),
+    )
+    assert least == pytest.approx(np.sqrt(solve(alone).cost), rel=1e-4)
+    # Just above this deviation there is a solution, just below there is none.
+    assert solve(pose(4, final_limits=np.array([1.001 * least, 1.0]))).status == "optimal"
+    with pytest.raises(InfeasibleProblem, match="final limit 0"):
+        solve(pose(4, final_limits=np.array([0.999 * least, 1.0])))
+
+
+def test_limits_that_exclude_each_other_are_recognized(pose):
+    directions = np.array([ALTITUDE, RANGE])
+    limits = np.array(
+        [
+            np.sqrt(solve(pose(4, objective=d, final_directions=np.empty((0, 5)), final_limits=np.empty(0))).cost)
+            for d in directions
+        ]
+    )
+    with pytest.raises(InfeasibleProblem, match="one by one but not together"):
+        solve(pose(4, final_directions=directions, final_limits=1.05 * limits))
+
+
+def test_search_over_weights_reaches_the_optimum_from_a_good_start(pose):
+    problem = pose(20)
+    solution, search = solve(problem), solve_over_weights(problem)
+    cost, ratios = cost_of(problem, search.gain)
+    assert search.cost == pytest.approx(cost, rel=1e-12)
+    assert search.worst_ratio == pytest.approx(ratios.max(), rel=1e-12)
+    assert search.worst_ratio < 1 + 1e-3
+    assert search.cost == pytest.approx(solution.cost, rel=3e-3)
+    exact = solve_over_weights(problem, multiplier_weights(problem, solution))
+    assert exact.success and exact.cost == pytest.approx(solution.cost, rel=1e-6)
+    assert exact.evaluations < search.evaluations
+
+
+def test_search_over_weights_says_that_it_failed(pose):
+    problem = pose(20)
+    search = solve_over_weights(problem, (np.outer(RANGE, RANGE), 1e-3 * problem.control_weight))
+    assert not search.success and search.status
+    assert search.worst_ratio > 1.5
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"control_limits": np.zeros(40)}, "control_limits must be positive; entry 0"),
+        ({"control_weight": np.ones(39)}, r"control_weight must have shape \(40,\)"),
+        ({"objective": np.zeros(5)}, "variance is zero without any control"),
+        ({"initial_covariance": np.full((5, 5), np.nan)}, "initial_covariance must be finite"),
+        ({"final_directions": np.ones((2, 4))}, r"final_directions must have shape \(2, 5\)"),
+        ({"final_limits": np.array([1.0, -1.0])}, "final_limits must be positive; entry 1"),
+    ],
+)
+def test_bad_problems_are_refused(pose, changes, message):
+    with pytest.raises(ValueError, match=message):
+        solve(pose(4, **changes))
+
+
+def test_weights_must_fit_the_system():
+    with pytest.raises(ValueError, match="to fit the system"):
+        lqg_gains(random_system(1), np.eye(2), np.ones(6))

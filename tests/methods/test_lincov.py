@@ -1,0 +1,236 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from marsedl.methods.lincov import (
+    DiscreteSystem,
+    compose,
+    discretize,
+    propagate,
+    trigger_projection,
+    trigger_time_variance,
+    velocity_indexed_gain,
+)
+
+
+def state_matrix(t):
+    return np.array([[-0.3, 1.0 + 0.5 * np.sin(t), 0.0], [-1.2, -0.1 * t, 0.4], [0.2 * np.cos(2 * t), 0.0, -0.5]])
+
+
+def control_matrix(t):
+    return np.array([0.2, np.cos(t), 0.3 * t])
+
+
+def noise_intensity(t):
+    vector = np.array([0.3, 0.1 * t, np.exp(-t)])
+    return np.outer(vector, vector)
+
+
+def discretized(intervals, substeps, duration=2.0):
+    """The system above over equal intervals; sampled in the middle of the sub-steps."""
+    length = duration / intervals
+    middles = length * (np.arange(intervals)[:, None] + (np.arange(substeps) + 0.5) / substeps)
+    return discretize(
+        *(
+            np.array([[function(t) for t in row] for row in middles])
+            for function in (state_matrix, control_matrix, noise_intensity)
+        ),
+        np.full(intervals, length),
+    )
+
+
+@pytest.fixture(scope="module")
+def integrated():
+    """Transition, control effect and noise of [0, 2] by an adaptive integrator of Eqs. 37 to 39."""
+
+    def rates(t, flat):
+        transition, control, noise = flat[:9].reshape(3, 3), flat[9:12], flat[12:].reshape(3, 3)
+        a = state_matrix(t)
+        return np.concatenate(
+            [
+                (a @ transition).ravel(),
+                a @ control + control_matrix(t),
+                (a @ noise + noise @ a.T + noise_intensity(t)).ravel(),
+            ]
+        )
+
+    start = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
+    end = solve_ivp(rates, (0, 2), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    return DiscreteSystem(end[:9].reshape(3, 3), end[9:12], end[12:].reshape(3, 3))
+
+
+def test_discretization_is_of_second_order(integrated):
+    errors = np.array(
+        [
+            [np.abs(field[0] - exact).max() for field, exact in zip(discretized(1, s), integrated, strict=True)]
+            for s in (40, 80, 160)
+        ]
+    )
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2, abs=0.06)
+    assert errors[-1].max() < 1e-4
+
+
+def test_transition_and_control_of_a_constant_system_are_of_third_order():
+    a, b = state_matrix(0.7), control_matrix(0.7)
+    whole = expm(2 * np.block([[a, b[:, None]], [np.zeros((1, 4))]]))
+    errors = []
+    for s in (8, 16, 32):
+        system = discretize(np.tile(a, (1, s, 1, 1)), np.tile(b, (1, s, 1)), np.zeros((1, s, 3, 3)), [2.0])
+        errors.append(
+            [np.abs(system.transition[0] - whole[:3, :3]).max(), np.abs(system.control[0] - whole[:3, 3]).max()]
+        )
+    errors = np.array(errors)
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(3, abs=0.15)
+
+
+def test_noise_is_symmetric_to_the_last_bit_and_positive():
+    noise = discretized(7, 3).noise
+    assert np.array_equal(noise, noise.swapaxes(1, 2))
+    assert np.linalg.eigvalsh(noise).min() > 0
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"state_matrix": np.zeros((4, 2, 3, 2))}, "state_matrix must have shape"),
+        ({"control_matrix": np.zeros((4, 2, 2))}, "control_matrix must have shape"),
+        ({"noise_intensity": np.zeros((4, 1, 3, 3))}, "noise_intensity must have shape"),
+        ({"step": np.array([1, 1, 0, 1])}, "step must be positive; entry 2"),
+    ],
+)
+def test_bad_models_are_refused(changes, message):
+    good = {
+        "state_matrix": np.zeros((4, 2, 3, 3)),
+        "control_matrix": np.zeros((4, 2, 3)),
+        "noise_intensity": np.zeros((4, 2, 3, 3)),
+        "step": np.ones(4),
+    }
+    with pytest.raises(ValueError, match=message):
+        discretize(**(good | changes))
+
+
+def test_composition_equals_the_same_flight_in_one_piece():
+    fine, coarse = discretized(12, 4), compose(discretized(12, 4), [0, 4, 7])
+    one = discretized(1, 48)
+    for field, expected in zip(compose(fine, [0]), one, strict=True):
+        assert np.allclose(field, expected, rtol=0, atol=1e-14)
+    for field, again in zip(compose(coarse, [0]), one, strict=True):
+        assert np.allclose(field, again, rtol=0, atol=1e-14)
+    assert all(np.array_equal(a, b) for a, b in zip(compose(fine, np.arange(12)), fine, strict=True))
+
+
+def test_composition_without_feedback_keeps_the_covariance():
+    fine = discretized(12, 4)
+    starts = [0, 5, 6, 10]
+    covariance = propagate(fine, np.zeros((12, 3)), np.diag([1.0, 2.0, 0.0])).covariance
+    coarse = propagate(compose(fine, starts), np.zeros((4, 3)), np.diag([1.0, 2.0, 0.0])).covariance
+    assert np.allclose(coarse, covariance[[*starts, 12]], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("starts", [[], [1, 4], [0, 4, 4], [0, 12]])
+def test_impossible_compositions_are_refused(starts):
+    with pytest.raises(ValueError, match="starts must increase strictly from 0"):
+        compose(discretized(12, 1), starts)
+
+
+def test_covariance_is_that_of_the_linear_system_by_monte_carlo():
+    system, rng, trials = discretized(10, 4), np.random.default_rng(7), 40_000
+    gain = rng.normal(scale=0.5, size=(10, 3))
+    initial = np.array([[1.0, 0.3, 0.0], [0.3, 0.5, 0.0], [0.0, 0.0, 0.0]])
+    covariance, control_variance = propagate(system, gain, initial)
+    state = rng.multivariate_normal(np.zeros(3), initial, size=trials, method="eigh")
+    for k in range(10):
+        control = state @ gain[k]
+        assert np.var(control) == pytest.approx(control_variance[k], rel=5 * np.sqrt(2 / trials))
+        noise = rng.normal(size=(trials, 3)) @ np.linalg.cholesky(system.noise[k] + 1e-18 * np.eye(3)).T
+        state = state @ system.transition[k].T + control[:, None] * system.control[k] + noise
+    expected = covariance[-1]
+    error = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / trials)
+    assert (np.abs(np.cov(state.T) - expected) < 5 * error).all()
+
+
+def test_covariance_recursion_against_plain_matrix_products():
+    system, rng = discretized(10, 2), np.random.default_rng(8)
+    gain, expected = rng.normal(size=(10, 3)), np.diag([1.0, 0.0, 3.0])
+    covariance, control_variance = propagate(system, gain, expected)
+    assert np.array_equal(covariance, covariance.swapaxes(1, 2))
+    for k in range(10):
+        assert control_variance[k] == pytest.approx(gain[k] @ expected @ gain[k], rel=1e-12)
+        closed_loop = system.transition[k] + np.outer(system.control[k], gain[k])
+        expected = closed_loop @ expected @ closed_loop.T + system.noise[k]
+        assert np.allclose(covariance[k + 1], expected, rtol=1e-12, atol=1e-14)
+
+
+def test_covariance_does_not_depend_on_the_units_of_the_states():
+    system, rng, unit = discretized(10, 2), np.random.default_rng(9), np.array([1e3, 1e-4, 7.0])
+    gain, initial = rng.normal(size=(10, 3)), np.diag([1.0, 0.5, 3.0])
+    scaled = DiscreteSystem(
+        system.transition / unit[:, None] * unit, system.control / unit, system.noise / np.outer(unit, unit)
+    )
+    plain, other = propagate(system, gain, initial), propagate(scaled, gain * unit, initial / np.outer(unit, unit))
+    assert np.allclose(other.covariance * np.outer(unit, unit), plain.covariance, rtol=1e-12)
+    assert np.allclose(other.control_variance, plain.control_variance, rtol=1e-12)
+
+
+def test_wrong_shapes_of_the_propagation_are_refused():
+    with pytest.raises(ValueError, match="gain must have shape"):
+        propagate(discretized(4, 1), np.zeros((4, 2)), np.eye(3))
+    with pytest.raises(ValueError, match="initial_covariance must have shape"):
+        propagate(discretized(4, 1), np.zeros((4, 3)), np.eye(2))
+
+
+RATES = np.array([-117.4, -3.358, -0.005, 486.0, 5.1e-5])
+VELOCITY = np.eye(5)[1]
+
+
+def test_trigger_projection_keeps_the_state_on_the_surface():
+    projection = trigger_projection(RATES, VELOCITY)
+    assert np.allclose(projection @ projection, projection, rtol=0, atol=1e-12)
+    assert np.abs(VELOCITY @ projection).max() == 0
+    assert np.abs(projection @ RATES).max() < 1e-12
+    others = [0, 2, 3, 4]
+    assert np.array_equal(projection[:, others], np.eye(5)[:, others])
+    tilted = trigger_projection(RATES, np.array([1e-3, 1.0, 0.0, 2e-4, 0.0]))
+    assert np.allclose(tilted @ tilted, tilted, rtol=1e-12, atol=1e-12)
+
+
+def test_trigger_moves_a_deviation_along_the_flow_until_the_surface():
+    # Straight lines x + t f: the stopping time of every one is known exactly.
+    deviation, normal = np.array([40.0, 3.0, 0.01, -900.0, 1e-5]), np.array([2e-3, 1.0, 0.0, 0.0, 0.0])
+    delay = -(normal @ deviation) / (normal @ RATES)
+    assert trigger_projection(RATES, normal) @ deviation == pytest.approx(deviation + delay * RATES, rel=1e-12)
+    assert trigger_time_variance(RATES, normal, np.outer(deviation, deviation)) == pytest.approx(delay**2, rel=1e-12)
+
+
+def test_a_flow_along_the_surface_has_no_trigger():
+    with pytest.raises(ValueError, match="does not cross the trigger surface"):
+        trigger_projection(np.array([1.0, 0.0]), np.array([0.0, 1.0]))
+    with pytest.raises(ValueError, match="vectors of one length"):
+        trigger_time_variance(np.ones(3), np.ones(2), np.eye(2))
+
+
+def test_velocity_indexed_gain_is_the_derivative_of_the_law_as_flown():
+    # A reference with known curves against time, inverted numerically for the law against velocity.
+    def reference(t):
+        return np.array([100 - 3 * t - 0.1 * t**2, 50 - 2 * t - 0.05 * t**2, 0.3 * t**2])
+
+    def law(state):
+        time = 20 * (np.sqrt(1 + (50 - state[1]) / 20) - 1)  # 50 - 2t - t^2/20 = V
+        gain = np.array([0.02 + 0.001 * time, -0.03, 0.01 * time])
+        return 0.5 - 0.004 * state[1] + gain @ (state - reference(time))
+
+    t, h = 4.0, 1e-5
+    difference = [(law(reference(t) + h * e) - law(reference(t) - h * e)) / (2 * h) for e in np.eye(3)]
+    rates = np.array([-3 - 0.2 * t, -2 - 0.1 * t, 0.6 * t])
+    effective = velocity_indexed_gain([[0.02 + 0.001 * t, -0.03, 0.01 * t]], [rates], 1, [-0.004])
+    assert effective[0] == pytest.approx(difference, rel=1e-8)
+
+
+def test_a_law_against_velocity_needs_a_changing_velocity():
+    gain, rates = np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
+    with pytest.raises(ValueError, match="stationary at point 0"):
+        velocity_indexed_gain(gain, rates, 1, np.zeros(2))
+    assert np.array_equal(velocity_indexed_gain(gain[1:], rates[1:], 1, [0.25]), [[0.0, 0.25]])
+    with pytest.raises(ValueError, match="do not fit"):
+        velocity_indexed_gain(gain, rates[:1], 1, np.zeros(2))
