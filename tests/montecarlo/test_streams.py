@@ -4,7 +4,7 @@ from numba import njit
 from scipy import stats
 
 from marsedl.montecarlo.lanes import LANES
-from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, _box_muller, fill_normals, normals, philox4x64
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, _box_muller, fill_normals, normals, philox4x64, uniforms
 
 
 @njit(error_model="numpy")
@@ -113,3 +113,20 @@ def test_bad_arguments_are_refused(arguments):
 def test_no_trials_and_no_normals_are_allowed():
     assert normals(1, 0, range(0), 3).shape == (0, 3)
     assert normals(1, 0, range(3), 0).shape == (3, 0)
+
+
+def test_uniforms_are_uniform_and_never_at_an_end():
+    values = uniforms(7, 2, np.arange(20_000), 3)
+    assert values.min() > 0.0
+    assert values.max() < 1.0
+    for column in values.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-3
+    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 4 / np.sqrt(len(values))
+
+
+def test_uniforms_belong_to_trial_and_stream():
+    values = uniforms(7, 2, np.arange(10), 6)
+    np.testing.assert_array_equal(uniforms(7, 2, [8, 3], 6), values[[8, 3]])
+    np.testing.assert_array_equal(uniforms(7, 2, np.arange(10), 2), values[:, :2])
+    assert not np.isin(uniforms(7, 3, np.arange(10), 6), values).any()
+    assert not np.isin(uniforms(8, 2, np.arange(10), 6), values).any()

@@ -98,12 +98,34 @@ def _normals(seed, stream, trials, count):
     return out
 
 
+@njit(error_model="numpy", cache=True)
+def _uniforms(seed, stream, trials, count):
+    out = np.empty((trials.size, count))
+    for row in range(trials.size):
+        for number in range(count):
+            position = number % NORMALS_PER_BLOCK
+            if position == 0:
+                raw = _random_block(seed, stream, trials[row], number // NORMALS_PER_BLOCK)
+            # In the middle of each of 2^52 cells: neither end occurs, and both halves mirror each other.
+            out[row, number] = (np.float64(np.int64(raw[position] >> np.uint64(12))) + 0.5) * 2.0**-52
+    return out
+
+
 def normals(seed, stream, trials, count):
     """Standard normals number 0 .. count - 1 of the given trials: those that compiled code uses, bit for bit.
 
     seed, stream: non-negative integers. trials: trial numbers, a range or 1-D integer array, in any order. count:
     normals per trial. Returns (len(trials), count). Raises ValueError on a negative or fractional argument.
     """
+    return _normals(*_checked(seed, stream, trials, count))
+
+
+def uniforms(seed, stream, trials, count):
+    """Uniform numbers 0 .. count - 1 within (0, 1) of the given trials; arguments and errors as of `normals`."""
+    return _uniforms(*_checked(seed, stream, trials, count))
+
+
+def _checked(seed, stream, trials, count):
     trials = np.asarray(trials)
     if trials.size == 0:
         trials = trials.astype(np.int64)
@@ -112,4 +134,4 @@ def normals(seed, stream, trials, count):
     for name, value in (("seed", seed), ("stream", stream), ("count", count)):
         if value != int(value) or value < 0:
             raise ValueError(f"{name} must be a non-negative integer, got {value!r}")
-    return _normals(np.uint64(seed), np.uint64(stream), trials.astype(np.uint64), int(count))
+    return np.uint64(seed), np.uint64(stream), trials.astype(np.uint64), int(count)
