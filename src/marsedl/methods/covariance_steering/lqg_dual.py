@@ -34,9 +34,11 @@ __all__ = [
 ]
 
 # Sweeps before the limits on the final state are questioned, and before the ascent is given up.
-_SWEEPS_BEFORE_DOUBT, _SWEEPS = 400, 5000
+_SWEEPS_BEFORE_DOUBT, _SWEEPS = 400, 50_000
 # Exponents of the multiplicative update, first of the final state and of the controls, and how they adapt.
 _FINAL_POWER, _CONTROL_POWER, _GROWTH, _SHRINKAGE, _POWER_RANGE = 0.7, 0.5, 1.1, 0.5, (0.1, 1e3)
+# Rounding of a cost, relative: where the noise floor is nearly all of it, nothing below can be resolved.
+_ROUNDING = 1e-13
 # Longest step of the logarithm of a multiplier, of the final state and of the controls.
 _FINAL_STEP, _CONTROL_STEP = 0.5, 0.8
 # Terms that final limits may add to the Lagrangian, over the cost, before they are taken to have no bound.
@@ -212,7 +214,8 @@ def solve(problem, tolerance=1e-8):
     Args:
         problem: `ChanceConstrainedProblem`.
         tolerance: largest excess of a variance over its squared limit, relative; and largest sum of |multiplier *
-            (limit^2 - variance)|, relative to the cost above the noise floor.
+            (limit^2 - variance)|, relative to the cost above the noise floor, or 1e-13 of the whole cost if that is
+            larger.
 
     Returns:
         `Solution`; its status is "optimal" if the tolerance was reached. It may miss it where a limit equals the least
@@ -429,7 +432,8 @@ def _ascend(problem, base_weight, floor, tolerance):
         lowest = np.where(free, np.concatenate([1e-12 * cost / square[:m], 1e-9 * problem.control_weight]), 0.0)
         counted = np.where(multiplier > 2 * lowest, multiplier, 0.0)
         slack = counted @ (square * np.abs(1 - ratio))
-        converged = bool(ratio.max() <= 1 + tolerance and slack <= tolerance * _above_floor(cost, floor))
+        enough = max(tolerance * _above_floor(cost, floor), _ROUNDING * cost)
+        converged = bool(ratio.max() <= 1 + tolerance and slack <= enough)
         diverged = (multiplier[:m] * square[:m]).max(initial=0.0) > _DIVERGED * cost
         if converged or diverged:
             break

@@ -3,7 +3,7 @@
 import numpy as np
 from numba.extending import register_jitable
 
-__all__ = ["require_target_ahead", "targeting"]
+__all__ = ["require_target_ahead", "targeting", "targeting_from_sines"]
 
 
 @register_jitable
@@ -42,17 +42,58 @@ def targeting(
         Tuple of the downrange angle (rad, negative once the target is passed) and the crossrange angle (rad, positive
         while the target is left of the orbit plane). Times a reference radius they are distances.
     """
-    sin_latitude, cos_latitude = np.sin(latitude), np.cos(latitude)
-    target_up, target_out = np.sin(target_latitude), np.cos(target_latitude)
-    to_target = target_longitude - longitude
-    along_meridian = target_out * np.cos(to_target)
-    up = cos_latitude * along_meridian + sin_latitude * target_up
-    east = target_out * np.sin(to_target)
-    north = cos_latitude * target_up - sin_latitude * along_meridian
+    return targeting_from_sines(
+        radius,
+        velocity,
+        np.sin(latitude),
+        np.cos(latitude),
+        np.sin(target_longitude - longitude),
+        np.cos(target_longitude - longitude),
+        np.cos(flight_path_angle),
+        np.sin(azimuth),
+        np.cos(azimuth),
+        rotation_rate,
+        np.sin(target_latitude),
+        np.cos(target_latitude),
+    )
 
-    horizontal = velocity * np.cos(flight_path_angle)
-    velocity_east = horizontal * np.sin(azimuth) + rotation_rate * radius * cos_latitude
-    velocity_north = horizontal * np.cos(azimuth)
+
+@register_jitable
+def targeting_from_sines(
+    radius,
+    velocity,
+    sin_latitude,
+    cos_latitude,
+    sin_to_target,
+    cos_to_target,
+    cos_flight_path_angle,
+    sin_azimuth,
+    cos_azimuth,
+    rotation_rate,
+    sin_target_latitude,
+    cos_target_latitude,
+):
+    """The same from sines and cosines, which a kernel computes for many trials at once.
+
+    Args:
+        radius, velocity: m, m/s.
+        sin_latitude, cos_latitude: of the vehicle's latitude.
+        sin_to_target, cos_to_target: of the target's longitude from the vehicle's.
+        cos_flight_path_angle, sin_azimuth, cos_azimuth: of the planet-relative velocity.
+        rotation_rate: Omega, rad/s.
+        sin_target_latitude, cos_target_latitude: of the target's latitude.
+
+    Returns:
+        As `targeting`.
+    """
+    along_meridian = cos_target_latitude * cos_to_target
+    up = cos_latitude * along_meridian + sin_latitude * sin_target_latitude
+    east = cos_target_latitude * sin_to_target
+    north = cos_latitude * sin_target_latitude - sin_latitude * along_meridian
+
+    horizontal = velocity * cos_flight_path_angle
+    velocity_east = horizontal * sin_azimuth + rotation_rate * radius * cos_latitude
+    velocity_north = horizontal * cos_azimuth
     inverse_speed = 1.0 / np.sqrt(velocity_east * velocity_east + velocity_north * velocity_north)
     ahead = (east * velocity_east + north * velocity_north) * inverse_speed
     left = (north * velocity_east - east * velocity_north) * inverse_speed
