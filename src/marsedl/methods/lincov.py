@@ -254,7 +254,8 @@ def _propagate(transition, control, noise, gain, initial_covariance):
             for j in range(n):
                 variance += gain[k, i] * now[i, j] * gain[k, j]
                 closed_loop[i, j] = transition[k, i, j] + control[k, i] * gain[k, j]
-        control_variance[k] = variance
+        # Where states are nearly dependent, rounding can leave less than nothing.
+        control_variance[k] = max(variance, 0.0)
         for i in range(n):
             for j in range(n):
                 total = 0.0
