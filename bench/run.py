@@ -71,15 +71,12 @@ def design():
 def problem(made, trials):
     """Schedules, plant, outputs and initial states of the closed loop, as `flight.fly` takes them."""
     inputs = stage_inputs("montecarlo")
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
-    parts = segments.split(made.segment, made.gain, made.mean, made.feedforward)
     steps = [flight.step_count(d, inputs.time_step, inputs.output_interval) for d in inputs.segment_durations]
-    schedules = [flight.schedule(t, *part, n) for t, part, (n, _) in zip(times, parts, steps, strict=True)]
-    plant = flight.Plant(inputs.gravity, segments.mass_flow(inputs), segments.plant_noise_density(inputs))
+    schedules = flight.schedules_of(inputs, made, [number for number, _ in steps])
     states = flight.initial_states(
         segments.initial_mean(inputs), inputs.initial_covariance, inputs.wet_mass, inputs.seed, np.arange(trials)
     )
-    return schedules, plant, [every for _, every in steps], states, inputs.seed
+    return schedules, flight.plant_of(inputs), [every for _, every in steps], states, inputs.seed
 
 
 # --- the same flight without compiled code ----------------------------------------------------------------------------

@@ -10,14 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from marsedl.papers import SLUGS
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.verification import PRODUCTS, build_twice, copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
-CONFIG = "configs/powered_descent.yaml"
-PHYSICS = "src/marsedl/models/dynamics/powered_descent.py"
-FIGURES = "src/marsedl/papers/powered_descent/figures.py"
-CACHE = "data/cache/powered_descent"
+
+
+def paper_of(name: str) -> str:
+    """The paper that a rule or a file is named after; none for those of all papers."""
+    return next((slug for slug in SLUGS if re.search(rf"(^|/){slug}[_/.]", name)), "")
 
 
 @dataclass
@@ -25,18 +27,26 @@ class Plan:
     """What a dry run would do: the output files of every job, by rule."""
 
     outputs: dict[str, set[str]]
-    text: str
+    params_changed: set[str] = field(default_factory=set)
+
+    def of(self, slug: str) -> "Plan":
+        """The part of one paper, without what is made for all of them."""
+        mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self.outputs.items()}
+        changed = {rule for rule in self.params_changed if mine.get(rule)}
+        return Plan({rule: paths for rule, paths in mine.items() if paths}, changed)
+
+    @property
+    def papers(self) -> set[str]:
+        return {paper_of(path) for path in self.files} - {""}
 
     @property
     def rules(self) -> set[str]:
-        return {rule.removeprefix("powered_descent_") for rule in self.outputs if rule != "all"}
+        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.outputs if rule != "all"}
 
     @property
     def changed(self) -> set[str]:
         """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
-        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", self.text)
-        names = listed.group(1).replace("\n", ",").split(",") if listed else []
-        return {name.strip().removeprefix("powered_descent_") for name in names if name.strip()}
+        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.params_changed}
 
     @property
     def files(self) -> set[str]:
@@ -45,8 +55,12 @@ class Plan:
     @property
     def artifacts(self) -> set[str]:
         """Artifacts as "reading/name", without those of chunks, which are temporary."""
-        found = {path.removeprefix(CACHE + "/").removesuffix(".h5") for path in self.files if path.startswith(CACHE)}
-        return {name for name in found if "/chunks/" not in name}
+        cached = [path.removesuffix(".h5").split("/", 3)[3] for path in self.files if path.startswith("data/cache/")]
+        return {name for name in cached if "/chunks/" not in name}
+
+    @property
+    def stages(self) -> set[str]:
+        return {name.split("/")[1].split(".")[0] for name in self.artifacts}
 
     @property
     def readings(self) -> set[str]:
@@ -75,14 +89,15 @@ class Tree:
         assert text.count(old) == 1, f"{name} holds {old!r} {text.count(old)} times"
         self.path(name).write_text(text.replace(old, new), encoding="utf-8")
 
-    def set_inputs(self, reading: str, **values: str) -> None:
+    def set_inputs(self, reading: str, *, paper: str = "powered_descent", **values: str) -> None:
         """Set inputs (texts of YAML) of a reading that does not set them itself yet."""
-        text = self.path(CONFIG).read_text(encoding="utf-8")
+        config = self.path(f"configs/{paper}.yaml")
+        text = config.read_text(encoding="utf-8")
         entry = '      {}: {{value: {}, source: "assumed: test"}}\n'
         lines = "".join(entry.format(name, value) for name, value in values.items())
         changed, number = re.subn(rf"(?ms)^(  {reading}:\n.*?    inputs:\n)", rf"\g<1>{lines}", text, count=1)
         assert number == 1, f"there is no reading {reading}"
-        self.path(CONFIG).write_text(changed, encoding="utf-8")
+        config.write_text(changed, encoding="utf-8")
 
     def run(self, *arguments: str, configfile: Path | None = None, **environment: str) -> subprocess.CompletedProcess:
         """Run Snakemake with the configuration that the tree was built with."""
@@ -111,7 +126,9 @@ class Tree:
                 paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
                 outputs.setdefault(rule.group(1), set()).update(paths)
         assert bool(outputs) != ("Nothing to be done" in done.stdout), done.stdout[-3000:]
-        return Plan(outputs, done.stdout)
+        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", done.stdout)
+        names = listed.group(1).replace("\n", ",").split(",") if listed else []
+        return Plan(outputs, {name.strip() for name in names if name.strip()})
 
     def digests(self) -> dict[str, str]:
         """Digests of all products."""
@@ -149,6 +166,11 @@ class Built:
     second: Tree
     spare: Path
 
+    def restore(self) -> None:
+        """Put the second build back as it was, in its own place: compiled kernels are bound to their path."""
+        shutil.rmtree(self.second.folder, ignore_errors=True)
+        shutil.copytree(self.spare, self.second.folder)  # keeps file times, on which the compiled kernels depend
+
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory) -> Built:
@@ -162,13 +184,12 @@ def built(tmp_path_factory) -> Built:
         agree = build_twice(root)
     first, second = (Tree(root / "build" / "verify" / str(number)) for number in range(2))
     spare = root / "spare"
-    shutil.copytree(second.folder, spare)  # keeps file times, on which the compiled kernels depend
+    shutil.copytree(second.folder, spare)
     return Built(agree, said.getvalue(), first, second, spare)
 
 
 @pytest.fixture
 def tree(built) -> Tree:
-    """The second build as it was built, in its own place: compiled kernels are bound to their path."""
-    shutil.rmtree(built.second.folder)
-    shutil.copytree(built.spare, built.second.folder)
+    """The second build as it was built."""
+    built.restore()
     return Tree(built.second.folder)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from marsedl import cli
-from marsedl.papers import catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
@@ -25,7 +25,8 @@ def project(monkeypatch):
 def bare_project(tmp_path, monkeypatch):
     """A project in which nothing is built."""
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
-    shutil.copytree(ROOT / "data" / "published", tmp_path / "data" / "published")
+    for name in ("published", "atmosphere"):
+        shutil.copytree(ROOT / "data" / name, tmp_path / "data" / name)
     (tmp_path / "Snakefile").touch()
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -47,11 +48,14 @@ def refused(capsys, *arguments) -> str:
 def test_list_shows_all_there_is(project, capsys):
     assert cli.main(["list"]) == 0
     said = capsys.readouterr().out
-    paper = catalogue("powered_descent")
-    for name in ("powered_descent", paper.title, "printed", "corrected", "based on corrected", *paper.figures):
-        assert name in said
-    for name in (*paper.tables, *paper.summaries, *paper.stages, "claims", "verify"):
-        assert name in said
+    for slug in SLUGS:
+        paper = catalogue(slug)
+        for name in (slug, paper.title, "printed", "corrected", "based on corrected", *paper.figures):
+            assert name in said
+        for name in (*paper.tables, *paper.summaries, *paper.stages, "claims", "verify"):
+            assert name in said
+    assert "density_blind_velocity_adjoint  Hypothesis" in said, "the longest name is apart from what follows"
+    assert "  Eq. 77, element by element\n" in said, "an abbreviation ends no sentence"
 
 
 def test_list_imports_nothing_heavy():
@@ -91,6 +95,25 @@ def test_explain_a_figure(project, capsys):
     assert "deg" in said  # the unit in which the angle is written
     assert "powered_descent_rates" in said or "figures:fig07" in said
     assert "ellipse_sigma" not in said, "fig07 draws no ellipse"
+
+
+def test_explain_a_figure_of_another_paper(project, capsys):
+    said = explained(capsys, "stochastic_entry", "fig12")
+    assert "snakemake figures/stochastic_entry/fig12.png" in said
+    order = [said.index(f"\n  {stage} ") for stage in ("nominal", "linearization", "gains", "montecarlo")]
+    assert order == sorted(order)
+    assert "entry_flight_path_angle_three_sigma_deg  0.5 " in said
+    assert "assumed: the guidance period; the partition is not printed" in said
+    assert "altitude_limit_study" not in said
+    assert "stochastic_entry.figures:fig12" in said
+    table = explained(capsys, "stochastic_entry", "tab04", "--reading", "marsgram_table")
+    assert "data/atmosphere/mars_density.csv#marsgram_2021a_sample_daily_mean" in table
+
+
+def test_explain_says_what_else_has_the_name(project, capsys):
+    said = explained(capsys, "stochastic_entry", "error_budget")
+    assert "snakemake figures/stochastic_entry/error_budget.png" in said
+    assert "also the name of a table and a stage" in said
 
 
 def test_explain_another_reading(project, capsys):
@@ -154,7 +177,21 @@ def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys
 
 def test_commands_work_in_a_folder_of_the_project(monkeypatch, capsys):
     monkeypatch.chdir(ROOT / "src" / "marsedl")
-    assert "snakemake figures" in explained(capsys, "powered_descent", "fig01")
+    for slug in SLUGS:
+        assert "snakemake figures" in explained(capsys, slug, "fig01")
+    assert Path.cwd() == ROOT / "src" / "marsedl"
+
+
+def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, capsys):
+    """Its own path is relative to where the command is given, those in it to the project."""
+    monkeypatch.chdir(ROOT / "docs")
+    table = "data/atmosphere/mars_density.csv#jezero_2021"
+    entries = f"density_profile: {{value: table, source: Fig. 1}}, density_table: {{value: '{table}', source: Fig. 1}}"
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"stochastic_entry: {{readings: {{mine: {{based_on: corrected, inputs: {{{entries}}}}}}}}}\n")
+    relative = os.path.relpath(path)
+    said = explained(capsys, "stochastic_entry", "nominal", "--reading", "mine", "--configfile", relative)
+    assert table in said
 
 
 # --------------------------------------------------------------------------------------------------------------- diff
@@ -204,6 +241,23 @@ def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, argu
         assert fragment in said
 
 
+@pytest.mark.parametrize(
+    ("arguments", "case"),
+    [
+        (["7"], "apollo_time"),
+        (["apollo_velocity", "7"], "apollo_velocity"),
+        (["7", "--case", "stochastic_time"], "stochastic_time"),
+        (["--case", "stochastic_time", "7"], "stochastic_time"),
+    ],
+)
+def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, arguments, case):
+    flown = []
+    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
+    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *given: flown.append(given[3:5]))
+    assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
+    assert flown == [(case, 7)]
+
+
 def test_a_request_that_is_none_is_refused(capsys):
     for arguments in ([], ["lst"], ["trial", "powered_descent", "corrected", "twelve"]):
         with pytest.raises(SystemExit) as caught:
@@ -226,6 +280,15 @@ def test_a_trial_of_the_built_tree_is_the_same_to_the_last_bit(tree):
 
 
 @pytest.mark.workflow
+@pytest.mark.parametrize("case", input_model("stochastic_entry").CASES)
+def test_an_entry_of_the_built_tree_is_the_same_to_the_last_bit(tree, case):
+    done = tree.marsedl("trial", "stochastic_entry", "corrected", case, "7")
+    assert f"trial 7 of {case}: completed" in done.stdout, done.stderr
+    assert "bank reversals" in done.stdout
+    assert "the same to the last bit as in the stored ensemble" in done.stdout
+
+
+@pytest.mark.workflow
 def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
     """The tree holds 200 trials, the reading has 2000."""
     done = tree.marsedl("trial", "powered_descent", "corrected", "1500")
@@ -239,3 +302,6 @@ def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
     done = tree.marsedl("explain", "powered_descent", "prior_final_mass")
     assert "verdict: " in done.stdout, done.stderr
     assert os.linesep + "    printed " in done.stdout
+    done = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time")
+    assert "verdict: " in done.stdout, done.stderr
+    assert os.linesep + "    density_blind_velocity_adjoint  " in done.stdout

@@ -1,6 +1,8 @@
 """The command `marsedl`: what there is, what something is made of, what differs, one trial again, and the proof."""
 
 import argparse
+import contextlib
+import re
 import sys
 from pathlib import Path
 
@@ -25,8 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     trial = commands.add_parser("trial", help="fly one trial of a Monte Carlo case again")
     trial.add_argument("paper")
     trial.add_argument("reading")
+    trial.add_argument("case", nargs="?", default=argparse.SUPPRESS, help="the paper's first case unless given")
     trial.add_argument("number", type=int)
-    trial.add_argument("--case", default="closed_loop")
+    trial.add_argument("--case", help="the same as an option")
     verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
     verify.add_argument("--write-reference", action="store_true", help="store the numbers of this build for comparison")
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
@@ -63,10 +66,11 @@ def _study(paper, config_file=None):
 
     if paper not in SLUGS:
         raise InputError(f"there is no paper '{paper}'; {nearest(paper, SLUGS)}")
-    files = [] if config_file is None else [config_file]
+    files = [] if config_file is None else [config_file.resolve()]
     config = {} if config_file is None else read_yaml(config_file) or {}
     models = {slug: input_model(slug) for slug in SLUGS}
-    studies = load_studies(models, project_root() / "configs", config, files)
+    with contextlib.chdir(project_root()):  # from where files named by inputs are read
+        studies = load_studies(models, Path("configs"), config, files)
     return catalogue(paper), studies[paper]
 
 
@@ -84,23 +88,33 @@ def _list(options) -> int:
     for slug in SLUGS:
         paper, study = _study(slug)
         print(f"{slug}\n  {paper.title}\n  {paper.authors}\n\n  readings")
-        for name, reading in study.readings.items():
-            base = f" (based on {reading.based_on})" if reading.based_on else ""
-            print(f"    {name:22}{reading.summary}{base}")
+        readings = study.readings.values()
+        _print_columns(4, [(r.name, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for r in readings])
         print("\n  figures (snakemake figures/" + slug + "/NAME.png, or figures/" + slug + "/READING/NAME.png)")
-        for stem, product in paper.figures.items():
-            print(f"    {stem:22}{product.caption.split('. ')[0]}")
+        _print_columns(4, [(stem, _first_sentence(product.caption)) for stem, product in paper.figures.items()])
         print("\n  tables (NAME.csv, NAME.md in the same places)")
-        for stem, product in paper.tables.items():
-            print(f"    {stem:22}{product.caption.split('. ')[0]}")
-        for stem, caption in {**paper.summaries, "claims": "Every printed claim with its verdict."}.items():
-            print(f"    {stem:22}{caption.split('. ')[0]} (all readings)")
+        summaries = {**paper.summaries, "claims": "Every printed claim with its verdict."}
+        rows = [(stem, _first_sentence(product.caption)) for stem, product in paper.tables.items()]
+        rows += [(stem, f"{_first_sentence(caption)} (all readings)") for stem, caption in summaries.items()]
+        _print_columns(4, rows)
         print("\n  stages (snakemake data/cache/" + slug + "/READING/NAME.h5)")
-        for name, stage in paper.stages.items():
-            print(f"    {name:22}{stage.meaning}")
+        _print_columns(4, [(name, stage.meaning) for name, stage in paper.stages.items()])
         print()
     print("targets: all, " + ", ".join(SLUGS) + ", claims, report, verify")
     return 0
+
+
+def _first_sentence(caption) -> str:
+    """Without its full stop; that of "Fig. 9" ends no sentence."""
+    return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")
+
+
+def _print_columns(indent, rows) -> None:
+    """Print rows of texts with their columns aligned."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        print(" " * indent + "  ".join(cells).rstrip())
 
 
 def _explain(options) -> int:
@@ -130,15 +144,16 @@ def _explain(options) -> int:
     else:
         known = [*paper.figures, *paper.tables, *paper.stages, *claims]
         raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, known)}")
+    namesakes = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)][1:]
+    if namesakes:
+        print(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
     stages, names = _behind(paper, item)
     print("\nartifacts, in the order in which they are made")
-    for stage in stages:
-        print(f"  {stage:22}{paper.stages[stage].meaning}")
+    _print_columns(2, [(stage, paper.stages[stage].meaning) for stage in stages])
     print("\ninputs that it depends on")
-    for field in reading.inputs.__class__.model_fields:
-        if field in names:
-            source = reading.sources[field]
-            print(f"  {source.key:28}{source.written!s:30} {study_unit(reading, source, field):16} {source.source}")
+    fields = [field for field in reading.inputs.__class__.model_fields if field in names]
+    sources = [(reading.sources[field], field) for field in fields]
+    _print_columns(2, [(s.key, str(s.written), study_unit(reading, s, field), s.source) for s, field in sources])
     print("\ncode that draws or computes it")
     for symbol in reached(entry, root / "src"):
         if "(at import)" not in symbol:
@@ -177,8 +192,13 @@ def _print_verdict(root, slug, claim) -> None:
         return
     row = next(row for row in read_claims(path) if (row["paper"], row["id"]) == (slug, claim))
     print(f"  verdict: {row['verdict']} (reading {row['reading']})\n  {row['reason']}".rstrip())
-    for name, result in row["readings"].items():
-        print(f"    {name:22}{result['verdict'] or '–':14}{', '.join(format_result(row, name))}  {result['evidence']}")
+    _print_columns(
+        4,
+        [
+            (name, result["verdict"] or "–", ", ".join(format_result(row, name)), result["evidence"] or "")
+            for name, result in row["readings"].items()
+        ],
+    )
 
 
 def _diff(options) -> int:
@@ -199,7 +219,8 @@ def _trial(options) -> int:
     paper, study = _study(options.paper, options.configfile)
     reading = _reading(study, options.reading)
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
-    print(jobs.replay(root, paper, reading, options.case, options.number, module))
+    case = options.case or next(iter(reading.inputs.CASES))
+    print(jobs.replay(root, paper, reading, case, options.number, module))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The powered-descent paper's stages as the tests use them: called directly, computed once, never through files."""
+"""The papers' stages as the tests use them: called directly, computed once, never through files."""
 
 from importlib import import_module
 from pathlib import Path
@@ -6,44 +6,67 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.powered_descent import PAPER, montecarlo
-from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.papers import catalogue, input_model
 from marsedl.replication.claims import load_published
 from marsedl.replication.inputs import load_study
 from marsedl.replication.jobs import Slice
 
 ROOT = Path(__file__).parents[2]
-PAPER_TRIALS = 2000
-LARGE_TRIALS = 20_000  # sampling errors three times smaller than the paper's
+TRIALS = 2000
+LARGE_TRIALS = 20_000  # sampling errors three times smaller
 DRAWN_TRIALS = 12
 
-# Sizes that only cost time: Algorithm 1 converges in under 100 iterations wherever it is asked to.
-REDUCED = {"fixed_point_iterations": 2000, "drawn_trials": DRAWN_TRIALS}
+# Sizes that only cost time, by paper.
+REDUCED = {
+    # Algorithm 1 converges in under 100 iterations wherever it is asked to.
+    "powered_descent": {"fixed_point_iterations": 2000, "drawn_trials": DRAWN_TRIALS},
+    "stochastic_entry": {
+        "drawn_trials": DRAWN_TRIALS,
+        "trials": TRIALS,
+        "paper_trials": 1000,
+        "source_trials": 300,
+        "partition_study": np.array([2.0, 4.0, 8.0, 20.0]),
+        "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
+    },
+}
 
 
 class Pipeline:
     """The stages of every reading, and of readings with changed inputs: `pipeline.gains("corrected", gravity=0.0)`."""
 
-    def __init__(self):
-        self.study = load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml")
+    def __init__(self, slug):
+        self.paper, self.model = catalogue(slug), input_model(slug)
+        self.montecarlo = import_module(f"marsedl.papers.{slug}.montecarlo")
+        self.study = load_study(slug, self.model, ROOT / "configs" / f"{slug}.yaml")
         self.done = {}
 
     def inputs(self, reading, names, **changes):
         """The inputs of these names, and no others; names that the stage does not use are not changed in it."""
         values = self.study.readings[reading].slice(names)
-        return Slice(values | {name: value for name, value in (REDUCED | changes).items() if name in values})
+        changed = REDUCED[self.paper.slug] | changes
+        return Slice(values | {name: value for name, value in changed.items() if name in values})
 
     def stage_inputs(self, reading, stage, **changes):
         """What the catalogue lets a stage use."""
-        return self.inputs(reading, PAPER.stages[stage].inputs, **changes)
+        return self.inputs(reading, self.paper.stages[stage].inputs, **changes)
+
+    def used(self, name):
+        """Names of the inputs that a stage and those before it use."""
+        stage = self.paper.stages[name]
+        return set(stage.inputs).union(*(self.used(need) for need in stage.needs))
+
+    def needed(self, name, reading, **changes):
+        """The artifacts that a stage needs."""
+        return {need: self.stage(need, reading, **changes) for need in self.paper.stages[name].needs}
 
     def stage(self, name, reading, **changes):
         """The artifact of a stage with those that it needs, remembered."""
+        changes = {key: value for key, value in changes.items() if key in self.used(name)}
         key = (name, reading, repr(sorted(changes.items())))
         if key not in self.done:
-            module, function = PAPER.entry(name).split(":")
-            needed = {need: self.stage(need, reading, **changes) for need in PAPER.stages[name].needs}
+            module, function = self.paper.entry(name).split(":")
             compute = getattr(import_module(module), function)
+            needed = self.needed(name, reading, **changes)
             self.done[key] = compute(self.stage_inputs(reading, name, **changes), **needed)
         return self.done[key]
 
@@ -65,20 +88,30 @@ class Pipeline:
     def integrator_error(self, reading="corrected", **changes):
         return self.stage("integrator_error", reading, **changes)
 
-    def ensemble(self, reading="corrected", case="closed_loop", trials=PAPER_TRIALS, chunks=1, **changes):
-        """A Monte Carlo case, flown in chunks and gathered, remembered."""
+    def tradeoff(self, reading="corrected", **changes):
+        return self.stage("tradeoff", reading, **changes)
+
+    def error_budget(self, reading="corrected", **changes):
+        return self.stage("error_budget", reading, **changes)
+
+    def ensemble(self, reading="corrected", case=None, trials=TRIALS, chunks=1, **changes):
+        """A Monte Carlo case, the paper's first unless given, flown in chunks and gathered, remembered."""
+        case = case or next(iter(self.model.CASES))
         key = ("montecarlo", reading, case, trials, chunks, repr(sorted(changes.items())))
         if key not in self.done:
             self.done[key] = self.fly(reading, self.gains(reading, **changes), case, trials, chunks, **changes)
         return self.done[key]
 
-    def fly(self, reading, gains, case="closed_loop", trials=PAPER_TRIALS, chunks=1, block_size=1000, **changes):
+    def fly(self, reading, gains, case=None, trials=TRIALS, chunks=1, block_size=1000, **changes):
         """A Monte Carlo case under any gains."""
+        needs = self.paper.stages["montecarlo_chunk"].needs
+        needed = {need: self.stage(need, reading, **changes) for need in needs if need != "gains"}
         flown = [
-            montecarlo.simulate(
+            self.montecarlo.simulate(
                 self.stage_inputs(reading, "montecarlo_chunk", **changes),
-                gains,
-                case=case,
+                **needed,
+                gains=gains,
+                case=case or next(iter(self.model.CASES)),
                 trials=trials,
                 chunk=chunk,
                 chunks=chunks,
@@ -86,32 +119,57 @@ class Pipeline:
             )
             for chunk in range(chunks)
         ]
-        return montecarlo.gather(self.stage_inputs(reading, "montecarlo_gather", **changes), flown)
+        inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
+        return self.montecarlo.gather(inputs, **self.needed("montecarlo_gather", reading, **changes), chunks=flown)
+
+    def simulator(self, case, reading="corrected", changes=None, **inputs):
+        """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
+        needed = self.needed("montecarlo_chunk", reading)
+        inputs = self.stage_inputs(reading, "montecarlo_chunk", **inputs)
+        return self.montecarlo.block_simulator(inputs, **needed, case=case, **changes or {})
 
     def artifacts(self, reading, large=False):
         """Everything that claims, figures and tables of a reading are made from, at reduced size."""
-        names = [name for name in PAPER.stages if not name.startswith("montecarlo")]
-        made = {name: self.stage(name, reading) for name in names}
-        for case in ("closed_loop", "open_loop"):
-            made[case] = self.ensemble(reading, case)
-            if large:
-                made[f"{case}_large"] = self.ensemble(reading, f"{case}_large", LARGE_TRIALS)
+        made = {}
+        for name, stage in self.paper.stages.items():
+            if not name.startswith("montecarlo") and reading in (stage.claimed_in or [reading]):
+                made[name] = self.stage(name, reading)
+        for case, size in self.model.CASES.items():
+            if size == "trials" or large:
+                made[case] = self.ensemble(reading, case, TRIALS if size == "trials" else LARGE_TRIALS)
         return made
 
     def all_inputs(self, reading):
         """All inputs of a reading, as the evaluation of claims gets them."""
-        return self.inputs(reading, MODEL.model_fields)
+        return self.inputs(reading, self.model.model_fields)
 
 
 @pytest.fixture(scope="session")
 def pipeline():
-    return Pipeline()
+    """The powered-descent paper's stages."""
+    return Pipeline("powered_descent")
+
+
+@pytest.fixture(scope="session")
+def entry():
+    """The entry-guidance paper's stages."""
+    return Pipeline("stochastic_entry")
+
+
+def published_of(slug):
+    return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
 
 
 @pytest.fixture(scope="session")
 def published():
-    """The printed claims of the paper, by id."""
-    return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{PAPER.slug}.yaml")}
+    """The printed claims of the powered-descent paper, by id."""
+    return published_of("powered_descent")
+
+
+@pytest.fixture(scope="session")
+def entry_published():
+    """The printed claims of the entry-guidance paper, by id."""
+    return published_of("stochastic_entry")
 
 
 def node_of(artifact, time, after_switch=False):

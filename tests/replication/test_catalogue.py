@@ -15,7 +15,12 @@ from marsedl.papers import SLUGS, catalogue, input_model
 ROOT = Path(__file__).parents[2]
 RULES = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
 SCRIPTS = sorted((ROOT / "workflow" / "scripts").glob("*.py"))
-FILES_OF_EVERY_PAPER = {"__init__.py", "inputs.py", "figures.py", "claims.py"}
+FILES_OF_EVERY_PAPER = {
+    *("__init__.py", "inputs.py", "nominal.py", "linearization.py", "gains.py", "montecarlo.py", "flight.py"),
+    *("figures.py", "tables.py", "claims.py"),
+}
+STAGES_OF_EVERY_PAPER = ["nominal", "linearization", "gains", "certificates"]
+STAGES_OF_EVERY_PAPER += ["montecarlo", "montecarlo_chunk", "montecarlo_gather"]
 SCIENCE = ("numpy", "scipy", "numba", "casadi", "cvxpy", "matplotlib", "h5py")
 
 
@@ -29,6 +34,7 @@ def test_every_paper_has_the_same_files(slug):
     assert present >= FILES_OF_EVERY_PAPER
     for name in ("configs", "data/published"):
         assert (ROOT / name / f"{slug}.yaml").exists()
+    assert set(catalogue(slug).stages) >= set(STAGES_OF_EVERY_PAPER)
     assert (ROOT / "workflow" / "rules" / f"{slug}.smk").exists()
 
 
@@ -49,6 +55,14 @@ def test_stages_products_and_functions_belong_together(slug):
             assert product.caption
     assert set(input_model(slug).CASES.values()) <= fields
     assert len({erratum.id for erratum in paper.errata}) == len(paper.errata)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_no_two_products_have_one_name(slug):
+    """The catalogue, the logs and the report know figures and tables by their names alone."""
+    paper = catalogue(slug)
+    names = [*paper.figures, *paper.tables, *paper.summaries, "claims"]
+    assert not {name for name in names if names.count(name) > 1}
 
 
 @pytest.mark.parametrize("slug", SLUGS)
@@ -90,9 +104,8 @@ def test_every_rule_has_a_log_and_none_runs_python_itself(path):
 
 
 def test_rules_are_found():
-    assert {"figure", "default_figure", "powered_descent_nominal", "powered_descent_montecarlo_chunk", "verify"} <= {
-        name for path in RULES for name in rules_of(path)
-    }
+    stages = {f"{slug}_{stage}" for slug in SLUGS for stage in STAGES_OF_EVERY_PAPER}
+    assert {"figure", "default_figure", "verify", *stages} <= {name for path in RULES for name in rules_of(path)}
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

@@ -5,6 +5,7 @@ import pytest
 pytestmark = pytest.mark.workflow
 
 READING = "powered_descent: {readings: {mine: {based_on: corrected, inputs: {%s}}}}\n"
+ENTRY = "stochastic_entry: {readings: {mine: {based_on: corrected, inputs: {%s}}}}\n"
 TARGET = "figures/powered_descent/mine/fig07.png"
 
 
@@ -26,6 +27,13 @@ def refused(tree, *arguments, configfile=None):
         (READING % "gravity: {value: 1e3, source: Eq. 1}", ["mine.inputs.gravity", "with a point"]),
         (READING % "final_covariance: {value: [1.0, -1.0, 1.0, 1.0], source: Eq. 1}", ["not positive definite"]),
         (READING % "time_step: {value: 1.0e-12, unit: s, source: Eq. 1}", ["time_step", "steps in a segment"]),
+        (ENTRY % "density_profile: {value: table, source: Fig. 1}", ["density_table names none", "write its file"]),
+        (
+            ENTRY % "density_table: {value: data/atmosphere/mine.csv, source: Fig. 1}",
+            ["mine.inputs.density_table", "data/atmosphere/mine.csv: there is no such density table"],
+        ),
+        (ENTRY % "partition_interval: {value: 1.5, source: Eq. 1}", ["multiples of guidance_period"]),
+        (ENTRY % "control_limit: {value: -0.1, source: Eq. 1}", ["mine.inputs.control_limit", "greater than 0"]),
         ("powered_descent: {readings: {a: {based_on: b}, b: {based_on: a}}}\n", ["based_on", "itself"]),
         ("powered_descent: {readings: {a: {based_on: corected}}}\n", ["based_on", "did you mean 'corrected'?"]),
         ("powerd_descent: {}\n", ["did you mean 'powered_descent'?"]),
@@ -84,8 +92,15 @@ def test_a_malformed_setting_is_refused(tree, setting, fragments):
         assert fragment in said
 
 
-def test_a_changed_frozen_reading_is_refused(tree):
-    tree.edit("configs/powered_descent.yaml", "gravity: {value: 3.71", "gravity: {value: 3.72")
+@pytest.mark.parametrize(
+    ("slug", "old", "new"),
+    [
+        ("powered_descent", "gravity: {value: 3.71", "gravity: {value: 3.72"),
+        ("stochastic_entry", "mass: {value: 3200.0", "mass: {value: 3201.0"),
+    ],
+)
+def test_a_changed_frozen_reading_is_refused(tree, slug, old, new):
+    tree.edit(f"configs/{slug}.yaml", old, new)
     said = refused(tree, "all")
-    assert "configs/powered_descent.yaml: readings.printed: is frozen" in said
+    assert f"configs/{slug}.yaml: readings.printed: is frozen" in said
     assert "based_on: printed" in said

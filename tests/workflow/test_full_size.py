@@ -2,24 +2,29 @@
 
 import json
 import re
-from pathlib import Path
+from itertools import product
 
 import pytest
 
-from marsedl.papers import SLUGS, catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.artifacts import opened
 from marsedl.replication.claims import COUNTED_VERDICTS, UNEXPLAINED, load_published
-from marsedl.replication.verification import compare_reference, copy_tree, snakemake
+from marsedl.replication.inputs import load_study
+from marsedl.replication.verification import compare_reference, snakemake
 
 pytestmark = pytest.mark.workflow
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def full(tmp_path_factory):
-    folder = copy_tree(ROOT, tmp_path_factory.mktemp("full") / "project")
-    done = snakemake(folder, "all", "--cores", "2")
+def full(built):
+    """A full build in the place of a smoke build, of which nothing may be left that depends on the size.
+
+    There the compiled kernels are at hand. The result is moved away, as the tests of smoke builds need the place.
+    """
+    built.restore()
+    done = snakemake(built.second.folder, "all", "--cores", "2")
     assert done.returncode == 0, done.stdout[-3000:]
-    return folder
+    return built.second.folder.rename(built.spare.parent / "full")
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +54,23 @@ def test_the_ensembles_have_the_sizes_that_are_claimed(rows):
     for name, count in trials["mc_final_mean"].items():
         assert count == (100_000 if name in ("corrected", "target4") else 2000), name
     assert set(trials["var_endpoints_nearly_exact"].values()) == {2000}
+    for law, trigger in product(("apollo", "stochastic"), ("time", "velocity")):
+        counts = trials[f"tab4_downrange_{law}_{trigger}"]
+        assert len(counts) == 13
+        for name, count in counts.items():
+            assert count == (100_000 if name == "corrected" else 10_000) or (name, law) == ("printed", "stochastic")
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_every_reading_has_all_of_its_trials(full, slug):
+    """Counted in the artifacts, those that are not finite included: nothing of the smaller size is left."""
+    study = load_study(slug, input_model(slug), full / "configs" / f"{slug}.yaml")
+    for name, reading in study.readings.items():
+        for case, size in input_model(slug).CASES.items():
+            if trials := getattr(reading.inputs, size):
+                with opened(full / "data" / "cache" / slug / name / f"montecarlo.{case}.h5") as file:
+                    assert len(file["outcome"]) == trials
+                    assert int(file["count"][()]) + int(file["excluded"][()]) == trials
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from marsedl.papers import catalogue, input_model
+from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.papers.powered_descent.gains import Gains
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
+from marsedl.papers.stochastic_entry import montecarlo as entry_montecarlo
+from marsedl.papers.stochastic_entry import nominal as entry_nominal
 from marsedl.replication.artifacts import load
 from marsedl.replication.claims import read_claims
 
@@ -34,9 +36,8 @@ def mine(tmp_path):
     return path
 
 
-def artifact(tree, name, kind):
-    path = tree.path(f"data/cache/powered_descent/mine/{name}.h5")
-    return load(path, kind, paper="powered_descent", reading="mine")
+def artifact(tree, name, kind, paper="powered_descent"):
+    return load(tree.path(f"data/cache/{paper}/mine/{name}.h5"), kind, paper=paper, reading="mine")
 
 
 def test_an_own_reading_is_built_beside_the_others(tree, mine):
@@ -83,15 +84,45 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
     assert plan.rules == {"claims", "all_claims", "digests", "index"}
 
 
-def test_every_target_exists_for_an_own_reading(tree, mine):
-    paper = catalogue("powered_descent")
-    targets = {f"figures/powered_descent/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
-    targets |= {f"figures/powered_descent/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
+def test_a_density_table_of_ones_own(tree, tmp_path):
+    """An exponential atmosphere, of which every interpolation of ln density gives the exact density in between."""
+    density, scale_height = 0.0158, 9354.5
+    table = tmp_path / "thin air.csv"
+    rows = [f"{altitude},{density * np.exp(-altitude / scale_height):.17g}" for altitude in range(0, 130_001, 5000)]
+    table.write_text("\n".join(["altitude_m,density_kg_m3", *rows]) + "\n", encoding="utf-8")
+    config = tmp_path / "mine.yaml"
+    config.write_text(
+        "stochastic_entry: {readings: {mine: {based_on: corrected, inputs: {\n"
+        "  density_profile: {value: table, source: 'assumed: test'},\n"
+        f"  density_table: {{value: '{table}', source: 'assumed: test'}}}}}}}}}}\n",
+        encoding="utf-8",
+    )
+    before, figure = tree.state(), "figures/stochastic_entry/mine/fig07.png"
+    flights = "data/cache/stochastic_entry/mine/montecarlo.stochastic_velocity.h5"
+    done = tree.run(figure, flights, configfile=config)
+    assert done.returncode == 0, done.stdout[-3000:]
+    nominal = artifact(tree, "nominal", entry_nominal.Nominal, "stochastic_entry")
+    np.testing.assert_allclose(nominal.density, density * np.exp(-nominal.altitude / scale_height), rtol=1e-9)
+    flown = artifact(tree, "montecarlo.stochastic_velocity", entry_montecarlo.FlightEnsemble, "stochastic_entry")
+    assert flown.count == 200
+    np.testing.assert_allclose(flown.final_state[:, 1], 500.0, atol=1e-6)
+    after = tree.state()
+    assert {name: state for name, state in after.items() if "/mine/" not in name} == before
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_every_target_exists_for_an_own_reading(tree, tmp_path, slug):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"{slug}: {{readings: {{mine: {{based_on: corrected}}}}}}\n", encoding="utf-8")
+    paper = catalogue(slug)
+    targets = {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
+    targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
     stages = [name for name in paper.stages if not name.startswith("montecarlo")]
-    stages += [f"montecarlo.{case}" for case in input_model("powered_descent").CASES]
-    targets |= {f"data/cache/powered_descent/mine/{name}.h5" for name in stages}
-    plan = tree.plan(*sorted(targets), configfile=mine)
+    stages += [f"montecarlo.{case}" for case in input_model(slug).CASES]
+    targets |= {f"data/cache/{slug}/mine/{name}.h5" for name in stages}
+    plan = tree.plan(*sorted(targets), configfile=path)
     assert plan.files >= targets
+    assert plan.papers == {slug}
     assert plan.readings == {"mine"}
 
 

@@ -2,6 +2,8 @@
 
 import pytest
 
+from marsedl.papers import SLUGS, input_model
+
 pytestmark = pytest.mark.workflow
 
 
@@ -14,6 +16,9 @@ def test_two_builds_agree_in_every_product(built):
     assert "cores 2, chunks 3, PYTHONHASHSEED 271828" in built.said
     kinds = {name.rsplit(".", 1)[1] for name in first}
     assert {"h5", "png", "pdf", "csv", "md", "json", "html"} <= kinds
+    for slug in SLUGS:
+        flown = {f"data/cache/{slug}/corrected/montecarlo.{case}.h5" for case in input_model(slug).CASES}
+        assert first.keys() >= flown
 
 
 def test_the_builds_scattered_their_trials_differently(built):

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from marsedl.papers import catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.code_digest import reached
 
 pytestmark = pytest.mark.workflow
@@ -13,10 +13,13 @@ pytestmark = pytest.mark.workflow
 CONFIG = "configs/powered_descent.yaml"
 PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
+ENTRY_PHYSICS = f"{PACKAGE}/models/dynamics/entry.py"
 FIGURES = f"{PACKAGE}/papers/powered_descent/figures.py"
 STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
 SUMMARY = {"digests", "index"}
 CLAIMS = {"claims", "all_claims", *SUMMARY}
+FLIGHTS = {"montecarlo", "montecarlo_chunk", "montecarlo_gather"}
+PRODUCTS = {"default_figure", "default_table"}
 DRAWN_FROM_TRIALS = {"fig03", "fig04", "fig05", "fig06b", "fig07", "eq54"}
 
 
@@ -48,7 +51,8 @@ def test_comments_docstrings_and_blank_lines_rerun_nothing(tree):
     for script in sorted(tree.path("workflow/scripts").glob("*.py")):
         script.write_text("# A comment.\n\n" + script.read_text(encoding="utf-8"), encoding="utf-8")
     tree.edit("workflow/scripts/stage.py", '"""Run one stage:', '"""Do one stage:')
-    tree.edit(CONFIG, "# Jobs into which", "# Another comment.\n# Jobs into which")
+    for slug in SLUGS:
+        tree.edit(f"configs/{slug}.yaml", "# Jobs into which", "# Another comment.\n# Jobs into which")
     for module in sorted(tree.path(PACKAGE).rglob("*.py")):
         module.write_text(module.read_text(encoding="utf-8") + "\n\n# A comment at the end.\n", encoding="utf-8")
     assert tree.plan("all").rules == set()
@@ -66,19 +70,67 @@ def test_an_edited_script_reruns_its_jobs(tree):
 def test_shared_physics_reruns_its_users_and_what_depends_on_them(tree):
     tree.edit(PHYSICS, "/ mass - gravity,", "/ mass - 1.0 * gravity,")
     plan = tree.plan("all")
+    assert plan.papers == {"powered_descent"}
     assert plan.changed == {"nominal"}  # all others are said to rerun because something before them does
     assert plan.rules == {
         *{"nominal", "linearization", "gains", "fixed_point", "certificates", "integrator_error"},
-        *{"montecarlo_chunk", "montecarlo_gather", "default_figure", "default_table", *CLAIMS},
+        *{*FLIGHTS, *PRODUCTS, *CLAIMS},
     }
     assert len(plan.readings) == 11
 
 
-def test_the_code_of_a_stage_is_what_it_can_reach():
+def test_the_physics_of_entry_reruns_its_users_and_nothing_of_the_descent(tree):
+    tree.edit(ENTRY_PHYSICS, "+ heading_sign * inertial_heading_rate", "+ 1.0 * heading_sign * inertial_heading_rate")
+    plan = tree.plan("all")
+    assert plan.papers == {"stochastic_entry"}
+    assert plan.changed == {"nominal"}
+    assert plan.rules == {
+        *{"nominal", "linearization", "gains", "certificates", "tradeoff", "error_budget"},
+        *{"montecarlo", *PRODUCTS, *CLAIMS},
+    }
+    assert len(plan.readings) == 13
+
+
+@pytest.mark.parametrize(
+    ("slug", "function", "users"),
+    [
+        (
+            "powered_descent",
+            "models.dynamics.powered_descent:powered_descent_rates",
+            {"nominal", "linearization", "integrator_error", "montecarlo", "montecarlo_chunk"},
+        ),
+        (
+            "stochastic_entry",
+            "models.dynamics.entry:entry_rates_from_sines",
+            {"nominal", "error_budget", "montecarlo", "montecarlo_chunk"},
+        ),
+        ("stochastic_entry", "models.dynamics.longitudinal_entry:longitudinal_entry_rates", {"linearization"}),
+        ("stochastic_entry", "methods.covariance_steering.lqg_dual:solve", {"gains", "certificates", "tradeoff"}),
+    ],
+)
+def test_the_code_of_a_stage_is_what_it_can_reach(slug, function, users):
     """Dry runs show only the first reason of each job, so the users of a function are also asked for by name."""
-    paper, rates = catalogue("powered_descent"), "marsedl.models.dynamics.powered_descent:powered_descent_rates"
-    users = {name for name in paper.stages if rates in reached(paper.entry(name))}
-    assert users == {"nominal", "linearization", "integrator_error", "montecarlo", "montecarlo_chunk"}
+    paper, symbol = catalogue(slug), f"marsedl.{function}"
+    assert {name for name in paper.stages if symbol in reached(paper.entry(name))} == users
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "papers"),
+    [
+        ("elementary.py", "s = f / (2.0 + f)", "s = f / (f + 2.0)", set(SLUGS)),  # of the logarithm, for normals
+        ("elementary.py", "c = r - z * (", "c = r - 1.0 * z * (", {"stochastic_entry"}),  # of the exponential
+        ("integrators.py", "sixth = step / 6.0", "sixth = 1.0 * step / 6.0", set(SLUGS)),
+    ],
+)
+def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(tree, module, old, new, papers):
+    tree.edit(f"{PACKAGE}/montecarlo/{module}", old, new)
+    plan = tree.plan("all")
+    assert plan.papers == papers
+    for slug in papers:
+        mine, cases = plan.of(slug), {f"montecarlo.{case}" for case in input_model(slug).CASES}
+        assert "nominal" in mine.changed
+        assert {name.split("/")[1] for name in mine.artifacts} >= cases
+        assert mine.rules >= {"montecarlo", *PRODUCTS, "claims"}
 
 
 def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(tree):
@@ -141,17 +193,17 @@ def test_an_input_of_figures_reruns_no_artifact(tree):
 def test_the_number_of_drawn_trials_reruns_the_flights(tree):
     tree.set_inputs("corrected", drawn_trials="15")
     plan = tree.plan("all")
-    assert plan.rules == {"montecarlo_chunk", "montecarlo_gather", "default_figure", "default_table", *CLAIMS}
+    assert plan.rules == {*FLIGHTS, *PRODUCTS, *CLAIMS}
     assert plan.readings.isdisjoint({"printed", "printed_eq46"})
     assert len(plan.readings) == 9
-    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo"}
+    assert plan.stages == {"montecarlo"}
     assert plan.figures == DRAWN_FROM_TRIALS
 
 
 def test_the_maximum_thrust_reruns_what_uses_it_and_no_design(tree):
     tree.set_inputs("corrected", maximum_thrust="17000.0")
     plan = tree.plan("all")
-    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo", "fixed_point"}
+    assert plan.stages == {"montecarlo", "fixed_point"}
     assert plan.figures == {*DRAWN_FROM_TRIALS, "fixed_point", "algorithm_1"}
 
 
@@ -176,8 +228,47 @@ def test_one_readings_input_leaves_the_other_readings_alone(tree):
     assert tree.digests() == digests
 
 
+def test_an_input_of_a_hypothesis_reruns_its_gains_and_flights_alone(tree):
+    tree.edit(
+        "configs/stochastic_entry.yaml",
+        "partition_interval: {value: 10.0, unit: s,",
+        "partition_interval: {value: 6.0, unit: s,",
+    )
+    plan = tree.plan("all")
+    assert plan.papers == {"stochastic_entry"}
+    assert plan.readings == {"partition_24"}, "partition_20 is based on it, but has an interval of its own"
+    assert plan.changed == {"gains", "claims"}
+    assert plan.rules == {"gains", "montecarlo", *CLAIMS}
+
+
+def test_a_limit_of_the_stochastic_law_reruns_no_nominal_and_no_linear_model(tree):
+    tree.set_inputs("corrected", paper="stochastic_entry", altitude_limit="2500.0")
+    plan = tree.plan("all")
+    assert plan.papers == {"stochastic_entry"}
+    assert plan.stages == {"gains", "certificates", "tradeoff", "error_budget", "montecarlo"}
+    assert "printed" not in plan.readings
+    assert plan.figures.isdisjoint({"fig01", "fig02", "fig03", "fig04", "fig05", "fig06", "fig07", "tab02", "zf"})
+
+
+def test_a_density_table_is_an_input_by_its_numbers(tree):
+    """The file is read when the configuration is: an edited number reruns its readings, other text of it nothing."""
+    table = tree.path("data/atmosphere/mars_density.csv")
+    text = table.read_text(encoding="utf-8")
+    table.write_text("# A comment.\n" + text, encoding="utf-8")
+    assert tree.plan("all").rules == set()
+    rows = text.splitlines()
+    number = next(n for n, row in enumerate(rows) if row.startswith("marsgram_2021a_sample_daily_mean,"))
+    rows[number] = rows[number].replace("e-", "1e-", 1)  # one more digit
+    table.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    plan = tree.plan("all")
+    assert plan.papers == {"stochastic_entry"}
+    assert plan.readings == {"marsgram_table"}
+    assert plan.stages >= {"nominal", "linearization", "gains", "montecarlo"}
+
+
 def test_another_number_of_chunks_reruns_only_the_flights(tree):
     tree.config = ["size=smoke", "chunks=1"]
     plan = tree.plan("all")
-    assert {name.split("/")[1].split(".")[0] for name in plan.artifacts} == {"montecarlo"}
+    assert plan.stages == {"montecarlo"}
+    assert {name.split(".")[1] for name in plan.artifacts} == {"closed_loop_large", "open_loop_large"}
     assert plan.rules.isdisjoint({"nominal", "linearization", "gains", "fixed_point", "certificates"})

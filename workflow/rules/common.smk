@@ -1,4 +1,5 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
+import functools
 import hashlib
 import sys
 
@@ -43,6 +44,7 @@ def needs(paper, name):
     }
 
 
+@functools.lru_cache(maxsize=None)
 def code_of(entry, script):
     """Digest of the code that a job can reach: its script and its function."""
     return f"{script_digest(SCRIPTS / script, SOURCE)[:16]} {code_digest(entry, SOURCE)[:16]}"
@@ -69,15 +71,17 @@ def cases(paper, reading):
     return {case: number for case, number in trials.items() if number}
 
 
+def number_of_chunks(paper, reading, case):
+    """The chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials, if any."""
+    blocks = -(-cases(paper, reading).get(case, 0) // PAPERS[paper].trials_per_block)
+    return min(STUDIES[paper].chunks[case], blocks)
+
+
 def chunk_files(paper):
-    """The chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials."""
+    """The files of all chunks of a Monte Carlo case."""
 
     def files(wildcards):
-        blocks = -(
-            -cases(paper, wildcards.reading)[wildcards.case]
-            // PAPERS[paper].trials_per_block
-        )
-        chunks = min(STUDIES[paper].chunks[wildcards.case], blocks)
+        chunks = number_of_chunks(paper, wildcards.reading, wildcards.case)
         pattern = f"data/cache/{paper}/{{reading}}/chunks/{{case}}.{{k}}of{chunks}.h5"
         return expand(
             pattern, reading=wildcards.reading, case=wildcards.case, k=range(chunks)
@@ -87,12 +91,14 @@ def chunk_files(paper):
 
 
 def cases_of(paper, scattered):
-    """Pattern of the Monte Carlo cases that are scattered into chunks, or of those that are not."""
+    """Pattern of the Monte Carlo cases that have several chunks in some reading, or of those that have one in all."""
+    readings = STUDIES[paper].readings
     return (
         "|".join(
             case
-            for case, chunks in STUDIES[paper].chunks.items()
-            if (chunks > 1) == scattered
+            for case in MODELS[paper].CASES
+            if any(number_of_chunks(paper, name, case) > 1 for name in readings)
+            == scattered
         )
         or "(?!)"
     )

@@ -15,7 +15,7 @@ from marsedl.replication.claims import UNEXPLAINED, read_claims, write_text
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
 
-TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "src")
+TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
 # What must not matter: cores, chunks, and the order of sets and dictionaries.
 BUILDS = (

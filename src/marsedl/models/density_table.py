@@ -1,0 +1,109 @@
+"""Tables of the mean density: files of ours, or of a user's own. Light to import, as the configuration reads them."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["read_density_table", "require_physical"]
+
+
+def require_physical(altitudes, densities, place):
+    """Refuse a table that is no density profile; place(i) names row i in the message."""
+    if len(altitudes) < 3:
+        raise ValueError(f"{place(None)}: {len(altitudes)} rows are too few for a density table; give at least 3")
+    for i, (altitude, density) in enumerate(zip(altitudes, densities, strict=True)):
+        if not (math.isfinite(altitude) and math.isfinite(density)):
+            raise ValueError(
+                f"{place(i)}: altitude {altitude} m, density {density} kg/m^3: not finite; remove or mend the row"
+            )
+        if density <= 0.0:
+            raise ValueError(f"{place(i)}: density {density:g} kg/m^3 is not positive; remove or mend the row")
+        if i and altitude <= altitudes[i - 1]:
+            raise ValueError(
+                f"{place(i)}: non-monotone density table: altitude {altitude:g} m follows {altitudes[i - 1]:g} m; "
+                f"sort the rows by strictly increasing altitude"
+            )
+
+
+def _number(text, key, place):
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{place}: {key} is not a number: '{text}'; write it like 1.23e-5") from None
+
+
+def read_density_table(path, source=None):
+    """Read a table of mean densities: one of ours, or a user's own (from NASA's GRAM, say).
+
+    The file is CSV text (UTF-8). Blank lines and lines that start with '#' are comments. The first other line names the
+    columns, in any order; further columns are ignored:
+
+        altitude_km or altitude_m    strictly increasing within a source
+        density_kg_m3                positive
+        source                       optional: a name, when the file holds several tables
+
+    Args:
+        path: the file; 'file.csv#name' selects the rows of source `name`.
+        source: the same selection as an argument.
+
+    Returns:
+        Array (n, 2) of altitude (m) and density (kg/m^3).
+
+    Raises:
+        ValueError: naming file, line or key, and the remedy: file or column missing; several sources and none chosen,
+            or an unknown one; a value that is no number, not finite or no positive density; altitudes that do not
+            strictly increase; fewer than 3 rows.
+    """
+    name, _, fragment = str(path).partition("#")
+    if fragment and source is not None and fragment != source:
+        raise ValueError(f"{path}: two sources asked for, '{fragment}' and '{source}'; give one")
+    source = source if source is not None else fragment or None
+    try:
+        text = Path(name).read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise ValueError(f"{name}: there is no such density table; check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{name}: cannot be read as a density table ({error}); give a UTF-8 CSV file") from None
+
+    numbered = enumerate(text.splitlines(), start=1)
+    kept = [(line, row) for line, row in numbered if row.strip() and not row.lstrip().startswith("#")]
+    rows = [[cell.strip() for cell in next(csv.reader([row]))] for _, row in kept]
+    lines = [line for line, _ in kept]
+    header = rows[0] if rows else []
+    altitude_keys = [key for key in ("altitude_km", "altitude_m") if key in header]
+    if len(altitude_keys) != 1 or "density_kg_m3" not in header:
+        raise ValueError(
+            f"{name}: the columns must be density_kg_m3 and one of altitude_km, altitude_m (and source, if several); "
+            f"found {', '.join(header) or 'none'}"
+        )
+    for line, row in zip(lines, rows, strict=True):
+        if len(row) != len(header):
+            raise ValueError(f"{name}, line {line}: {len(row)} values for {len(header)} columns; complete the row")
+
+    chosen = list(zip(lines[1:], rows[1:], strict=True))
+    if "source" in header:
+        column = header.index("source")
+        known = sorted({row[column] for _, row in chosen})
+        if source is None and len(known) > 1:
+            raise ValueError(f"{name}: several sources; choose one by '{name}#...': {', '.join(known)}")
+        if source is not None and source not in known:
+            raise ValueError(f"{name}: there is no source '{source}'; choose one of {', '.join(known)}")
+        chosen = [(line, row) for line, row in chosen if source in (None, row[column])]
+    elif source is not None:
+        raise ValueError(f"{name}: source '{source}' asked for, but there is no column 'source'; leave '#{source}' out")
+
+    altitude_key, density_key = altitude_keys[0], "density_kg_m3"
+    unit = 1e3 if altitude_key == "altitude_km" else 1.0
+    table = np.array(
+        [
+            [
+                unit * _number(row[header.index(altitude_key)], altitude_key, f"{name}, line {line}"),
+                _number(row[header.index(density_key)], density_key, f"{name}, line {line}"),
+            ]
+            for line, row in chosen
+        ]
+    ).reshape(-1, 2)
+    require_physical(*table.T, lambda i: name if i is None else f"{name}, line {chosen[i][0]}")
+    return table

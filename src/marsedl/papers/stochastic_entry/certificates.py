@@ -1,0 +1,102 @@
+"""The stochastic law against independent formulations: a cone program, the search over LQG weights, Theorem III.1."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.covariance_steering.lqg_dual import lqg_gains, solve_cone_program, solve_over_weights
+from marsedl.methods.lincov import propagate
+from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains, problem, solved
+from marsedl.papers.stochastic_entry.linearization import Linearization
+from marsedl.replication.artifacts import quantity
+
+COARSE = 10.0  # s, intervals on which the slow formulations are solved
+SMALL_WEIGHTS = 1e-6  # of the usual start, from which the search is also begun
+PERTURBATION = 0.05  # relative, of the gains
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """By trigger (time, velocity); costs over the cost of the dual's gains on the same coarse partition."""
+
+    coarse_cost: np.ndarray = quantity("m^2", (2,), "cost of the dual's gains on the coarse partition")
+    coarse_gap: np.ndarray = quantity("1", (2,), "their duality gap")
+    cone_ratio: np.ndarray = quantity("1", (2,), "cost of the semidefinite program over it")
+    cone_status: np.ndarray = quantity("1", (2,), "of its solver", "str")
+    cone_iterations: np.ndarray = quantity("1", (2,), "of its solver", "int64")
+    search_ratio: np.ndarray = quantity("1", (2, 2), "cost of the search over weights: usual start, small weights")
+    search_worst: np.ndarray = quantity("1", (2, 2), "its largest standard deviation over the limit")
+    search_evaluations: np.ndarray = quantity("1", (2, 2), "covariance sweeps of the search", "int64")
+    search_success: np.ndarray = quantity("1", (2, 2), "1: converged within the limits", "int8")
+    weights_gain_error: np.ndarray = quantity(
+        "1", (2,), "gains by Eq. 55 with the multipliers as weights, in another form, against the law's"
+    )
+    perturbed_cost: np.ndarray = quantity(
+        "1", (2,), "least rise of the Lagrangian with perturbed gains, over its part above the noise floor"
+    )
+
+
+def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
+    """Solve the design on a coarse partition by three ways, and test Theorem III.1 on the reading's own partition."""
+    rows = [_trigger(inputs, linearization, gains, trigger) for trigger in range(len(TRIGGERS))]
+    return Certificates(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+
+
+def _trigger(inputs, linearization, gains, trigger):
+    coarse = problem(inputs, linearization, trigger, interval=COARSE)
+    reference = solved(coarse)
+    cone = solve_cone_program(coarse, reference)
+    searches = [solve_over_weights(coarse), solve_over_weights(coarse, _small_start(coarse))]
+
+    own = problem(inputs, linearization, trigger)
+    weight = np.outer(own.objective, own.objective)
+    for direction, multiplier in zip(own.final_directions, gains.final_multiplier[trigger], strict=True):
+        weight += multiplier * np.outer(direction, direction)
+    control_weight = own.control_weight + gains.control_multiplier[trigger]
+    again, _ = lqg_gains(own.system, weight, control_weight)
+    flown = gains.stochastic_gain[trigger][gains.partition_start]
+    size = np.abs(flown).max(axis=0)
+
+    def lagrangian(gain):
+        covariance, variance = propagate(own.system, gain, own.initial_covariance)
+        return np.sum(weight * covariance[-1]) + control_weight @ variance
+
+    best, changed = lagrangian(again), []
+    for states in (slice(None), *range(again.shape[1])):
+        for sign in (-1.0, 1.0):
+            other = again.copy()
+            other[:, states] *= 1.0 + sign * PERTURBATION
+            changed.append(lagrangian(other) - best)
+    above_floor = best - gains.noise_floor[trigger]
+    return {
+        "coarse_cost": reference.cost,
+        "coarse_gap": reference.gap,
+        "cone_ratio": cone.cost / reference.cost,
+        "cone_status": cone.status,
+        "cone_iterations": cone.iterations,
+        "search_ratio": [search.cost / reference.cost for search in searches],
+        "search_worst": [search.worst_ratio for search in searches],
+        "search_evaluations": [search.evaluations for search in searches],
+        "search_success": [int(search.success) for search in searches],
+        "weights_gain_error": np.abs((_textbook_gains(own.system, weight, control_weight) - flown) / size).max(),
+        "perturbed_cost": min(changed) / above_floor,
+    }
+
+
+def _textbook_gains(system, final_weight, control_weight):
+    """Eq. 55 as printed but for its missing inverse, without the Joseph form of the design."""
+    value, gains = final_weight, []
+    for transition, control, weight in zip(
+        system.transition[::-1], system.control[::-1], control_weight[::-1], strict=True
+    ):
+        bracket = control @ value @ control + weight
+        gain = -(control @ value @ transition) / bracket
+        value = transition.T @ value @ transition - bracket * np.outer(gain, gain)
+        gains.append(gain)
+    return np.array(gains[::-1])
+
+
+def _small_start(coarse):
+    """Control weights far below those that the limits suggest."""
+    objective = np.outer(coarse.objective, coarse.objective)
+    return objective, SMALL_WEIGHTS * np.sum(objective * coarse.initial_covariance) * coarse.control_limits**-2

@@ -1,0 +1,55 @@
+"""The reading's atmosphere: mean density, its variance, and the tables from which flights look densities up."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.models import atmosphere, density_variation
+
+LOWEST, HIGHEST = -10_000.0, 127_000.0  # m, altitudes of the flight's tables
+
+
+class Air(NamedTuple):
+    """What a flight knows of the atmosphere, on a uniform grid of altitudes."""
+
+    altitude: np.ndarray  # (nodes,), m, ascending
+    log_density: np.ndarray  # (nodes,), of kg/m^3, mean
+    deviation: np.ndarray  # (nodes,), standard deviation of the relative density variation
+    retention: np.ndarray  # (nodes - 1,), correlation of the variation between neighbouring nodes
+
+
+def profile(inputs):
+    """The mean density: a function of altitude (m) that returns ln density, its first and second derivative."""
+    if inputs.density_profile == "log_quadratic":
+        return lambda altitude: atmosphere.log_quadratic(
+            altitude, *inputs.density_coefficients, inputs.density_upper_altitude
+        )
+    if inputs.density_profile == "table":
+        return atmosphere.tabulated(inputs.density_table)
+    return getattr(atmosphere, inputs.density_profile)
+
+
+def variance(inputs, altitude):
+    """Variance of the relative density variation."""
+    if inputs.variance_profile == "mars_gram_2010":
+        return density_variation.mars_gram_2010_deviation(altitude) ** 2
+    growth = inputs.variance_at_top, inputs.variance_top_altitude, inputs.variance_growth_length
+    return density_variation.exponential_variance(altitude, *growth)[0]
+
+
+def decay_rate(inputs, altitude):
+    """Decay rate of the density variation per metre of descent (Remark II.1)."""
+    return density_variation.decay_rate(-profile(inputs)(altitude)[1], inputs.decay_factor)
+
+
+def air(inputs) -> Air:
+    """The tables of a flight."""
+    nodes = round((HIGHEST - LOWEST) / inputs.density_grid_interval) + 1
+    altitude = np.linspace(LOWEST, HIGHEST, nodes)
+    log_density, _, _ = profile(inputs)(altitude)
+    return Air(
+        altitude=altitude,
+        log_density=np.ascontiguousarray(log_density),
+        deviation=np.sqrt(variance(inputs, altitude)),
+        retention=density_variation.retention(altitude, decay_rate(inputs, altitude)),
+    )

@@ -1,0 +1,649 @@
+"""Closed-loop entry flights: Eqs. 1 under bank commands of one guidance period each (Secs. III and V, Appendix D)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
+from marsedl.methods.guidance.lateral import (
+    CORRECTED,
+    PRINTED,
+    SIGN_ONLY,
+    bank_direction,
+    deadband,
+    heading_alignment,
+    heading_alignment_limit,
+    rate_limited_bank,
+    rate_limited_bank_as_printed,
+)
+from marsedl.methods.guidance.targeting import targeting_from_sines
+from marsedl.models.density_variation import density_factor, is_negative
+from marsedl.models.dynamics.entry import (
+    aerodynamic_coefficients,
+    aerodynamic_factor,
+    entry_rates_from_sines,
+    reference_area,
+)
+from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE, Trajectories, pad_to_groups
+from marsedl.montecarlo.integrators import runge_kutta_4
+from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals, normals, uniforms
+
+ENTRY_STREAM, DENSITY_STREAM, AERODYNAMICS_STREAM = 0, 1, 2
+
+# The integrated state.
+RADIUS, LONGITUDE, LATITUDE, SPEED, PATH_ANGLE, AZIMUTH = range(6)
+STATES = 6
+SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR = range(4)  # of the bank angle; of the vehicle
+
+# What is stored over time, and what is stored of the end.
+ALTITUDE, VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE, DENSITY, CROSSRANGE, BANK_COSINE = range(7)
+HISTORY = 7
+BANK, BANK_CHANGE = range(2)
+OBSERVED = 2
+END_TIME, REVERSALS, NEGATIVE_DENSITIES = range(6, 9)  # behind the first six of the history
+FINAL = 9
+
+# What a law feeds back.
+DRAG, ALTITUDE_RATE = 5, 6  # behind radius, velocity, flight path angle, downrange and density
+FEATURES = 7
+NOMINAL, BY_VELOCITY, BY_TIME = range(3)
+
+HEADING_FORMS = {"corrected": CORRECTED, "sign_only": SIGN_ONLY, "printed": PRINTED}
+HALVINGS = 44  # of the last step, to find the trigger: the velocity is then met to rounding
+
+_NUMBERS = (
+    *("gravitational_parameter", "rotation_rate", "planet_radius", "target_longitude", "sin_target_latitude"),
+    "cos_target_latitude",
+    *("heading_sign", "bottom", "nodes_per_metre", "period", "largest_bank_change"),
+    *("fast_velocity", "slow_velocity", "fast_cosine", "slow_cosine"),
+    *("deadband_start", "deadband_start_width", "deadband_end", "deadband_end_width", "initial_direction"),
+    *("alignment_velocity", "alignment_gain", "alignment_limit_velocity", "alignment_first_limit"),
+    *("alignment_last_limit", "end_velocity"),
+)
+_SETTINGS = np.dtype([(name, "f8") for name in _NUMBERS] + [("alignment_form", "i8"), ("limit_as_printed", "i8")])
+
+
+class Law(NamedTuple):
+    """A range-control law: bank cosine u = u_ref + gain (y - y_ref), tabulated against velocity or time.
+
+    y holds radius, velocity, flight path angle, downrange, density, drag acceleration and altitude rate. Against
+    velocity, u_ref is the nominal profile and the table is interpolated; against time, row k holds from k guidance
+    periods on, and the last row for ever.
+    """
+
+    kind: int  # NOMINAL, BY_VELOCITY or BY_TIME
+    velocity: np.ndarray  # (rows,), m/s, ascending; of BY_VELOCITY
+    gain: np.ndarray  # (rows, FEATURES)
+    reference: np.ndarray  # (rows, FEATURES)
+    bank_cosine: np.ndarray  # (rows,), u_ref of BY_TIME
+    least_drag: float  # m/s^2, below which BY_VELOCITY does not correct
+
+
+NOMINAL_LAW = Law(NOMINAL, np.zeros(2), np.zeros((2, FEATURES)), np.zeros((2, FEATURES)), np.zeros(2), 0.0)
+
+
+class Vehicles(NamedTuple):
+    """The dispersed vehicles of some trials."""
+
+    entry_state: np.ndarray  # (trials, 6): radius, longitude, latitude, velocity, path angle, azimuth
+    drag_factor: np.ndarray  # (trials,), A C_D / (2 m), m^2/kg
+    lift_factor: np.ndarray  # (trials,), A C_L / (2 m), m^2/kg
+
+
+# ---- set-up ----------------------------------------------------------------------------------------------------------
+
+
+def settings(inputs, air):
+    """The constants of a flight as a record that compiled code reads by name."""
+    values = {
+        "gravitational_parameter": inputs.gravitational_parameter,
+        "rotation_rate": inputs.rotation_rate,
+        "planet_radius": inputs.planet_radius,
+        "target_longitude": inputs.target_longitude,
+        "sin_target_latitude": np.sin(inputs.target_latitude),
+        "cos_target_latitude": np.cos(inputs.target_latitude),
+        "heading_sign": 1.0 if inputs.heading_rate_form == "corrected" else -1.0,
+        "bottom": air.altitude[0],
+        "nodes_per_metre": (len(air.altitude) - 1) / (air.altitude[-1] - air.altitude[0]),
+        "period": inputs.guidance_period,
+        "largest_bank_change": inputs.bank_rate_limit * inputs.guidance_period,
+        "fast_velocity": inputs.ramp_velocities[0],
+        "slow_velocity": inputs.ramp_velocities[1],
+        "fast_cosine": np.cos(inputs.nominal_bank_fast),
+        "slow_cosine": np.cos(inputs.nominal_bank_slow),
+        "deadband_start": inputs.deadband_times[0],
+        "deadband_start_width": inputs.deadband_widths[0],
+        "deadband_end": inputs.deadband_times[1],
+        "deadband_end_width": inputs.deadband_widths[1],
+        "initial_direction": inputs.initial_bank_direction,
+        "alignment_velocity": inputs.heading_alignment_velocity,
+        "alignment_gain": inputs.heading_alignment_gain,
+        "alignment_limit_velocity": inputs.heading_alignment_limit_velocity,
+        "alignment_first_limit": inputs.heading_alignment_limits[0],
+        "alignment_last_limit": inputs.heading_alignment_limits[1],
+        "end_velocity": inputs.end_velocity,
+        "alignment_form": HEADING_FORMS[inputs.heading_alignment_form],
+        "limit_as_printed": int(inputs.rate_limit_form == "printed"),
+    }
+    return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
+
+
+def coefficients(inputs):
+    """Drag and lift coefficient of the trimmed vehicle, from ballistic coefficient and lift-to-drag ratio."""
+    return aerodynamic_coefficients(
+        inputs.mass, reference_area(inputs.reference_diameter), inputs.ballistic_coefficient, inputs.lift_to_drag
+    )
+
+
+def factors(inputs, drag_error=0.0, lift_error=0.0):
+    """Drag and lift factor A C / (2 m), m^2/kg, with errors of the coefficients."""
+    area = reference_area(inputs.reference_diameter)
+    drag, lift = coefficients(inputs)
+    return (
+        aerodynamic_factor(drag + drag_error, area, inputs.mass),
+        aerodynamic_factor(lift + lift_error, area, inputs.mass),
+    )
+
+
+def entry_deviations(inputs):
+    """Standard deviations of the entry state (Table 2): downrange on the longitude, crossrange on the latitude."""
+    three_sigma = (
+        0.0,
+        inputs.entry_downrange_three_sigma / inputs.planet_radius,
+        inputs.entry_crossrange_three_sigma / inputs.planet_radius,
+        inputs.entry_velocity_three_sigma,
+        inputs.entry_flight_path_angle_three_sigma,
+        inputs.entry_azimuth_three_sigma,
+    )
+    return np.array(three_sigma) / 3.0
+
+
+def entry_mean(inputs):
+    """Mean entry state (Table 2, Eq. 70)."""
+    return np.array(
+        (
+            inputs.planet_radius + inputs.atmosphere_altitude,
+            inputs.entry_longitude,
+            inputs.entry_latitude,
+            inputs.entry_velocity,
+            inputs.entry_flight_path_angle,
+            inputs.entry_azimuth,
+        )
+    )
+
+
+def vehicles(inputs, trials, deviations=None, aerodynamics=1.0) -> Vehicles:
+    """The dispersed entry states and aerodynamics of the given trials (Tables 2 and 3).
+
+    deviations: standard deviations of the entry state, those of the inputs unless given. aerodynamics: 0 for none.
+    """
+    deviations = entry_deviations(inputs) if deviations is None else deviations
+    states = entry_mean(inputs) + normals(inputs.seed, ENTRY_STREAM, trials, STATES) * deviations
+    error = aerodynamics * (2.0 * uniforms(inputs.seed, AERODYNAMICS_STREAM, trials, 1)[:, 0] - 1.0)
+    return Vehicles(states, *factors(inputs, inputs.drag_dispersion * error, inputs.lift_dispersion * error))
+
+
+# ---- the kernel ------------------------------------------------------------------------------------------------------
+
+
+@inline_njit
+def _look_up(altitude, lane, air, constants):
+    """ln of the mean density and the factor of its variation at an altitude, linear between the nodes, held beyond."""
+    log_density, log_step, factor = air
+    position = (altitude - constants.bottom) * constants.nodes_per_metre
+    last = np.float64(log_density.shape[0] - 1)
+    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
+    position = position if position < last else last
+    node = np.int32(position)
+    node = node if node < log_density.shape[0] - 1 else np.int32(log_density.shape[0] - 2)
+    rest = position - node
+    below = factor[node, lane]
+    return log_density[node] + rest * log_step[node], below + rest * (factor[node + 1, lane] - below)
+
+
+@inline_njit
+def _rates(lane, radius, latitude, velocity, flight_path_angle, azimuth, log_density, factor, parameters):
+    _, aero, _, constants = parameters
+    sin_latitude, cos_latitude = sine_cosine(latitude)
+    sin_path, cos_path = sine_cosine(flight_path_angle)
+    sin_azimuth, cos_azimuth = sine_cosine(azimuth)
+    return entry_rates_from_sines(
+        radius,
+        velocity,
+        sin_latitude,
+        cos_latitude,
+        sin_path,
+        cos_path,
+        sin_azimuth,
+        cos_azimuth,
+        aero[SINE, lane],
+        aero[COSINE, lane],
+        exponential(log_density) * factor,
+        aero[DRAG_FACTOR, lane],
+        aero[LIFT_FACTOR, lane],
+        constants.gravitational_parameter,
+        constants.rotation_rate,
+        constants.heading_sign,
+    )
+
+
+@inline_njit
+def _drift(half_index, state, noise, parameters, out):
+    air, _, found, constants = parameters
+    # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
+    for lane in range(LANES):
+        found[0, lane], found[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
+    for lane in range(LANES):
+        (
+            out[RADIUS, lane],
+            out[LONGITUDE, lane],
+            out[LATITUDE, lane],
+            out[SPEED, lane],
+            out[PATH_ANGLE, lane],
+            out[AZIMUTH, lane],
+        ) = _rates(
+            lane,
+            state[RADIUS, lane],
+            state[LATITUDE, lane],
+            state[SPEED, lane],
+            state[PATH_ANGLE, lane],
+            state[AZIMUTH, lane],
+            found[0, lane],
+            found[1, lane],
+            parameters,
+        )
+
+
+_advance = runge_kutta_4(_drift)
+
+
+@njit(error_model="numpy")
+def _step_lane(step, lane, start, parameters, end):
+    """One Runge-Kutta step of a single lane; start, end: (6,)."""
+    air, _, _, constants = parameters
+    slope = np.zeros(STATES)
+    for stage in range(4):
+        ahead = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+        radius = start[RADIUS] + ahead * step * slope[RADIUS]
+        log_density, factor = _look_up(radius - constants.planet_radius, lane, air, constants)
+        rates = _rates(
+            lane,
+            radius,
+            start[LATITUDE] + ahead * step * slope[LATITUDE],
+            start[SPEED] + ahead * step * slope[SPEED],
+            start[PATH_ANGLE] + ahead * step * slope[PATH_ANGLE],
+            start[AZIMUTH] + ahead * step * slope[AZIMUTH],
+            log_density,
+            factor,
+            parameters,
+        )
+        weight = step / 6.0 if stage in (0, 3) else step / 3.0
+        for row in range(STATES):
+            end[row] = (start[row] if stage == 0 else end[row]) + weight * rates[row]
+            slope[row] = rates[row]
+
+
+@njit(error_model="numpy")
+def _to_trigger(step, lane, start, parameters, end_velocity, end):
+    """Fly the part of a step after which the velocity is the trigger's; returns it. start, end: (6,)."""
+    lower, upper = 0.0, step
+    for _ in range(HALVINGS):
+        middle = 0.5 * (lower + upper)
+        _step_lane(middle, lane, start, parameters, end)
+        if end[SPEED] > end_velocity:
+            lower = middle
+        else:
+            upper = middle
+    _step_lane(upper, lane, start, parameters, end)
+    return upper
+
+
+@njit(error_model="numpy")
+def _row(velocity, table):
+    """Row before a velocity in an ascending table, and the fraction of the way to the next; held at both ends."""
+    first, last = 0, len(table) - 1
+    if not velocity > table[first]:
+        return first, 0.0
+    if velocity >= table[last]:
+        return last - 1, 1.0
+    while last - first > 1:
+        middle = (first + last) // 2
+        if velocity >= table[middle]:
+            first = middle
+        else:
+            last = middle
+    return first, (velocity - table[first]) / (table[last] - table[first])
+
+
+@njit(error_model="numpy")
+def _bank_cosine(kind, table, cycle, nominal, feature, slowing):
+    """Bank cosine that a law commands (Eqs. 31, 40, 50), limited to -1 ... 1."""
+    velocity_table, gain, reference, bank_cosine, least_drag = table
+    command = nominal
+    if kind == BY_TIME:
+        row = min(cycle, len(gain) - 1)
+        command = bank_cosine[row]
+        for j in range(FEATURES):
+            command += gain[row, j] * (feature[j] - reference[row, j])
+    elif kind == BY_VELOCITY and slowing and feature[1] <= velocity_table[-1] and feature[DRAG] >= least_drag:
+        row, rest = _row(feature[1], velocity_table)
+        for j in range(FEATURES):
+            k = gain[row, j] + rest * (gain[row + 1, j] - gain[row, j])
+            command += k * (feature[j] - reference[row, j] - rest * (reference[row + 1, j] - reference[row, j]))
+    return min(max(command, -1.0), 1.0) if command == command else command  # NaN stays NaN
+
+
+@inline_njit
+def _directions(state, constants, out):
+    """Sines and cosines that the targeting needs, of all lanes at once: out (8, LANES)."""
+    for lane in range(LANES):
+        out[0, lane], out[1, lane] = sine_cosine(state[LATITUDE, lane])
+        out[2, lane], out[3, lane] = sine_cosine(constants.target_longitude - state[LONGITUDE, lane])
+        out[4, lane], out[5, lane] = sine_cosine(state[PATH_ANGLE, lane])
+        out[6, lane], out[7, lane] = sine_cosine(state[AZIMUTH, lane])
+
+
+@njit(error_model="numpy")
+def _feature(state, directions, lane, parameters, feature):
+    """What laws feed back, of one lane, into feature (FEATURES,); returns the crossrange, m, and both angles."""
+    air, aero, _, constants = parameters
+    radius, velocity = state[RADIUS, lane], state[SPEED, lane]
+    sin_latitude, cos_latitude = directions[0, lane], directions[1, lane]
+    sin_to_target, cos_to_target = directions[2, lane], directions[3, lane]
+    sin_path, cos_path = directions[4, lane], directions[5, lane]
+    sin_azimuth, cos_azimuth = directions[6, lane], directions[7, lane]
+    downrange_angle, crossrange_angle = targeting_from_sines(
+        radius,
+        velocity,
+        sin_latitude,
+        cos_latitude,
+        sin_to_target,
+        cos_to_target,
+        cos_path,
+        sin_azimuth,
+        cos_azimuth,
+        constants.rotation_rate,
+        constants.sin_target_latitude,
+        constants.cos_target_latitude,
+    )
+    log_density, factor = _look_up(radius - constants.planet_radius, lane, air, constants)
+    density = exponential(log_density) * factor
+    feature[0], feature[1], feature[2] = radius, velocity, state[PATH_ANGLE, lane]
+    feature[3], feature[4] = -constants.planet_radius * downrange_angle, density
+    feature[DRAG] = aero[DRAG_FACTOR, lane] * density * velocity * velocity
+    feature[ALTITUDE_RATE] = velocity * sin_path
+    return constants.planet_radius * crossrange_angle, downrange_angle, crossrange_angle
+
+
+@njit(error_model="numpy")
+def _sample_factors(air_deviation, retention, seed, first_trial, factor, negative):
+    """Density factors of a group, from the top of the atmosphere downwards (Eqs. 5, 8); counts the negative ones."""
+    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+    drawn = np.empty((NORMALS_PER_BLOCK, LANES))
+    process = np.zeros(LANES)
+    top = len(air_deviation) - 1
+    for number in range(top + 1):
+        position, node = number % NORMALS_PER_BLOCK, top - number
+        if position == 0:
+            fill_normals(seed, DENSITY_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
+        keep = retention[node] if number > 0 else 0.0
+        fresh = np.sqrt(1.0 - keep * keep)
+        for lane in range(LANES):
+            process[lane] = keep * process[lane] + fresh * drawn[position, lane]
+            variation = air_deviation[node] * process[lane]
+            negative[lane] += is_negative(variation)
+            factor[node, lane] = density_factor(variation)
+
+
+@njit(error_model="numpy")
+def _fly_group(
+    settings, log_density, log_step, deviation, retention, drag_factor, lift_factor, kind, table, velocity_trigger,
+    end_time, cycles, substeps, every, seed, first_trial, entry_state, history, observed, largest, length, final,
+):  # fmt: skip
+    """Fly LANES trials. entry_state: (6, LANES); the arrays after it are filled."""
+    constants = settings[0]
+    factor = np.empty((len(log_density), LANES))
+    negative = np.zeros(LANES)
+    _sample_factors(deviation, retention, seed, first_trial, factor, negative)
+    air = (log_density, log_step, factor)
+    aero = lane_array(4)
+    aero[DRAG_FACTOR], aero[LIFT_FACTOR] = drag_factor, lift_factor
+    parameters = (air, aero, lane_array(2), constants)
+
+    state, before = lane_array(STATES), lane_array(STATES)
+    state[:] = entry_state
+    work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
+    noise, directions = lane_array(0), lane_array(8)
+    start, end, feature = np.empty(STATES), np.empty(STATES), np.empty(FEATURES)
+    flying, aligning = np.ones(LANES, np.bool_), np.zeros(LANES, np.bool_)
+    direction = np.full(LANES, constants.initial_direction)
+    bank, previous_command, cosine = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    final[REVERSALS] = 0.0
+    final[NEGATIVE_DENSITIES] = negative
+    final[END_TIME] = end_time
+    length[:] = history.shape[0]
+
+    remaining = LANES
+    for cycle in range(cycles):
+        time = cycle * constants.period
+        _directions(state, constants, directions)
+        for lane in range(LANES):
+            if not flying[lane]:
+                continue
+            crossrange, downrange_angle, crossrange_angle = _feature(state, directions, lane, parameters, feature)
+            velocity = feature[1]
+            gravity = constants.gravitational_parameter / (feature[0] * feature[0])
+            if velocity <= constants.alignment_velocity:
+                aligning[lane] = True
+            if aligning[lane]:
+                limit = heading_alignment_limit(
+                    velocity,
+                    constants.alignment_limit_velocity,
+                    constants.alignment_first_limit,
+                    constants.alignment_last_limit,
+                )
+                command = heading_alignment(
+                    downrange_angle, crossrange_angle, constants.alignment_gain, limit, constants.alignment_form
+                )
+                cosine[lane] = np.cos(command)
+            else:
+                nominal = ramped_bank_cosine(
+                    velocity,
+                    constants.fast_velocity,
+                    constants.slow_velocity,
+                    constants.fast_cosine,
+                    constants.slow_cosine,
+                )
+                # Before its peak, too, a velocity stands in the table, whose reference lies behind the peak.
+                slowing = feature[DRAG] * velocity > -gravity * feature[ALTITUDE_RATE]
+                cosine[lane] = _bank_cosine(kind, table, cycle, nominal, feature, slowing)
+                width = deadband(
+                    time,
+                    constants.deadband_start,
+                    constants.deadband_start_width,
+                    constants.deadband_end,
+                    constants.deadband_end_width,
+                )
+                turned = bank_direction(direction[lane], crossrange, width)
+                if turned != direction[lane]:
+                    final[REVERSALS, lane] += 1.0
+                direction[lane] = turned
+                command = turned * np.arccos(cosine[lane])
+            change = 0.0
+            if cycle == 0:
+                bank[lane] = command
+            else:
+                flown = bank[lane]
+                if constants.limit_as_printed:
+                    bank[lane] = rate_limited_bank_as_printed(
+                        command, previous_command[lane], constants.largest_bank_change
+                    )
+                else:
+                    bank[lane] = rate_limited_bank(command, flown, constants.largest_bank_change)
+                change = abs(bank[lane] - flown)
+            previous_command[lane] = command
+            # np.maximum keeps NaN, so a trial that went wrong shows it.
+            largest[BANK, lane] = np.maximum(largest[BANK, lane], abs(bank[lane]))
+            largest[BANK_CHANGE, lane] = np.maximum(largest[BANK_CHANGE, lane], change)
+            if every == substeps:
+                _record(cycle, lane, feature, crossrange, cosine, bank, change, constants, history, observed)
+
+        for lane in range(LANES):
+            aero[SINE, lane], aero[COSINE, lane] = sine_cosine(bank[lane])
+        span = constants.period if velocity_trigger else min(constants.period, end_time - time)
+        step = span / substeps
+        for substep in range(substeps):
+            if every != substeps and substep % every == 0:
+                _directions(state, constants, directions)
+                for lane in range(LANES):
+                    if flying[lane]:
+                        crossrange, _, _ = _feature(state, directions, lane, parameters, feature)
+                        row = (cycle * substeps + substep) // every
+                        _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, history, observed)
+            for row in range(STATES):
+                for lane in range(LANES):
+                    before[row, lane] = state[row, lane]
+            _advance(0, step, state, noise, parameters, work)
+            if velocity_trigger:
+                for lane in range(LANES):
+                    if flying[lane] and state[SPEED, lane] <= constants.end_velocity:
+                        for row in range(STATES):
+                            start[row] = before[row, lane]
+                        part = _to_trigger(step, lane, start, parameters, constants.end_velocity, end)
+                        final[END_TIME, lane] = time + substep * step + part
+                        for row in range(STATES):
+                            before[row, lane] = end[row]
+                        _directions(before, constants, directions)
+                        crossrange, _, _ = _feature(before, directions, lane, parameters, feature)
+                        _finish(lane, feature, crossrange, constants, final)
+                        length[lane] = (cycle * substeps + substep) // every + 1
+                        flying[lane] = False
+                        remaining -= 1
+            if remaining == 0:
+                break
+        if remaining == 0:
+            break
+
+    _directions(state, constants, directions)
+    for lane in range(LANES):
+        if flying[lane]:
+            crossrange, _, _ = _feature(state, directions, lane, parameters, feature)
+            _finish(lane, feature, crossrange, constants, final)
+            if not velocity_trigger:
+                row = history.shape[0] - 1
+                _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, history, observed)
+
+
+@njit(error_model="numpy")
+def _record(row, lane, feature, crossrange, cosine, bank, change, constants, history, observed):
+    history[row, ALTITUDE, lane] = feature[0] - constants.planet_radius
+    for j in range(1, 5):
+        history[row, j, lane] = feature[j]
+    history[row, CROSSRANGE, lane] = crossrange
+    history[row, BANK_COSINE, lane] = cosine[lane]
+    observed[row, BANK, lane] = bank[lane]
+    observed[row, BANK_CHANGE, lane] = change
+
+
+@njit(error_model="numpy")
+def _finish(lane, feature, crossrange, constants, final):
+    final[ALTITUDE, lane] = feature[0] - constants.planet_radius
+    for j in range(1, 5):
+        final[j, lane] = feature[j]
+    final[CROSSRANGE, lane] = crossrange
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _fly(
+    settings, log_density, log_step, deviation, retention, drag_factor, lift_factor, kind, velocity_table, gain,
+    reference, bank_cosine, least_drag, velocity_trigger, end_time, cycles, substeps, every, seed,
+    first_trial, entry_state, history, observed, largest, length, final,
+):  # fmt: skip
+    for group in prange(entry_state.shape[1] // LANES):
+        lanes = slice(group * LANES, (group + 1) * LANES)
+        biggest, ends, lengths = largest[:, lanes].copy(), np.empty((FINAL, LANES)), np.empty(LANES, np.int64)
+        table = (velocity_table, gain, reference, bank_cosine, least_drag)
+        _fly_group(
+            settings, log_density, log_step, deviation, retention, drag_factor[lanes], lift_factor[lanes],
+            kind, table, velocity_trigger, end_time, cycles, substeps, every, seed, first_trial + group * LANES,
+            entry_state[:, lanes], history[:, :, lanes], observed[:, :, lanes], biggest, lengths, ends,
+        )  # fmt: skip
+        largest[:, lanes] = biggest
+        final[:, lanes] = ends
+        length[lanes] = lengths
+
+
+def fly(
+    settings, air, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, varied=True, every=None
+) -> Trajectories:
+    """Fly consecutive trials to their end.
+
+    settings: see `settings`. air: `Air`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time" or "velocity".
+    end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration steps per
+    guidance period. seed, first_trial: key of the density variations and the number of the first trial. varied: False
+    for the mean density. every: integration steps between stored states; one guidance period unless given.
+
+    Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
+    the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
+    at the fixed final time; observed are the flown bank angle and its last change. The final state is the first six of
+    these, then the end time (s), the number of bank reversals and that of tabulated densities set to zero. Outcomes:
+    ESCAPED for a trigger not reached within the time limit, CRASHED below the ground.
+    """
+    every = substeps if every is None else every
+    period = float(settings["period"][0])
+    cycles = int(np.ceil(end_time / period - 1e-9))
+    velocity_trigger = trigger == "velocity"
+    times = cycles * substeps // every + (not velocity_trigger)
+    trials = len(vehicles.drag_factor)
+    state = pad_to_groups(vehicles.entry_state.T)
+    padded = state.shape[1]
+    flown = Trajectories(
+        history=np.empty((times, HISTORY, padded)),
+        observed=np.empty((times, OBSERVED, padded)),
+        observed_maximum=np.zeros((OBSERVED, padded)),
+        final_state=np.empty((FINAL, padded)),
+        outcome=np.full(padded, COMPLETED, np.int8),
+        length=np.empty(padded, np.int64),
+    )
+    _fly(
+        settings,
+        air.log_density,
+        np.append(np.diff(air.log_density), 0.0),
+        air.deviation if varied else np.zeros_like(air.deviation),
+        air.retention,
+        pad_to_groups(vehicles.drag_factor),
+        pad_to_groups(vehicles.lift_factor),
+        law.kind,
+        # Copies, as loaded arrays are read-only, for which the kernel would be compiled once more.
+        *(np.array(part) for part in law[1:5]),
+        law.least_drag,
+        velocity_trigger,
+        float(end_time),
+        cycles,
+        substeps,
+        every,
+        seed,
+        first_trial,
+        state,
+        flown.history,
+        flown.observed,
+        flown.observed_maximum,
+        flown.length,
+        flown.final_state,
+    )
+    flown = flown.first(trials)
+    final = flown.final_state
+    if velocity_trigger:
+        flown.outcome[final[VELOCITY] > settings["end_velocity"][0] + 1e-6] = ESCAPED
+    flown.outcome[final[ALTITUDE] < 0.0] = CRASHED
+    flown.outcome[~np.isfinite(final).all(axis=0)] = NON_FINITE
+    return flown
+
+
+def outputs(end_time, period, trigger):
+    """Times of the stored states, s."""
+    starts = np.arange(int(np.ceil(end_time / period - 1e-9))) * period
+    return starts if trigger == "velocity" else np.append(starts, end_time)

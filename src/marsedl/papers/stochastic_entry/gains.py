@@ -1,0 +1,324 @@
+"""Feedback gains of both laws for both triggers, and the covariance that the linear model predicts (Sec. III.B, C)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.covariance_steering.lqg_dual import (
+    ChanceConstrainedProblem,
+    InfeasibleProblem,
+    chance_factor,
+    lqg_gains_as_printed,
+    noise_floor,
+    solve,
+)
+from marsedl.methods.guidance.apollo import adjoint_gains, drag_form
+from marsedl.methods.lincov import compose, propagate, velocity_indexed_gain
+from marsedl.papers.stochastic_entry import flight
+from marsedl.papers.stochastic_entry.linearization import STATE_UNIT, STATES, Linearization, system
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+TRIGGERS = ("time", "velocity")
+GAIN = f"1/({STATE_UNIT})"
+FEATURE = f"{STATE_UNIT}, m/s^2, m/s"
+# Radius, velocity, path angle, downrange, density: sizes of their deviations, for well-scaled linear algebra.
+STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
+ALTITUDE, PATH_ANGLE = 0, 2  # constrained at the end (Eqs. 74, 75)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains by trigger (time, velocity), as they are flown and in the linear model, with predicted covariances."""
+
+    time: np.ndarray = quantity("s", ("nodes",), "bounds of the guidance periods")
+    partition_start: np.ndarray = quantity(
+        "1", ("partition",), "guidance period in which each interval begins", "int64"
+    )
+
+    # The stochastic law.
+    stochastic_gain: np.ndarray = quantity(GAIN, (2, "intervals", 5), "gain in every guidance period", allow_nan=True)
+    stochastic_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance", allow_nan=True)
+    stochastic_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine", allow_nan=True)
+    control_limit: np.ndarray = quantity("1", ("partition",), "largest standard deviation of the control (Eq. 84)")
+    final_limit: np.ndarray = quantity("m, rad", (2,), "largest final standard deviations of altitude, path angle (82)")
+    control_ratio: np.ndarray = quantity("1", (2, "partition"), "standard deviation over its limit", allow_nan=True)
+    final_ratio: np.ndarray = quantity("1", (2, 2), "final standard deviation over its limit", allow_nan=True)
+    control_multiplier: np.ndarray = quantity("m^2", (2, "partition"), "Lagrange multipliers", allow_nan=True)
+    final_multiplier: np.ndarray = quantity("1, m^2", (2, 2), "of the altitude and path angle limits", allow_nan=True)
+    control_weight: float = quantity("m^2", (), "weight of the control variance, the range error being in metres")
+    cost: np.ndarray = quantity("m^2", (2,), "objective of Problem 1 (Eq. 53)", allow_nan=True)
+    dual_value: np.ndarray = quantity("m^2", (2,), "lower bound of the objective over all linear laws", allow_nan=True)
+    gap: np.ndarray = quantity("1", (2,), "duality gap over the objective", allow_nan=True)
+    gap_above_floor: np.ndarray = quantity("1", (2,), "duality gap over the controllable part", allow_nan=True)
+    complementarity: np.ndarray = quantity("1", (2,), "largest multiplier times slack, relative", allow_nan=True)
+    noise_floor: np.ndarray = quantity("m^2", (2,), "range variance from noise after the last control")
+    iterations: np.ndarray = quantity("1", (2,), "of the dual's solver", "int64")
+    status: np.ndarray = quantity("1", (2,), "of the dual's solver", "str")
+
+    # The Apollo law.
+    adjoint: np.ndarray = quantity("SI", (2, "nodes", 5), "sensitivity of the final range error to the state")
+    control_adjoint: np.ndarray = quantity("m", (2, "intervals"), "and to a control held to the end")
+    apollo_gain: np.ndarray = quantity(GAIN, (2, "intervals", 5), "gain against time (Eq. 50)")
+    apollo_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance of the flown law")
+    apollo_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine of the flown law")
+    timed_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance of the gain against time")
+    timed_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine, gain against time")
+    table_velocity: np.ndarray = quantity("m/s", ("rows",), "velocities of the flown table, ascending")
+    table_gain: np.ndarray = quantity(f"1/({FEATURE})", (2, "rows", 7), "gains of the flown law, with drag, climb rate")
+    table_reference: np.ndarray = quantity(FEATURE, ("rows", 7), "reference values of the flown law")
+
+
+def partition_starts(inputs, intervals, interval=None):
+    """Guidance periods with which the control intervals of the design begin."""
+    every = round((interval or inputs.partition_interval) / inputs.guidance_period)
+    return np.arange(0, intervals, every)
+
+
+def final_weights(inputs, linearization):
+    """Weights of the final state for both triggers, per metre of downrange error (Eqs. 72, 78), (2, 5)."""
+    weight = inputs.final_weight * np.array([1.0 / inputs.weight_length, 1.0, 1.0, 1.0 / inputs.weight_length, 1.0])
+    weight = weight / per_metre(inputs)
+    return np.array([weight, linearization.trigger_projection.T @ weight])
+
+
+def per_metre(inputs):
+    """The weight of downrange: the objective is stated in metres of downrange error."""
+    return (inputs.final_weight[3] or 1.0) / inputs.weight_length
+
+
+def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) -> ChanceConstrainedProblem:
+    """Problem 1 for a trigger (0: time, 1: velocity), on the reading's partition or one of another interval (s)."""
+    cosine = linearization.bank_cosine[:-1]
+    starts = partition_starts(inputs, len(cosine), interval)
+    deviation = np.minimum(inputs.control_limit, np.minimum(1.0 - cosine, 1.0 + cosine))  # Eq. 73
+    sigmas = chance_factor(inputs.chance_level)
+    return ChanceConstrainedProblem(
+        system=compose(system(linearization), starts),
+        initial_covariance=linearization.initial_covariance,
+        objective=final_weights(inputs, linearization)[trigger],
+        control_weight=np.full(len(starts), inputs.control_weight / per_metre(inputs) ** 2),
+        final_directions=np.eye(STATES)[[ALTITUDE, PATH_ANGLE]],
+        final_limits=np.array([altitude_limit or inputs.altitude_limit, inputs.flight_path_angle_limit]) / sigmas,
+        control_limits=np.minimum.reduceat(deviation, starts) / sigmas,
+        state_scale=STATE_SCALE,
+    )
+
+
+def solved(posed):
+    """The solution of a problem; MarsedlError unless it is optimal, InfeasibleProblem if there is none."""
+    found = solve(posed)
+    if found.status != "optimal":
+        raise MarsedlError(
+            f"the dual of the stochastic law: {found.status}; a limit may lie at the least that can be attained: "
+            "loosen altitude_limit, flight_path_angle_limit or control_limit a little"
+        )
+    return found
+
+
+def held_covariance(fine, starts, gain, initial_covariance):
+    """Covariance in every guidance period with the control held over the design's intervals.
+
+    fine: `DiscreteSystem` of the guidance periods, N. starts: (M,), periods in which the control is updated. gain:
+    (M, n). Returns covariance (N + 1, n, n).
+    """
+    n = len(initial_covariance)
+    both = np.zeros((n + 1, n + 1))  # of state and held control
+    both[:n, :n] = initial_covariance
+    covariance = [initial_covariance]
+    updates = dict(zip(starts.tolist(), gain, strict=True))
+    for k, (transition, control, noise) in enumerate(zip(*fine, strict=True)):
+        if k in updates:
+            update = np.vstack([np.eye(n), updates[k]])
+            both = update @ both[:n, :n] @ update.T
+        step = np.zeros((n + 1, n + 1))
+        step[:n, :n], step[:n, n], step[n, n] = transition, control, 1.0
+        both = step @ both @ step.T
+        both[:n, :n] += noise
+        covariance.append((both[:n, :n] + both[:n, :n].T) / 2)
+    return np.array(covariance)
+
+
+def compute(inputs, linearization: Linearization) -> Gains:
+    """Design both laws for both triggers.
+
+    Raises MarsedlError if a chance constraint cannot be met, saying which one and by how much.
+    """
+    stochastic = [_stochastic(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
+    apollo = [_apollo(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
+    rows = _table_rows(inputs, linearization)
+    return Gains(
+        time=linearization.time,
+        partition_start=partition_starts(inputs, len(linearization.control)),
+        control_weight=inputs.control_weight / per_metre(inputs) ** 2,
+        control_limit=problem(inputs, linearization, 0).control_limits,
+        final_limit=problem(inputs, linearization, 0).final_limits,
+        table_velocity=linearization.state[rows, 1],
+        table_reference=_features(linearization)[rows],
+        **{name: np.array([law[name] for law in stochastic]) for name in stochastic[0]},
+        **{name: np.array([law[name] for law in apollo]) for name in apollo[0]},
+    )
+
+
+def _stochastic(inputs, linearization, trigger):
+    """Gains of Problem 1 by its Lagrange dual, or by Eq. 55a as printed, which solves no problem."""
+    posed, fine = problem(inputs, linearization, trigger), system(linearization)
+    starts = partition_starts(inputs, len(fine.control))
+    floor = noise_floor(fine, posed.objective)
+    if inputs.gain_equation == "printed":
+        return _as_printed(inputs, linearization, trigger, posed, floor)
+    try:
+        found = solved(posed)
+    except InfeasibleProblem as error:
+        raise MarsedlError(
+            f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
+            "flight_path_angle_limit: raise the one that is named, or control_limit"
+        ) from None
+    held = np.searchsorted(starts, np.arange(len(fine.control)), side="right") - 1
+    return {
+        "stochastic_gain": found.gain[held],
+        "stochastic_covariance": held_covariance(fine, starts, found.gain, linearization.initial_covariance),
+        "stochastic_control_variance": found.control_variance[held],
+        "control_ratio": found.control_ratio,
+        "final_ratio": found.final_ratio,
+        "control_multiplier": found.control_multipliers,
+        "final_multiplier": found.final_multipliers,
+        "cost": found.cost,
+        "dual_value": found.dual_value,
+        "gap": found.gap,
+        "gap_above_floor": found.gap_above_floor,
+        "complementarity": found.complementarity,
+        "noise_floor": floor,
+        "iterations": found.iterations,
+        "status": found.status,
+    }
+
+
+def _as_printed(inputs, linearization, trigger, posed, floor):
+    """Eq. 55a as printed, in SI and with the paper's weights: nothing of it is finite."""
+    weight = final_weights(inputs, linearization)[trigger] * per_metre(inputs)
+    gain, _ = lqg_gains_as_printed(
+        posed.system, np.outer(weight, weight), np.full(len(posed.control_weight), inputs.control_weight)
+    )
+    finite = np.isfinite(gain).all(axis=1)
+    fine, limits = len(linearization.control), len(posed.control_limits)
+    nothing = {
+        "stochastic_covariance": (fine + 1, STATES, STATES),
+        "stochastic_control_variance": (fine,),
+        "control_ratio": (limits,),
+        "final_ratio": (2,),
+        "control_multiplier": (limits,),
+        "final_multiplier": (2,),
+        **dict.fromkeys(("cost", "dual_value", "gap", "gap_above_floor", "complementarity"), ()),
+    }
+    held = np.searchsorted(partition_starts(inputs, fine), np.arange(fine), side="right") - 1
+    return {
+        "stochastic_gain": np.where(finite[:, np.newaxis], gain, np.nan)[held],
+        **{name: np.full(shape, np.nan) for name, shape in nothing.items()},
+        "noise_floor": floor,
+        "iterations": 0,
+        "status": f"as printed: {finite.sum()} of {len(finite)} gains are finite",
+    }
+
+
+def _apollo(inputs, linearization, trigger):
+    """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances."""
+    fine = system(linearization)
+    aim = TRIGGERS.index(inputs.apollo_time_adjoint) if trigger == 0 else 1
+    downrange = np.eye(STATES)[3]
+    final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
+    found = adjoint_gains(fine.transition, fine.control, final_adjoint, inputs.overcontrol)
+    timed, equivalent, table = found.gain, found.gain, np.zeros((len(found.gain), flight.FEATURES))
+    if inputs.apollo_form == "density_blind":
+        # The final adjoint without density: the trigger's projection has none of it in its downrange row.
+        slaved = adjoint_gains(
+            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], inputs.overcontrol
+        )
+        equivalent = np.column_stack([slaved.gain, np.zeros(len(slaved.gain))])
+        timed = equivalent
+    if inputs.apollo_form == "drag":
+        state = linearization.state[:-1]
+        drag, cosine = linearization.drag[:-1], np.cos(state[:, 2])
+        gains = drag_form(
+            found.gain, state[:, 4], drag, 1.0 / linearization.inverse_scale_height[:-1], state[:, 1], state[:, 2]
+        )
+        table[:, [3, flight.DRAG, flight.ALTITUDE_RATE]] = gains
+        # At the reference velocity, drag deviations are density deviations.
+        zero = np.zeros(len(drag))
+        equivalent = np.column_stack(
+            [zero, zero, gains[:, 2] * state[:, 1] * cosine, gains[:, 0], gains[:, 1] * drag / state[:, 4]]
+        )
+    else:
+        table[:, :STATES] = equivalent
+    fed_back = _fed_back(inputs, linearization)[:-1]
+    effective = velocity_indexed_gain(
+        np.where(fed_back[:, np.newaxis], equivalent, 0.0),
+        linearization.slope[:-1],
+        1,
+        linearization.bank_cosine_slope[:-1],
+    )
+    effective[fine.control.any(axis=1) == 0] = 0.0
+    flown = propagate(fine, effective, linearization.initial_covariance)
+    against_time = propagate(fine, timed, linearization.initial_covariance)
+    rows = _table_rows(inputs, linearization)
+    # The table ends where the heading alignment begins; its last gain is the last with any control authority.
+    last = np.flatnonzero(fine.control.any(axis=1))[-1]
+    return {
+        "adjoint": found.adjoint,
+        "control_adjoint": found.control_adjoint,
+        "apollo_gain": timed,
+        "apollo_covariance": flown.covariance,
+        "apollo_control_variance": flown.control_variance,
+        "timed_covariance": against_time.covariance,
+        "timed_control_variance": against_time.control_variance,
+        "table_gain": table[np.minimum(rows, last)],
+    }
+
+
+def _features(linearization):
+    """Reference values of what the laws feed back, (nodes, 7)."""
+    state = linearization.state
+    return np.column_stack([state, linearization.drag, state[:, 1] * np.sin(state[:, 2])])
+
+
+def _fed_back(inputs, linearization):
+    """Nodes at which the Apollo law corrects: after the velocity's peak, with enough drag."""
+    velocity = linearization.state[:, 1]
+    after = np.arange(len(velocity)) >= np.argmax(velocity)
+    return after & (linearization.drag >= inputs.apollo_least_drag)
+
+
+def _table_rows(inputs, linearization):
+    """Nodes of the flown Apollo table by ascending velocity: from the velocity's peak to the heading alignment."""
+    peak = np.argmax(linearization.state[:, 1])
+    last = np.flatnonzero(linearization.control.any(axis=1))[-1] + 1
+    return np.arange(last, peak - 1, -1)
+
+
+def law(inputs, linearization, gains, case):
+    """The law of a Monte Carlo case as the flight takes it."""
+    name, trigger = case.split("_")
+    number = TRIGGERS.index(trigger)
+    if name == "nominal":
+        return flight.NOMINAL_LAW
+    if name == "apollo":
+        return flight.Law(
+            flight.BY_VELOCITY,
+            gains.table_velocity,
+            gains.table_gain[number],
+            gains.table_reference,
+            np.zeros(len(gains.table_velocity)),
+            inputs.apollo_least_drag,
+        )
+    count = len(gains.stochastic_gain[number]) + 1
+    gain = np.zeros((count, flight.FEATURES))
+    gain[:-1, :STATES] = gains.stochastic_gain[number]
+    # Where the nominal aligns its heading there is no gain: whoever is still in range control keeps the nominal cosine.
+    return flight.Law(
+        flight.BY_TIME,
+        np.zeros(2),
+        gain,
+        _features(linearization),
+        linearization.bank_cosine,
+        0.0,
+    )

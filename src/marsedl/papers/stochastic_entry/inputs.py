@@ -1,0 +1,152 @@
+"""Typed inputs of the entry-guidance paper; their values and sources are in `configs/stochastic_entry.yaml`."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from marsedl.models.density_table import read_density_table
+from marsedl.replication.inputs import Count, Fraction, Inputs, NonNegative, Number, Positive, Seed, given, vector
+
+LARGEST_CYCLE_COUNT = 100_000
+
+
+def _table(value):
+    """Read the density table that a text names; numbers stay as they are."""
+    return read_density_table(value).tolist() if isinstance(value, str) else value
+
+
+DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(_table)]
+
+
+class StochasticEntryInputs(Inputs):
+    """Everything that the entry-guidance results depend on."""
+
+    CASES: ClassVar[dict[str, str]] = {
+        "apollo_time": "trials",
+        "apollo_velocity": "trials",
+        "stochastic_time": "trials",
+        "stochastic_velocity": "trials",
+    }
+
+    # The planet and the target.
+    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
+    rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
+    planet_radius: Positive = given("m", "radius of Mars, from which altitude and distances on the ground are measured")
+    atmosphere_altitude: Positive = given("m", "altitude of the edge of the atmosphere, where entry begins")
+    target_longitude: Number = given("rad", "longitude of the target")
+    target_latitude: Number = given("rad", "latitude of the target")
+
+    # The vehicle.
+    mass: Positive = given("kg", "vehicle mass")
+    reference_diameter: Positive = given("m", "diameter of the reference area")
+    trim_angle_of_attack: Number = given("rad", "trimmed angle of attack; shown only, as coefficients are inputs")
+    trim_interval: vector(2) = given("rad", "interval of the trimmed angle of attack; shown only, like it")
+    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
+    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
+    lift_dispersion: Number = given("1", "change of the lift coefficient at one end of the trim interval")
+    drag_dispersion: Number = given("1", "change of the drag coefficient at the same end")
+
+    # The entry state and its dispersion.
+    entry_longitude: Number = given("rad", "mean longitude at entry")
+    entry_latitude: Number = given("rad", "mean latitude at entry")
+    entry_velocity: Positive = given("m/s", "mean planet-relative velocity at entry")
+    entry_flight_path_angle: Number = given("rad", "mean flight path angle at entry")
+    entry_azimuth: Number = given("rad", "mean heading azimuth at entry, clockwise from north")
+    entry_velocity_three_sigma: NonNegative = given("m/s", "three standard deviations of the velocity")
+    entry_flight_path_angle_three_sigma: NonNegative = given("rad", "three standard deviations of the path angle")
+    entry_azimuth_three_sigma: NonNegative = given("rad", "three standard deviations of the azimuth")
+    entry_downrange_three_sigma: NonNegative = given("m", "three standard deviations of the downrange, on longitude")
+    entry_crossrange_three_sigma: NonNegative = given("m", "three standard deviations of the crossrange, on latitude")
+
+    # The atmosphere.
+    density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
+        "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
+    )
+    density_coefficients: vector(3) = given(
+        "1", "of log_quadratic: quadratic, linear and constant term of ln(kg/m^3) against altitude in 10 km"
+    )
+    density_upper_altitude: Positive = given("m", "of log_quadratic: altitude above which the scale height is constant")
+    density_table: DensityTable | None = given(
+        "m, kg/m^3", "of table: a CSV file, or file#source for one of several in it"
+    )
+    density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
+    variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
+    variance_at_top: Positive = given("1", "of exponential: variance at and above the top altitude")
+    variance_top_altitude: Positive = given("m", "of exponential: altitude above which the variance is constant")
+    variance_growth_length: Positive = given("m", "of exponential: altitude over which the variance grows by e")
+    decay_factor: Positive = given("1", "decay rate of the density variation in inverse scale heights")
+    diffusion_factor: Positive = given("1", "diffusion of the density variation in variances per scale height")
+
+    # The nominal flight and what all laws share.
+    nominal_bank_fast: Number = given("rad", "nominal bank angle above the ramp's velocities")
+    nominal_bank_slow: Number = given("rad", "nominal bank angle below the ramp's velocities")
+    ramp_velocities: vector(2, Positive) = given("m/s", "velocities between which the bank's cosine ramps linearly")
+    guidance_period: Positive = given("s", "time between bank commands")
+    bank_rate_limit: Positive = given("rad/s", "largest bank rate")
+    rate_limit_form: Literal["corrected", "printed"] = given("1", "form of the rate limit: both signs, or as printed")
+    deadband_times: vector(2) = given("s", "times between which the crossrange deadband narrows linearly")
+    deadband_widths: vector(2, Positive) = given("m", "half widths of the deadband before and after")
+    initial_bank_direction: Literal[-1, 1] = given("1", "direction of the first bank")
+    heading_rate_form: Literal["corrected", "printed"] = given("1", "signs of the inertial terms of the heading rate")
+    heading_alignment_form: Literal["corrected", "sign_only", "printed"] = given(
+        "1", "form of the heading alignment law: corrected, with only its sign mended, or as printed"
+    )
+    heading_alignment_velocity: Positive = given("m/s", "velocity at which heading alignment begins")
+    heading_alignment_gain: Positive = given("1", "gain of the heading alignment")
+    heading_alignment_limits: vector(2, Positive) = given(
+        "rad", "largest bank of the heading alignment, first and then"
+    )
+    heading_alignment_limit_velocity: Positive = given("m/s", "velocity at which that limit changes")
+    end_velocity: Positive = given("m/s", "velocity at which the nominal flight ends, and that of the trigger")
+    time_limit: Positive = given("s", "time at which a flight ends that has not reached the trigger")
+
+    # The Apollo law.
+    overcontrol: Positive = given("1", "overcontrol gain of the Apollo law")
+    apollo_form: Literal["five_state", "drag", "density_blind"] = given("1", "what the Apollo law feeds back")
+    apollo_time_adjoint: Literal["time", "velocity"] = given("1", "what the adjoint of the time-triggered law aims at")
+    apollo_least_drag: NonNegative = given("m/s^2", "drag acceleration below which the Apollo law makes no correction")
+
+    # The stochastic law.
+    final_weight: vector(5) = given("1", "weight of the final state (radius, velocity, path angle, downrange, density)")
+    weight_length: Positive = given("m", "unit of length in which the final weight is stated")
+    control_weight: Positive = given("1", "weight of the control variance")
+    control_limit: Positive = given("1", "largest deviation of the bank cosine from its nominal value")
+    chance_level: Fraction = given("1", "probability with which the limits hold")
+    altitude_limit: Positive = given("m", "largest final altitude error")
+    flight_path_angle_limit: Positive = given("rad", "largest final flight path angle error")
+    partition_interval: Positive = given("s", "time over which a control correction is held in the design")
+    gain_equation: Literal["corrected", "printed"] = given("1", "feedback gain: with the inverse, or as printed")
+
+    # Numbers that the paper leaves open.
+    nominal_substeps: Count = given("1", "integration steps per guidance period of the nominal flight")
+    flight_substeps: Count = given("1", "integration steps per guidance period of the Monte Carlo flights")
+    seed: Seed = given("1", "key of the random numbers")
+    trials: Count = given("1", "Monte Carlo trials of each law and trigger")
+    paper_trials: Count = given("1", "the first of these, as many as the paper flies")
+    drawn_trials: Count = given("1", "trials drawn in the figures")
+    drawn_densities: Count = given("1", "density samples drawn in the figures")
+    fewest_flying: Count = given("1", "trials that must still fly for statistics over time to be shown")
+    partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
+    altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
+    source_trials: Count = given("1", "trials of each single source of uncertainty")
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        cycles = self.time_limit / self.guidance_period
+        if cycles > LARGEST_CYCLE_COUNT:
+            raise ValueError(f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}")
+        if self.density_profile == "table" and self.density_table is None:
+            raise ValueError("density_profile is 'table', but density_table names none: write its file")
+        intervals = (self.partition_interval, *self.partition_study)
+        if any(round(i / self.guidance_period) * self.guidance_period != i for i in intervals):
+            raise ValueError("partition_interval and partition_study must be multiples of guidance_period")
+        for earlier, later in (("deadband_times", 1), ("ramp_velocities", -1)):
+            first, second = getattr(self, earlier)
+            if (second - first) * later <= 0:
+                raise ValueError(f"{earlier}: {first:g} and {second:g} stand in the wrong order")
+        if not self.trials >= self.paper_trials:
+            raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
+        return self
+
+
+MODEL = StochasticEntryInputs

@@ -1,0 +1,122 @@
+"""Linear model of the longitudinal motion and the density along the nominal flight (Sec. III.A, Eqs. 30-44, 65)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.guidance.apollo import density_slaved_matrix
+from marsedl.methods.guidance.bank_profile import ramped_bank_cosine, ramped_bank_cosine_slope
+from marsedl.methods.guidance.longitudinal import linear_model
+from marsedl.methods.lincov import DiscreteSystem, discretize, trigger_projection
+from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
+from marsedl.papers.stochastic_entry import environment, flight
+from marsedl.papers.stochastic_entry.nominal import Nominal
+from marsedl.replication.artifacts import quantity
+
+TRIGGER_NORMAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0])  # of the velocity trigger (Eq. 76)
+STATES = 5  # radius, velocity, flight path angle, downrange, density
+STATE_UNIT = "m, m/s, rad, m, kg/m^3"
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Deviations from the nominal flight: x_{k+1} = A_k x_k + B_k u_k + G_k w_k, one interval per guidance period."""
+
+    time: np.ndarray = quantity("s", ("nodes",), "bounds of the intervals")
+    state: np.ndarray = quantity(STATE_UNIT, ("nodes", 5), "nominal radius, velocity, path angle, downrange, density")
+    slope: np.ndarray = quantity("SI", ("nodes", 5), "their time derivatives over the neighbouring guidance periods")
+    bank_cosine: np.ndarray = quantity("1", ("nodes",), "nominal bank cosine without reversals")
+    bank_cosine_slope: np.ndarray = quantity("s/m", ("nodes",), "its derivative with velocity")
+    drag: np.ndarray = quantity("m/s^2", ("nodes",), "nominal drag acceleration")
+    inverse_scale_height: np.ndarray = quantity("1/m", ("nodes",), "inverse of the density's scale height")
+    transition: np.ndarray = quantity("SI", ("intervals", 5, 5), "A_k")
+    control: np.ndarray = quantity("SI", ("intervals", 5), "B_k; zero from the start of the heading alignment")
+    noise: np.ndarray = quantity("SI", ("intervals", 5, 5), "G_k G_k'")
+    slaved_transition: np.ndarray = quantity(
+        "SI", ("intervals", 4, 4), "A_k without density state, density by altitude"
+    )
+    slaved_control: np.ndarray = quantity("SI", ("intervals", 4), "B_k of that model")
+    initial_covariance: np.ndarray = quantity("SI", (5, 5), "covariance at entry (Eqs. 43, 44)")
+    final_rates: np.ndarray = quantity("SI", (5,), "time derivative at the end, with the flown bank angle")
+    trigger_projection: np.ndarray = quantity("SI", (5, 5), "Z_f of the velocity trigger (Eq. 65)")
+
+
+def system(linearization) -> DiscreteSystem:
+    """The discrete system of an artifact."""
+    return DiscreteSystem(linearization.transition, linearization.control, linearization.noise)
+
+
+def compute(inputs, nominal: Nominal) -> Linearization:
+    """Linearise at the midpoints of pairs of integration steps, and discretise over the guidance periods."""
+    steps = inputs.nominal_substeps
+    bounds = np.append(np.arange(0, len(nominal.time) - 1, steps), len(nominal.time) - 1)
+    middles = bounds[:-1, np.newaxis] + np.arange(1, steps, 2)
+    states = np.column_stack(
+        [
+            nominal.altitude + inputs.planet_radius,
+            nominal.velocity,
+            nominal.flight_path_angle,
+            nominal.downrange,
+            nominal.density,
+        ]
+    )
+    _, slope, curvature = environment.profile(inputs)(nominal.altitude)
+    variance = environment.variance(inputs, nominal.altitude)
+    profile = (*inputs.ramp_velocities, np.cos(inputs.nominal_bank_fast), np.cos(inputs.nominal_bank_slow))
+    ramp = ramped_bank_cosine(nominal.velocity, *profile)
+    aligned = nominal.time >= nominal.alignment_time
+    cosine = np.where(aligned, np.cos(nominal.bank), ramp)
+    drag_factor, lift_factor = flight.factors(inputs)
+    constants = (drag_factor, lift_factor, inputs.gravitational_parameter)
+
+    at = middles.ravel()
+    state_matrix, control_matrix = linear_model(
+        states[at], cosine[at], nominal.density[at], -slope[at], -curvature[at], inputs.decay_factor, *constants
+    )
+    control_matrix[aligned[at]] = 0.0
+    radius_rate = nominal.velocity[at] * np.sin(nominal.flight_path_angle[at])
+    diffusion = inputs.diffusion_factor * variance[at] * -slope[at]
+    intensity = np.zeros((len(at), STATES, STATES))
+    intensity[:, -1, -1] = density_noise_intensity(nominal.density[at], diffusion, radius_rate)
+    span = np.diff(nominal.time[bounds])
+    shape = middles.shape
+    discrete = discretize(
+        state_matrix.reshape(*shape, STATES, STATES),
+        control_matrix.reshape(*shape, STATES),
+        intensity.reshape(*shape, STATES, STATES),
+        span,
+    )
+    slaved = density_slaved_matrix(state_matrix, -slope[at], nominal.density[at])
+    blind = discretize(
+        slaved.reshape(*shape, 4, 4), control_matrix[:, :4].reshape(*shape, 4), np.zeros((*shape, 4, 4)), span
+    )
+
+    mean = nominal.density[-1], -slope[-1], -inputs.decay_factor * slope[-1]
+    final_rates = np.array(longitudinal_entry_rates(*states[-1], cosine[-1], *mean, *constants))
+    deviations = flight.entry_deviations(inputs)
+    initial = np.array(
+        [
+            0.0,
+            deviations[flight.SPEED],
+            deviations[flight.PATH_ANGLE],
+            deviations[flight.LONGITUDE] * inputs.planet_radius,
+            nominal.density[0] * np.sqrt(variance[0]),
+        ]
+    )
+    return Linearization(
+        time=nominal.time[bounds],
+        state=states[bounds],
+        slope=np.gradient(states[bounds], nominal.time[bounds], axis=0),
+        bank_cosine=ramp[bounds],
+        bank_cosine_slope=ramped_bank_cosine_slope(nominal.velocity[bounds], *profile),
+        drag=nominal.drag[bounds],
+        inverse_scale_height=-slope[bounds],
+        transition=discrete.transition,
+        control=discrete.control,
+        noise=discrete.noise,
+        slaved_transition=blind.transition,
+        slaved_control=blind.control,
+        initial_covariance=np.diag(initial**2),
+        final_rates=final_rates,
+        trigger_projection=trigger_projection(final_rates, TRIGGER_NORMAL),
+    )

@@ -1,0 +1,135 @@
+"""The nominal flight: the mean vehicle in the mean atmosphere under the nominal bank profile (Sec. V, Figs. 5-7)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.guidance.lateral import bank_direction, deadband
+from marsedl.methods.guidance.targeting import require_target_ahead, targeting
+from marsedl.montecarlo.ensembles import ESCAPED
+from marsedl.papers.stochastic_entry import environment, flight
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The nominal flight at every integration step, of which each guidance period has the same number."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from entry interface")
+    altitude: np.ndarray = quantity("m", ("time",), "altitude")
+    velocity: np.ndarray = quantity("m/s", ("time",), "planet-relative velocity")
+    flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
+    downrange: np.ndarray = quantity("m", ("time",), "downrange, negative before the target")
+    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
+    crossrange: np.ndarray = quantity("m", ("time",), "crossrange of the target")
+    bank: np.ndarray = quantity("rad", ("time",), "flown bank angle")
+    commanded_cosine: np.ndarray = quantity("1", ("time",), "commanded bank cosine")
+    drag: np.ndarray = quantity("m/s^2", ("time",), "drag acceleration")
+    guidance_time: np.ndarray = quantity("s", ("cycles",), "times of the bank commands")
+    deadband: np.ndarray = quantity("m", ("cycles",), "half width of the crossrange deadband at these times")
+    deadband_margin: float = quantity("m", (), "least distance from the deadband at which a bank direction was decided")
+    reversal_time: np.ndarray = quantity("s", ("reversals",), "times at which bank reversals were commanded")
+    alignment_time: float = quantity("s", (), "start of the heading alignment")
+    end_time: float = quantity("s", (), "time at which the end velocity is reached")
+
+
+def compute(inputs) -> Nominal:
+    """Fly until the end velocity, then again to that time, so that every guidance period has equal steps.
+
+    Raises MarsedlError if the target lies behind the entry point or the end velocity is not reached in the time limit.
+    """
+    air = environment.air(inputs)
+    constants = flight.settings(inputs, air)
+    drag_factor, lift_factor = flight.factors(inputs)
+    mean = flight.entry_mean(inputs)
+    state = dict(
+        zip(("radius", "longitude", "latitude", "velocity", "flight_path_angle", "azimuth"), mean, strict=True)
+    )
+    entry_range, _ = targeting(
+        **state,
+        rotation_rate=inputs.rotation_rate,
+        target_longitude=inputs.target_longitude,
+        target_latitude=inputs.target_latitude,
+    )
+    try:
+        require_target_ahead(entry_range)
+    except ValueError as error:
+        raise MarsedlError(f"entry_longitude, entry_azimuth, target_longitude: {error}") from None
+    vehicle = flight.Vehicles(mean[np.newaxis], np.array([drag_factor]), np.array([lift_factor]))
+
+    def fly(trigger, end_time, every):
+        return flight.fly(
+            constants,
+            air,
+            flight.NOMINAL_LAW,
+            vehicle,
+            trigger=trigger,
+            end_time=end_time,
+            substeps=inputs.nominal_substeps,
+            seed=inputs.seed,
+            varied=False,
+            every=every,
+        )
+
+    first = fly("velocity", inputs.time_limit, inputs.nominal_substeps)
+    if first.outcome[0] == ESCAPED:
+        raise MarsedlError(
+            f"the nominal flight still has {first.final_state[flight.VELOCITY, 0]:.0f} m/s after {inputs.time_limit:g} "
+            "s; it must slow down to end_velocity: raise time_limit, or check density_profile and ballistic_coefficient"
+        )
+    end_time = float(first.final_state[flight.END_TIME, 0])
+    history, observed = (
+        table[..., 0] for table in (fly("time", end_time, 1).history, fly("time", end_time, 1).observed)
+    )
+    time = fine_times(end_time, inputs)
+    cycles = np.arange(0, len(time) - 1, inputs.nominal_substeps)
+    aligned = cycles[np.argmax(history[cycles, flight.VELOCITY] <= inputs.heading_alignment_velocity)]
+    guided = cycles[cycles < aligned]
+    width = deadband(
+        time[cycles],
+        inputs.deadband_times[0],
+        inputs.deadband_widths[0],
+        inputs.deadband_times[1],
+        inputs.deadband_widths[1],
+    )
+    reversals, margin = _decisions(
+        inputs.initial_bank_direction, time[guided], history[guided, flight.CROSSRANGE], width[: len(guided)]
+    )
+    return Nominal(
+        time=time,
+        altitude=history[:, flight.ALTITUDE],
+        velocity=history[:, flight.VELOCITY],
+        flight_path_angle=history[:, flight.FLIGHT_PATH_ANGLE],
+        downrange=history[:, flight.DOWNRANGE],
+        density=history[:, flight.DENSITY],
+        crossrange=history[:, flight.CROSSRANGE],
+        bank=observed[:, flight.BANK],
+        commanded_cosine=history[:, flight.BANK_COSINE],
+        drag=drag_factor * history[:, flight.DENSITY] * history[:, flight.VELOCITY] ** 2,
+        guidance_time=time[cycles],
+        deadband=width,
+        deadband_margin=margin,
+        reversal_time=reversals,
+        alignment_time=float(time[aligned]),
+        end_time=end_time,
+    )
+
+
+def fine_times(end_time, inputs):
+    """Times of all integration steps: equal ones in every guidance period, the last period being shorter."""
+    starts = flight.outputs(end_time, inputs.guidance_period, "time")
+    steps = np.arange(inputs.nominal_substeps) / inputs.nominal_substeps
+    return np.append((starts[:-1, np.newaxis] + np.diff(starts)[:, np.newaxis] * steps).ravel(), end_time)
+
+
+def _decisions(direction, time, crossrange, width):
+    """Times of the bank reversals, and the least distance between crossrange and deadband in all decisions."""
+    reversals, margin = [], np.inf
+    for now, error, limit in zip(time, crossrange, width, strict=True):
+        margin = min(margin, abs(direction * error - limit))
+        turned = bank_direction(direction, error, limit)
+        if turned != direction:
+            reversals.append(now)
+        direction = turned
+    return np.array(reversals, dtype=float), float(margin)

@@ -1,0 +1,413 @@
+"""Tables 1 to 4, Eq. 77, the design's certificates, the error budget, and what each reading reproduces."""
+
+import numpy as np
+
+from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.statistics import percentile_spread
+from marsedl.papers.stochastic_entry import flight
+from marsedl.papers.stochastic_entry.certificates import COARSE, Certificates
+from marsedl.papers.stochastic_entry.claims import (
+    CASES,
+    FEASIBLE,
+    LEVELS,
+    ROWS,
+    SIGMAS,
+    VELOCITY,
+    crossrange_of_azimuth,
+    final_percentiles,
+    finite,
+    halving,
+    outcomes,
+    reduction,
+)
+from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
+from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains
+from marsedl.papers.stochastic_entry.linearization import Linearization
+from marsedl.papers.stochastic_entry.montecarlo import OUTCOMES, FlightEnsemble, errors
+
+RANGE = flight.DOWNRANGE
+NO_VALUE = "–"
+
+
+def _case(name):
+    return name.replace("_", ", ").capitalize()
+
+
+def _km(metres):
+    return f"{metres / 1e3:.2f}"
+
+
+def _number(value, form):
+    return f"{value:{form}}" if np.isfinite(value) else NO_VALUE
+
+
+def tab01(inputs, published):
+    """Table 1 from the inputs."""
+    drag, lift = flight.coefficients(inputs)
+    area = f"{np.pi * inputs.reference_diameter**2 / 4:.3f} (pi {inputs.reference_diameter:g}^2 / 4)"
+    return [
+        ("property", "value", "unit"),
+        ("mass", f"{inputs.mass:g}", "kg"),
+        ("reference area", area, "m^2"),
+        ("trimmed angle of attack", f"{np.degrees(inputs.trim_angle_of_attack):g}", "deg"),
+        ("lift over drag", f"{inputs.lift_to_drag:g}", "1"),
+        ("ballistic coefficient", f"{inputs.ballistic_coefficient:g}", "kg/m^2"),
+        ("drag coefficient that follows", f"{drag:.4f}", "1"),
+        ("lift coefficient that follows", f"{lift:.4f}", "1"),
+    ]
+
+
+def tab02(inputs, published):
+    """Table 2 from the inputs."""
+
+    def angles(value, deviation):
+        return f"{np.degrees(value):g}", f"{np.degrees(deviation):g}"
+
+    _, crossrange = crossrange_of_azimuth(inputs)
+    velocity = f"{inputs.entry_velocity / 1e3:g} km/s", f"{inputs.entry_velocity_three_sigma:g} m/s"
+    return [
+        ("state", "nominal", "three sigma", "unit"),
+        ("altitude", f"{inputs.atmosphere_altitude / 1e3:g}", "0", "km"),
+        ("velocity", *velocity, ""),
+        (
+            "flight path angle",
+            *angles(inputs.entry_flight_path_angle, inputs.entry_flight_path_angle_three_sigma),
+            "deg",
+        ),
+        ("heading azimuth", *angles(inputs.entry_azimuth, inputs.entry_azimuth_three_sigma), "deg"),
+        ("downrange", "0", f"{inputs.entry_downrange_three_sigma / 1e3:g}", "km"),
+        ("crossrange", _km(crossrange), f"{inputs.entry_crossrange_three_sigma / 1e3:g}", "km"),
+    ]
+
+
+def tab03(inputs, published):
+    """Table 3 from the inputs, with the surrogate of the density samples."""
+    low, high = np.degrees(inputs.trim_interval)
+    return [
+        ("source of uncertainty", "in the paper", "here"),
+        ("state at entry", "Gaussian (Table 2)", "Gaussian (Table 2)"),
+        (
+            "density of the atmosphere",
+            "Mars-GRAM samples",
+            f"Ornstein-Uhlenbeck surrogate about the mean density `{inputs.density_profile}`, with exactly the "
+            f"variance "
+            f"`{inputs.variance_profile}`",
+        ),
+        (
+            "aerodynamics",
+            "trim angle of attack uniform, about 0.15 in C_L and 0.02 in C_D",
+            f"uniform between {low:g} and {high:g} deg, from {-inputs.lift_dispersion:+g} to "
+            f"{inputs.lift_dispersion:+g} in C_L and from {-inputs.drag_dispersion:+g} to {inputs.drag_dispersion:+g} "
+            "in C_D",
+        ),
+    ]
+
+
+def tab04(
+    inputs,
+    published,
+    apollo_time: FlightEnsemble,
+    apollo_velocity: FlightEnsemble,
+    stochastic_time: FlightEnsemble,
+    stochastic_velocity: FlightEnsemble,
+):
+    """Percentiles of the final errors beside Table 4, from the paper's number of trials and from all."""
+    flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+    size = int(inputs.paper_trials)
+    rows = [
+        (
+            "final error",
+            "law, trigger",
+            "percentile",
+            "in the paper",
+            f"first {size:,} trials",
+            "standard error",
+            f"spread over sets of {size:,}",
+            "all trials",
+            "standard error (all)",
+            "distance in combined standard errors",
+            "trials",
+        )
+    ]
+    for state, name, factor, unit in ROWS:
+        for case, ensemble in flights.items():
+            first, whole = (final_percentiles(ensemble, trials, [state])[state] for trials in (size, None))
+            sample = errors(ensemble)[finite(ensemble), state] * factor
+            claim = published[f"tab4_{name}_{case}"]
+            for side, level in enumerate(LEVELS):
+                printed, resolution = claim.printed[side], claim.resolution[side]
+                value, error = whole[0][side] * factor, whole[1][side] * factor
+                try:
+                    spread = _number(percentile_spread(sample, level, size)[1], ".3f")
+                except ValueError:  # too few trials for two sets
+                    spread = NO_VALUE
+                # The paper's own sampling error: that of as many trials, if they spread like ours.
+                paper = error * np.sqrt(len(sample) / (claim.trials or size))
+                combined = np.sqrt(error**2 + paper**2 + resolution**2 / 12)
+                distance = (value - printed) / combined if claim.kind == "monte_carlo" else np.nan
+                rows.append(
+                    (
+                        f"{name.replace('gamma', 'flight path angle')} ({unit})",
+                        _case(case),
+                        f"{100 * level:g}",
+                        f"{printed:g}",
+                        _number(first[0][side] * factor, ".3f"),
+                        _number(first[1][side] * factor, ".3f"),
+                        spread,
+                        _number(value, ".3f"),
+                        _number(error, ".3f"),
+                        _number(distance, "+.1f"),
+                        f"{len(sample):,}",
+                    )
+                )
+    for case, ensemble in flights.items():
+        completed = int((ensemble.outcome == COMPLETED).sum())
+        told = f"{completed:,} {OUTCOMES[COMPLETED]}" + (", " + outcomes(ensemble) if outcomes(ensemble) else "")
+        rows.append(("how trials ended", _case(case), *[""] * 5, told, "", "", f"{len(ensemble.outcome):,}"))
+    return rows
+
+
+def zf(inputs, published, linearization: Linearization):
+    """Z_f element by element beside Eq. 77."""
+    claim = published["zf_column_velocity"]
+    states = ("radius", "velocity", "flight path angle", "range", "density")
+    fitted = inputs.density_profile == "log_quadratic"
+    rows = [("row", "column", "in the paper", "here", "difference", "within the printed rounding")]
+    for i, j in np.ndindex(linearization.trigger_projection.shape):
+        value = linearization.trigger_projection[i, j]
+        printed, resolution = float(i == j), 1.0
+        if j == VELOCITY:
+            printed, resolution = claim.printed[i], claim.resolution[i]
+        elif value == printed:
+            continue  # the identity, summed up below
+        within = "yes" if abs(value - printed) <= 0.5 * resolution else "no"
+        rows.append((states[i], states[j], f"{printed:g}", f"{value:.6g}", f"{value - printed:+.2g}", within))
+    rows.append(("all", "other columns", "identity", "identity" if len(rows) == 6 else "not the identity", "", ""))
+    if fitted:
+        rows.append(
+            (
+                "",
+                "",
+                "",
+                "the density is fitted to these entries for `corrected`: there agreement is no evidence",
+                "",
+                "",
+            )
+        )
+    return rows
+
+
+def certificates(inputs, published, gains: Gains, certificates: Certificates):
+    """The stochastic law against independent formulations, by trigger."""
+
+    def both(values, form=".1e"):
+        return [_number(value, form) for value in values]
+
+    rows = [("check of the stochastic law", *(f"{trigger} trigger" for trigger in TRIGGERS))]
+    rows += [
+        ("deviation of the objective (m)", *both(np.sqrt(gains.cost), ".4f")),
+        ("floor that noise after the last control makes (m)", *both(np.sqrt(gains.noise_floor), ".4f")),
+        ("duality gap over the objective", *both(gains.gap)),
+        ("duality gap over what is above the floor", *both(gains.gap_above_floor)),
+        ("largest control deviation over its limit", *both(gains.control_ratio.max(axis=1), ".6f")),
+        ("final altitude deviation over its limit", *both(gains.final_ratio[:, 0], ".6f")),
+        ("final path angle deviation over its limit", *both(gains.final_ratio[:, 1], ".6f")),
+        ("multiplier of the altitude limit (m^2 per m^2)", *both(gains.final_multiplier[:, 0], ".3g")),
+        ("multiplier of the path angle limit (m^2 per rad^2)", *both(gains.final_multiplier[:, 1], ".3g")),
+        ("control limits reached", *(f"{np.sum(ratio > 1.0 - FEASIBLE)}" for ratio in gains.control_ratio)),
+        ("complementarity", *both(gains.complementarity)),
+        ("solver of the dual", *(f"{s}, {n:,} sweeps" for s, n in zip(gains.status, gains.iterations, strict=True))),
+        ("multipliers as LQG weights: largest error of the gains", *both(certificates.weights_gain_error)),
+        ("perturbed gains: least change of the Lagrangian", *both(certificates.perturbed_cost, "+.1e")),
+        (f"on intervals of {COARSE:g} s: duality gap", *both(certificates.coarse_gap)),
+        ("cone program, cost over the dual's less one", *both(certificates.cone_ratio - 1.0, "+.1e")),
+        (
+            "cone program, solver",
+            *(
+                f"{s}, {n} iterations"
+                for s, n in zip(certificates.cone_status, certificates.cone_iterations, strict=True)
+            ),
+        ),
+    ]
+    for start, name in enumerate(("usual start", "start from small weights")):
+        found = (
+            f"{ratio:.5f}, {worst:.4g}, {evaluations:,}, {'yes' if done else 'no'}"
+            for ratio, worst, evaluations, done in zip(
+                *(
+                    getattr(certificates, f"search_{field}")[:, start]
+                    for field in ("ratio", "worst", "evaluations", "success")
+                ),
+                strict=True,
+            )
+        )
+        rows.append((f"search over LQG weights, {name}: cost ratio, worst limit ratio, sweeps, success", *found))
+    return rows
+
+
+def error_budget(inputs, published, error_budget: ErrorBudget):
+    """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
+    budget = error_budget
+    sources = [str(source) for source in budget.source]
+    whole = sources.index("all")
+    rows = [
+        (
+            "source",
+            *(
+                f"{law}, {trigger}: {what}"
+                for law in budget.law
+                for trigger in TRIGGERS
+                for what in ("deviation (m)", "%")
+            ),
+        )
+    ]
+    share = 100 * budget.deviation**2 / budget.deviation[..., whole, np.newaxis] ** 2
+
+    def row(name, deviation, portion):
+        cells = []
+        for index in np.ndindex(deviation.shape):
+            cells += [_number(deviation[index], ".1f"), _number(portion[index], ".1f")]
+        rows.append((name, *cells))
+
+    for number, source in enumerate(sources):
+        row(source, budget.deviation[..., number], share[..., number])
+    alone = np.delete(budget.deviation, whole, axis=-1)
+    total = np.sqrt((alone**2).sum(axis=-1))
+    row("root of the sum of squares of all sources alone", total, 100 * total**2 / budget.deviation[..., whole] ** 2)
+    floor = np.broadcast_to(budget.floor, total.shape)
+    row("floor: density noise after the last control", floor, 100 * floor**2 / budget.deviation[..., whole] ** 2)
+    missed = budget.missed.sum(axis=-1)
+    cells = [cell for index in np.ndindex(missed.shape) for cell in (f"{missed[index]}", "")]
+    rows.append((f"flights that did not end as they should, of {budget.trials:,} per source", *cells))
+    return rows
+
+
+def reversals(
+    inputs,
+    published,
+    apollo_time: FlightEnsemble,
+    apollo_velocity: FlightEnsemble,
+    stochastic_time: FlightEnsemble,
+    stochastic_velocity: FlightEnsemble,
+):
+    """Final range error by the number of bank reversals."""
+    flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+    rows = [
+        (
+            "law, trigger",
+            "bank reversals",
+            "trials",
+            "share (%)",
+            "mean range error (km)",
+            "1st percentile (km)",
+            "99th percentile (km)",
+        )
+    ]
+    for case, ensemble in flights.items():
+        known = finite(ensemble)
+        error, number = errors(ensemble)[known, RANGE], ensemble.final_state[known, flight.REVERSALS]
+        groups = [(f"{int(n)}", number == n) for n in np.unique(number)] + [("any", np.ones(len(number), bool))]
+        for label, chosen in groups:
+            if not chosen.any():
+                rows.append((_case(case), "no finite trial", "0", *[NO_VALUE] * 4))
+                continue
+            low, high = np.quantile(error[chosen], LEVELS)
+            share = 100 * chosen.sum() / len(ensemble.outcome)
+            values = f"{chosen.sum():,}", f"{share:.2f}", _km(error[chosen].mean()), _km(low), _km(high)
+            rows.append((_case(case), label, *values))
+    return rows
+
+
+def readings(artifacts, published):
+    """What each reading reproduces; artifacts: by reading, the inputs and the artifacts by name."""
+    header = ["reading", "end short of the target (km)", "Z_f: range (m per m/s)", "Z_f: radius (m per m/s)"]
+    for case in CASES:
+        header += [f"{_case(case)}: 1st / 99th percentile of the range error (km)", f"{_case(case)}: bank reversals"]
+    rows = [(*header, "trials")]
+    zf_column = published["zf_column_velocity"].printed
+    printed = [published[f"tab4_downrange_{case}"].printed for case in CASES]
+    told = [cell for low, high in printed for cell in (f"{low:.2f} / {high:.2f}", "")]
+    uprange = published["nominal_uprange"].printed
+    rows.append(
+        (
+            "in the paper",
+            f"{uprange:g}",
+            f"{zf_column[3]:g}",
+            f"{zf_column[0]:g}",
+            *told,
+            f"{published['mc_trials'].printed:,}",
+        )
+    )
+    for name, (inputs, items) in artifacts.items():
+        projection = items["linearization"].trigger_projection[:, VELOCITY]
+        cells = [_km(-items["nominal"].downrange[-1]), f"{projection[3]:.2f}", f"{projection[0]:.2f}"]
+        for case in CASES:
+            cells += [_interval(items[case]), _mean_reversals(items[case])]
+        label = f"{name} (hypothesis)" if hypothesis(inputs) else name
+        rows.append((label, *cells, f"{len(items[CASES[0]].outcome):,}"))
+    return rows
+
+
+def headline(artifacts, published):
+    """The headline in each reading, with a verdict computed from the numbers."""
+    rows = [
+        (
+            "reading",
+            "fixed time: narrower by (%)",
+            "velocity trigger: narrower by (%)",
+            "ratio of the 1st percentiles",
+            "halved",
+            "ratio of the 99th percentiles",
+            "halved (99th)",
+            "with the velocity trigger",
+        )
+    ]
+    paper = {case: (np.array(published[f"tab4_downrange_{case}"].printed), np.zeros(2)) for case in CASES}
+    rows.append(("in the paper", *_headline_row(paper)))
+    for name, (inputs, items) in artifacts.items():
+        tails = {case: final_percentiles(items[case], index=[RANGE])[RANGE] for case in CASES}
+        rows.append((f"{name} (hypothesis)" if hypothesis(inputs) else name, *_headline_row(tails)))
+    return rows
+
+
+def _headline_row(tails):
+    cells = []
+    for trigger in TRIGGERS:
+        saved, error = reduction(tails[f"stochastic_{trigger}"], tails[f"apollo_{trigger}"])
+        cells.append(f"{100 * saved:.1f} ± {100 * error:.1f}" if np.isfinite(saved) else "not finite")
+    halved = []
+    for side in (0, 1):
+        ratio, error, half = halving(tails["stochastic_velocity"], tails["apollo_velocity"], side)
+        halved.append(half)
+        known = np.isfinite(ratio)
+        cells += [f"{ratio:.2f} ± {error:.2f}", "yes" if half else "no"] if known else ["not finite", NO_VALUE]
+    if not np.isfinite(saved):
+        verdict = "no finite trial under one of the laws"
+    elif all(halved):
+        verdict = "both percentiles are about halved"
+    elif any(halved):
+        verdict = f"only the {'1st' if halved[0] else '99th'} percentile is about halved"
+    elif saved > SIGMAS * error:
+        verdict = "narrower, but neither percentile is about halved"
+    elif saved < -SIGMAS * error:
+        verdict = "the stochastic law is wider"
+    else:
+        verdict = "no difference beyond sampling error"
+    return (*cells, verdict)
+
+
+def hypothesis(inputs):
+    """Whether a reading assumes something of the laws that the paper does not print."""
+    own = inputs.partition_interval == inputs.guidance_period
+    return not (own and inputs.apollo_form == "five_state" and inputs.apollo_time_adjoint == "time")
+
+
+def _interval(ensemble):
+    values, deviations = final_percentiles(ensemble, index=[RANGE])[RANGE]
+    if not np.isfinite(values).all():
+        return "not finite"
+    return " / ".join(f"{v / 1e3:.2f} ± {e / 1e3:.2f}" for v, e in zip(values, deviations, strict=True))
+
+
+def _mean_reversals(ensemble):
+    number = ensemble.final_state[finite(ensemble), flight.REVERSALS]
+    return f"{number.mean():.2f}" if len(number) else NO_VALUE

@@ -1,0 +1,494 @@
+"""The figures of the entry-guidance paper hold the right curves; nothing here looks at pixels."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.stochastic_entry import PAPER, environment, figures, flight
+from marsedl.papers.stochastic_entry.montecarlo import errors
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
+
+DRAWN = 12  # trials, see the fixtures
+SKETCHES = ("fig01", "fig03")
+FLOWN = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
+
+
+@pytest.fixture(scope="module")
+def draw(entry):
+    """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it; changed ones on demand."""
+    drawn = {}
+
+    def made_of(stem, reading):
+        return {
+            need.split(".")[-1]: entry.ensemble(reading, need.split(".")[1])
+            if need.startswith("montecarlo")
+            else entry.stage(need, reading)
+            for need in PAPER.figures[stem].needs
+        }
+
+    def draw_once(stem, reading="corrected", artifacts=None, **changes):
+        function = getattr(figures, stem)
+        inputs = entry.inputs(reading, PAPER.figures[stem].inputs, **changes)
+        if artifacts or changes:
+            return function(inputs, **made_of(stem, reading) | (artifacts or {}))
+        if (stem, reading) not in drawn:
+            drawn[stem, reading] = function(inputs, **made_of(stem, reading))
+        return drawn[stem, reading]
+
+    return draw_once
+
+
+def curves(axes, color=None, style=None, least=3):
+    """Lines with data (those of a legend have none), of a colour and a style if given."""
+    lines = [line for line in axes.lines if len(line.get_xdata()) >= least]
+    return [
+        line
+        for line in lines
+        if (color is None or same_color(line.get_color(), color)) and style in (None, line.get_linestyle())
+    ]
+
+
+def labels(figure):
+    """All labels of a figure's legends."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def at_whole_second(nominal, name, second, substeps=20):
+    return getattr(nominal, name)[second * substeps]
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+@pytest.mark.parametrize("stem", PAPER.figures)
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
+    figure = draw(stem, reading)
+    assert isinstance(figure, Figure)
+    for axes in figure.axes:
+        assert axes.get_title() or axes.lines or axes.patches
+    for labelled in (Axes.get_xlabel, Axes.get_ylabel):
+        assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
+
+
+def test_stems_are_those_of_the_paper_and_five_beyond():
+    paper = [stem for stem, product in PAPER.figures.items() if not product.beyond]
+    assert paper == [f"fig{number:02d}" for number in range(1, 14)]
+    assert set(PAPER.figures) - set(paper) == {"partition", "altitude_tradeoff", "error_budget", "floor", "reversals"}
+
+
+# --- sketches and densities -------------------------------------------------------------------------------------------
+
+
+def test_fig01_splits_the_lift_in_its_components(draw):
+    (axes,) = draw("fig01").axes
+    ends = [np.array(text.xy) for text in axes.texts if getattr(text, "arrow_patch", None)]
+    horizontal, vertical, lift = ends
+    np.testing.assert_allclose(horizontal + vertical, lift)
+    assert horizontal[1] == vertical[0] == 0 and (lift > 0).all()  # a positive bank rolls the lift to the right
+    texts = {text.get_text() for text in axes.texts}
+    assert {"$L$", r"$L\,\cos\sigma$", r"$L\,\sin\sigma$", r"$\sigma$"} <= texts
+
+
+def test_fig03_angles_meet_at_target_and_orbit_plane(draw):
+    (axes,) = draw("fig03").axes
+    (to_go,), (crossrange,) = curves(axes, BLUE), curves(axes, VERMILION)
+    np.testing.assert_allclose(to_go.get_xydata()[-1], crossrange.get_xydata()[-1])
+    foot, target = crossrange.get_xydata()[[0, -1]]
+    dots = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"])
+    assert np.abs(dots - target).sum(axis=1).min() < 1e-12 and np.abs(dots - foot).sum(axis=1).min() < 1e-12
+    orbit = np.vstack([line.get_xydata() for line in curves(axes, GREEN, least=100)])
+    assert np.nanmin(np.hypot(*(orbit - foot).T)) < 0.01  # the foot lies in the orbit plane, the target does not
+    assert np.nanmin(np.hypot(*(orbit - target).T)) > 0.2
+
+
+def test_fig03_projects_without_stretching_and_its_frames_are_right_handed():
+    project = figures._projection(0.3, 0.4)
+    rotation = project(np.eye(3), depth=True)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    frame = np.array(figures._vehicle_frame(0.7, -0.2))
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(frame) == pytest.approx(1.0)
+
+
+def test_fig03_great_circle_has_constant_angular_steps():
+    start, _, end = figures._vehicle_frame(0.2, 0.1)
+    arc = figures._great_circle(start, end)
+    np.testing.assert_allclose(np.linalg.norm(arc, axis=1), 1.0)
+    np.testing.assert_allclose(np.einsum("ki,ki->k", arc[1:], arc[:-1]), np.cos(np.pi / 200))
+
+
+def density_inputs(entry, reading="corrected"):
+    return entry.inputs(reading, PAPER.figures["fig02"].inputs)
+
+
+@pytest.mark.parametrize("reading", ["corrected", "marsgram_table"])
+def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
+    inputs = density_inputs(entry, reading)
+    left, right = draw("fig02", reading).axes
+    assert "surrogate" in right.get_title() and "not Mars-GRAM" in right.get_title()
+    air = environment.air(inputs)
+    shown = (air.altitude >= 0) & (air.altitude <= 125e3)
+    for axes, color in ((left, BLUE), (right, VERMILION)):
+        assert len(curves(axes, color)) == inputs.drawn_densities
+        for line, sign in zip(curves(axes, BLACK, "--"), (-1, 1), strict=True):
+            np.testing.assert_allclose(line.get_xdata(), sign * 2 * air.deviation[shown])
+            np.testing.assert_allclose(line.get_ydata(), air.altitude[shown] / 1e3)
+    # Eq. 8 step by step: decay 2/H, diffusion 4 zeta/H.
+    inverse_height = -environment.profile(inputs)(air.altitude)[1]
+    drawn = normals(inputs.seed, figures.PROCESS_STREAM, [3], len(air.altitude))[0]
+    variation = air.deviation[-1] * drawn[0]
+    expected = [variation]
+    for number, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
+        decay = inverse_height[node] + inverse_height[node + 1]
+        diffusion = 2 * (air.deviation**2 * inverse_height)[node : node + 2].sum()
+        keep = np.exp(-decay * 100.0)
+        variation = keep * variation + np.sqrt(diffusion * (1 - keep**2) / (2 * decay)) * drawn[number]
+        expected.append(variation)
+    np.testing.assert_allclose(curves(left, BLUE)[3].get_xdata(), np.array(expected)[::-1][shown], rtol=1e-9)
+
+
+def test_fig02_process_has_a_few_per_cent_too_much_deviation(draw):
+    left, _ = draw("fig02").axes
+    aimed, process = curves(left, BLACK, "--")[1], curves(left, BLACK, ":")[1]
+    shown = (process.get_ydata() >= 20) & (process.get_ydata() <= 100)
+    excess = np.interp(process.get_ydata()[shown], aimed.get_ydata(), aimed.get_xdata())
+    excess = process.get_xdata()[shown] / excess - 1
+    assert excess.min() > 0.04 and excess.max() < 0.07
+
+
+def test_fig02_and_the_flights_use_different_random_numbers():
+    assert figures.PROCESS_STREAM not in (flight.ENTRY_STREAM, flight.DENSITY_STREAM, flight.AERODYNAMICS_STREAM)
+
+
+@pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
+def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
+    (axes,) = draw("fig04").axes
+    assert "surrogate" in axes.get_title() and "not Mars-GRAM" in axes.get_title()
+    assert axes.get_ylim() == (0, 125)
+    samples = curves(axes, BLUE)
+    inputs = density_inputs(entry)
+    assert len(samples) == inputs.drawn_densities >= DRAWN
+    air = environment.air(inputs)
+    for line, trial in zip(samples, entry.ensemble("corrected", case).kept_history, strict=False):
+        altitude, density = trial[np.isfinite(trial[:, 0])][:, [flight.ALTITUDE, flight.DENSITY]].T
+        inside = altitude < 125e3  # dispersed entries are all at the edge itself
+        mean = np.exp(np.interp(altitude, air.altitude, air.log_density))
+        expected = np.interp(altitude / 1e3, line.get_ydata(), line.get_xdata())
+        np.testing.assert_allclose((density / mean - 1)[inside], expected[inside], atol=1e-10)
+        assert inside.sum() > 200
+
+
+def test_fig04_never_shows_a_negative_density(draw, entry):
+    inputs = density_inputs(entry)
+    variation = figures.flown_variations(inputs, environment.air(inputs), np.arange(300))
+    assert variation.min() == -1.0  # 2.6 standard deviations at the top
+
+
+# --- nominal ----------------------------------------------------------------------------------------------------------
+
+
+def test_fig05_reversals_stand_beyond_the_deadband(draw, entry):
+    (axes,) = draw("fig05").axes
+    nominal = entry.nominal()
+    (crossrange,) = curves(axes, BLUE)
+    np.testing.assert_allclose(crossrange.get_ydata(), nominal.crossrange / 1e3)
+    lower, upper = curves(axes, GREY, "--")
+    np.testing.assert_array_equal(lower.get_ydata(), -upper.get_ydata())
+    assert upper.get_xdata()[-1] == nominal.alignment_time == 145.0
+    np.testing.assert_allclose(upper.get_ydata()[[0, 115, -1]], [6.0, 3.6, 1.2])
+    (marks,) = [line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    assert list(marks.get_xdata()) == [71.0, 92.0, 118.0]
+    width = np.interp(marks.get_xdata(), upper.get_xdata(), upper.get_ydata())
+    assert (marks.get_ydata() * [-1, 1, -1] > width).all()
+
+
+def test_fig06_bank_rolls_through_lift_up_near_the_peak_of_pressure(draw, entry):
+    axes, pressure = draw("fig06").axes
+    nominal = entry.nominal()
+    (bank,), (curve,) = curves(axes, BLUE), curves(pressure, ORANGE)
+    np.testing.assert_allclose(bank.get_ydata(), np.degrees(nominal.bank))
+    peak = curve.get_ydata().argmax()
+    assert curve.get_ydata()[peak] == pytest.approx(14.46, abs=0.02)
+    assert curve.get_xdata()[peak] == pytest.approx(85.0, abs=0.5)
+    marks = [line.get_xdata()[0] for line in curves(axes, VERMILION, least=1)]
+    assert marks == [71.0, 92.0, 118.0] == list(nominal.reversal_time)
+    for time in nominal.reversal_time:
+        signs = np.sign(np.interp([time - 0.5, time + 8.5], bank.get_xdata(), bank.get_ydata()))
+        assert signs[0] == -signs[1]
+    # One level of zero for both axes.
+    assert np.isclose(pressure.get_ylim()[0], -pressure.get_ylim()[1])
+    assert axes.get_ylim() == (-100, 100)
+
+
+def test_fig07_starts_at_entry_and_ends_10_km_before_the_target(draw):
+    panels = draw("fig07").axes
+    values = [curves(axes, BLUE)[0].get_ydata() for axes in panels]
+    np.testing.assert_allclose([v[0] for v in values], [125.0, 5.8, -15.5, -653.8], atol=0.1)
+    assert values[1][-1] == pytest.approx(0.5, abs=1e-6)
+    assert values[3][-1] == pytest.approx(-10.0, abs=0.1)
+    for axes in panels:
+        assert axes.get_xlim()[1] == pytest.approx(237.7, abs=0.05)
+
+
+# --- linear covariance ------------------------------------------------------------------------------------------------
+
+
+def test_fig08_stochastic_bounds_hold_and_those_of_apollo_leave_the_cosine(draw, entry):
+    (axes,) = draw("fig08").axes
+    gains, linearization = entry.gains(), entry.linearization()
+    time = gains.time[gains.time < 145.0]
+    mean = linearization.bank_cosine[: len(time)]
+    for color, style, variance in (
+        (VERMILION, "-", gains.stochastic_control_variance[0]),
+        (ORANGE, "-", gains.stochastic_control_variance[1]),
+        (BLUE, "-", gains.apollo_control_variance[0]),
+        (BLUE, ":", gains.timed_control_variance[0]),
+    ):
+        lower, upper = (line.get_ydata() for line in curves(axes, color, style))
+        np.testing.assert_allclose((upper + lower) / 2, mean, atol=1e-12)
+        np.testing.assert_allclose(upper - lower, 6 * np.sqrt(np.maximum(variance[: len(time)], 0)), atol=1e-12)
+        inside = upper.max() < 1.002 and lower.min() > -1.002
+        assert inside == (color != BLUE)
+    limits = sorted(line.get_ydata()[0] for line in curves(axes, BLACK, "--", least=2))
+    assert limits == [-1, 1]
+    assert axes.get_xlim() == (0, 145.0)
+    # Where velocity is no clock, the law as flown leaves the axes; the legend says so.
+    assert any("as flown" in label and "at 39 s" in label for label in labels(axes.figure))
+
+
+def test_fig08_and_fig13_say_that_the_printed_gain_is_not_finite(draw):
+    for stem in ("fig08", "fig13"):
+        said = [label for label in labels(draw(stem, "printed")) if "no finite gain" in label]
+        assert len(said) == 2 and all(label.startswith("stochastic") for label in said)
+
+
+def test_fig13_ellipses_hold_the_stated_probability(draw, entry):
+    (axes,) = draw("fig13").axes
+    gains = entry.gains()
+    assert "99.73 %" in axes.get_title() and "3.44 sigma" in axes.get_title()
+    cases = {
+        (BLUE, "-"): gains.apollo_covariance[0],
+        (SKY, "-"): gains.apollo_covariance[1],
+        (VERMILION, "-"): gains.stochastic_covariance[0],
+        (ORANGE, "-"): gains.stochastic_covariance[1],
+        (BLUE, ":"): gains.timed_covariance[0],
+        (SKY, ":"): gains.timed_covariance[1],
+    }
+    for (color, style), covariance in cases.items():
+        (line,) = curves(axes, color, style)
+        block = covariance[-1][np.ix_([1, 3], [1, 3])]
+        points = line.get_xydata() * [1.0, 1e3]
+        distance = np.einsum("ki,ij,kj->k", points, np.linalg.inv(block), points)
+        np.testing.assert_allclose(np.exp(-distance / 2), 0.0027, rtol=1e-5)
+        correlation = block[0, 1] / np.sqrt(block[0, 0] * block[1, 1])
+        assert line.get_label().endswith(f"correlation {correlation:.2f}")
+
+
+def test_fig13_line_is_that_of_equal_range_at_the_trigger(draw, entry):
+    (axes,) = draw("fig13").axes
+    (line,) = curves(axes, GREY, least=2)
+    velocity, downrange = line.get_xydata()[0]
+    deviation = np.array([0.0, velocity, 0.0, 1e3 * downrange, 0.0])
+    assert (entry.linearization().trigger_projection @ deviation)[3] == pytest.approx(0.0, abs=1e-6)
+    assert downrange / velocity == pytest.approx(-0.143, abs=0.001)
+
+
+# --- flights ----------------------------------------------------------------------------------------------------------
+
+ROWS = (("altitude", 0, 1e3), ("velocity", 1, 1.0), ("flight_path_angle", 2, np.pi / 180), ("downrange", 3, 1e3))
+LAWS = (("apollo", BLUE), ("stochastic", VERMILION))
+
+
+@pytest.mark.parametrize(("stem", "number"), [("fig09", 0), ("fig11", 1)])
+def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem, number):
+    panels = np.array(draw(stem).axes).reshape(5, 2)
+    nominal, gains = entry.nominal(), entry.gains()
+    trigger = ("time", "velocity")[number]
+    for column, (law, color) in zip(panels.T, LAWS, strict=True):
+        ensemble = entry.ensemble("corrected", f"{law}_{trigger}")
+        assert column[0].get_title() == f"{'Apollo' if law == 'apollo' else law}, 2,000 trials"
+        for axes, (name, component, unit) in zip(column, (*ROWS, ("crossrange", 5, 1e3)), strict=True):
+            drawn = curves(axes, color, least=100)
+            trials, bounds = drawn[:DRAWN], drawn[DRAWN:]
+            assert len(bounds) == 2
+            reference = at_whole_second(nominal, name, 100)
+            for line, trial in zip(trials, ensemble.kept_history, strict=True):
+                assert line.get_ydata()[100] == pytest.approx((trial[100, component] - reference) / unit, abs=1e-9)
+            spread = 3 * np.sqrt(ensemble.covariance[100, component, component])
+            expected = (ensemble.mean[100, component] - reference + np.array([-spread, spread])) / unit
+            np.testing.assert_allclose([line.get_ydata()[100] for line in bounds], expected, atol=1e-9)
+            predicted = curves(axes, BLACK, "--", least=100)
+            if name == "crossrange":
+                assert not predicted
+                continue
+            variance = getattr(gains, f"{law}_covariance")[number, :, component, component]
+            np.testing.assert_allclose(predicted[1].get_ydata(), 3 * np.sqrt(variance) / unit)
+            np.testing.assert_array_equal(predicted[0].get_ydata(), -predicted[1].get_ydata())
+            assert axes.get_xlim() == (0, nominal.end_time)
+    # Table 2, in the units of the axes; and Eq. 74 at the end.
+    entries = [curves(axes, BLACK, "--", least=100)[1].get_ydata()[0] for axes in panels[:4, 1]]
+    np.testing.assert_allclose(entries, [0.0, 20.0, 0.5, 5.0], atol=1e-9)
+    assert curves(panels[0, 1], BLACK, "--", least=100)[1].get_ydata()[-1] == pytest.approx(2.0, abs=0.01)
+
+
+def test_fig11_bounds_stop_where_too_few_trials_fly(draw, entry):
+    ensemble, end = entry.ensemble("corrected", "apollo_velocity"), entry.nominal().end_time
+    for fewest in (100, 1990):
+        panels = draw("fig11", fewest_flying=fewest).axes
+        bound = curves(panels[0], BLUE, least=100)[-1]
+        shown = np.isfinite(bound.get_ydata())
+        expected = (ensemble.flying >= fewest) & (ensemble.time <= end)
+        np.testing.assert_array_equal(shown, expected)
+    assert expected.sum() < (ensemble.time <= end).sum()
+
+
+def test_fig10_shows_the_flown_bank_angles_of_the_same_trials(draw, entry):
+    panels = draw("fig10").axes
+    for axes, (law, color) in zip(panels, LAWS, strict=True):
+        ensemble = entry.ensemble("corrected", f"{law}_time")
+        lines = curves(axes, color)
+        assert len(lines) == DRAWN
+        for line, trial in zip(lines, ensemble.kept_observed, strict=True):
+            np.testing.assert_allclose(line.get_ydata(), np.degrees(trial[:, flight.BANK]))
+            assert line.get_drawstyle() == "steps-post"  # a command holds for a guidance period
+        (nominal,) = curves(axes, BLACK)
+        assert nominal.get_ydata()[0] == pytest.approx(-75.0)
+
+
+def test_fig12_markers_are_the_final_errors(draw, entry):
+    panels = np.array(draw("fig12").axes).reshape(4, 2)
+    projection = entry.linearization().trigger_projection
+    for column, (law, color) in zip(panels.T, LAWS, strict=True):
+        ensemble = entry.ensemble("corrected", f"{law}_velocity")
+        final = errors(ensemble, DRAWN)
+        predicted = projection @ getattr(entry.gains(), f"{law}_covariance")[1, -1] @ projection.T
+        for axes, (_, component, unit) in zip(column, ROWS, strict=True):
+            (marks,) = [line for line in curves(axes, color) if line.get_marker() == "o"]
+            np.testing.assert_allclose(marks.get_xdata(), ensemble.final_state[:DRAWN, flight.END_TIME])
+            np.testing.assert_allclose(marks.get_ydata(), final[:, component] / unit, atol=1e-9)
+            paths = [line for line in curves(axes, color) if line.get_marker() != "o"]
+            ends = np.array([line.get_xydata()[-1] for line in paths])
+            np.testing.assert_allclose(ends, marks.get_xydata())
+            assert (marks.get_xdata() <= axes.get_xlim()[1]).all()
+            if component == flight.VELOCITY:
+                np.testing.assert_allclose(marks.get_ydata(), 0.0, atol=1e-6)
+                continue
+            shown = {round(line.get_ydata()[0], 9) for line in curves(axes, BLACK, "--", least=2)}
+            bound = 3 * np.sqrt(predicted[component, component]) / unit
+            assert shown == {round(-bound, 9), round(bound, 9)}
+
+
+@pytest.mark.parametrize("stem", ["fig09", "fig10", "fig11", "fig12"])
+def test_printed_reading_says_that_no_stochastic_trial_is_finite(draw, stem):
+    empty = [axes for axes in draw(stem, "printed").axes if any("no finite" in t.get_text() for t in axes.texts)]
+    assert len(empty) == {"fig09": 5, "fig10": 1, "fig11": 5, "fig12": 4}[stem]
+    if stem in ("fig09", "fig11"):
+        assert "2,000 not finite" in empty[0].get_title()
+
+
+# --- beyond the paper -------------------------------------------------------------------------------------------------
+
+
+def test_partition_figure_shows_study_and_floor(draw, entry):
+    axes, early = draw("partition").axes
+    study = entry.tradeoff()
+    for number, color in ((0, VERMILION), (1, ORANGE)):
+        (line,), (control,) = ([c for c in curves(a, color) if c.get_marker() == "o"] for a in (axes, early))
+        np.testing.assert_array_equal(
+            line.get_xydata(), np.column_stack([study.interval, study.range_deviation[number]])
+        )
+        np.testing.assert_array_equal(control.get_ydata(), study.early_control[number])
+        (floor,) = curves(axes, color, ":", least=2)
+        assert floor.get_ydata()[0] == study.floor[number]
+        assert (line.get_ydata() >= floor.get_ydata()[0] * (1 - 1e-6)).all()
+    (limit,) = curves(early, BLACK, "--", least=2)
+    assert limit.get_ydata()[0] == 0.45
+
+
+def test_altitude_tradeoff_shows_every_limit_and_counts_the_infeasible(draw, entry):
+    (axes,) = draw("altitude_tradeoff").axes
+    study = entry.tradeoff()
+    for row, style in enumerate(("-", "--")):
+        for number, color in ((0, VERMILION), (1, ORANGE)):
+            (line,) = curves(axes, color, style)
+            np.testing.assert_array_equal(line.get_ydata(), study.limited_deviation[row, number])
+            np.testing.assert_array_equal(line.get_xdata(), [0.5, 2.0, 3.0])
+    missing = study.limited_deviation.copy()
+    missing[:, 0, 0] = np.nan
+    (axes,) = draw("altitude_tradeoff", artifacts={"tradeoff": replace(study, limited_deviation=missing)}).axes
+    assert axes.get_title() == "2 of 12 designs are infeasible"
+
+
+def test_error_budget_bars_are_shares_of_variance(draw, entry):
+    study = entry.error_budget()
+    for number, axes in enumerate(draw("error_budget").axes):
+        bars = np.array([[bar.get_height() for bar in group] for group in axes.containers])
+        assert bars.shape == (3, 8)
+        share = 100 * study.deviation[:, number, :7] ** 2 / study.deviation[:, number, 7:] ** 2
+        np.testing.assert_allclose(bars[:, :7], share)
+        np.testing.assert_allclose(bars[:, 7], share.sum(axis=1))
+        marks = curves(axes, BLACK, least=2)
+        floors = [line.get_ydata()[0] for line in marks]
+        np.testing.assert_allclose(floors, 100 * (study.floor[number] / study.deviation[:, number, 7]) ** 2)
+        density = list(study.source).index("density")
+        for line, group in zip(marks, axes.containers, strict=True):  # each mark on its own bar
+            bar = group[density]
+            np.testing.assert_allclose(line.get_xdata(), [bar.get_x(), bar.get_x() + bar.get_width()])
+
+
+def test_floor_is_below_the_linear_prediction_and_that_below_the_flights(draw, entry):
+    (axes,) = draw("floor").axes
+    heights = np.array([bar.get_height() for group in axes.containers for bar in getattr(group, "patches", ())])
+    heights = heights[heights > 0].reshape(4, 3)
+    for case, (least, predicted, measured) in zip(FLOWN, heights, strict=True):
+        assert least <= predicted * (1 + 1e-6) <= measured
+        samples = errors(entry.ensemble("corrected", case))[:, flight.DOWNRANGE]
+        assert measured == pytest.approx(samples.std(ddof=1))
+    assert heights[0, 0] == heights[2, 0] == pytest.approx(85.4, abs=0.1)
+    assert heights[1, 0] == heights[3, 0] == pytest.approx(466.9, abs=0.1)
+    # At the trigger, velocity errors count as range errors.
+    gains, weight = entry.gains(), entry.linearization().trigger_projection[3]
+    assert heights[1, 1] == pytest.approx(np.sqrt(weight @ gains.apollo_covariance[1, -1] @ weight))
+
+
+def test_floor_of_the_printed_reading_names_what_is_missing(draw):
+    (axes,) = draw("floor", "printed").axes
+    assert sum(text.get_text() == "not finite" for text in axes.texts) == 4
+    ticks = [tick.get_text() for tick in axes.get_xticklabels()]
+    assert ["2,000 not finite" in tick for tick in ticks] == [False, False, True, True]
+
+
+def test_reversal_histograms_have_the_areas_of_their_shares(draw, entry):
+    for axes, case in zip(draw("reversals").axes, FLOWN, strict=True):
+        ensemble = entry.ensemble("corrected", case)
+        number, error = ensemble.final_state[:, flight.REVERSALS], errors(ensemble)[:, flight.DOWNRANGE] / 1e3
+        steps = [patch.get_data() for patch in axes.patches]
+        areas = [float((values * np.diff(edges)).sum()) for values, edges, _ in steps]
+        assert areas[-1] == pytest.approx(0.998, abs=0.001)  # all but a thousandth on either side
+        assert sum(areas[:-1:2]) == pytest.approx(areas[-1], abs=0.01)
+        shown = [re.match(r"(\d) reversals?, ([\d.]+) %: mean ([+-][\d.]+)", text) for text in labels_of(axes)]
+        shown = [found.groups() for found in shown if found]
+        assert len(shown) == len(areas) // 2
+        for (count, share, mean), area in zip(shown, areas[::2], strict=False):
+            of_count = number == int(count)
+            assert float(share) == pytest.approx(100 * of_count.mean(), abs=0.051)
+            assert float(mean) == pytest.approx(error[of_count].mean(), abs=0.0051)
+            assert area == pytest.approx(of_count.mean(), abs=0.003)
+
+
+def labels_of(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_reversals_of_the_printed_reading_count_what_is_missing(draw):
+    titles = [axes.get_title() for axes in draw("reversals", "printed").axes]
+    assert ["2,000 not finite" in title for title in titles] == [False, False, True, True]

@@ -1,0 +1,418 @@
+"""The entry flights: their limits and ends, what is printed, steps, and that nothing depends on how they are run."""
+
+from dataclasses import fields, replace
+
+import numba
+import numpy as np
+import pytest
+from scipy import stats
+
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE
+from marsedl.montecarlo.statistics import percentile
+from marsedl.papers.stochastic_entry import environment, flight, montecarlo
+from marsedl.papers.stochastic_entry.montecarlo import nominal_final
+from marsedl.replication import artifacts
+
+CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
+RADIUS = 3397e3
+
+
+def undispersed(entry, case, reading="corrected", **inputs):
+    """The flight of the mean vehicle in the mean atmosphere."""
+    quiet = {"deviations": np.zeros(6), "aerodynamics": 0.0, "varied": False}
+    return entry.simulator(case, reading, quiet, **inputs)(0, 1)
+
+
+def assert_identical(first, second):
+    for field in fields(first):
+        np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name), err_msg=field.name)
+
+
+# --- dispersions ------------------------------------------------------------------------------------------------------
+
+
+def test_entry_states_are_those_of_table_2(entry):
+    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    trials = 20_000
+    states = flight.vehicles(inputs, np.arange(trials)).entry_state
+    np.testing.assert_array_equal(states[:, 0], RADIUS + 125e3)
+    mean = [*np.radians([125.973, 0.0]), 5800.0, *np.radians([-15.5, 90.05])]
+    sigma = np.array([5e3 / RADIUS, 0.5e3 / RADIUS, 20.0, np.radians(0.5), np.radians(0.01)]) / 3.0
+    scaled = (states[:, 1:] - mean) / sigma
+    # Four standard errors of a mean, of a correlation and of a variance.
+    assert np.abs(scaled.mean(axis=0)).max() < 4 / np.sqrt(trials)
+    assert np.abs(np.cov(scaled, rowvar=False) - np.eye(5)).max() < 4 * np.sqrt(2 / trials)
+
+
+@pytest.mark.parametrize(("reading", "lift", "drag"), [("corrected", 0.015, -0.02), ("printed", 0.15, 0.02)])
+def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift, drag):
+    vehicles = flight.vehicles(entry.stage_inputs(reading, "montecarlo_chunk"), np.arange(5000))
+    area = np.pi * 4.5**2 / 4
+    drag_coefficient = 2 * 3200 * vehicles.drag_factor / area
+    error = (drag_coefficient - 3200 / (135 * area)) / drag
+    assert stats.kstest(error, stats.uniform(-1, 2).cdf).pvalue > 1e-3
+    lift_coefficient = 2 * 3200 * vehicles.lift_factor / area
+    np.testing.assert_allclose(lift_coefficient, 0.24 * 3200 / (135 * area) + lift * error, rtol=1e-9)
+
+
+# --- without dispersion -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reading", ["corrected", "desensitized_density", "marsgram_table"])
+@pytest.mark.parametrize("case", CASES)
+def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
+    nominal = entry.nominal(reading)
+    flown = undispersed(entry, case, reading)
+    error = flown.final_state[:6, 0] - nominal_final(nominal)
+    assert np.abs(error[[0, 3, 5]]).max() < 5e-3  # of 4 steps a second instead of 20
+    assert np.abs(error[1]) < 0.05 and np.abs(error[2]) < 1e-4
+    assert flown.final_state[flight.END_TIME, 0] == pytest.approx(nominal.end_time, abs=0.05)
+    assert flown.final_state[flight.REVERSALS, 0] == len(nominal.reversal_time) == 3
+    assert flown.final_state[flight.NEGATIVE_DENSITIES, 0] == 0
+
+
+@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
+@pytest.mark.parametrize("case", ["apollo_time", "apollo_velocity"])
+def test_without_dispersion_the_apollo_law_waits_for_the_largest_velocity(entry, reading, case):
+    """The drag passes 0.5 m/s^2 before the velocity peaks, when the same velocities stand for another altitude."""
+    nominal = entry.nominal(reading)
+    assert nominal.time[np.argmax(nominal.drag > 0.5)] < nominal.time[np.argmax(nominal.velocity)] - 1.0
+    flown = undispersed(entry, case, reading, flight_substeps=20)
+    np.testing.assert_allclose(flown.final_state[:6, 0], nominal_final(nominal), rtol=0, atol=1e-6)
+
+
+def test_the_nominal_law_does_not_need_a_design(entry):
+    flown = undispersed(entry, "nominal_velocity", flight_substeps=20)
+    np.testing.assert_allclose(flown.final_state[:6, 0], nominal_final(entry.nominal()), rtol=0, atol=1e-5)
+
+
+# --- limits and ends --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed_heading", "printed_heading_sign"])
+@pytest.mark.parametrize("case", CASES)
+def test_bank_limits(entry, case, reading):
+    flown = entry.simulator(case, reading)(0, 500)
+    times = len(flown.history)
+    flying = np.arange(times)[:, np.newaxis] < flown.length
+    bank, cosine = flown.observed[:, flight.BANK], flown.history[:, flight.BANK_COSINE]
+    rounding = 1e-9
+    assert flown.observed_maximum[flight.BANK_CHANGE].max() <= np.radians(15.0) + rounding
+    changes = np.abs(np.diff(bank, axis=0))[flying[1:]]
+    assert changes.max() <= np.radians(15.0) + rounding
+    assert changes.max() > np.radians(14.99)  # reversals do use the rate
+    assert (np.abs(cosine[flying]) <= 1.0).all()
+    # The bank of a command at the limit can be off by the seconds that rolling takes, 45 degrees in 3 s.
+    aligning = np.maximum.accumulate(flown.history[:, flight.VELOCITY] <= 1100.0, axis=0) & flying
+    slow = aligning & (flown.history[:, flight.VELOCITY] < 900.0)
+    assert (cosine[aligning] >= np.cos(np.radians(45.0)) - rounding).all()
+    assert (cosine[slow] >= np.cos(np.radians(35.0)) - rounding).all()
+    since = np.cumsum(aligning, axis=0)
+    settled = flying & (since > 12)  # from 180 degrees to 0 with 15 degrees a second
+    assert (np.abs(bank[settled]) <= np.radians(45.0) + rounding).all()
+    settled = flying & (np.cumsum(slow, axis=0) > 12)
+    assert (np.abs(bank[settled]) <= np.radians(35.0) + rounding).all()
+
+
+def test_first_bank_is_commanded_without_a_limit(entry):
+    flown = entry.simulator("stochastic_time")(0, 50)
+    np.testing.assert_allclose(np.degrees(flown.observed[0, flight.BANK]), -75.0, atol=0.1)
+    np.testing.assert_array_equal(flown.observed[0, flight.BANK_CHANGE], 0.0)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_flights_end_where_they_should(entry, case):
+    ensemble, nominal = entry.ensemble("corrected", case), entry.nominal()
+    final = ensemble.final_state
+    assert (ensemble.outcome == COMPLETED).all()
+    if case.endswith("velocity"):
+        assert np.abs(final[:, flight.VELOCITY] - 500.0).max() < 1e-9
+        assert final[:, flight.END_TIME].std() > 1.0
+        # Whoever has ended by a time is not among those flying then.
+        expected = (final[:, flight.END_TIME] > ensemble.time[:, np.newaxis]).sum(axis=1)
+        np.testing.assert_array_equal(ensemble.flying, expected)
+    else:
+        np.testing.assert_array_equal(final[:, flight.END_TIME], nominal.end_time)
+        assert ensemble.time[-1] == nominal.end_time and (ensemble.flying == len(final)).all()
+        np.testing.assert_array_equal(final[: len(ensemble.kept_history), :6], ensemble.kept_history[:, -1, :6])
+
+
+def test_velocity_only_falls_through_the_trigger_once(entry):
+    """The first crossing counts: one period before the end every trial was still faster."""
+    flown = entry.simulator("stochastic_velocity")(0, 300)
+    flying = np.arange(len(flown.history))[:, np.newaxis] < flown.length
+    assert (flown.history[:, flight.VELOCITY][flying] > 500.0).all()
+    since = flown.final_state[flight.END_TIME] - (flown.length - 1)
+    assert (since > 0).all() and (since <= 1.0).all()
+
+
+# --- nothing depends on how it is run ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
+def test_results_do_not_depend_on_the_number_of_threads(entry, case):
+    before = numba.get_num_threads()
+    try:
+        results = []
+        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
+            numba.set_num_threads(threads)
+            results.append(entry.fly("corrected", entry.gains(), case, trials=300))
+    finally:
+        numba.set_num_threads(before)
+    for result in results[1:]:
+        assert_identical(results[0], result)
+
+
+@pytest.mark.parametrize(("case", "chunks"), [("apollo_velocity", 2), ("stochastic_time", 5)])
+def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
+    options = {"case": case, "trials": 700, "block_size": 100}
+    whole, parts = (entry.fly("corrected", entry.gains(), chunks=number, **options) for number in (1, chunks))
+    assert_identical(whole, parts)
+    made = montecarlo.compute(
+        entry.stage_inputs("corrected", "montecarlo"), **entry.needed("montecarlo", "corrected"), **options
+    )
+    assert_identical(whole, made)
+
+
+def test_trials_do_not_depend_on_the_size_of_blocks_nor_on_their_number(entry):
+    small, large = (
+        entry.fly("corrected", entry.gains(), "apollo_velocity", trials=trials, block_size=size)
+        for trials, size in ((300, 70), (500, 500))
+    )
+    for name in ("final_state", "observed_maximum", "outcome"):
+        np.testing.assert_array_equal(getattr(small, name), getattr(large, name)[:300])
+    np.testing.assert_array_equal(small.kept_history, large.kept_history)
+    again = entry.fly("corrected", entry.gains(), "apollo_velocity", trials=300, block_size=300)
+    np.testing.assert_array_equal(small.flying, again.flying)
+    np.testing.assert_allclose(small.mean, again.mean, rtol=1e-12, atol=1e-9)  # the order of sums
+
+
+def test_trials_do_not_depend_on_their_order(entry):
+    for case in CASES:
+        simulate = entry.simulator(case)
+        together = simulate(0, 200)
+        for first, last in ((130, 200), (37, 101), (5, 6)):  # other lanes of other groups
+            part = simulate(first, last)
+            for name in ("final_state", "observed_maximum", "outcome", "length"):
+                np.testing.assert_array_equal(getattr(part, name), getattr(together, name)[..., first:last])
+            if case.endswith("time"):  # nothing is stored behind the trigger
+                np.testing.assert_array_equal(part.history, together.history[..., first:last])
+
+
+@pytest.mark.parametrize("number", [0, 63, 64, 1999])
+def test_replay_is_the_trial_of_the_ensemble(entry, number):
+    case = "apollo_velocity"
+    ensemble = entry.ensemble("corrected", case)
+    alone = entry.simulator(case)(number, number + 1)
+    np.testing.assert_array_equal(alone.final_state[:, 0], ensemble.final_state[number])
+    arguments = {"inputs": entry.stage_inputs("corrected", "montecarlo"), **entry.needed("montecarlo", "corrected")}
+    said = montecarlo.replay(**arguments, case=case, number=number, ensemble=ensemble)
+    assert f"trial {number} of {case}: completed" in said and "the same to the last bit" in said
+    assert f"{int(ensemble.final_state[number, flight.REVERSALS])} bank reversals" in said
+    other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
+    assert "DIFFERS" in montecarlo.replay(**arguments, case=case, number=number, ensemble=other)
+
+
+def test_another_seed_gives_other_trials(entry):
+    base, other = (entry.simulator("apollo_time", seed=seed)(0, 10) for seed in (1, 2))
+    assert (base.final_state[:6] != other.final_state[:6]).all()
+
+
+def test_cases_share_their_dispersions(entry):
+    """Common random numbers: every law and trigger meets the same vehicles and the same air."""
+    first = [entry.simulator(case)(0, 20) for case in CASES]
+    for other in first[1:]:
+        np.testing.assert_array_equal(other.history[0, :6], first[0].history[0, :6])
+        np.testing.assert_array_equal(other.final_state[8], first[0].final_state[8])
+
+
+# --- trials that end badly --------------------------------------------------------------------------------------------
+
+
+def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
+    ensemble = entry.fly("corrected", entry.gains(), "apollo_velocity", trials=200, time_limit=400.0)
+    ends = np.sort(ensemble.final_state[:, flight.END_TIME])
+    limit = np.floor(ends[60])  # about 60 trials in time
+    inputs = entry.stage_inputs("corrected", "montecarlo_chunk", time_limit=limit)
+    needed = entry.needed("montecarlo_chunk", "corrected")
+    options = {"case": "apollo_velocity", "trials": 200, "block_size": 100}
+    cut = montecarlo.compute(inputs, **needed, **options)
+    late = ensemble.final_state[:, flight.END_TIME] > limit
+    assert 100 < late.sum() < 190
+    np.testing.assert_array_equal(cut.outcome == ESCAPED, late)
+    np.testing.assert_array_equal(cut.outcome == COMPLETED, ~late)
+    assert (cut.count, cut.excluded, len(cut.final_state)) == (200, 0, 200)
+    np.testing.assert_array_equal(cut.final_state[~late], ensemble.final_state[~late])
+    np.testing.assert_array_equal(cut.final_state[late, flight.END_TIME], limit)
+    assert (cut.final_state[late, flight.VELOCITY] > 500.0).all()
+    number = int(np.flatnonzero(late)[0])
+    said = montecarlo.replay(inputs, **needed, case="apollo_velocity", number=number)
+    assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in said
+
+
+def test_crashes_are_counted_and_not_dropped(entry):
+    """Flown on for another 140 s, every vehicle is under the ground; the last ones get there around 350 s."""
+    needed = entry.needed("montecarlo_chunk", "corrected")
+    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    options = {"case": "stochastic_time", "trials": 200, "block_size": 100}
+
+    def until(end_time):
+        return montecarlo.compute(
+            inputs, **needed | {"nominal": replace(needed["nominal"], end_time=end_time)}, **options
+        )
+
+    late = until(330.0)
+    below = late.final_state[:, flight.ALTITUDE] < 0.0
+    assert 0 < below.sum() < 200 or below.all() or not below.any()
+    np.testing.assert_array_equal(late.outcome == CRASHED, below)
+    all_down = until(380.0)
+    assert (all_down.outcome == CRASHED).all() and all_down.count == 200
+    said = montecarlo.replay(
+        inputs,
+        **needed | {"nominal": replace(needed["nominal"], end_time=380.0)},
+        case="stochastic_time",
+        number=7,
+    )
+    assert "trial 7 of stochastic_time: below the ground" in said
+
+
+def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path):
+    """The literal Eq. 55a: its gains are NaN where they overflow, in the first second already."""
+    for case in ("stochastic_time", "stochastic_velocity"):
+        ensemble = entry.ensemble("printed", case, trials=100)
+        assert (ensemble.outcome == NON_FINITE).all()
+        assert (ensemble.count, ensemble.excluded, len(ensemble.final_state)) == (0, 100, 100)
+        assert np.isnan(ensemble.final_state[:, flight.DOWNRANGE]).all() and np.isnan(ensemble.mean).all()
+        assert (ensemble.flying == 0).all()
+        artifacts.save(tmp_path / "case.h5", ensemble, paper="stochastic_entry", reading="printed", provenance={})
+        kind = type(ensemble)
+        assert_identical(
+            ensemble, artifacts.load(tmp_path / "case.h5", kind, paper="stochastic_entry", reading="printed")
+        )
+    arguments = {"inputs": entry.stage_inputs("printed", "montecarlo"), **entry.needed("montecarlo", "printed")}
+    assert "not finite" in montecarlo.replay(**arguments, case="stochastic_time", number=3)
+
+
+def test_finite_and_other_trials_are_kept_apart(entry):
+    gains, needed = entry.gains(), entry.needed("montecarlo_chunk", "corrected")
+    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    bad = needed | {"gains": replace(gains, stochastic_gain=np.full_like(gains.stochastic_gain, np.nan))}
+    options = {"case": "stochastic_velocity", "trials": 200, "chunks": 2, "block_size": 100}
+    chunks = [montecarlo.simulate(inputs, **which, chunk=k, **options) for k, which in enumerate((needed, bad))]
+    both = montecarlo.gather(
+        entry.stage_inputs("corrected", "montecarlo_gather"),
+        **entry.needed("montecarlo_gather", "corrected"),
+        chunks=chunks,
+    )
+    assert (both.count, both.excluded) == (100, 100)
+    alone = entry.fly("corrected", gains, "stochastic_velocity", trials=100, block_size=100)
+    for name in ("mean", "covariance", "histogram", "flying", "observed_mean", "maximum_over_trials"):
+        np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
+
+
+# --- what is printed --------------------------------------------------------------------------------------------------
+
+
+def test_printed_heading_alignment_leaves_kilometres_of_crossrange(entry):
+    nominal = entry.nominal("printed_heading")
+    assert nominal.crossrange[-1] == pytest.approx(6.2e3, abs=50)
+    late = nominal.time >= nominal.alignment_time + 30
+    np.testing.assert_allclose(np.degrees(nominal.bank[late]), 35.0, atol=1e-9)
+    assert (np.diff(np.abs(nominal.crossrange[late])) > 0).all()  # and growing
+    flown = entry.ensemble("printed_heading", "apollo_time", trials=500)
+    assert np.median(np.abs(flown.final_state[:, flight.CROSSRANGE])) == pytest.approx(6e3, rel=0.1)
+    mended = entry.ensemble("corrected", "apollo_time")
+    assert np.median(np.abs(mended.final_state[:, flight.CROSSRANGE])) < 20.0
+
+
+def test_heading_alignment_with_only_its_sign_mended_is_bang_bang(entry):
+    nominal = entry.nominal("printed_heading_sign")
+    assert abs(nominal.crossrange[-1]) == pytest.approx(13.0, abs=1.0)
+    starts = np.flatnonzero(
+        (nominal.time >= nominal.alignment_time + 20) & np.isin(nominal.time, nominal.guidance_time)
+    )
+    bank = np.degrees(nominal.bank[starts])
+    changes = np.abs(np.diff(bank))
+    assert np.mean(changes > 9.99) > 0.95  # it never rests
+    assert np.count_nonzero(np.diff(np.sign(bank))) > 15
+    corrected = entry.nominal()
+    rest = corrected.time >= corrected.alignment_time + 50
+    assert np.degrees(np.abs(corrected.bank[rest])).max() < 3.0
+
+
+def test_printed_rate_limit_lets_the_bank_jump(entry):
+    """Eq. 71: to the left at once, to the right after one second of 15 degrees."""
+    nominal = entry.nominal("printed")
+    bank = np.degrees(nominal.bank[np.isin(nominal.time, nominal.guidance_time)])
+    changes = np.diff(bank)
+    assert changes.min() < -80.0 and changes.max() > 70.0
+    jumps = np.flatnonzero(changes > 15.0 + 1e-9)
+    np.testing.assert_allclose(changes[jumps - 1], 15.0, atol=1e-9)
+    limited = entry.nominal("corrected")
+    bank = np.degrees(limited.bank[np.isin(limited.time, limited.guidance_time)])
+    assert np.abs(np.diff(bank)).max() <= 15.0 + 1e-9
+
+
+def test_printed_heading_rate_changes_this_equatorial_flight_by_metres_only(entry):
+    """Eq. 1f: the signs matter off the equator; here the printed form is small beside the dispersions."""
+    base = undispersed(entry, "stochastic_time").final_state[:6, 0]
+    printed = undispersed(entry, "stochastic_time", heading_rate_form="printed").final_state[:6, 0]
+    difference = np.abs(printed - base)
+    assert 1e-3 < difference[[0, 3, 5]].max() < 1000.0
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("trigger", "end_time"), [("time", 230.3), ("velocity", 400.0)])
+def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
+    """In an exponential atmosphere of a single table cell, as knots of a table take the order away."""
+    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    altitude = np.array([-10e3, 127e3])
+    air = environment.Air(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.ones(1))
+    vehicles = flight.vehicles(inputs, np.arange(64))
+
+    def final(substeps):
+        return flight.fly(
+            flight.settings(inputs, air),
+            air,
+            flight.NOMINAL_LAW,
+            vehicles,
+            trigger=trigger,
+            end_time=end_time,
+            substeps=substeps,
+            seed=1,
+            varied=False,
+        ).final_state
+
+    reference = final(64)
+    found = {substeps: final(substeps) for substeps in (1, 2, 4, 8)}
+    assert all((state[flight.REVERSALS] == reference[flight.REVERSALS]).all() for state in found.values())
+    error = {substeps: np.median(np.abs(state - reference), axis=1) for substeps, state in found.items()}
+    rows = [flight.ALTITUDE, flight.FLIGHT_PATH_ANGLE, flight.DOWNRANGE, flight.CROSSRANGE]
+    rows.append(flight.VELOCITY if trigger == "time" else flight.END_TIME)
+    for coarse, fine in ((1, 2), (2, 4), (4, 8)):
+        np.testing.assert_allclose(np.log2(error[coarse][rows] / error[fine][rows]), 4.0, atol=0.1)
+    assert error[4][flight.DOWNRANGE] < 1e-4
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_four_steps_a_second_are_enough_for_the_statistics(entry, case):
+    """Against ten steps a second: single trials may turn a second apart, distributions stay."""
+    four, ten = (entry.ensemble("corrected", case, flight_substeps=n).final_state for n in (4, 10))
+    change = ten[:, flight.DOWNRANGE] - four[:, flight.DOWNRANGE]
+    assert np.median(np.abs(change)) < 2.0
+    assert np.sqrt(np.mean(change**2)) < 60.0
+    apart = np.abs(change) > 50.0
+    assert apart.mean() < 0.03
+    for row in (flight.ALTITUDE, flight.FLIGHT_PATH_ANGLE, flight.DOWNRANGE):
+        for level in (0.01, 0.99):
+            (first, error), (second, _) = (percentile(final[:, row], level) for final in (four, ten))
+            assert abs(second - first) < error  # of these 2,000 trials; a few of them make the percentile
+    # Changing the steps moves the mean by far less than its standard error.
+    spread = four[:, flight.DOWNRANGE].std() / np.sqrt(len(four))
+    assert abs(change.mean()) < 0.15 * spread
+    forty = entry.ensemble("corrected", case, trials=500, flight_substeps=40).final_state[:, flight.DOWNRANGE]
+    fine = forty - ten[:500, flight.DOWNRANGE]
+    # Decimetres for the Apollo law, whose gains grow towards the heading alignment; hardly a trial turns elsewhere.
+    assert np.median(np.abs(fine)) < 0.3 and np.mean(np.abs(fine) > 50.0) <= 0.005

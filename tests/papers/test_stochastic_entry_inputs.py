@@ -1,0 +1,151 @@
+"""Bad input of the entry-guidance paper: one clear message each, that names the key or the limit, and the remedy."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.papers.stochastic_entry import environment, nominal
+from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
+
+
+def reading_of(entry, **inputs):
+    """A user's own reading, based on corrected."""
+    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "inputs": own}}}
+    study = load_study("stochastic_entry", entry.model, CONFIG, overlay=overlay, overlay_name="mine.yaml")
+    return study.readings["mine"]
+
+
+def refused(entry, **inputs):
+    """The one line with which a reading is refused."""
+    with pytest.raises(InputError) as error:
+        reading_of(entry, **inputs)
+    said = str(error.value)
+    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    return said
+
+
+@pytest.mark.parametrize(
+    ("inputs", "fragments"),
+    [
+        ({"partition_interval": -10.0}, ["partition_interval", "greater than 0", "-10"]),
+        ({"partition_interval": 0.0}, ["partition_interval", "greater than 0"]),
+        ({"partition_interval": 2.5}, ["partition_interval", "multiples of guidance_period"]),
+        ({"partition_study": [1.0] * 8 + [2.5]}, ["partition_study", "multiples of guidance_period"]),
+        ({"guidance_period": 0.7}, ["partition_interval", "multiples of guidance_period"]),
+        ({"deadband_times": [125.0, 105.0]}, ["deadband_times", "125 and 105", "wrong order"]),
+        ({"ramp_velocities_km_s": [2.5, 5.5]}, ["ramp_velocities", "2500 and 5500", "wrong order"]),
+        ({"deadband_widths_km": [6.0, -1.0]}, ["deadband_widths_km", "greater than 0"]),
+        ({"density_profile": "table"}, ["density_profile", "density_table", "write its file"]),
+        ({"density_profile": "exponential"}, ["density_profile", "log_quadratic"]),
+        ({"initial_bank_direction": 0}, ["initial_bank_direction", "-1"]),
+        ({"chance_level": 1.5}, ["chance_level"]),
+        ({"time_limit": 1.0e9}, ["time_limit", "guidance periods"]),
+        ({"paper_trials": 1000000}, ["trials", "paper_trials"]),
+        ({"final_weight": [0.0, 1.0]}, ["final_weight"]),
+        ({"altitude_limit_m": 2000.0}, ["altitude_limit_m"]),
+        ({"altitude_limt_km": 2.0}, ["altitude_limt_km", "did you mean 'altitude_limit_km'"]),
+    ],
+    ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
+)
+def test_inputs_that_contradict_are_refused(entry, inputs, fragments):
+    said = refused(entry, **inputs)
+    for fragment in fragments:
+        assert fragment in said
+
+
+HEADER = "altitude_km,density_kg_m3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        (HEADER + "0,2e-2\n20,2e-3\n10,7e-3\n", ["line 4", "non-monotone", "10000 m follows 20000 m", "sort"]),
+        (HEADER + "0,2e-2\n10,-7e-3\n20,2e-3\n", ["line 3", "not positive"]),
+        (HEADER + "0,2e-2\n10,nan\n20,2e-3\n", ["line 3", "not finite"]),
+        (HEADER + "0,2e-2\n10,much\n20,2e-3\n", ["line 3", "not a number: 'much'"]),
+        (HEADER + "0,2e-2\n10,7e-3\n", ["2 rows are too few"]),
+        ("height,density\n0,1\n", ["columns must be", "height"]),
+        (None, ["there is no such density table", "check the path"]),
+    ],
+)
+def test_density_tables_that_are_none_are_refused(entry, tmp_path, text, fragments):
+    path = tmp_path / "mine.csv"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    said = refused(entry, density_profile="table", density_table=str(path))
+    for fragment in ("density_table", "mine.csv", *fragments):
+        assert fragment in said
+
+
+def test_a_source_that_a_table_does_not_hold_is_refused(entry):
+    path = CONFIG.parents[1] / "data" / "atmosphere" / "mars_density.csv"
+    said = refused(entry, density_profile="table", density_table=f"{path}#venus")
+    assert "there is no source 'venus'; choose one of" in said and "marsgram_2021a_sample_daily_mean" in said
+
+
+def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
+    """A table of the reading's own density, on a fine grid, flies the same nominal."""
+    base = entry.stage_inputs("corrected", "nominal")
+    altitude = np.arange(-10e3, 127.1e3, 250.0)
+    log_density = environment.profile(base)(altitude)[0]
+    path = tmp_path / "mine.csv"
+    rows = [f"{h:.1f},{density:.17e}" for h, density in zip(altitude, np.exp(log_density), strict=True)]
+    path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    mine = reading_of(entry, density_profile="table", density_table=str(path))
+    assert np.shape(mine.inputs.density_table) == (len(altitude), 2)  # the numbers, not the path
+    flown = nominal.compute(Slice(mine.slice(entry.paper.stages["nominal"].inputs)))
+    assert flown.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
+    assert flown.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"target_longitude": np.radians(120.0)},
+        {"entry_longitude": np.radians(138.0)},
+        {"entry_azimuth": np.radians(270.05)},
+    ],
+)
+def test_a_target_behind_the_vehicle_is_refused(entry, changes):
+    keys = "entry_longitude, entry_azimuth, target_longitude"
+    with pytest.raises(MarsedlError, match=rf"^{keys}: the target lies .* behind the entry point"):
+        entry.nominal("corrected", **changes)
+
+
+def test_a_nominal_that_does_not_slow_down_is_refused(entry):
+    with pytest.raises(MarsedlError, match=r"still has \d+ m/s after 150 s.* raise time_limit"):
+        entry.nominal("corrected", time_limit=150.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "number", "unit"),
+    [({"altitude_limit": 1.0}, 0, 1.0), ({"flight_path_angle_limit": np.radians(0.001)}, 1, np.radians(0.001))],
+)
+def test_a_limit_that_cannot_be_met_is_named_with_what_can(entry, limits, number, unit):
+    with pytest.raises(MarsedlError) as error:
+        entry.gains("corrected", **limits)
+    said = str(error.value)
+    assert "\n" not in said and "the stochastic law of the time trigger" in said
+    assert f"final limit {number} " in said and "cannot be met" in said
+    assert "0 is altitude_limit, 1 is flight_path_angle_limit" in said
+    # A standard deviation is a third of the limit; the least that can be attained is far more.
+    least, limit = map(float, re.search(r"allow is (\S+), the limit (\S+);", said).groups())
+    assert limit == pytest.approx(unit / 3.0, rel=1e-3)
+    assert least > 10 * limit
+    # And that is right: twice as much can be met.
+    if number == 0:
+        met = entry.gains("corrected", altitude_limit=2.0 * 3.0 * least)
+        assert (met.final_ratio[:, 0] < 1 + 1e-4).all()
+
+
+def test_limits_that_are_met_one_by_one_but_not_together_are_refused(entry):
+    """A little above the least altitude error, with a path angle limit that it leaves no room for."""
+    with pytest.raises(MarsedlError, match=r"final limit|not together"):
+        entry.gains("corrected", altitude_limit=300.0, flight_path_angle_limit=np.radians(0.15))
