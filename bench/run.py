@@ -1,342 +1,68 @@
-"""Benchmarks of the powered-descent Monte Carlo, design and pipeline: `python bench/run.py`.
+"""Benchmarks of Monte Carlo, design and pipeline of every paper: `python bench/run.py [paper ...]`.
 
 What is claimed are ratios, measured in one run by interleaved repetitions, with medians; one thread unless it says
-otherwise. Prints a table and writes it to `data/reference/benchmarks.csv`. Other load on the machine lowers the scaling
-with threads most.
+otherwise. Prints a table; without arguments, measures the pipelines as well and writes the table to
+`data/reference/benchmarks.csv`. Other load on the machine lowers the scaling with threads most.
 """
 
 import csv
-import json
 import os
-import re
-import resource
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
+from importlib import import_module
 from pathlib import Path
 
-from marsedl.replication.jobs import Slice, pin_numerics
+from marsedl.replication.jobs import pin_numerics
 
 ROOT = Path(__file__).resolve().parents[1]
-CORES = len(os.sched_getaffinity(0))
 pin_numerics(ROOT)
-os.environ["NUMBA_NUM_THREADS"] = str(max(2, CORES))  # for the scaling; everything else asks for one thread
+os.environ["NUMBA_NUM_THREADS"] = str(max(2, os.cpu_count()))  # for the scaling; everything else asks for one thread
+del os.environ["NPY_DISABLE_CPU_FEATURES"]  # array code may be as fast as it can
 
-import numba  # noqa: E402
-import numpy as np  # noqa: E402
-from scipy.integrate import solve_ivp  # noqa: E402
-from scipy.interpolate import CubicSpline  # noqa: E402
+from measuring import Rows, children_cpu, say  # noqa: E402
 
-from marsedl.montecarlo.streams import normals  # noqa: E402
-from marsedl.papers.powered_descent import (  # noqa: E402
-    PAPER,
-    flight,
-    gains,
-    linearization,
-    montecarlo,
-    nominal,
-    segments,
-)
-from marsedl.papers.powered_descent.inputs import MODEL  # noqa: E402
-from marsedl.replication.inputs import load_study  # noqa: E402
-from marsedl.replication.verification import copy_tree, snakemake  # noqa: E402
+from marsedl.papers import SLUGS  # noqa: E402
+from marsedl.replication.verification import copy_tree  # noqa: E402
 
-REPETITIONS = 7
-TRIALS = 2000  # the paper's
-SCALING_TRIALS = 20_000  # enough work for both threads
-ADAPTIVE_TRIALS = 3
-PAPER_CORE_SECONDS = 12 * 3600 * 32 / 2000  # per trial: 12 h on 32 cores for 2,000 trials
-ENSEMBLE_SIZES = (1_000, 10_000, 100_000, 1_000_000)
-LARGEST_MEMORY = 2000.0  # MB
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"
 
 
-# --- the problem ------------------------------------------------------------------------------------------------------
-
-
-def stage_inputs(stage):
-    """Inputs of a stage in the corrected reading."""
-    study = load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml")
-    return Slice(study.readings["corrected"].slice(PAPER.stages[stage].inputs))
-
-
-def design():
-    """The whole design: mass iteration, linear model, gains."""
-    made = nominal.compute(stage_inputs("nominal"))
-    return gains.compute(stage_inputs("gains"), linearization.compute(stage_inputs("linearization"), made))
-
-
-def problem(made, trials):
-    """Schedules, plant, outputs and initial states of the closed loop, as `flight.fly` takes them."""
-    inputs = stage_inputs("montecarlo")
-    steps = [flight.step_count(d, inputs.time_step, inputs.output_interval) for d in inputs.segment_durations]
-    schedules = flight.schedules_of(inputs, made, [number for number, _ in steps])
-    states = flight.initial_states(
-        segments.initial_mean(inputs), inputs.initial_covariance, inputs.wet_mass, inputs.seed, np.arange(trials)
-    )
-    return schedules, flight.plant_of(inputs), [every for _, every in steps], states, inputs.seed
-
-
-# --- the same flight without compiled code ----------------------------------------------------------------------------
-
-
-def fly_numpy(schedules, plant, every, states, fill):
-    """The kernel's scheme and outputs in array code; `fill(out)` writes the normals (2, trials) of a step."""
-    state = np.ascontiguousarray(states.T)
-    trials = state.shape[1]
-    slope, stage, total, scaled = (np.empty_like(state) for _ in range(4))
-    error, thrust, force = np.empty((4, trials)), np.empty((2, trials)), np.empty((2, trials))
-    magnitude, square, depth = (np.empty(trials) for _ in range(3))
-    largest = np.full((2, trials), -np.inf)
-    histories, observations = [], []
-
-    def control(x, mean, gain, feedforward):
-        np.subtract(x[:4], mean, out=error)
-        np.matmul(gain, error, out=thrust)
-        np.subtract(feedforward, thrust, out=thrust)
-        np.multiply(thrust[0], thrust[0], out=magnitude)
-        np.multiply(thrust[1], thrust[1], out=square)
-        np.add(magnitude, square, out=magnitude)
-        np.sqrt(magnitude, out=magnitude)
-
-    def drift(x):
-        slope[:2] = x[2:4]
-        np.add(thrust, force, out=slope[2:4])
-        np.divide(slope[2:4], x[4], out=slope[2:4])
-        np.subtract(slope[3], plant.gravity, out=slope[3])
-        np.multiply(magnitude, -plant.mass_flow_constant, out=slope[4])
-
-    def observe(output):
-        np.negative(state[1], out=depth)
-        np.maximum(largest[0], magnitude, out=largest[0])
-        np.maximum(largest[1], depth, out=largest[1])
-        if output is not None:
-            history[output] = state
-            observed[output, 0] = magnitude
-            observed[output, 1] = depth
-
-    for schedule, steps_per_output in zip(schedules, every, strict=True):
-        step, steps, gain = schedule.step, schedule.steps, schedule.gain
-        mean, feedforward = schedule.mean[:, :, np.newaxis], schedule.feedforward[:, :, np.newaxis]
-        history = np.empty((steps // steps_per_output + 1, 5, trials))
-        observed = np.empty((len(history), 2, trials))
-        for k in range(steps):
-            fill(force)
-            np.multiply(force, plant.noise_density / np.sqrt(step), out=force)
-            control(state, mean[2 * k], gain[2 * k], feedforward[2 * k])
-            observe(k // steps_per_output if k % steps_per_output == 0 else None)
-            drift(state)
-            np.copyto(total, slope)
-            for half_index, length, weight in (
-                (2 * k + 1, step / 2, 2),
-                (2 * k + 1, step / 2, 2),
-                (2 * k + 2, step, 1),
-            ):
-                np.multiply(slope, length, out=stage)
-                np.add(stage, state, out=stage)
-                control(stage, mean[half_index], gain[half_index], feedforward[half_index])
-                drift(stage)
-                np.multiply(slope, weight, out=scaled)
-                np.add(total, scaled, out=total)
-            np.multiply(total, step / 6, out=total)
-            np.add(state, total, out=state)
-        control(state, mean[-1], gain[-1], feedforward[-1])
-        observe(steps // steps_per_output)
-        histories.append(history)
-        observations.append(observed)
-    return np.concatenate(histories), np.concatenate(observations), largest, state
-
-
-def fly_adaptive(schedules, plant, state, draws):
-    """One trial by scipy's adaptive Runge-Kutta method; draws: normals (steps, 2) of the force held over each step."""
-    first = 0
-    for schedule in schedules:
-        duration, step = schedule.step * schedule.steps, schedule.step
-        tables = np.concatenate([schedule.gain.reshape(-1, 8), schedule.mean, schedule.feedforward], axis=1)
-        spline = CubicSpline(np.linspace(0.0, duration, len(tables)), tables)
-        forces = plant.noise_density / np.sqrt(step) * draws[first : first + schedule.steps]
-
-        def rates(t, x, spline=spline, forces=forces, step=step):
-            row = spline(t)
-            thrust = row[12:] - row[:8].reshape(2, 4) @ (x[:4] - row[8:12])
-            rate = (thrust + forces[min(int(t / step), len(forces) - 1)]) / x[4]
-            loss = -plant.mass_flow_constant * np.sqrt(thrust @ thrust)
-            return np.array([x[2], x[3], rate[0], rate[1] - plant.gravity, loss])
-
-        state = solve_ivp(rates, (0.0, duration), state, rtol=1e-6).y[:, -1]
-        first += schedule.steps
-    return state
-
-
-# --- measuring --------------------------------------------------------------------------------------------------------
-
-
-def interleaved(functions, repetitions=REPETITIONS):
-    """Median wall times (s) of functions that take turns; each runs once beforehand."""
-    for function in functions:
-        function()
-    times = [[] for _ in functions]
-    for _ in range(repetitions):
-        for function, taken in zip(functions, times, strict=True):
-            start = time.perf_counter()
-            function()
-            taken.append(time.perf_counter() - start)
-    return [statistics.median(taken) for taken in times]
-
-
-def children_cpu(tree, target):
-    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = snakemake(tree, target, NUMBA_NUM_THREADS="1")
-    assert done.returncode == 0, done.stdout[-3000:]
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def peak_memory():
-    """Peak resident memory of this process, MB; `ru_maxrss` would count that of the process which started it too."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text()).group(1)) / 1024
-
-
-def ensemble_in_this_process(trials):
-    """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
-    numba.set_num_threads(1)
-    inputs, made = stage_inputs("montecarlo"), design()
-    options = {"case": "closed_loop", "chunk": 0, "chunks": 1, "block_size": PAPER.trials_per_block}
-    montecarlo.simulate(inputs, made, trials=100, **options)  # loads the compiled code
-    start = time.perf_counter()
-    ensemble = montecarlo.gather(
-        stage_inputs("montecarlo_gather"), [montecarlo.simulate(inputs, made, trials=trials, **options)]
-    )
-    seconds = time.perf_counter() - start
-    assert ensemble.count + ensemble.excluded == trials
-    print(json.dumps({"seconds": seconds, "memory": peak_memory()}))
-
-
-def measure():
-    """All quantities: (quantity, value, unit, target, whether it is met), the last two empty without a target."""
-    rows = []
-
-    def row(quantity, value, unit, at_least=None, below=None):
-        target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
-        met = value >= at_least if at_least is not None else value < below if below is not None else None
-        rows.append((quantity, rounded(value), unit, target, {None: "", True: "yes", False: "no"}[met]))
-
-    def say(text):
-        print(f"{text} ...", file=sys.stderr, flush=True)
-
-    numba.set_num_threads(1)
-    say("design")
-    made = design()
-    cpu = []
-    for _ in range(REPETITIONS):
-        start = time.process_time()
-        nominal.compute(stage_inputs("nominal"))
-        cpu.append(time.process_time() - start)
-    row("design with mass iteration, compiled", statistics.median(cpu), "CPU s", below=1.0)
-
-    schedules, plant, every, states, seed = problem(made, TRIALS)
-
-    def kernel():
-        return flight.fly(schedules, plant, states, steps_per_output=every, seed=seed)
-
-    say("kernel, array code and adaptive integration agree")
-    steps = sum(schedule.steps for schedule in schedules)
-    draws = normals(seed, flight.NOISE_STREAM, np.arange(TRIALS), 2 * steps).reshape(TRIALS, steps, 2)
-    replayed = iter(np.ascontiguousarray(draws.transpose(1, 2, 0)))
-    expected = kernel()
-    found = fly_numpy(schedules, plant, every, states, lambda out: np.copyto(out, next(replayed)))
-    pairs = zip(
-        found, (expected.history, expected.observed, expected.observed_maximum, expected.final_state), strict=True
-    )
-    for mine, theirs in pairs:
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
-    adaptive = [fly_adaptive(schedules, plant, states[trial], draws[trial]) for trial in range(ADAPTIVE_TRIALS)]
-    np.testing.assert_allclose(
-        adaptive, expected.final_state.T[:ADAPTIVE_TRIALS], atol=0.3
-    )  # its error control is loose
-
-    say("kernel against array code")
-    generator = np.random.Generator(np.random.Philox(seed))
-    compiled, array = interleaved(
-        (kernel, lambda: fly_numpy(schedules, plant, every, states, lambda out: generator.standard_normal(out=out)))
-    )
-    row("kernel, 2,000 trials with outputs", 1e6 * compiled / TRIALS, "us per trial")
-    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
-    row("speed of the kernel over array code", array / compiled, "ratio", at_least=3.0)
-
-    say("kernel against adaptive integration")
-
-    def each_adaptive():
-        for trial in range(ADAPTIVE_TRIALS):
-            fly_adaptive(schedules, plant, states[trial], draws[trial])
-
-    compiled, adaptive = interleaved((kernel, each_adaptive), 3)
-    row("adaptive integration (scipy, RK45, 1e-6)", 1e6 * adaptive / ADAPTIVE_TRIALS, "us per trial")
-    ratio = (adaptive / ADAPTIVE_TRIALS) / (compiled / TRIALS)
-    row("speed of the kernel over adaptive integration", ratio, "ratio", at_least=100.0)
-
-    say("scaling with threads")
-    schedules, plant, every, states, seed = problem(made, SCALING_TRIALS)
-
-    def with_threads(number):
-        def run():
-            numba.set_num_threads(number)
-            flight.fly(schedules, plant, states, steps_per_output=[s.steps for s in schedules], seed=seed)
-
-        return run
-
-    one, two = interleaved((with_threads(1), with_threads(2)))
-    numba.set_num_threads(1)
-    row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
-
-    say("pipeline from nothing, with nothing to do, and for one figure")
+def measure_pipelines(rows):
+    """CPU time of every paper from nothing, each in a tree of its own, then of runs with little or nothing to do."""
     with tempfile.TemporaryDirectory() as folder:
-        tree = copy_tree(ROOT, Path(folder) / "tree")
-        row("snakemake all, full size, from nothing", children_cpu(tree, "all"), "CPU s", below=120.0)
+        for slug in SLUGS:
+            say(f"{slug}: pipeline from nothing")
+            tree = copy_tree(ROOT, Path(folder) / slug)
+            limit = import_module(slug).PIPELINE_LIMIT
+            rows.of(slug)(f"snakemake {slug}, full size, from nothing", children_cpu(tree, slug), "CPU s", below=limit)
+        say("pipeline with nothing to do, and for one figure")
+        children_cpu(tree, "all")
         nothing = statistics.median(children_cpu(tree, "all") for _ in range(3))
-        row("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
-        figure = tree / "figures" / PAPER.slug / "fig07.png"
-        figure.unlink()
-        drawn = children_cpu(tree, str(figure.relative_to(tree)))
-        row("one figure drawn again, beyond that", drawn - nothing, "CPU s", below=3.0)
-
-    for trials in ENSEMBLE_SIZES:
-        say(f"ensemble of {trials:,} trials")
-        command = [sys.executable, __file__, str(trials)]
-        done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        row(f"ensemble of {trials:,} trials, speed", trials / done["seconds"], "trials per s and core")
-        limit = LARGEST_MEMORY if trials == max(ENSEMBLE_SIZES) else None
-        row(f"ensemble of {trials:,} trials, peak memory of the process", done["memory"], "MB", below=limit)
-    ours = done["seconds"] / trials
-    row("ensemble, statistics included", ours, "core-s per trial")
-    row("the same in the paper", PAPER_CORE_SECONDS, "core-s per trial")
-    row("paper over ours", PAPER_CORE_SECONDS / ours, "ratio")
-    return rows
+        rows.of("all")("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
+        for slug in SLUGS:
+            figure = tree / "figures" / slug / f"{import_module(slug).FIGURE}.png"
+            figure.unlink()
+            drawn = children_cpu(tree, str(figure.relative_to(tree)))
+            rows.of(slug)("one figure drawn again, beyond that", drawn - nothing, "CPU s", below=3.0)
 
 
-def rounded(value):
-    """Three digits."""
-    return f"{float(f'{value:.3g}'):.9g}"
-
-
-def main():
-    """Measure, print and store."""
-    rows = [("quantity", "value", "unit", "target", "met"), *measure()]
-    with OUTPUT.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
+def main(slugs):
+    """Measure, print, and store if all is measured."""
+    rows = Rows()
+    for slug in slugs or SLUGS:
+        import_module(slug).measure(rows.of(slug))
+    if not slugs:
+        measure_pipelines(rows)
+        with OUTPUT.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([Rows.HEADER, *rows.rows])
+    widths = [max(map(len, column)) for column in zip(Rows.HEADER, *rows.rows, strict=True)]
+    for row in [Rows.HEADER, *rows.rows]:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        ensemble_in_this_process(int(sys.argv[1]))
+    if sys.argv[1:2] == ["--ensemble"]:
+        import_module(sys.argv[2]).ensemble_in_this_process(int(sys.argv[3]))
     else:
-        main()
+        main(sys.argv[1:])

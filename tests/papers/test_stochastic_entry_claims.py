@@ -99,11 +99,12 @@ def test_reasons_speak_of_readings_that_exist(entry, rows):
 # They hold with 2,000 trials as with 100,000.
 FAILS = {
     *("halved_velocity_p1", "halved_velocity_p99", "velocity_trigger_helps_both", "improvement_visible_velocity"),
-    "fig8_apollo_similar",
+    *("fig8_apollo_similar", "fig8_more_aggressive"),
 }
 DIFFERS = {f"tab4_downrange_{case}" for case in CASES} | {
     *("headline_range_reduction", "tab4_gamma_apollo_time", "tab4_gamma_stochastic_time"),
 }
+STATE_NAMES = ("radius", "velocity", "flight path angle", "range", "density")
 CLOSE = {"zf_column_velocity", "fig9_range_error_turns"}
 MONTE_CARLO = {f"tab4_{row[1]}_{case}" for row in claims.ROWS for case in CASES}
 
@@ -304,7 +305,6 @@ BROKEN = {
     ),
     "fig8_stochastic_inside": lambda a: controlled(a["gains"], stochastic=2 * a["gains"].stochastic_control_variance),
     "fig8_apollo_leaves": lambda a: controlled(a["gains"], apollo=1e-6 * a["gains"].apollo_control_variance),
-    "fig8_more_aggressive": lambda a: controlled(a["gains"], stochastic=0.1 * a["gains"].stochastic_control_variance),
     "fig9_large_deviations": lambda a: {"stochastic_time": a["apollo_time"]},
     "fig9_altitude_range_tradeoff": lambda a: {
         "tradeoff": replace(a["tradeoff"], limited_deviation=np.ones_like(a["tradeoff"].limited_deviation))
@@ -327,6 +327,7 @@ BROKEN = {
 }
 
 MENDED = {
+    "fig8_more_aggressive": lambda a: controlled(a["gains"], stochastic=4 * a["gains"].stochastic_control_variance),
     "halved_velocity_p1": lambda a: {"stochastic_velocity": like(a["apollo_velocity"], 0.5)},
     "halved_velocity_p99": lambda a: {"stochastic_velocity": like(a["apollo_velocity"], 0.5)},
     "improvement_visible_velocity": lambda a: {"stochastic_velocity": like(a["apollo_velocity"], 0.5)},
@@ -447,12 +448,13 @@ def test_table_4_shows_that_nothing_is_finite(entry, entry_published):
 
 def test_transformation_of_the_trigger_beside_eq_77(entry, entry_published):
     _, *body = table(entry, entry_published, "zf")
-    assert [row[0] for row in body[:5]] == ["radius", "velocity", "flight path angle", "range", "density"]
-    assert body[2][2:4] == ("-0.0015", f"{entry.linearization().trigger_projection[2, 1]:.6g}")
-    assert [row[5] for row in body[:5]] == ["no", "yes", "yes", "no", "no"]
-    assert body[5][3] == "identity" and "no evidence" in body[6][3]
+    assert [(row[0], row[1]) for row in body[:25]] == [(i, j) for i in STATE_NAMES for j in STATE_NAMES]
+    found = np.array([float(row[3]) for row in body[:25]]).reshape(5, 5)
+    np.testing.assert_allclose(found, entry.linearization().trigger_projection, rtol=1e-5)
+    assert [row[5] for row in body[1:25:5]] == ["no", "yes", "yes", "no", "no"]
+    assert {row[5] for k, row in enumerate(body[:25]) if k % 5 != 1} == {"yes"}
     wrong = table(entry, entry_published, "zf", linearization=unlike_identity(entry.linearization()))
-    assert any("not the identity" in row for row in wrong)
+    assert "no" in {row[5] for k, row in enumerate(wrong[1:26]) if k % 5 != 1}
     assert not any("evidence" in row[3] for row in table(entry, entry_published, "zf", "desensitized_density"))
 
 
@@ -460,7 +462,7 @@ def test_certificates_and_error_budget(entry, entry_published):
     found = {row[0]: row[1:] for row in table(entry, entry_published, "certificates")}
     assert found["deviation of the objective (m)"][0] == f"{np.sqrt(entry.gains().cost[0]):.4f}"
     assert float(found["final altitude deviation over its limit"][1]) == pytest.approx(1.0, abs=1e-4)
-    header, *body = table(entry, entry_published, "error_budget")
+    header, *body = table(entry, entry_published, "sources")
     budget = entry.error_budget()
     aerodynamics = next(row for row in body if row[0] == "aerodynamics")
     column = header.index("stochastic, velocity: deviation (m)")
@@ -473,14 +475,14 @@ def test_certificates_and_error_budget(entry, entry_published):
 
 
 def test_reversals_divide_all_trials(entry, entry_published):
-    _, *body = table(entry, entry_published, "reversals")
+    _, *body = table(entry, entry_published, "reversal_split")
     for case in ("Apollo, time", "Stochastic, velocity"):
         *groups, whole = [row for row in body if row[0] == case]
         assert whole[1] == "any"
         assert sum(int(row[2].replace(",", "")) for row in groups) == int(whole[2].replace(",", "")) == 2000
         mean = sum(float(row[3]) * float(row[4]) for row in groups) / 100
         assert mean == pytest.approx(float(whole[4]), abs=0.02)
-    assert any("no finite trial" in row for row in table(entry, entry_published, "reversals", "printed"))
+    assert any("no finite trial" in row for row in table(entry, entry_published, "reversal_split", "printed"))
 
 
 def test_summaries_over_readings(entry, entry_published, evaluations):

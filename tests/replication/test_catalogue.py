@@ -53,6 +53,7 @@ def test_stages_products_and_functions_belong_together(slug):
             assert {need.split(".")[-1] for need in product.needs} <= parameters(getattr(module, stem))
             assert set(product.inputs) <= fields
             assert product.caption
+    assert not set(paper.figures) & {*paper.tables, *paper.summaries, "claims"}, "a name in the report stands once"
     assert set(input_model(slug).CASES.values()) <= fields
     assert len({erratum.id for erratum in paper.errata}) == len(paper.errata)
 

@@ -224,13 +224,13 @@ TABLES = {
         ("gains", "certificates"),
         beyond=True,
     ),
-    "error_budget": Product(
+    "sources": Product(
         "Standard deviation of the final range error from each source of uncertainty alone, over flights with the same "
         "random numbers, with its share of the variance from all sources; last, the floor that no law can remove.",
         ("error_budget",),
         beyond=True,
     ),
-    "reversals": Product(
+    "reversal_split": Product(
         "Final range error by the number of bank reversals.",
         tuple(f"montecarlo.{case}" for case in _CASES),
         beyond=True,

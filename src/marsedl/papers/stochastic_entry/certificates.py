@@ -29,10 +29,10 @@ class Certificates:
     search_evaluations: np.ndarray = quantity("1", (2, 2), "covariance sweeps of the search", "int64")
     search_success: np.ndarray = quantity("1", (2, 2), "1: converged within the limits", "int8")
     weights_gain_error: np.ndarray = quantity(
-        "1", (2,), "gains by Eq. 55 with the multipliers as weights, in another form, against the law's"
+        "1", (2,), "gains by Eq. 55 with the multipliers as weights, in another form, against the law's", allow_nan=True
     )
     perturbed_cost: np.ndarray = quantity(
-        "1", (2,), "least rise of the Lagrangian with perturbed gains, over its part above the noise floor"
+        "1", (2,), "least rise of the Lagrangian with perturbed gains over its part above the floor", allow_nan=True
     )
 
 

@@ -305,17 +305,15 @@ def _density_claims(inputs, nominal, linearization, ensemble):
             None,
             trials,
             f"variance of the density at entry {ratio:.4f} of zeta rho^2 in {trials:,} trials; largest correlation "
-            f"with "
-            f"the vehicle's state {np.abs(correlations).max():.4f}, sampling error {1 / np.sqrt(trials):.4f}",
+            f"with the vehicle's state {np.abs(correlations).max():.4f}, sampling error {1 / np.sqrt(trials):.4f}",
         ),
         "tab3_state": Evaluation(
             bool(deviance.p_value > 0.0027 and miss.max() < SIGMAS),
             None,
             trials,
             f"entry covariance of velocity, path angle and downrange against Table 2: deviance "
-            f"{deviance.statistic:.1f} "
-            f"on {deviance.degrees_of_freedom}, p = {deviance.p_value:.2g}; means off by at most {miss.max():.1f} "
-            "standard errors",
+            f"{deviance.statistic:.1f} on {deviance.degrees_of_freedom}, p = {deviance.p_value:.2g}; means off by at "
+            f"most {miss.max():.1f} standard errors",
         ),
         "tab3_density": Evaluation(
             evidence=f"no Mars-GRAM samples; trials fly through an Ornstein-Uhlenbeck surrogate: {samples}"
@@ -368,8 +366,7 @@ def _design_claims(inputs, linearization, gains, certificates, tradeoff):
         "decision_dimension_weights": Evaluation(
             bool(free == system_size and free < entries),
             evidence=f"{free} numbers, {system_size} by the formula with {STATES} states, instead of {entries} gains "
-            f"on "
-            f"{len(gains.partition_start)} intervals",
+            f"on {len(gains.partition_start)} intervals",
         ),
         "zf_column_velocity": Evaluation(
             projection[:, VELOCITY],
@@ -392,8 +389,7 @@ def _design_claims(inputs, linearization, gains, certificates, tradeoff):
         "fig9_altitude_active": Evaluation(
             float(altitude),
             evidence=f"{altitude:.6f} km, multiplier of the limit {gains.final_multiplier[0, 0]:.3g}; with the "
-            f"velocity "
-            f"trigger {limits[1, ALTITUDE] / 1e3:.6f} km",
+            f"velocity trigger {limits[1, ALTITUDE] / 1e3:.6f} km",
             numbers={"multiplier": gains.final_multiplier[0, 0]},
         ),
         "fig9_altitude_range_tradeoff": tradeoff and _tradeoff_claim(tradeoff),
@@ -421,17 +417,15 @@ def _theory_claims(gains, certificates):
         "theorem_lqg": Evaluation(
             bool(optimal and difference < ROUNDING and perturbed > -ROUNDING),
             evidence=f"with the multipliers as weights Eq. 55 gives the law's gains to {difference:.1e}; they keep "
-            f"every "
-            f"limit within {max(excess, 0.0):.1e} and cost {gap:.1e} more than the lower bound; perturbed gains change "
-            f"the Lagrangian by at least {perturbed:+.1e}",
+            f"every limit within {max(excess, 0.0):.1e} and cost {gap:.1e} more than the lower bound; perturbed gains "
+            f"change the Lagrangian by at least {perturbed:+.1e}",
         ),
         "corollary_lqg": Evaluation(
             bool(optimal and difference < ROUNDING and cone < FEASIBLE and (best < 1.0 + SEARCHED).all()),
             evidence="ascent of the dual is a search over final and control weights with the gains of Eq. 55; it ends "
             f"{gap:.1e} above its lower bound. On intervals of 10 s a cone program agrees to {cone:.1e}, and quadratic "
             f"programming over all weights comes to {best[0]:.5f} (time) and {best[1]:.5f} (velocity) times the "
-            f"optimum "
-            f"from the better of two starts; {astray} of its {kept.size} runs go astray",
+            f"optimum from the better of two starts; {astray} of its {kept.size} runs go astray",
             numbers={"astray": astray, "runs": kept.size},
         ),
     }
@@ -488,6 +482,7 @@ def _control_claims(inputs, linearization, gains):
     faint = stochastic[:, thin].max() / inputs.control_limit if thin.any() else np.nan
     high = pressure > HALF_PEAK * pressure.max()
     stronger = (stochastic > apollo)[:, high].mean(axis=1)
+    stronger_timed = 100 * (stochastic > timed[0])[:, high].mean(axis=1)
     failed = "" if np.isfinite(stochastic).all() else "; no finite stochastic gain"
     return {
         "lqg_no_feedback_low_q": Evaluation(
@@ -504,8 +499,7 @@ def _control_claims(inputs, linearization, gains):
         "fig8_stochastic_differs": Evaluation(
             bool(distance("stochastic") > SAME_BOUND),
             evidence=f"mean distance of the two bounds {100 * distance('stochastic'):.1f} % of their mean over the "
-            f"range "
-            f"control; they differ above {100 * SAME_BOUND:g} %{failed}",
+            f"range control; they differ above {100 * SAME_BOUND:g} %{failed}",
         ),
         "fig8_stochastic_inside": Evaluation(
             bool(max(excess(stochastic[0]), excess(stochastic[1])) < FEASIBLE),
@@ -520,16 +514,20 @@ def _control_claims(inputs, linearization, gains):
         "fig8_silent_after_ei": Evaluation(
             bool(early < SILENT),
             evidence=f"three sigma of the correction at most {early:.2g} in the first {SILENT_TIME:g} s; silent is "
-            f"below "
-            f"{SILENT:g}{failed}",
+            f"below {SILENT:g}{failed}",
             numbers={"early": early},
         ),
         "fig8_more_aggressive": Evaluation(
             bool((stronger > 0.5).all()),
             evidence=f"with the dynamic pressure above half its peak ({time[high][0]:.0f} to {time[high][-1]:.0f} s), "
-            f"the "
-            f"stochastic bounds exceed Apollo's for {100 * stronger[0]:.0f} % (time) and {100 * stronger[1]:.0f} % "
-            f"(velocity) of the time{failed}",
+            f"the stochastic bounds exceed Apollo's for {100 * stronger[0]:.0f} % (time) and {100 * stronger[1]:.0f} % "
+            f"(velocity) of the time; those of its gains against time for {stronger_timed[0]:.0f} and "
+            f"{stronger_timed[1]:.0f} %{failed}",
+            numbers={
+                "peak_share": 100 * stronger[0],
+                "peak_share_velocity": 100 * stronger[1],
+                "timed_share": stronger_timed[1],
+            },
         ),
     }
 
@@ -598,8 +596,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
             None,
             flights["apollo_time"].count,
             f"while the nominal climbs ({time[climbing][0]:.0f} to {time[climbing][-1]:.0f} s) the deviations of "
-            f"altitude,"
-            f" velocity and range are predicted to within {100 * off['apollo']:.0f} % (Apollo) and "
+            f"altitude, velocity and range are predicted to within {100 * off['apollo']:.0f} % (Apollo) and "
             f"{100 * off['stochastic']:.0f} % (stochastic); reasonable is {100 * REASONABLE:g} %{failed}"
             if climbing.any()
             else "the nominal never climbs",
@@ -615,8 +612,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
         "fig9_range_error_turns": Evaluation(
             float(turn),
             evidence=f"largest range deviation of the linear model {stochastic.predicted[:, RANGE].max() / 1e3:.2f} "
-            f"km; "
-            f"of the trials at {flown_turn:.0f} s; the path angle's is largest at {path_peak:.0f} s{failed}",
+            f"km; of the trials at {flown_turn:.0f} s; the path angle's is largest at {path_peak:.0f} s{failed}",
             numbers={"flown": flown_turn, "path_angle": path_peak},
         ),
         "fig9_lc_close": Evaluation(
@@ -632,9 +628,8 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
             flights["stochastic_time"].count,
             f"furthest apart as drawn: {worst['apollo']} (Apollo, {100 * apart['apollo'].max():.1f} %), "
             f"{worst['stochastic']} (stochastic, {100 * apart['stochastic'].max():.1f} %); at the end the trials' "
-            f"range "
-            f"deviation is {apollo.end_ratio[RANGE]:.2f} and {stochastic.end_ratio[RANGE]:.2f} times the predicted one"
-            f"{failed}",
+            f"range deviation is {apollo.end_ratio[RANGE]:.2f} and {stochastic.end_ratio[RANGE]:.2f} times the "
+            f"predicted one{failed}",
             {"end_ratio": stochastic.end_ratio[RANGE]},
         ),
         "lateral_dispersion_increases": Evaluation(
@@ -642,8 +637,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
             None,
             flights["stochastic_time"].count,
             f"largest standard deviation of the crossrange {lateral[0] / 1e3:.2f} km (Apollo), {lateral[1] / 1e3:.2f} "
-            f"km "
-            f"(stochastic); larger means {LARGER:g} times{failed}",
+            f"km (stochastic); larger means {LARGER:g} times{failed}",
         ),
         "crossrange_nulled": Evaluation(
             bool(max(nulled.values()) < NULLED),
@@ -717,8 +711,8 @@ def _correlation_claims(gains, flights):
                 and deviation["stochastic_time"] < deviation["apollo_time"]
             ),
             evidence=f"{stochastic}, trials {flown['stochastic']:+.3f}; range deviation "
-            f"{deviation['stochastic_time']:.3f} "
-            f"km, Apollo {deviation['apollo_time']:.3f} km; uncorrelated is below {UNCORRELATED:g}",
+            f"{deviation['stochastic_time']:.3f} km, Apollo {deviation['apollo_time']:.3f} km; uncorrelated is below "
+            f"{UNCORRELATED:g}",
         ),
         "fig13_stochastic_velocity_correlated": Evaluation(
             bool(abs(correlation["stochastic_velocity"]) > STRONG),
@@ -775,8 +769,7 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
         met[0] &= bool(abs(late) < REASONABLE and abs(ratio - 1.0) < REASONABLE and distance < GAUSSIAN)
         texts.append(
             f"{law}: mean {time.mean() - nominal.end_time:+.2f} s from t_f, deviation {time.std(ddof=1):.2f} s, "
-            f"predicted "
-            f"{predicted:.2f} s, distribution {100 * distance:.1f} % from normal"
+            f"predicted {predicted:.2f} s, distribution {100 * distance:.1f} % from normal"
         )
 
         at = [ALTITUDE, PATH_ANGLE, RANGE]
@@ -793,8 +786,7 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
         states.append(
             f"{law}: trials over predicted deviation {spread[0] / expected[0]:.2f} (altitude), "
             f"{spread[1] / expected[1]:.2f} (path angle), {spread[2] / expected[2]:.2f} (range, {spread[2] / 1e3:.2f} "
-            f"km), "
-            "means off the nominal by "
+            f"km), means off the nominal by "
             + ", ".join(f"{o:+.2f}" for o in offset / spread)
             + " deviations, predicted "
             + ", ".join(f"{o:+.2f}" for o in shift / spread)
@@ -901,12 +893,11 @@ def _headline_claims(inputs, flights, tails, error_budget):
             100 * error,
             count,
             f"width from the 1st to the 99th percentile with the velocity trigger "
-            f"{widths['apollo_velocity'][0] / 1e3:.2f}"
-            f" km (Apollo {shown('apollo_velocity')}), {widths['stochastic_velocity'][0] / 1e3:.2f} km (stochastic "
+            f"{widths['apollo_velocity'][0] / 1e3:.2f} km (Apollo {shown('apollo_velocity')}), "
+            f"{widths['stochastic_velocity'][0] / 1e3:.2f} km (stochastic "
             f"{shown('stochastic_velocity')}); with the fixed time {widths['apollo_time'][0] / 1e3:.2f} km (Apollo "
             f"{shown('apollo_time')}), {widths['stochastic_time'][0] / 1e3:.2f} km (stochastic "
-            f"{shown('stochastic_time')}),"
-            f" {100 * saved_time:.1f} ± {100 * error_time:.1f} % less",
+            f"{shown('stochastic_time')}), {100 * saved_time:.1f} ± {100 * error_time:.1f} % less",
             {
                 "time": 100 * saved_time,
                 "time_error": 100 * error_time,
@@ -918,8 +909,7 @@ def _headline_claims(inputs, flights, tails, error_budget):
             None,
             min(trials.values()),
             f"from the fixed time to the velocity trigger, {', '.join(changes)}; largest final velocity error "
-            f"{off:.1e} "
-            "m/s",
+            f"{off:.1e} m/s",
             {law: 100 * (widths[f"{law}_velocity"][0] / widths[f"{law}_time"][0] - 1) for law in LAWS},
         ),
         "improvement_visible_velocity": Evaluation(
@@ -960,24 +950,20 @@ DECLARATIONS = {
         "under the Apollo law and {stochastic_velocity_width:.2f} km under the stochastic one: it is not reduced. With "
         "the Mars-GRAM fit it is {desensitized_density[apollo_velocity_width]:.2f} and "
         "{desensitized_density[stochastic_velocity_width]:.2f} km. With the fixed time it is {time:.0f} % narrower, "
-        "but "
-        "both intervals are far narrower than the paper's. Only an Apollo law that is blind to density is worse than "
-        "the "
-        "stochastic one with the trigger, by {density_blind[value]:.0f} %: a hypothesis.",
+        "but both intervals are far narrower than the paper's. Only an Apollo law that is blind to density is worse "
+        "than the stochastic one with the trigger, by {density_blind[value]:.0f} %: a hypothesis.",
         errata=("E12", "E14"),
         withheld=(DENSITY, DEADBAND, FORM),
     ),
     "halved_velocity_p1": Declaration(
         "The ratio is {ratio:.2f}, with the Mars-GRAM fit {desensitized_density[ratio]:.2f}; under an Apollo law blind "
-        "to "
-        "density, a hypothesis, it is {density_blind[ratio]:.2f}.",
+        "to density, a hypothesis, it is {density_blind[ratio]:.2f}.",
         errata=("E14",),
         withheld=(DENSITY, DEADBAND, FORM),
     ),
     "halved_velocity_p99": Declaration(
         "The ratio is {ratio:.2f}, with the Mars-GRAM fit {desensitized_density[ratio]:.2f}; under an Apollo law blind "
-        "to "
-        "density, a hypothesis, it is {density_blind[ratio]:.2f}.",
+        "to density, a hypothesis, it is {density_blind[ratio]:.2f}.",
         errata=("E14", "E22"),
         withheld=(DENSITY, DEADBAND, FORM),
     ),
@@ -985,17 +971,14 @@ DECLARATIONS = {
         "From the fixed time to the trigger the interval of the range error changes by {apollo:+.0f} % (Apollo) and "
         "{stochastic:+.0f} % (stochastic). With the Mars-GRAM fit it is {desensitized_density[apollo]:+.0f} and "
         "{desensitized_density[stochastic]:+.0f} %. The trigger helps the stochastic law where its design for the "
-        "fixed "
-        "time is poor: {partition_24[stochastic]:+.0f} % with intervals of 10 s, {partition_20[stochastic]:+.0f} % "
-        "with "
-        "12 s.",
+        "fixed time is poor: {partition_24[stochastic]:+.0f} % with intervals of 10 s, {partition_20[stochastic]:+.0f} "
+        "% with 12 s.",
         errata=("E12", "E14"),
         withheld=(PARTITION, DENSITY, FORM),
     ),
     "improvement_visible_velocity": Declaration(
         "The interval changes by {change:+.0f} %, with the Mars-GRAM fit by {desensitized_density[change]:+.0f} %. "
-        "With "
-        "the trigger, errors of the aerodynamics, which neither design knows of, make a deviation of "
+        "With the trigger, errors of the aerodynamics, which neither design knows of, make a deviation of "
         "{apollo_aerodynamics:.2f} km (Apollo) and {stochastic_aerodynamics:.2f} km (stochastic) alone, of "
         "{apollo_all:.2f} and {stochastic_all:.2f} km in all. Against an Apollo law blind to density, a hypothesis, it "
         "changes by {density_blind[change]:+.0f} %.",
@@ -1018,10 +1001,9 @@ DECLARATIONS = {
     "trigger_covariance": Declaration(
         "Tested with the flights' own moments at t_f; against the nominal itself the mean range is off by "
         "{apollo_offset:+.2f} km (Apollo) and {stochastic_offset:+.2f} km (stochastic). The design's covariance "
-        "instead predicts a range deviation of "
-        "{apollo_designed:.2f} km (Apollo) and {stochastic_designed:.2f} km (stochastic) where flights have "
-        "{apollo_deviation:.2f} and {stochastic_deviation:.2f} km: it has neither bank reversals nor errors of the "
-        "aerodynamics.",
+        "instead predicts a range deviation of {apollo_designed:.2f} km (Apollo) and {stochastic_designed:.2f} km "
+        "(stochastic) where flights have {apollo_deviation:.2f} and {stochastic_deviation:.2f} km: it has neither bank "
+        "reversals nor errors of the aerodynamics.",
         errata=("E4", "E22"),
     ),
     "nominal_uprange": Declaration(
@@ -1042,6 +1024,14 @@ DECLARATIONS = {
         errata=("E14", "E15"),
         withheld=(FORM,),
     ),
+    "fig8_more_aggressive": Declaration(
+        "While the dynamic pressure is above half its peak, the law designed for the fixed time corrects more strongly "
+        "than the Apollo law for {peak_share:.0f} % of the time, that for the velocity trigger for "
+        "{peak_share_velocity:.0f} %: around the peak only. Against Apollo's gains against time it is "
+        "{timed_share:.0f} %, with the Mars-GRAM fit {desensitized_density[peak_share_velocity]:.0f} %.",
+        errata=("E14", "E15"),
+        withheld=(FORM, DENSITY),
+    ),
     "fig8_silent_after_ei": Declaration(
         "This rests on the partition: with intervals of 10 s three sigma are {partition_24[early]:.2f} from entry on.",
         errata=("E12",),
@@ -1053,8 +1043,7 @@ DECLARATIONS = {
     ),
     "fig9_range_error_turns": Declaration(
         "The linear model's bound is largest at {value:.0f} s, that of the trials at {flown:.0f} s, the path angle's "
-        "at "
-        "{path_angle:.0f} s; with the Mars-GRAM fit the first is at {desensitized_density[value]:.0f} s.",
+        "at {path_angle:.0f} s; with the Mars-GRAM fit the first is at {desensitized_density[value]:.0f} s.",
         withheld=(DENSITY, DEADBAND),
         close=Close(
             "the text says around 100 s, of a flat maximum in a figure; one more of its rounding unit is no "
@@ -1064,8 +1053,7 @@ DECLARATIONS = {
     ),
     "fig9_lc_worst_gamma": Declaration(
         "As the curves are drawn. Relative to the prediction the final range is worse, {end_ratio:.1f} times it: "
-        "alignment"
-        " and reversals are not in the linear model.",
+        "alignment and reversals are not in the linear model.",
         errata=("E22",),
     ),
     "crossrange_nulled": Declaration(
@@ -1081,8 +1069,7 @@ DECLARATIONS = {
         withheld=(DENSITY,),
         close=Close(
             "the entries follow from the mean density near the end, which the paper withholds and which Mars-GRAM "
-            "gives to"
-            " some per cent only, by version, place and season; rounding alone is 3 % of the two small entries",
+            "gives to some per cent only, by version, place and season; rounding alone is 3 % of the two small entries",
             relative=0.05,
         ),
     ),
@@ -1104,18 +1091,15 @@ DECLARATIONS = {
     ),
     "tab4_downrange_stochastic_time": Declaration(
         "The partition decides it: {partition_24[value][0]:.2f} / {partition_24[value][1]:.2f} km with intervals of 10 "
-        "s, "
-        "{partition_20[value][0]:.2f} / {partition_20[value][1]:.2f} km with 12 s. But with those the law is not "
-        "silent "
-        "after entry, as the text says of Fig. 8.",
+        "s, {partition_20[value][0]:.2f} / {partition_20[value][1]:.2f} km with 12 s. But with those the law is not "
+        "silent after entry, as the text says of Fig. 8.",
         errata=("E12",),
         withheld=(PARTITION, DENSITY),
     ),
     "tab4_downrange_stochastic_velocity": Declaration(
         "Trials with more than three bank reversals land long: {more_reversals:+.2f} km on average, others "
         "{few_reversals:+.2f} km. How many there are depends on the deadband: with the Mars-GRAM fit and its deadband "
-        "the "
-        "percentiles are {desensitized_density[value][0]:.2f} / {desensitized_density[value][1]:.2f} km.",
+        "the percentiles are {desensitized_density[value][0]:.2f} / {desensitized_density[value][1]:.2f} km.",
         errata=("E22",),
         withheld=(DEADBAND, DENSITY),
     ),

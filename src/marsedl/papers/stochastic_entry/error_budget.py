@@ -29,9 +29,11 @@ class ErrorBudget:
 
     source: np.ndarray = quantity("1", ("sources",), "source of uncertainty that is switched on", "str")
     law: np.ndarray = quantity("1", ("laws",), "range-control law", "str")
-    deviation: np.ndarray = quantity("m", ("laws", 2, "sources"), "standard deviation over the flights")
-    mean: np.ndarray = quantity("m", ("laws", 2, "sources"), "mean over the flights")
-    largest: np.ndarray = quantity("m", ("laws", 2, "sources"), "largest error over the flights, absolute")
+    deviation: np.ndarray = quantity("m", ("laws", 2, "sources"), "standard deviation over the flights", allow_nan=True)
+    mean: np.ndarray = quantity("m", ("laws", 2, "sources"), "mean over the flights", allow_nan=True)
+    largest: np.ndarray = quantity(
+        "m", ("laws", 2, "sources"), "largest error over the flights, absolute", allow_nan=True
+    )
     missed: np.ndarray = quantity("1", ("laws", 2, "sources"), "flights that did not end as they should", "int64")
     trials: int = quantity("1", (), "flights of each source")
     floor: np.ndarray = quantity("m", (2,), "deviation from density after the start of the heading alignment, linear")

@@ -10,6 +10,7 @@ from marsedl.papers.stochastic_entry.claims import (
     CASES,
     FEASIBLE,
     LEVELS,
+    ROUNDING,
     ROWS,
     SIGMAS,
     VELOCITY,
@@ -90,8 +91,7 @@ def tab03(inputs, published):
             "density of the atmosphere",
             "Mars-GRAM samples",
             f"Ornstein-Uhlenbeck surrogate about the mean density `{inputs.density_profile}`, with exactly the "
-            f"variance "
-            f"`{inputs.variance_profile}`",
+            f"variance `{inputs.variance_profile}`",
         ),
         (
             "aerodynamics",
@@ -175,25 +175,12 @@ def zf(inputs, published, linearization: Linearization):
     rows = [("row", "column", "in the paper", "here", "difference", "within the printed rounding")]
     for i, j in np.ndindex(linearization.trigger_projection.shape):
         value = linearization.trigger_projection[i, j]
-        printed, resolution = float(i == j), 1.0
-        if j == VELOCITY:
-            printed, resolution = claim.printed[i], claim.resolution[i]
-        elif value == printed:
-            continue  # the identity, summed up below
+        printed, resolution = (claim.printed[i], claim.resolution[i]) if j == VELOCITY else (float(i == j), ROUNDING)
         within = "yes" if abs(value - printed) <= 0.5 * resolution else "no"
         rows.append((states[i], states[j], f"{printed:g}", f"{value:.6g}", f"{value - printed:+.2g}", within))
-    rows.append(("all", "other columns", "identity", "identity" if len(rows) == 6 else "not the identity", "", ""))
     if fitted:
-        rows.append(
-            (
-                "",
-                "",
-                "",
-                "the density is fitted to these entries for `corrected`: there agreement is no evidence",
-                "",
-                "",
-            )
-        )
+        fit = "this density is fitted to the velocity column: its agreement is no evidence"
+        rows.append(("", "", "", fit, "", ""))
     return rows
 
 
@@ -244,7 +231,7 @@ def certificates(inputs, published, gains: Gains, certificates: Certificates):
     return rows
 
 
-def error_budget(inputs, published, error_budget: ErrorBudget):
+def sources(inputs, published, error_budget: ErrorBudget):
     """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
     budget = error_budget
     sources = [str(source) for source in budget.source]
@@ -281,7 +268,7 @@ def error_budget(inputs, published, error_budget: ErrorBudget):
     return rows
 
 
-def reversals(
+def reversal_split(
     inputs,
     published,
     apollo_time: FlightEnsemble,

@@ -1,0 +1,85 @@
+"""What the benchmarks of all papers share: inputs, taking turns, rows with targets."""
+
+import os
+import re
+import resource
+import statistics
+import sys
+import time
+from pathlib import Path
+
+from marsedl.papers import input_model
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+from marsedl.replication.verification import snakemake
+
+ROOT = Path(__file__).resolve().parents[1]
+RUN = Path(__file__).with_name("run.py")
+CORES = len(os.sched_getaffinity(0))
+REPETITIONS = 7
+
+
+class Rows:
+    """The table of results: paper, quantity, value, unit, target, whether it is met; the last two may be empty."""
+
+    HEADER = ("paper", "quantity", "value", "unit", "target", "met")
+
+    def __init__(self):
+        """Begin an empty table."""
+        self.rows = []
+
+    def of(self, paper):
+        """The function `row(quantity, value, unit, at_least=None, below=None)` of a paper."""
+
+        def row(quantity, value, unit, at_least=None, below=None):
+            target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
+            met = value >= at_least if at_least is not None else value < below if below is not None else None
+            self.rows.append((paper, quantity, rounded(value), unit, target, {None: "", True: "yes", False: "no"}[met]))
+
+        return row
+
+
+def rounded(value):
+    """Three digits."""
+    return f"{float(f'{value:.3g}'):.9g}"
+
+
+def say(text):
+    """Tell what is measured now."""
+    print(f"{text} ...", file=sys.stderr, flush=True)
+
+
+def stage_inputs(paper, stage):
+    """Inputs of a stage in the corrected reading."""
+    study = load_study(paper.slug, input_model(paper.slug), ROOT / "configs" / f"{paper.slug}.yaml")
+    return Slice(study.readings["corrected"].slice(paper.stages[stage].inputs))
+
+
+def interleaved(functions, repetitions=REPETITIONS):
+    """Median wall times (s) of functions that take turns; each runs once beforehand."""
+    for function in functions:
+        function()
+    times = [[] for _ in functions]
+    for _ in range(repetitions):
+        for function, taken in zip(functions, times, strict=True):
+            start = time.perf_counter()
+            function()
+            taken.append(time.perf_counter() - start)
+    return [statistics.median(taken) for taken in times]
+
+
+def children_cpu(tree, target):
+    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = snakemake(tree, target, NUMBA_NUM_THREADS="1")
+    assert done.returncode == 0, done.stdout[-3000:]
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def peak_memory():
+    """Peak resident memory of this process, MB; `ru_maxrss` would count that of the process which started it too."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text()).group(1)) / 1024

@@ -1,0 +1,244 @@
+"""The powered descent: kernel against array code and adaptive integration, scaling, ensembles, design."""
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+from measuring import CORES, REPETITIONS, RUN, interleaved, peak_memory, say, stage_inputs
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.powered_descent import (
+    PAPER,
+    flight,
+    gains,
+    linearization,
+    montecarlo,
+    nominal,
+    segments,
+)
+
+PIPELINE_LIMIT = 120.0  # CPU s
+FIGURE = "fig07"
+TRIALS = 2000  # the paper's
+SCALING_TRIALS = 20_000  # enough work for both threads
+ADAPTIVE_TRIALS = 3
+PAPER_CORE_SECONDS = 12 * 3600 * 32 / 2000  # per trial: 12 h on 32 cores for 2,000 trials
+ENSEMBLE_SIZES = (1_000, 10_000, 100_000, 1_000_000)
+LARGEST_MEMORY = 2000.0  # MB
+
+
+# --- the problem ------------------------------------------------------------------------------------------------------
+
+
+def design():
+    """The whole design: mass iteration, linear model, gains."""
+    made = nominal.compute(stage_inputs(PAPER, "nominal"))
+    return gains.compute(
+        stage_inputs(PAPER, "gains"), linearization.compute(stage_inputs(PAPER, "linearization"), made)
+    )
+
+
+def problem(made, trials):
+    """Schedules, plant, outputs and initial states of the closed loop, as `flight.fly` takes them."""
+    inputs = stage_inputs(PAPER, "montecarlo")
+    steps = [flight.step_count(d, inputs.time_step, inputs.output_interval) for d in inputs.segment_durations]
+    schedules = flight.schedules_of(inputs, made, [number for number, _ in steps])
+    states = flight.initial_states(
+        segments.initial_mean(inputs), inputs.initial_covariance, inputs.wet_mass, inputs.seed, np.arange(trials)
+    )
+    return schedules, flight.plant_of(inputs), [every for _, every in steps], states, inputs.seed
+
+
+# --- the same flight without compiled code ----------------------------------------------------------------------------
+
+
+def fly_numpy(schedules, plant, every, states, fill):
+    """The kernel's scheme and outputs in array code; `fill(out)` writes the normals (2, trials) of a step."""
+    state = np.ascontiguousarray(states.T)
+    trials = state.shape[1]
+    slope, stage, total, scaled = (np.empty_like(state) for _ in range(4))
+    error, thrust, force = np.empty((4, trials)), np.empty((2, trials)), np.empty((2, trials))
+    magnitude, square, depth = (np.empty(trials) for _ in range(3))
+    largest = np.full((2, trials), -np.inf)
+    histories, observations = [], []
+
+    def control(x, mean, gain, feedforward):
+        np.subtract(x[:4], mean, out=error)
+        np.matmul(gain, error, out=thrust)
+        np.subtract(feedforward, thrust, out=thrust)
+        np.multiply(thrust[0], thrust[0], out=magnitude)
+        np.multiply(thrust[1], thrust[1], out=square)
+        np.add(magnitude, square, out=magnitude)
+        np.sqrt(magnitude, out=magnitude)
+
+    def drift(x):
+        slope[:2] = x[2:4]
+        np.add(thrust, force, out=slope[2:4])
+        np.divide(slope[2:4], x[4], out=slope[2:4])
+        np.subtract(slope[3], plant.gravity, out=slope[3])
+        np.multiply(magnitude, -plant.mass_flow_constant, out=slope[4])
+
+    def observe(output):
+        np.negative(state[1], out=depth)
+        np.maximum(largest[0], magnitude, out=largest[0])
+        np.maximum(largest[1], depth, out=largest[1])
+        if output is not None:
+            history[output] = state
+            observed[output, 0] = magnitude
+            observed[output, 1] = depth
+
+    for schedule, steps_per_output in zip(schedules, every, strict=True):
+        step, steps, gain = schedule.step, schedule.steps, schedule.gain
+        mean, feedforward = schedule.mean[:, :, np.newaxis], schedule.feedforward[:, :, np.newaxis]
+        history = np.empty((steps // steps_per_output + 1, 5, trials))
+        observed = np.empty((len(history), 2, trials))
+        for k in range(steps):
+            fill(force)
+            np.multiply(force, plant.noise_density / np.sqrt(step), out=force)
+            control(state, mean[2 * k], gain[2 * k], feedforward[2 * k])
+            observe(k // steps_per_output if k % steps_per_output == 0 else None)
+            drift(state)
+            np.copyto(total, slope)
+            for half_index, length, weight in (
+                (2 * k + 1, step / 2, 2),
+                (2 * k + 1, step / 2, 2),
+                (2 * k + 2, step, 1),
+            ):
+                np.multiply(slope, length, out=stage)
+                np.add(stage, state, out=stage)
+                control(stage, mean[half_index], gain[half_index], feedforward[half_index])
+                drift(stage)
+                np.multiply(slope, weight, out=scaled)
+                np.add(total, scaled, out=total)
+            np.multiply(total, step / 6, out=total)
+            np.add(state, total, out=state)
+        control(state, mean[-1], gain[-1], feedforward[-1])
+        observe(steps // steps_per_output)
+        histories.append(history)
+        observations.append(observed)
+    return np.concatenate(histories), np.concatenate(observations), largest, state
+
+
+def fly_adaptive(schedules, plant, state, draws):
+    """One trial by scipy's adaptive Runge-Kutta method; draws: normals (steps, 2) of the force held over each step."""
+    first = 0
+    for schedule in schedules:
+        duration, step = schedule.step * schedule.steps, schedule.step
+        tables = np.concatenate([schedule.gain.reshape(-1, 8), schedule.mean, schedule.feedforward], axis=1)
+        spline = CubicSpline(np.linspace(0.0, duration, len(tables)), tables)
+        forces = plant.noise_density / np.sqrt(step) * draws[first : first + schedule.steps]
+
+        def rates(t, x, spline=spline, forces=forces, step=step):
+            row = spline(t)
+            thrust = row[12:] - row[:8].reshape(2, 4) @ (x[:4] - row[8:12])
+            rate = (thrust + forces[min(int(t / step), len(forces) - 1)]) / x[4]
+            loss = -plant.mass_flow_constant * np.sqrt(thrust @ thrust)
+            return np.array([x[2], x[3], rate[0], rate[1] - plant.gravity, loss])
+
+        state = solve_ivp(rates, (0.0, duration), state, rtol=1e-6).y[:, -1]
+        first += schedule.steps
+    return state
+
+
+# --- measuring --------------------------------------------------------------------------------------------------------
+
+
+def ensemble_in_this_process(trials):
+    """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
+    numba.set_num_threads(1)
+    inputs, made = stage_inputs(PAPER, "montecarlo"), design()
+    options = {"case": "closed_loop", "chunk": 0, "chunks": 1, "block_size": PAPER.trials_per_block}
+    montecarlo.simulate(inputs, made, trials=100, **options)  # loads the compiled code
+    start = time.perf_counter()
+    ensemble = montecarlo.gather(
+        stage_inputs(PAPER, "montecarlo_gather"), [montecarlo.simulate(inputs, made, trials=trials, **options)]
+    )
+    seconds = time.perf_counter() - start
+    assert ensemble.count + ensemble.excluded == trials
+    print(json.dumps({"seconds": seconds, "memory": peak_memory()}))
+
+
+def measure(row):
+    """Measure everything of this paper; row: `measuring.Rows.add`."""
+    numba.set_num_threads(1)
+    say("design")
+    made = design()
+    cpu = []
+    for _ in range(REPETITIONS):
+        start = time.process_time()
+        nominal.compute(stage_inputs(PAPER, "nominal"))
+        cpu.append(time.process_time() - start)
+    row("design with mass iteration, compiled", statistics.median(cpu), "CPU s", below=1.0)
+
+    schedules, plant, every, states, seed = problem(made, TRIALS)
+
+    def kernel():
+        return flight.fly(schedules, plant, states, steps_per_output=every, seed=seed)
+
+    say("kernel, array code and adaptive integration agree")
+    steps = sum(schedule.steps for schedule in schedules)
+    draws = normals(seed, flight.NOISE_STREAM, np.arange(TRIALS), 2 * steps).reshape(TRIALS, steps, 2)
+    replayed = iter(np.ascontiguousarray(draws.transpose(1, 2, 0)))
+    expected = kernel()
+    found = fly_numpy(schedules, plant, every, states, lambda out: np.copyto(out, next(replayed)))
+    pairs = zip(
+        found, (expected.history, expected.observed, expected.observed_maximum, expected.final_state), strict=True
+    )
+    for mine, theirs in pairs:
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
+    adaptive = [fly_adaptive(schedules, plant, states[trial], draws[trial]) for trial in range(ADAPTIVE_TRIALS)]
+    np.testing.assert_allclose(
+        adaptive, expected.final_state.T[:ADAPTIVE_TRIALS], atol=0.3
+    )  # its error control is loose
+
+    say("kernel against array code")
+    generator = np.random.Generator(np.random.Philox(seed))
+    compiled, array = interleaved(
+        (kernel, lambda: fly_numpy(schedules, plant, every, states, lambda out: generator.standard_normal(out=out)))
+    )
+    row("kernel, 2,000 trials with outputs", 1e6 * compiled / TRIALS, "us per trial")
+    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
+    row("speed of the kernel over array code", array / compiled, "ratio", at_least=3.0)
+
+    say("kernel against adaptive integration")
+
+    def each_adaptive():
+        for trial in range(ADAPTIVE_TRIALS):
+            fly_adaptive(schedules, plant, states[trial], draws[trial])
+
+    compiled, adaptive = interleaved((kernel, each_adaptive), 3)
+    row("adaptive integration (scipy, RK45, 1e-6)", 1e6 * adaptive / ADAPTIVE_TRIALS, "us per trial")
+    ratio = (adaptive / ADAPTIVE_TRIALS) / (compiled / TRIALS)
+    row("speed of the kernel over adaptive integration", ratio, "ratio", at_least=100.0)
+
+    say("scaling with threads")
+    schedules, plant, every, states, seed = problem(made, SCALING_TRIALS)
+
+    def with_threads(number):
+        def run():
+            numba.set_num_threads(number)
+            flight.fly(schedules, plant, states, steps_per_output=[s.steps for s in schedules], seed=seed)
+
+        return run
+
+    one, two = interleaved((with_threads(1), with_threads(2)))
+    numba.set_num_threads(1)
+    row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
+
+    for trials in ENSEMBLE_SIZES:
+        say(f"ensemble of {trials:,} trials")
+        command = [sys.executable, str(RUN), "--ensemble", PAPER.slug, str(trials)]
+        done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        row(f"ensemble of {trials:,} trials, speed", trials / done["seconds"], "trials per s and core")
+        limit = LARGEST_MEMORY if trials == max(ENSEMBLE_SIZES) else None
+        row(f"ensemble of {trials:,} trials, peak memory of the process", done["memory"], "MB", below=limit)
+    ours = done["seconds"] / trials
+    row("ensemble, statistics included", ours, "core-s per trial")
+    row("the same in the paper", PAPER_CORE_SECONDS, "core-s per trial")
+    row("paper over ours", PAPER_CORE_SECONDS / ours, "ratio")
