@@ -220,7 +220,7 @@ def compare_with_search(row, linear):
         posed = gains.problem(inputs, linear, trigger, interval=PARTITION)
         dual, search = solve(posed), solve_over_weights(posed)
         assert dual.status == "optimal"
-        mine, theirs = interleaved((lambda p=posed: solve(p), lambda p=posed: solve_over_weights(p)), 3)
+        mine, theirs = interleaved((lambda p=posed: solve(p), lambda p=posed: solve_over_weights(p)))
         row(f"dual of {len(posed.control_limits)} intervals, {name} trigger", mine, "s")
         row("search over LQG weights, the same", theirs, "s")
         row(f"speed of the dual over the search, {name} trigger", theirs / mine, "ratio", at_least=20.0)

@@ -174,7 +174,7 @@ class Built:
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory) -> Built:
-    """Build the smoke size twice, as `marsedl verify` does; about three minutes."""
+    """Build the smoke size twice, as `marsedl verify` does; about six minutes on two cores."""
     import contextlib
     import io
 

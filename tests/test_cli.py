@@ -113,7 +113,8 @@ def test_explain_a_figure_of_another_paper(project, capsys):
 def test_explain_says_what_else_has_the_name(project, capsys):
     said = explained(capsys, "stochastic_entry", "error_budget")
     assert "snakemake figures/stochastic_entry/error_budget.png" in said
-    assert "also the name of a table and a stage" in said
+    assert "(also the name of a" in said
+    assert " a stage)" in said
 
 
 def test_explain_another_reading(project, capsys):

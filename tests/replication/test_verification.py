@@ -27,12 +27,13 @@ class Thing:
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A project with one artifact, one claim, and the reference made from them."""
+    """A project of one paper with one artifact, one claim, and the reference made from them."""
     (tmp_path / "configs").mkdir()
     (tmp_path / "Snakefile").touch()
     store(tmp_path)
     claim(tmp_path, 1349.4)
     verification.write_reference(tmp_path, [SLUG])
+    monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -213,3 +214,8 @@ def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
     copied = verification.copy_tree(project, tmp_path / "copy")
     names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
     assert names == {"Snakefile", "data/published/x.yaml", f"data/reference/{SLUG}.json"}
+
+
+def test_numbers_whose_squares_overflow_are_reduced_too():
+    assert reduced(3e200, -4e200)["numbers"][0] == pytest.approx(np.sqrt(12.5) * 1e200, rel=1e-15)
+    assert reduced(0.0, 0.0)["numbers"] == [0.0] * 5

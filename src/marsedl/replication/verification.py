@@ -117,8 +117,9 @@ def _reduced(array: np.ndarray) -> dict:
     if not values.size:
         return {"shape": list(array.shape), "counts": False, "numbers": []}
     weights = np.linspace(1.0, 2.0, values.size)
+    largest = np.abs(values).max() or 1.0  # whose square may be beyond all numbers
     numbers = [
-        np.sqrt(np.mean(values**2)),
+        largest * np.sqrt(np.mean((values / largest) ** 2)),
         values.mean(),
         np.average(values, weights=weights),
         values.min(),
