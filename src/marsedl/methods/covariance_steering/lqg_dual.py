@@ -417,7 +417,7 @@ def _ascend(problem, base_weight, floor, tolerance):
     multiplier = np.where(free, 1e-3 * _open_loop_cost(problem, base_weight) / square, 0.0)
     power = np.repeat([_FINAL_POWER, _CONTROL_POWER], [m, intervals])
     longest = np.repeat([_FINAL_STEP, _CONTROL_STEP], [m, intervals])
-    previous = np.zeros(m + intervals)
+    previous, counted = np.zeros(m + intervals), np.empty(m + intervals)
     for sweep in range(1, _SWEEPS + 1):
         gain, _ = _riccati(
             system.transition,
@@ -428,24 +428,44 @@ def _ascend(problem, base_weight, floor, tolerance):
         covariance, control_variance = propagate(system, gain, problem.initial_covariance)
         cost = np.sum(base_weight * covariance[-1]) + problem.control_weight @ control_variance
         ratio = np.concatenate(_ratios(problem, covariance[-1], control_variance))
-        # Too small to change the gains, but a multiplier can still return from here; it counts as zero.
-        lowest = np.where(free, np.concatenate([1e-12 * cost / square[:m], 1e-9 * problem.control_weight]), 0.0)
-        counted = np.where(multiplier > 2 * lowest, multiplier, 0.0)
-        slack = counted @ (square * np.abs(1 - ratio))
+        terms = multiplier[:m] * square[:m]
+        worst, slack = _update(
+            multiplier, ratio, square, free, problem.control_weight, cost, power, previous, longest, counted
+        )
         enough = max(tolerance * _above_floor(cost, floor), _ROUNDING * cost)
-        converged = bool(ratio.max() <= 1 + tolerance and slack <= enough)
-        diverged = (multiplier[:m] * square[:m]).max(initial=0.0) > _DIVERGED * cost
-        if converged or diverged:
+        converged = bool(worst <= 1 + tolerance and slack <= enough)
+        if converged or terms.max(initial=0.0) > _DIVERGED * cost:
             break
         if sweep == _SWEEPS_BEFORE_DOUBT and ratio[:m].max(initial=0.0) > 1 + _ACCEPTED_EXCESS:
-            _question_limits(problem, multiplier[:m] * square[:m])
-        excess = np.log(np.maximum(ratio, 1e-3))
-        power = np.clip(power * np.where(excess * previous < 0, _SHRINKAGE, _GROWTH), *_POWER_RANGE)
-        previous = excess
-        multiplier = np.maximum(multiplier * np.exp(np.clip(power * excess, -longest, longest)), lowest)
+            _question_limits(problem, terms)
     if m and not converged:
-        _question_limits(problem, multiplier[:m] * square[:m])
+        _question_limits(problem, terms)
     return counted[:m], counted[m:], sweep, converged
+
+
+@njit(cache=True, error_model="numpy")
+def _update(multiplier, ratio, square, free, control_weight, cost, power, previous, longest, counted):
+    """One multiplicative update, in place: multipliers, their exponents, and the excess of each variance.
+
+    Fills `counted` with the multipliers before it, those without an effect being zero. Returns the largest ratio, and
+    the sum of |multiplier * (limit^2 - variance)|.
+    """
+    m, worst, slack = len(multiplier) - len(control_weight), -np.inf, 0.0
+    smallest, largest = _POWER_RANGE
+    for i in range(len(multiplier)):
+        # Too small to change the gains, but a multiplier can still return from here; it counts as zero.
+        lowest = 1e-12 * cost / square[i] if i < m else 1e-9 * control_weight[i - m]
+        lowest = lowest if free[i] else 0.0
+        counted[i] = multiplier[i] if multiplier[i] > 2 * lowest else 0.0
+        slack += counted[i] * square[i] * abs(1 - ratio[i])
+        worst = np.maximum(worst, ratio[i])
+        excess = np.log(max(ratio[i], 1e-3))
+        power[i] *= _SHRINKAGE if excess * previous[i] < 0 else _GROWTH
+        power[i] = min(max(power[i], smallest), largest)
+        previous[i] = excess
+        step = min(max(power[i] * excess, -longest[i]), longest[i])
+        multiplier[i] = max(multiplier[i] * np.exp(step), lowest)
+    return worst, slack
 
 
 def _question_limits(problem, multipliers):
