@@ -326,15 +326,14 @@ ERRATA = (
         "E11",
         "Eq. 72: a_f and R_k without units",
         "In metres the whole cost of bank corrections at their limit of 0.45 equals that of 0.2 micrometres of range "
-        "deviation: too small a weight for the arithmetic. In units of the planet radius it equals 0.8 m, and the "
-        "result does not depend on it.",
+        "deviation, in units of the planet radius that of 0.8 m. Over many decades the result does not depend on it.",
         "range in units of the planet radius; metres in `printed`",
     ),
     Erratum(
         "E12",
         "partition and number of control intervals not printed",
         "They decide the range that the fixed final time can reach: three standard deviations of 0.26 km with "
-        "intervals of 1 s, but 1.2 km with 10 s and 1.5 km with 12 s, in the linear covariance model.",
+        "intervals of 1 s, but 1.0 km with 10 s and 1.5 km with 12 s, in the linear covariance model.",
         "1 s, the period of the bank commands; `partition_24` and `partition_20` are hypotheses",
     ),
     Erratum(
