@@ -137,7 +137,11 @@ def example(folder, hostile="plain"):
         readings,
         inputs,
         figures,
-        [TableEntry("tab01", "Measured and predicted variances", rows, ("figures/powered_descent/tab01.csv",), True)],
+        [
+            TableEntry(
+                "readings", "Measured and predicted variances", rows, ("figures/powered_descent/readings.csv",), True
+            )
+        ],
         errata,
         "The method reproduces; two of four components of the final mean do not.",
         ["All quadratures converged."],
