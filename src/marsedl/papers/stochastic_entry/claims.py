@@ -257,7 +257,7 @@ def _density_claims(inputs, nominal, linearization, ensemble):
 
     altitude = np.arange(nominal.altitude.min(), inputs.atmosphere_altitude, inputs.density_grid_interval)
     wanted, decay = environment.variance(inputs, altitude), environment.decay_rate(inputs, altitude)
-    noise = inputs.diffusion_factor / inputs.decay_factor * decay * wanted  # Eq. 11
+    noise = environment.diffusion(inputs, altitude)
     bias = np.sqrt(density_variation.process_variance(altitude, decay, noise, wanted[-1]) / wanted) - 1.0
 
     slope, spread = _sink_rate_exponent(inputs, linearization)
@@ -332,7 +332,7 @@ def _sink_rate_exponent(inputs, linearization):
     steps = np.flatnonzero(np.diff(altitude) < -1.0)  # m; the slope of less is rounding
     noise = linearization.noise[steps, 4, 4] / linearization.state[steps + 1, 4] ** 2
     decay = environment.decay_rate(inputs, altitude)
-    diffusion = inputs.diffusion_factor / inputs.decay_factor * decay * environment.variance(inputs, altitude)
+    diffusion = environment.diffusion(inputs, altitude)
     added = np.array(
         [
             density_variation.innovation_variance(altitude[[k + 1, k]], decay[[k + 1, k]], diffusion[[k + 1, k]])[0]

@@ -42,6 +42,11 @@ def decay_rate(inputs, altitude):
     return density_variation.decay_rate(-profile(inputs)(altitude)[1], inputs.decay_factor)
 
 
+def diffusion(inputs, altitude):
+    """Diffusion of the density variation per metre of descent, phi = c zeta / H with c = 4 (Eq. 11)."""
+    return inputs.diffusion_factor * variance(inputs, altitude) * -profile(inputs)(altitude)[1]
+
+
 def air(inputs) -> Air:
     """The tables of a flight."""
     nodes = round((HIGHEST - LOWEST) / inputs.density_grid_interval) + 1

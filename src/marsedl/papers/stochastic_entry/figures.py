@@ -87,7 +87,7 @@ def fig02(inputs) -> Figure:
     count, nodes = inputs.drawn_densities, len(air.altitude)
     drawn = normals(inputs.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
     decay = environment.decay_rate(inputs, air.altitude)
-    intensity = inputs.diffusion_factor / inputs.decay_factor * decay * air.deviation**2
+    intensity = environment.diffusion(inputs, air.altitude)
     innovation = np.sqrt(density_variation.innovation_variance(air.altitude, decay, intensity))
     top = air.deviation[-1]
     process = density_variation.sample_process(drawn[:count], air.retention, innovation, top)

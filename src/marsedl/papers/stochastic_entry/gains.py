@@ -146,18 +146,23 @@ def compute(inputs, linearization: Linearization) -> Gains:
     """
     stochastic = [_stochastic(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
     apollo = [_apollo(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
-    rows = _table_rows(inputs, linearization)
+    rows, posed = _table_rows(linearization), problem(inputs, linearization, 0)
     return Gains(
         time=linearization.time,
         partition_start=partition_starts(inputs, len(linearization.control)),
         control_weight=inputs.control_weight / per_metre(inputs) ** 2,
-        control_limit=problem(inputs, linearization, 0).control_limits,
-        final_limit=problem(inputs, linearization, 0).final_limits,
+        control_limit=posed.control_limits,
+        final_limit=posed.final_limits,
         table_velocity=linearization.state[rows, 1],
         table_reference=_features(linearization)[rows],
         **{name: np.array([law[name] for law in stochastic]) for name in stochastic[0]},
         **{name: np.array([law[name] for law in apollo]) for name in apollo[0]},
     )
+
+
+def _interval_of(starts, periods):
+    """Number of the design's interval that each guidance period belongs to, (periods,)."""
+    return np.searchsorted(starts, np.arange(periods), side="right") - 1
 
 
 def _stochastic(inputs, linearization, trigger):
@@ -174,7 +179,7 @@ def _stochastic(inputs, linearization, trigger):
             f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
             "flight_path_angle_limit: raise the one that is named, or control_limit"
         ) from None
-    held = np.searchsorted(starts, np.arange(len(fine.control)), side="right") - 1
+    held = _interval_of(starts, len(fine.control))
     return {
         "stochastic_gain": found.gain[held],
         "stochastic_covariance": held_covariance(fine, starts, found.gain, linearization.initial_covariance),
@@ -211,7 +216,7 @@ def _as_printed(inputs, linearization, trigger, posed, floor):
         "final_multiplier": (2,),
         **dict.fromkeys(("cost", "dual_value", "gap", "gap_above_floor", "complementarity"), ()),
     }
-    held = np.searchsorted(partition_starts(inputs, fine), np.arange(fine), side="right") - 1
+    held = _interval_of(partition_starts(inputs, fine), fine)
     return {
         "stochastic_gain": np.where(finite[:, np.newaxis], gain, np.nan)[held],
         **{name: np.full(shape, np.nan) for name, shape in nothing.items()},
@@ -260,7 +265,7 @@ def _apollo(inputs, linearization, trigger):
     effective[fine.control.any(axis=1) == 0] = 0.0
     flown = propagate(fine, effective, linearization.initial_covariance)
     against_time = propagate(fine, timed, linearization.initial_covariance)
-    rows = _table_rows(inputs, linearization)
+    rows = _table_rows(linearization)
     # The table ends where the heading alignment begins; its last gain is the last with any control authority.
     last = np.flatnonzero(fine.control.any(axis=1))[-1]
     return {
@@ -288,7 +293,7 @@ def _fed_back(inputs, linearization):
     return after & (linearization.drag >= inputs.apollo_least_drag)
 
 
-def _table_rows(inputs, linearization):
+def _table_rows(linearization):
     """Nodes of the flown Apollo table by ascending velocity: from the velocity's peak to the heading alignment."""
     peak = np.argmax(linearization.state[:, 1])
     last = np.flatnonzero(linearization.control.any(axis=1))[-1] + 1

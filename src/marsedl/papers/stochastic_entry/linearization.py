@@ -61,7 +61,6 @@ def compute(inputs, nominal: Nominal) -> Linearization:
         ]
     )
     _, slope, curvature = environment.profile(inputs)(nominal.altitude)
-    variance = environment.variance(inputs, nominal.altitude)
     profile = (*inputs.ramp_velocities, np.cos(inputs.nominal_bank_fast), np.cos(inputs.nominal_bank_slow))
     ramp = ramped_bank_cosine(nominal.velocity, *profile)
     aligned = nominal.time >= nominal.alignment_time
@@ -75,7 +74,7 @@ def compute(inputs, nominal: Nominal) -> Linearization:
     )
     control_matrix[aligned[at]] = 0.0
     radius_rate = nominal.velocity[at] * np.sin(nominal.flight_path_angle[at])
-    diffusion = inputs.diffusion_factor * variance[at] * -slope[at]
+    diffusion = environment.diffusion(inputs, nominal.altitude[at])
     intensity = np.zeros((len(at), STATES, STATES))
     intensity[:, -1, -1] = density_noise_intensity(nominal.density[at], diffusion, radius_rate)
     span = np.diff(nominal.time[bounds])
@@ -100,7 +99,7 @@ def compute(inputs, nominal: Nominal) -> Linearization:
             deviations[flight.SPEED],
             deviations[flight.PATH_ANGLE],
             deviations[flight.LONGITUDE] * inputs.planet_radius,
-            nominal.density[0] * np.sqrt(variance[0]),
+            nominal.density[0] * np.sqrt(environment.variance(inputs, nominal.altitude[0])),
         ]
     )
     return Linearization(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, noise_floor
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, problem, solved
+from marsedl.papers.stochastic_entry.gains import TRIGGERS, final_weights, problem, solved
 from marsedl.papers.stochastic_entry.linearization import Linearization
 from marsedl.replication.artifacts import quantity
 
@@ -56,7 +56,7 @@ def compute(inputs, linearization: Linearization) -> Tradeoff:
 
 
 def _range_variance(inputs, linearization, trigger, solution):
-    objective = problem(inputs, linearization, trigger).objective
+    objective = final_weights(inputs, linearization)[trigger]
     return objective @ solution.covariance[-1] @ objective
 
 
