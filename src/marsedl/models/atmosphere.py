@@ -17,6 +17,7 @@ from marsedl.models.density_table import require_physical
 __all__ = [
     "casadi_log_density",
     "log_quadratic",
+    "named_profile",
     "tabulated",
     "temperature_pressure_fit",
     "two_exponential",
@@ -179,3 +180,27 @@ def casadi_log_density(table):
     spline = casadi.bspline(inside, casadi.DM(coefficients), [knots.tolist()], [3], 1, {})
     log_density = spline + slopes[0] * below + slopes[-1] * above
     return casadi.Function("log_density", [altitude], [log_density], ["altitude"], ["log_density"])
+
+
+# ---- by name ---------------------------------------------------------------------------------------------------------
+
+
+def named_profile(name, *, coefficients=None, upper_altitude=None, table=None):
+    """The profile that a configuration names.
+
+    Args:
+        name: "log_quadratic", "temperature_pressure_fit", "two_exponential" or "table".
+        coefficients, upper_altitude: of log_quadratic, see there.
+        table: of table, (n, 2), altitude (m) and density (kg/m^3).
+
+    Returns:
+        A profile, see the module.
+
+    Raises:
+        ValueError: as `tabulated`.
+    """
+    if name == "log_quadratic":
+        return lambda altitude: log_quadratic(altitude, *coefficients, upper_altitude)
+    if name == "table":
+        return tabulated(table)
+    return {"temperature_pressure_fit": temperature_pressure_fit, "two_exponential": two_exponential}[name]

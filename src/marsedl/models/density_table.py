@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["read_density_table", "require_physical"]
+__all__ = ["read_density_table", "require_physical", "table_or_file"]
 
 
 def require_physical(altitudes, densities, place):
@@ -107,3 +107,11 @@ def read_density_table(path, source=None):
     ).reshape(-1, 2)
     require_physical(*table.T, lambda i: name if i is None else f"{name}, line {chosen[i][0]}")
     return table
+
+
+def table_or_file(value):
+    """Read the density table that a text names (see `read_density_table`); anything else is returned as it is.
+
+    For the validation of inputs: a table may be written as its file, and what is then the input are its numbers.
+    """
+    return read_density_table(value).tolist() if isinstance(value, str) else value

@@ -3,6 +3,8 @@
 import numpy as np
 from numba.extending import register_jitable
 
+from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
+
 __all__ = ["density_noise_intensity", "longitudinal_entry_rates"]
 
 
@@ -52,13 +54,13 @@ def longitudinal_entry_rates(
         (kg/(m^3 s)).
     """
     sin_path, cos_path = np.sin(flight_path_angle), np.cos(flight_path_angle)
-    gravity = gravitational_parameter / (radius * radius)
-    mass_flux = density * velocity
-    climb = velocity * sin_path
+    climb, velocity_rate, path_rate = planar_entry_rates_from_sines(
+        radius, velocity, sin_path, cos_path, bank_cosine, density, drag_factor, lift_factor, gravitational_parameter
+    )
     return (
         climb,
-        -drag_factor * mass_flux * velocity - gravity * sin_path,
-        lift_factor * mass_flux * bank_cosine - (gravity / velocity - velocity / radius) * cos_path,
+        velocity_rate,
+        path_rate,
         velocity * cos_path,
         -((inverse_scale_height - decay_rate) * density + decay_rate * mean_density) * climb,
     )

@@ -20,13 +20,12 @@ class Air(NamedTuple):
 
 def profile(inputs):
     """The mean density: a function of altitude (m) that returns ln density, its first and second derivative."""
-    if inputs.density_profile == "log_quadratic":
-        return lambda altitude: atmosphere.log_quadratic(
-            altitude, *inputs.density_coefficients, inputs.density_upper_altitude
-        )
-    if inputs.density_profile == "table":
-        return atmosphere.tabulated(inputs.density_table)
-    return getattr(atmosphere, inputs.density_profile)
+    return atmosphere.named_profile(
+        inputs.density_profile,
+        coefficients=inputs.density_coefficients,
+        upper_altitude=inputs.density_upper_altitude,
+        table=inputs.density_table,
+    )
 
 
 def variance(inputs, altitude):

@@ -4,18 +4,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from marsedl.models.density_table import read_density_table
+from marsedl.models.density_table import table_or_file
 from marsedl.replication.inputs import Count, Fraction, Inputs, NonNegative, Number, Positive, Seed, given, vector
 
 LARGEST_CYCLE_COUNT = 100_000
 
 
-def _table(value):
-    """Read the density table that a text names; numbers stay as they are."""
-    return read_density_table(value).tolist() if isinstance(value, str) else value
-
-
-DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(_table)]
+DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
 
 
 class StochasticEntryInputs(Inputs):

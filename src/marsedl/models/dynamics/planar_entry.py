@@ -1,0 +1,85 @@
+"""Flight of a gliding point mass in a vertical plane over a spherical planet at rest, Eq. 71 of random field."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = ["planar_entry_rates", "planar_entry_rates_from_sines"]
+
+
+@register_jitable
+def planar_entry_rates_from_sines(
+    radius,
+    velocity,
+    sin_path,
+    cos_path,
+    bank_cosine,
+    density,
+    drag_factor,
+    lift_factor,
+    gravitational_parameter,
+):
+    """Time derivatives of radius, velocity and flight path angle (random field, Eqs. 71a to 71c).
+
+        r'     = V sin(gamma)
+        V'     = -k_D rho V^2 - g sin(gamma)
+        gamma' = k_L rho V u - (g - V^2/r) cos(gamma)/V,    g = mu/r^2
+
+    The caller looks up the density, random part included: rho = rho_bar(r) (1 + variation), Eq. 72.
+
+    Args:
+        radius: r, m.
+        velocity: V, m/s.
+        sin_path, cos_path: of gamma, positive while climbing.
+        bank_cosine: u, cosine of the bank angle, 1.
+        density: rho, kg/m^3.
+        drag_factor, lift_factor: k_D = 1/(2 B_c) and k_L = (L/D)/(2 B_c) for the ballistic coefficient B_c, m^2/kg.
+        gravitational_parameter: mu, m^3/s^2.
+
+    Returns:
+        Tuple of the rates of radius (m/s), velocity (m/s^2) and flight path angle (rad/s).
+    """
+    gravity = gravitational_parameter / (radius * radius)
+    mass_flux = density * velocity
+    return (
+        velocity * sin_path,
+        -drag_factor * mass_flux * velocity - gravity * sin_path,
+        lift_factor * mass_flux * bank_cosine - (gravity / velocity - velocity / radius) * cos_path,
+    )
+
+
+@register_jitable
+def planar_entry_rates(
+    radius,
+    velocity,
+    flight_path_angle,
+    bank_cosine,
+    density,
+    drag_factor,
+    lift_factor,
+    gravitational_parameter,
+):
+    """Time derivatives as `planar_entry_rates_from_sines`, from the angle (random field, Eqs. 71a to 71c).
+
+    Args:
+        radius: m.
+        velocity: m/s.
+        flight_path_angle: rad, positive while climbing.
+        bank_cosine: 1.
+        density: kg/m^3.
+        drag_factor, lift_factor: m^2/kg.
+        gravitational_parameter: m^3/s^2.
+
+    Returns:
+        Tuple of the rates of radius (m/s), velocity (m/s^2) and flight path angle (rad/s).
+    """
+    return planar_entry_rates_from_sines(
+        radius,
+        velocity,
+        np.sin(flight_path_angle),
+        np.cos(flight_path_angle),
+        bank_cosine,
+        density,
+        drag_factor,
+        lift_factor,
+        gravitational_parameter,
+    )
