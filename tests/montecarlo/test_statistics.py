@@ -7,6 +7,7 @@ from scipy import stats
 
 from marsedl.montecarlo import statistics
 from marsedl.montecarlo.statistics import (
+    binomial_interval,
     central_moments,
     covariance_standard_errors,
     histogram_percentile,
@@ -232,3 +233,13 @@ def test_bad_covariances_are_refused(deviance):
 def test_importing_the_wing_does_not_import_scipy_stats():
     program = f"import sys, {statistics.__name__}; sys.exit('scipy.stats' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("count", "trials"), [(0, 200), (1, 200), (7, 5000), (199, 200), (200, 200)])
+def test_binomial_interval_leaves_half_of_the_rest_on_either_side(count, trials):
+    lower, upper = binomial_interval(count, trials)
+    assert (lower == 0) == (count == 0) and (upper == 1) == (count == trials)
+    if count:  # this many or more, if the probability were the lower end
+        assert stats.binom.sf(count - 1, trials, lower) == pytest.approx(0.025)
+    if count < trials:
+        assert stats.binom.cdf(count, trials, upper) == pytest.approx(0.025)

@@ -28,11 +28,22 @@ REDUCED = {
         "partition_study": np.array([2.0, 4.0, 8.0, 20.0]),
         "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
     },
+    "random_field": {
+        "drawn_trials": DRAWN_TRIALS,
+        "trials": TRIALS,
+        "paper_trials": 1000,
+        "study_trials": 300,
+        "navigation_factors": np.array([1e-3, 0.1, 0.3, 1.0, 3.0]),
+        "double_integrator_trials": TRIALS,
+    },
 }
 
 
 class Pipeline:
-    """The stages of every reading, and of readings with changed inputs: `pipeline.gains("corrected", gravity=0.0)`."""
+    """The stages of every reading, and of readings with changed inputs: `pipeline.gains("corrected", gravity=0.0)`.
+
+    Every stage of the catalogue is such a method.
+    """
 
     def __init__(self, slug):
         self.paper, self.model = catalogue(slug), input_model(slug)
@@ -70,29 +81,10 @@ class Pipeline:
             self.done[key] = compute(self.stage_inputs(reading, name, **changes), **needed)
         return self.done[key]
 
-    def nominal(self, reading="corrected", **changes):
-        return self.stage("nominal", reading, **changes)
-
-    def linearization(self, reading="corrected", **changes):
-        return self.stage("linearization", reading, **changes)
-
-    def gains(self, reading="corrected", **changes):
-        return self.stage("gains", reading, **changes)
-
-    def certificates(self, reading="corrected", **changes):
-        return self.stage("certificates", reading, **changes)
-
-    def fixed_point(self, reading="corrected", **changes):
-        return self.stage("fixed_point", reading, **changes)
-
-    def integrator_error(self, reading="corrected", **changes):
-        return self.stage("integrator_error", reading, **changes)
-
-    def tradeoff(self, reading="corrected", **changes):
-        return self.stage("tradeoff", reading, **changes)
-
-    def error_budget(self, reading="corrected", **changes):
-        return self.stage("error_budget", reading, **changes)
+    def __getattr__(self, name):
+        if name.startswith("_") or name not in self.paper.stages:
+            raise AttributeError(f"{type(self).__name__} has neither an attribute nor a stage '{name}'")
+        return lambda reading="corrected", **changes: self.stage(name, reading, **changes)
 
     def ensemble(self, reading="corrected", case=None, trials=TRIALS, chunks=1, **changes):
         """A Monte Carlo case, the paper's first unless given, flown in chunks and gathered, remembered."""
@@ -156,6 +148,12 @@ def entry():
     return Pipeline("stochastic_entry")
 
 
+@pytest.fixture(scope="session")
+def random_field():
+    """The random-field paper's stages."""
+    return Pipeline("random_field")
+
+
 def published_of(slug):
     return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
 
@@ -170,6 +168,12 @@ def published():
 def entry_published():
     """The printed claims of the entry-guidance paper, by id."""
     return published_of("stochastic_entry")
+
+
+@pytest.fixture(scope="session")
+def random_field_published():
+    """The printed claims of the random-field paper, by id."""
+    return published_of("random_field")
 
 
 def node_of(artifact, time, after_switch=False):

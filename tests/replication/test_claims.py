@@ -562,6 +562,14 @@ def test_vectors_are_written_line_by_line():
     assert format_lines([[1, 2], [3, 4]], resolution=[[1, 1], [0.1, 1]]) == ["1, 2", "3.0, 4"]
 
 
+def test_an_input_is_shown_in_full_unless_it_is_as_stated():
+    row = {"kind": "input", "resolution": 10.0, "readings": {}}
+    for name, value, verdict in (("printed", 1480.0, "as_stated"), ("corrected", 0.148, "not_as_stated")):
+        row["readings"][name] = {"value": value, "standard_error": None, "verdict": verdict}
+    assert format_result(row, "printed") == ["1480"]
+    assert format_result(row, "corrected") == ["0.148"]
+
+
 def test_a_result_shows_two_digits_more_than_the_print():
     row = collected()[0]
     assert format_result(row, "corrected") == ["1349.40"]

@@ -151,6 +151,22 @@ def histogram_percentile(counts, edges, level):
     return edges[index - 1] + width * (needed[..., 0] - below) / inside, width
 
 
+def binomial_interval(count, trials, level=0.95):
+    """Confidence interval of a probability behind `count` of `trials` independent trials (Clopper, Pearson 1934).
+
+    count: any shape. Returns the lower and the upper bounds, of that shape; it holds the probability at least as often
+    as the level says, for any probability.
+    """
+    from scipy.special import betaincinv
+
+    count = np.asarray(count, dtype=float)
+    half = (1.0 - level) / 2.0
+    none, every = count == 0, count == trials
+    lower = betaincinv(np.where(none, 1.0, count), trials - count + 1.0, half)
+    upper = betaincinv(count + 1.0, np.where(every, 1.0, trials - count), 1.0 - half)
+    return np.where(none, 0.0, lower), np.where(every, 1.0, upper)
+
+
 def variance_confidence_band(variance, count, level=0.95):
     """Chi-square confidence interval of the true variance behind a sample variance of normal samples.
 

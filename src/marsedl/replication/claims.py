@@ -599,7 +599,10 @@ def format_result(row: Mapping[str, Any], reading: str) -> list[str]:
     if result is None or result["value"] is None:
         return ["not finite"] if result and result["verdict"] == "differs" else [NOT_EVALUATED]
     finer = row["resolution"]
-    if finer is not None and row["kind"] != "input":
+    if row["kind"] == "input":
+        # What another value of an input is must be seen, however few digits the paper prints.
+        finer = finer if result["verdict"] == "as_stated" else None
+    elif finer is not None:
         finer = [0.01 * size for size in finer] if isinstance(finer, list) else 0.01 * finer
     return format_lines(result["value"], result["standard_error"], finer)
 

@@ -1,0 +1,160 @@
+"""Covariance steering of the double integrator in a locally periodic random force (Sec. V.A)."""
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from marsedl.methods import field_disturbance
+from marsedl.methods.covariance_steering import block_program
+from marsedl.models import random_field
+from marsedl.papers.random_field import flight
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+OPEN, CLOSED = 0, 1
+
+
+@dataclass(frozen=True)
+class DoubleIntegrator:
+    """The open loop (law 0) and the law of the single iteration (law 1)."""
+
+    partition: np.ndarray = quantity("1", ("nodes",), "times at which the control changes")
+    transition: np.ndarray = quantity("1", ("intervals", 2, 2), "A_k")
+    input: np.ndarray = quantity("1", ("intervals", 2), "B_k")
+    disturbance_covariance: np.ndarray = quantity("1", ("intervals", 2, "intervals", 2), "Cov(w_k, w_l) (Eq. 26)")
+    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
+    gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", 2), "feedback gains on the state history")
+    mean: np.ndarray = quantity("1", ("laws", "nodes", 2), "predicted mean position and velocity")
+    covariance: np.ndarray = quantity("1", ("laws", "nodes", 2, 2), "predicted covariance")
+    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
+    objective: float = quantity("1", (), "least cost of the program")
+    unconstrained_objective: float = quantity("1", (), "without the state constraints")
+    support: np.ndarray = quantity(
+        "1", ("laws", "nodes", 2), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
+    )
+    status: str = quantity("1", (), "of the solver", "str")
+    solver_iterations: int = quantity("1", (), "of the solver")
+
+
+def kernel(inputs):
+    """Covariance of the force at two positions (Eq. 59)."""
+    return partial(
+        random_field.locally_periodic,
+        variance=inputs.double_integrator_variance,
+        period=inputs.double_integrator_period,
+        periodic_length=inputs.double_integrator_periodic_length,
+        length=inputs.double_integrator_length,
+    )
+
+
+def normals_and_bounds(inputs):
+    """Both half planes a'x <= alpha (Eq. 61)."""
+    normals = np.array([inputs.double_integrator_first_normal, inputs.double_integrator_second_normal])
+    return normals, np.array(inputs.double_integrator_bounds)
+
+
+def tail(inputs):
+    """Probability of violation allotted to each half plane."""
+    return (1.0 - inputs.double_integrator_probability) / 2.0
+
+
+def ellipse_radius(inputs):
+    """Radius, in standard deviations, of the plane ellipse that holds the drawn probability."""
+    return float(np.sqrt(-2.0 * np.log(1.0 - inputs.ellipse_probability)))
+
+
+def system(inputs):
+    """The linear system along the coasting nominal; its dynamics are linear, only the force is approximated."""
+    partition = np.array(inputs.double_integrator_partition)
+    steps = np.diff(partition)
+    position, velocity = inputs.double_integrator_initial_mean
+    effects, weights, places = [], [], []
+    for start, end in pairwise(partition):
+        nodes, weight = field_disturbance.gauss_legendre(inputs.double_integrator_quadrature, start, end)
+        effects.append(np.column_stack([end - nodes, np.ones_like(nodes)]))
+        weights.append(weight)
+        places.append(position + velocity * nodes)  # without control the mean moves at its initial velocity
+    places = np.concatenate(places)
+    covariance = kernel(inputs)(places[:, np.newaxis], places[np.newaxis, :])
+    deviations = np.array(inputs.double_integrator_initial_three_sigma) / 3.0
+    transition = np.tile(np.eye(2), (len(steps), 1, 1))
+    transition[:, 0, 1] = steps
+    return block_program.BlockSystem(
+        transition=transition,
+        control=np.stack([steps**2 / 2.0, steps], axis=1)[:, :, np.newaxis],
+        affine=np.zeros((len(steps), 2)),
+        initial_mean=np.array(inputs.double_integrator_initial_mean),
+        initial_covariance=np.diag(deviations**2),
+        disturbance_covariance=field_disturbance.disturbance_covariance(effects, weights, covariance),
+    )
+
+
+def program(inputs, constrained=True):
+    """The program of Eq. 56 for this example."""
+    model = system(inputs)
+    intervals = len(model.transition)
+    normals, bounds = normals_and_bounds(inputs)
+    last = intervals if inputs.double_integrator_constrained == "all" else intervals - 1
+    variance_weight, mean_weight = inputs.double_integrator_weights
+    return block_program.SteeringProgram(
+        system=model,
+        state_weight=np.zeros((intervals, 2, 2)),
+        control_weight=np.full((intervals, 1, 1), variance_weight),
+        mean_control_weight=np.full((intervals, 1, 1), mean_weight),
+        state_constraints=tuple(
+            block_program.HalfPlane(k, normal, bound, tail(inputs), f"line {line + 1}")
+            for k in range(last + 1)
+            for line, (normal, bound) in enumerate(zip(normals, bounds, strict=True))
+        )
+        if constrained
+        else (),
+        final_mean=np.array(inputs.double_integrator_final_mean),
+        final_covariance=np.diag((np.array(inputs.double_integrator_final_three_sigma) / 3.0) ** 2),
+    )
+
+
+def compute(inputs) -> DoubleIntegrator:
+    """Solve the single iteration.
+
+    Raises MarsedlError if the constraints cannot be met, saying which and how far.
+    """
+    posed = program(inputs)
+    try:
+        solution = block_program.solve(posed)
+        free = block_program.solve(program(inputs, constrained=False))
+    except (ValueError, RuntimeError) as error:
+        raise MarsedlError(f"double integrator: {error}") from None
+    model = posed.system
+    nodes = np.array(inputs.double_integrator_partition)
+    intervals = len(nodes) - 1
+    silent = np.zeros((intervals, intervals + 1, 1, 2))
+    open_covariance, _ = block_program.closed_loop(model, silent)
+    position, velocity = inputs.double_integrator_initial_mean
+    coasting = np.column_stack([position + velocity * nodes, np.full(len(nodes), velocity)])
+    mean = np.array([coasting, solution.mean])
+    covariance = np.array([open_covariance, solution.covariance])
+    normals, bounds = normals_and_bounds(inputs)
+    spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", normals, covariance, normals))
+    return DoubleIntegrator(
+        partition=nodes,
+        transition=model.transition,
+        input=model.control[:, :, 0],
+        disturbance_covariance=model.disturbance_covariance.reshape(intervals, 2, intervals, 2),
+        control=np.array([np.zeros(intervals), solution.control[:, 0]]),
+        gain=np.array([silent[:, :, 0], solution.gain[:, :, 0]]),
+        mean=mean,
+        covariance=covariance,
+        control_deviation=np.array([np.zeros(intervals), np.sqrt(solution.control_covariance[:, 0, 0])]),
+        objective=solution.objective,
+        unconstrained_objective=free.objective,
+        support=mean @ normals.T + ellipse_radius(inputs) * spread - bounds,
+        status=solution.status,
+        solver_iterations=solution.iterations,
+    )
+
+
+def law(design, number):
+    """The law that flights fly: OPEN or CLOSED."""
+    return flight.Law(design.partition, design.control[number], design.gain[number], design.mean[number])

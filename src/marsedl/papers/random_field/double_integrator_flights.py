@@ -1,0 +1,117 @@
+"""Monte Carlo of the double integrator in samples of the force over position, open and closed loop (Fig. 5)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from marsedl.models import random_field
+from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.random_field import flight
+from marsedl.papers.random_field.double_integrator import DoubleIntegrator, kernel, law, normals_and_bounds
+from marsedl.replication.artifacts import quantity
+
+STATE = "1"
+INITIAL_STATE_STREAM = 0
+
+
+@dataclass(frozen=True)
+class DoubleIntegratorFlights:
+    """All trials under both laws, in the same forces. State: position, velocity, force, control."""
+
+    time: np.ndarray = quantity("1", ("time",), "time")
+    node: np.ndarray = quantity("1", ("nodes",), "index of each node of the partition among these times", "int64")
+    count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
+    excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
+    mean: np.ndarray = quantity("1", ("laws", "time", 4), "mean state")
+    covariance: np.ndarray = quantity("1", ("laws", "time", 4, 4), "sample covariance")
+    violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "trials beyond each line at each node", "int64")
+    paper_violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "those among the first trials", "int64")
+    any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")
+    paper_any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "those among the first trials", "int64")
+    paper_trials: int = quantity("1", (), "number of the first trials, as many as the paper flies")
+    kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", 4), "states of the first trials")
+
+
+def compute(inputs, double_integrator: DoubleIntegrator) -> DoubleIntegratorFlights:
+    """Fly both laws."""
+    trials = inputs.double_integrator_trials
+    first = min(inputs.paper_trials, trials)
+    bounds = [(0, first)] + ([(first, trials)] if trials > first else [])
+    block = first if first < ensembles.BLOCK_SIZE else int(np.gcd(first, ensembles.BLOCK_SIZE))
+    edges = np.tile([-1.0, 0.0], (3, 1))  # what is counted beyond the upper edge violates a constraint
+    laws = []
+    for number in range(len(double_integrator.control)):
+        simulate_block = block_simulator(inputs, double_integrator, number)
+        chunks = [
+            ensembles.run_blocks(
+                simulate_block, *bound, block_size=block, histogram_edges=edges, kept=inputs.drawn_trials
+            )
+            for bound in bounds
+        ]
+        laws.append((ensembles.merge(chunks), chunks[0]))
+    time = outputs(inputs)
+    node = np.rint(np.array(inputs.double_integrator_partition) / inputs.double_integrator_output_interval).astype(int)
+
+    def beyond(reduced):
+        return reduced.histogram[node, :, -1]
+
+    every, paper = np.array([beyond(both) for both, _ in laws]), np.array([beyond(one) for _, one in laws])
+    return DoubleIntegratorFlights(
+        time=time,
+        node=node,
+        violations=every[..., :2],
+        paper_violations=paper[..., :2],
+        any_violations=every[..., 2],
+        paper_any_violations=paper[..., 2],
+        paper_trials=first,
+        **{
+            name: np.array([getattr(both, name) for both, _ in laws])
+            for name in ("count", "excluded", "mean", "covariance", "kept_history")
+        },
+    )
+
+
+def outputs(inputs):
+    """Times of the stored states."""
+    steps = round(inputs.double_integrator_partition[-1] / inputs.double_integrator_output_interval)
+    return np.arange(steps + 1) * inputs.double_integrator_output_interval
+
+
+def field_grid(inputs):
+    """Positions at which the force is sampled."""
+    lowest, highest = inputs.double_integrator_field_positions
+    return np.linspace(lowest, highest, round((highest - lowest) / inputs.double_integrator_field_interval) + 1)
+
+
+def block_simulator(inputs, double_integrator, number, **changes):
+    """Return the function `simulate_block(first, last)` under one law.
+
+    Observed are how far the state lies beyond each of the two lines, and the larger of both. changes: `varied` of
+    `flight.fly_double_integrator`.
+    """
+    grid = field_grid(inputs)
+    root = random_field.root(random_field.covariance_matrix(kernel(inputs), grid))
+    flown_law = law(double_integrator, number)
+    deviations = np.array(inputs.double_integrator_initial_three_sigma) / 3.0
+    lines, bounds = normals_and_bounds(inputs)
+    every = round(inputs.double_integrator_output_interval / inputs.double_integrator_time_step)
+
+    def simulate_block(first, last):
+        drawn = normals(inputs.seed, INITIAL_STATE_STREAM, np.arange(first, last), 2)
+        flown = flight.fly_double_integrator(
+            flown_law,
+            grid,
+            root,
+            np.array(inputs.double_integrator_initial_mean) + drawn * deviations,
+            time_step=inputs.double_integrator_time_step,
+            seed=inputs.seed,
+            first_trial=first,
+            every=every,
+            **changes,
+        )
+        excess = np.einsum("ci,tin->tcn", lines, flown.history[:, :2]) - bounds[:, np.newaxis]
+        observed = np.concatenate([excess, excess.max(axis=1, keepdims=True)], axis=1)
+        return replace(flown, observed=observed, observed_maximum=observed.max(axis=0))
+
+    return simulate_block

@@ -1,0 +1,1263 @@
+"""Figures of the paper, and those beyond it. Each function draws one file from artifacts."""
+
+import textwrap
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from marsedl.models import density_variation, orbits, random_field
+from marsedl.montecarlo.statistics import binomial_interval
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.random_field import double_integrator as linear_example
+from marsedl.papers.random_field import environment, flight, montecarlo
+from marsedl.papers.random_field.convergence import Convergence
+from marsedl.papers.random_field.double_integrator import DoubleIntegrator
+from marsedl.papers.random_field.double_integrator_flights import DoubleIntegratorFlights
+from marsedl.papers.random_field.field_study import FieldStudy
+from marsedl.papers.random_field.gains import Gains
+from marsedl.papers.random_field.linearization import BRANCHES, Linearization
+from marsedl.papers.random_field.montecarlo import FlightEnsemble
+from marsedl.papers.random_field.nominal import Nominal, mission
+from marsedl.papers.random_field.regularization import Regularization
+from marsedl.plotting.ellipses import band, ellipse
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+
+KM = 1e3
+DEGREE = np.pi / 180
+TIME_LABEL = "time from entry (s)"
+ALTITUDE_LABEL = "altitude (km)"
+# Streams of what is only drawn, apart from those of the flights and of the certificates.
+LINE_STREAM, NOISE_STREAM, PLANE_STREAM, VARIATION_STREAM, FORCE_STREAM = range(6, 11)
+LINE_POINTS = 251
+PLANE_POINTS = 41  # along each coordinate
+SHOWN_PERIODS = 3  # of the double integrator's force, in Fig. 4
+ALTITUDE_STEP = 100.0  # m, of the profiles over altitude
+SCHEMATIC_SAMPLES = 3  # at most, in Fig. 3
+MARK_INTERVAL = 50.0  # s, between the marked points of Fig. 3
+LAW_TITLE = ("open loop", "closed loop")
+SURFACE = "#FBEBCB"  # the planet
+SHORTFALL = 0.2  # of the climb from exit to target, by which the orbit of Fig. 6 falls short
+ITERATION_COLOR = (SKY, ORANGE, VERMILION, PURPLE)
+MOST_ITERATIONS = len(ITERATION_COLOR)  # drawn side by side; of more, some are left out, never first and last
+LEVEL = 0.99  # of the percentile of delta-v
+OPEN_LOOP_LEVELS = (0.0, 0.999)  # of the open loop's delta-v and apoapsis that are shown
+CONTROLS = (-1.6, 1.6)  # shown; commands of an ill-conditioned law leave any axis
+# Component of the history, name in the gains, unit, label of its error.
+ERRORS = (
+    (flight.ALTITUDE, "altitude", KM, "radius (km)"),
+    (flight.VELOCITY, "velocity", 1.0, "velocity (m/s)"),
+    (flight.FLIGHT_PATH_ANGLE, "flight_path_angle", DEGREE, "path angle (deg)"),
+)
+OPAQUE = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
+TEXT_WIDTH = 44  # characters of what a panel says
+FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
+PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
+LEAST_PROBABILITY = 1e-6  # of the axis of violations
+CONFIDENCE = 0.95  # of binomial intervals
+VARIANT_STYLE = {
+    "one_branch": (VERMILION, "o", "one branch, as in the paper"),
+    "both_branches": (BLUE, "s", "both branches"),
+    "short_end_steps": (GREEN, "^", "one branch, short end steps"),
+}
+APOAPSIS_MARGIN = 0.2  # planet radii about target and nominals, in the closed-loop half of the map
+LARGEST_APOAPSIS = 3.0  # times the target, in the open-loop half
+MOST_POINTS = 3000  # of each law, in the map
+
+
+def fig01(inputs) -> Figure:
+    """Samples of a field on a line, before and after measurements of it."""
+    figure, (prior, posterior) = new_figure(7.2, 3.4, ncols=2, sharex=True, sharey=True)
+    position, before, after, mean, deviation = line_samples(inputs)
+    one = np.ones_like(position)
+    for axes, samples, centre, spread in ((prior, before, 0.0 * one, one), (posterior, after, mean, deviation)):
+        band(axes, position, centre - 2 * spread, centre + 2 * spread, BLUE, label=r"mean $\pm 2 \sigma$")
+        axes.plot(position, centre, color=BLACK, linestyle="--", label="mean")
+        axes.plot(position, samples.T, color=BLUE, linewidth=0.7, alpha=0.8)
+        axes.plot([], [], color=BLUE, linewidth=0.7, label=f"{len(samples)} samples")
+        axes.set(xlabel="position $z$", xlim=(0, inputs.example_extent))
+    posterior.errorbar(
+        inputs.example_positions,
+        inputs.example_values,
+        2 * inputs.example_noise,
+        fmt="o",
+        color=VERMILION,
+        markersize=4,
+        capsize=2,
+        zorder=5,
+        label=r"measurements $\pm 2 \sigma$",
+    )
+    prior.set(title="without measurements", ylabel=r"field $\Psi(z)$")
+    posterior.set_title("conditioned on measurements")
+    handles, labels = posterior.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def fig02(inputs) -> Figure:
+    """A sample of a field on a plane, before and after its two right-most edges are held constant."""
+    figure, panels = new_figure(7.6, 3.5, ncols=2, subplot_kw={"projection": "3d"})
+    # The layout of the other figures leaves wide margins about these axes.
+    figure.set_layout_engine(None)
+    figure.subplots_adjust(left=-0.02, right=0.93, bottom=0.05, top=1.0, wspace=0.1)
+    coordinate, before, after = plane_samples(inputs)
+    first, second = np.meshgrid(coordinate, coordinate, indexing="ij")
+    lowest, highest = min(before.min(), after.min()), max(before.max(), after.max())
+    titles = ("without a condition", f"both edges on the right held at {inputs.example_edge:g}")
+    for axes, values, title in zip(panels, (before, after), titles, strict=True):
+        axes.computed_zorder = False  # the edges, which lie in the surface, are drawn over it
+        axes.plot_surface(
+            first,
+            second,
+            values,
+            cmap="viridis",
+            vmin=lowest,
+            vmax=highest,
+            rcount=PLANE_POINTS,
+            ccount=PLANE_POINTS,
+            edgecolor=BLACK,
+            linewidth=0.1,
+            zorder=1,
+        )
+        for edge in (np.s_[-1, :], np.s_[:, -1]):
+            axes.plot(first[edge], second[edge], values[edge], color=VERMILION, linewidth=2.2, zorder=2)
+        # Seen along the diagonal, the corner where both coordinates are largest is the right-most one.
+        axes.view_init(elev=32, azim=-45)
+        axes.set_box_aspect((1, 1, 0.6), zoom=0.98)
+        axes.set(zlim=(lowest, highest))
+        axes.set_title(title, y=0.97)
+        axes.set_xlabel("$z_1$", labelpad=-2)
+        axes.set_ylabel("$z_2$", labelpad=-2)
+        axes.set_zlabel(r"field $\Psi$", labelpad=-5)
+        for axis in ("x", "y", "z"):
+            axes.tick_params(axis, pad=-1, labelsize=8)
+    return figure
+
+
+def fig03(inputs, nominal: Nominal) -> Figure:
+    """Samples of the field over altitude and, seen through the nominal path, of the process over time."""
+    figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2, width_ratios=(1, 1.6), sharex="col", sharey="row")
+    (field, path), (corner, process) = panels
+    count = min(inputs.drawn_samples, SCHEMATIC_SAMPLES)
+    # Down to the lowest altitude and up to the end, so that the samples of the field are those that the path meets.
+    altitude = _altitudes(nominal.altitude.min(), nominal.altitude.max())
+    samples = variation_samples(inputs, altitude, count)
+    met = random_field.interpolate(nominal.altitude, altitude, samples)
+    marks = np.searchsorted(nominal.time, np.arange(0.0, nominal.time[-1], MARK_INTERVAL))
+    colors = (BLUE, ORANGE, GREEN)
+    for sample, along_path, color in zip(samples, met, colors, strict=False):
+        field.plot(sample, altitude / KM, color=color, linewidth=0.9)
+        process.plot(nominal.time, along_path, color=color, linewidth=0.9)
+        dots = {"color": color, "markersize": 4, "markeredgecolor": BLACK, "markeredgewidth": 0.5, "zorder": 4}
+        field.plot(along_path[marks], nominal.altitude[marks] / KM, "o", **dots)
+        process.plot(nominal.time[marks], along_path[marks], "o", **dots)
+    path.plot(nominal.time, nominal.altitude / KM, color=BLACK)
+    path.plot(nominal.time[marks], nominal.altitude[marks] / KM, "o", color=BLACK, markersize=4)
+    for mark in marks:
+        for axes in (path, process):
+            axes.axvline(nominal.time[mark], color=GREY, linewidth=0.5, linestyle=":")
+        for axes in (path, field):
+            axes.axhline(nominal.altitude[mark] / KM, color=GREY, linewidth=0.5, linestyle=":")
+    field.set(title=r"field $\Psi(z)$", ylabel="altitude $z$ (km)", xlabel="density variation (1)")
+    field.tick_params(labelbottom=True)
+    path.set_title(r"nominal path $z = \phi(\hat x(t))$")
+    process.set(
+        title=r"process $\hat\Psi(t) = \Psi(\phi(\hat x(t)))$",
+        xlabel=TIME_LABEL,
+        ylabel="density variation (1)",
+        xlim=(0, nominal.time[-1]),
+    )
+    process.tick_params(labelleft=True)
+    corner.set_axis_off()
+    corner.text(
+        0.0,
+        0.45,
+        f"Dots: every {MARK_INTERVAL:g} s of the nominal path.\nA sample has the same value at the\n"
+        "same place, whenever it is passed:\nwhat varies over altitude becomes\na process in time.",
+        transform=corner.transAxes,
+        va="center",
+        fontsize=8,
+        linespacing=1.5,
+    )
+    return figure
+
+
+def fig04(inputs) -> Figure:
+    """Samples of the locally periodic force on the double integrator."""
+    figure, axes = new_figure(6.4, 3.4)
+    kernel = linear_example.kernel(inputs)
+    position = np.linspace(0.0, SHOWN_PERIODS * inputs.double_integrator_period, LINE_POINTS)
+    root = random_field.root(random_field.covariance_matrix(kernel, position))
+    drawn = normals(inputs.seed, FORCE_STREAM, np.arange(inputs.drawn_samples), LINE_POINTS)
+    samples = random_field.sample(drawn, root)
+    deviation = np.sqrt(kernel(position, position))
+    band(axes, position, -2 * deviation, 2 * deviation, BLUE, label=r"$\pm 2 \sigma$")
+    axes.plot(position, samples.T, color=BLUE, linewidth=0.8, alpha=0.8)
+    axes.plot([], [], color=BLUE, linewidth=0.8, label=f"{len(samples)} samples")
+    axes.set(xlabel="position $r$", ylabel=r"force $\Psi(r)$", xlim=position[[0, -1]])
+    axes.ticklabel_format(axis="y", scilimits=(-2, 3), useMathText=True)
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def fig05(inputs, double_integrator: DoubleIntegrator, double_integrator_flights: DoubleIntegratorFlights) -> Figure:
+    """Double integrator in the plane of position and velocity, without feedback and with the law."""
+    figure, panels = new_figure(6.6, 6.8, nrows=2, sharex=True, sharey=True)
+    flown = double_integrator_flights
+    radius = linear_example.ellipse_radius(inputs)
+    reach = []
+    for number, axes in enumerate(panels):
+        for trial in flown.kept_history[number]:
+            axes.plot(trial[:, 0], trial[:, 1], color=SKY, linewidth=0.4, alpha=0.7, zorder=1)
+        for k, node in enumerate(flown.node):
+            sampled = ellipse(flown.mean[number, node, :2], flown.covariance[number, node, :2, :2], radius)
+            predicted = ellipse(double_integrator.mean[number, k], double_integrator.covariance[number, k], radius)
+            axes.plot(*sampled.T, color=GREY, linewidth=1.8, zorder=3)
+            axes.plot(*predicted.T, color=BLACK, linewidth=1.0, linestyle="--", zorder=4)
+            reach += [sampled, predicted]
+        reach.append(flown.kept_history[number, :, :, :2].reshape(-1, 2))
+        left_out = f", {flown.excluded[number]:,} not finite" if flown.excluded[number] else ""
+        axes.set(title=LAW_TITLE[number] + left_out, ylabel="velocity $v$")
+    reach = np.concatenate(reach)
+    for line in constraint_lines(inputs, reach):
+        reach = np.concatenate([reach, line])
+        for axes in panels:
+            axes.plot(*line.T, color=VERMILION, linewidth=1.2, linestyle="--", zorder=2)
+    lowest, highest = reach.min(axis=0), reach.max(axis=0)
+    margin = 0.04 * (highest - lowest)
+    panels[0].set(xlim=(lowest[0] - margin[0], highest[0] + margin[0]))
+    panels[0].set(ylim=(lowest[1] - margin[1], highest[1] + margin[1]))
+    panels[-1].set_xlabel("position $r$")
+    handles = [
+        panels[0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
+        for color, width, style, label in (
+            (GREY, 1.8, "-", f"{100 * inputs.ellipse_probability:g} % ellipse, {flown.count[0]:,} trials"),
+            (BLACK, 1.0, "--", "the same by linear covariance"),
+            (SKY, 0.8, "-", f"{flown.kept_history.shape[1]} of the trials"),
+            (VERMILION, 1.2, "--", "state constraints"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def fig06(inputs, nominal: Nominal) -> Figure:
+    """The mission to scale: approach, flight through the atmosphere, and the orbits between the burns."""
+    figure, (whole, close) = new_figure(6.6, 6.8, nrows=2, height_ratios=(4.2, 1))
+    plan = mission_plan(inputs, nominal)
+    turn = np.linspace(0.0, 2 * np.pi, 721)
+    ceiling = 1.0 + inputs.entry_altitude / inputs.planet_radius
+    whole.fill(*_clockwise(turn, ceiling).T, color=SKY, alpha=0.5, linewidth=0, zorder=1.5)
+    whole.fill(*_clockwise(turn, 1.0).T, facecolor=SURFACE, edgecolor=GREY, zorder=1.6)
+    for curve, color, width, label in (
+        (plan.approach, GREY, 1.2, "approach"),
+        (plan.flight, VERMILION, 2.4, "atmospheric flight"),
+        (plan.coast, ORANGE, 1.2, "coast to the exit apoapsis"),
+        (plan.second_coast, BLUE, 1.2, "coast to the target periapsis"),
+        (plan.target, GREEN, 1.2, "target orbit"),
+    ):
+        points = _clockwise(*curve)
+        whole.plot(*points.T, color=color, linewidth=width, label=label)
+        if curve is not plan.flight:
+            start = int(0.62 * len(points))
+            whole.annotate("", points[start + 1], points[start], arrowprops={"arrowstyle": "-|>", "color": color})
+    line = np.array([-plan.target_apoapsis, plan.target_periapsis])
+    whole.plot(line, 0 * line, color=GREY, linewidth=0.6, linestyle=":", zorder=1)
+    for place, burn, symbol, aside in (
+        (-plan.exit_apoapsis, f"periapsis raise\n$\\Delta v_1$ = {plan.periapsis_raise:.1f} m/s", "r_{a,ex}", 8),
+        (plan.target_periapsis, f"apoapsis clean-up\n$\\Delta v_2$ = {abs(plan.clean_up):.1f} m/s", "r_{p,targ}", 8),
+        (-plan.target_apoapsis, "", "r_{a,targ}", -8),
+    ):
+        style = {"textcoords": "offset points", "fontsize": 8, "ha": "left" if aside > 0 else "right"}
+        whole.annotate(burn, (place, 0.0), (aside, 5), va="bottom", **style)
+        whole.annotate(f"${symbol}$ = {abs(place):.2f} $r_p$", (place, 0.0), (aside, -5), va="top", **style)
+        whole.plot(place, 0.0, "o" if burn else "|", color=BLACK, markersize=5, zorder=5)
+    whole.annotate("planet", (0.0, 0.0), ha="center", va="center", fontsize=8)
+    height = 1.06 * np.abs(_clockwise(*plan.target)[:, 1]).max()
+    reached = "is not captured"
+    if np.isfinite(nominal.apoapsis):
+        reached = f"reaches $r_{{a,ex}}$ = {nominal.apoapsis:.2f} $r_p$, which takes {nominal.delta_v:.1f} m/s in all"
+    whole.set(
+        aspect="equal",
+        xlim=(-1.32 * plan.target_apoapsis, plan.target_periapsis + 0.36 * plan.target_apoapsis),
+        ylim=(-height, height),
+        title=f"to scale, for an exit short of the target; the flight without control\n{reached}",
+    )
+    whole.set_axis_off()
+
+    travelled = (plan.flight[0] - plan.flight[0, 0]) * inputs.planet_radius / KM
+    close.axhspan(0.0, inputs.entry_altitude / KM, color=SKY, alpha=0.3, linewidth=0)
+    close.plot(travelled, nominal.altitude / KM, color=VERMILION, linewidth=2.4)
+    for name, at in (("entry", 0), ("exit", -1)):
+        spot = travelled[at], nominal.altitude[at] / KM
+        close.plot(*spot, "o", color=VERMILION, markersize=4, clip_on=False, zorder=5)
+        close.annotate(name, spot, (0, 5), textcoords="offset points", ha="center", fontsize=8)
+    close.set(xlabel="distance travelled over the ground (km)", ylabel=ALTITUDE_LABEL)
+    close.set_ylim(0, 1.2 * max(inputs.entry_altitude, nominal.altitude.max()) / KM)
+    figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def fig07(inputs) -> Figure:
+    """Radius, velocity, flight path angle, lift and drag of the vehicle above the planet."""
+    figure, axes = new_figure(5.0, 4.6)
+    path, vehicle = 24 * DEGREE, np.array([0.0, 1.0])
+    turn = np.linspace(50 * DEGREE, 130 * DEGREE, 100)
+    surface = 0.62 * np.column_stack([np.cos(turn), np.sin(turn)])
+    forward = np.array([np.cos(path), np.sin(path)])
+    upward = np.array([-np.sin(path), np.cos(path)])
+    axes.fill(*np.vstack([surface, [[0.0, 0.0]]]).T, color=SURFACE, linewidth=0)
+    axes.plot(*surface.T, color=GREY)
+    axes.plot([0, 0], [0, 1], color=BLACK, linewidth=0.9, linestyle="--")
+    axes.plot([-0.42, 0.62], [1, 1], color=GREY, linewidth=0.9, linestyle="--")
+    axes.plot(0, 0, "o", color=BLACK, markersize=3)
+    for direction, length, color, name, offset in (
+        (forward, 0.52, BLUE, "$v$", (6, 2)),
+        (upward, 0.36, GREEN, "$L$", (-12, 2)),
+        (-forward, 0.36, VERMILION, "$D$", (-14, -10)),
+    ):
+        _arrow(axes, vehicle, vehicle + length * direction, color, name, offset)
+    angle = np.linspace(0.0, path, 30)
+    axes.plot(0.33 * np.cos(angle), 1 + 0.33 * np.sin(angle), color=BLACK, linewidth=0.9)
+    axes.annotate(r"$\gamma$", (0.36 * np.cos(path / 2), 1 + 0.36 * np.sin(path / 2)), va="center", fontsize=11)
+    axes.plot(*vehicle, "o", color=BLACK, markersize=7, zorder=5)
+    axes.annotate("$r$", (0.02, 0.82), va="center", fontsize=11)
+    axes.annotate("local horizontal", (-0.42, 0.985), color=GREY, fontsize=8, va="top")
+    axes.annotate("planet", (-0.2, 0.4), color=GREY, fontsize=8, ha="center")
+    axes.set(aspect="equal", xlim=(-0.5, 0.68), ylim=(-0.04, 1.42))
+    axes.set_axis_off()
+    return figure
+
+
+def fig08(inputs) -> Figure:
+    """Angle of attack from the side, and from behind the lift rolled by the bank angle."""
+    figure, (side, rear) = new_figure(7.2, 3.0, ncols=2)
+    attack, bank, origin = 20 * DEGREE, 40 * DEGREE, np.zeros(2)
+    axis = np.array([np.cos(attack), -np.sin(attack)])
+    # Most of the force on a blunt body acts along its axis, so that it flies nose down for lift upwards.
+    across = np.array([np.sin(attack), np.cos(attack)])
+    bow = np.linspace(-1.0, 1.0, 41)
+    outline = np.vstack(
+        [
+            np.outer(0.14 * (1 - bow**2) + 0.12, axis) + np.outer(0.5 * bow, across),
+            np.outer([-0.5, -0.5], axis) + np.outer([0.16, -0.16], across),
+        ]
+    )
+    side.fill(*outline.T, facecolor=GREY, alpha=0.3, linewidth=0)
+    side.plot(*np.vstack([outline, outline[:1]]).T, color=GREY)
+    side.plot(*np.outer([-0.75, 1.15], axis).T, color=BLACK, linewidth=0.9, linestyle="--")
+    side.annotate("body axis", 1.15 * axis, (-4, -4), textcoords="offset points", ha="center", va="top", fontsize=8)
+    for end, color, name, offset in (
+        ((1.2, 0.0), BLUE, "$v$", (4, -3)),
+        ((0.0, 0.8), GREEN, "$L$", (4, -4)),
+        ((-0.95, 0.0), VERMILION, "$D$", (-4, 5)),
+    ):
+        _arrow(side, origin, np.array(end), color, name, offset)
+    angle = np.linspace(0.0, attack, 30)
+    side.plot(0.88 * np.cos(angle), -0.88 * np.sin(angle), color=BLACK, linewidth=0.9)
+    side.annotate(r"$\alpha$", (0.93 * np.cos(attack / 2), -0.93 * np.sin(attack / 2)), va="center", fontsize=11)
+    side.set(aspect="equal", xlim=(-1.1, 1.4), ylim=(-0.7, 1.1), title="from the side")
+
+    turn = np.linspace(0.0, 2 * np.pi, 200)
+    for radius in (0.5, 0.16):
+        rear.plot(radius * np.cos(turn), radius * np.sin(turn), color=GREY)
+    rear.plot([0, 0], [-0.65, 1.0], color=GREY, linewidth=0.9, linestyle="--")
+    lift = 0.95 * np.array([np.sin(bank), np.cos(bank)])
+    rear.plot([0.0, lift[0]], [lift[1], lift[1]], color=GREY, linewidth=0.9, linestyle=":")
+    _arrow(rear, origin, np.array([0.0, lift[1]]), ORANGE, r"$L\,\cos\sigma = L\,u$", (-76, -6))
+    _arrow(rear, origin, lift, GREEN, "$L$", (4, 0))
+    angle = np.linspace(0.0, bank, 30)
+    rear.plot(0.7 * np.sin(angle), 0.7 * np.cos(angle), color=BLACK, linewidth=0.9)
+    rear.annotate(
+        r"$\sigma$", (0.63 * np.sin(bank / 2), 0.63 * np.cos(bank / 2)), ha="center", va="center", fontsize=11
+    )
+    rear.annotate("local vertical plane", (0.0, 1.02), color=GREY, fontsize=8, ha="center")
+    rear.set(aspect="equal", xlim=(-1.1, 1.4), ylim=(-0.7, 1.1), title="from behind, along the velocity")
+    for axes in (side, rear):
+        axes.set_axis_off()
+    return figure
+
+
+def fig09(inputs) -> Figure:
+    """Mean density against altitude."""
+    figure, axes = new_figure(4.8, 4.2)
+    altitude = _altitudes(0.0, _ceiling(inputs))
+    density = np.exp(environment.profile(inputs)(altitude)[0])
+    axes.semilogx(density, altitude / KM, color=BLUE, label="nominal density")
+    if inputs.density_profile == "table":
+        table = np.asarray(inputs.density_table)
+        shown = (table[:, 0] >= altitude[0]) & (table[:, 0] <= altitude[-1])
+        axes.plot(table[shown, 1], table[shown, 0] / KM, "o", color=BLACK, markersize=2.5, label="table")
+    axes.set(xlabel="density (kg/m$^3$)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
+    axes.legend(loc="upper right")
+    return figure
+
+
+def fig10(inputs) -> Figure:
+    """Samples of the density variation against altitude."""
+    figure, axes = new_figure(4.8, 4.2)
+    altitude = _altitudes(0.0, _ceiling(inputs))
+    samples = variation_samples(inputs, altitude, inputs.drawn_samples)
+    deviation = environment.deviation(inputs, altitude)
+    axes.fill_betweenx(
+        altitude / KM, -2 * deviation, 2 * deviation, color=BLUE, alpha=0.22, linewidth=0, label=r"$\pm 2 \sigma$"
+    )
+    for sample in samples:
+        axes.plot(sample, altitude / KM, color=BLUE, linewidth=0.6, alpha=0.8)
+    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"{len(samples)} samples")
+    least, largest = axes.get_xlim()
+    if least < -1.0:
+        axes.axvline(-1.0, color=VERMILION, linewidth=0.9, linestyle="--", label="no density left")
+        axes.set_xlim(least, largest)
+    axes.set(xlabel="density variation, relative to the mean (1)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+# ---- samples ---------------------------------------------------------------------------------------------------------
+
+
+def line_samples(inputs):
+    """The example of Fig. 1: positions (k,), samples without and with measurements from the same numbers (n, k), and
+    mean and standard deviation given the measurements (k,); the variance without them is one."""
+    kernel = partial(random_field.squared_exponential, variance=1.0, length=inputs.example_length)
+    position = np.linspace(0.0, inputs.example_extent, LINE_POINTS)
+    measured = inputs.example_positions
+    everywhere = np.concatenate([position, measured])
+    trials = np.arange(inputs.drawn_samples)
+    root = random_field.root(random_field.covariance_matrix(kernel, everywhere))
+    before = random_field.sample(normals(inputs.seed, LINE_STREAM, trials, len(everywhere)), root)
+    known = (kernel, position, measured, inputs.example_values, inputs.example_noise**2)
+    errors = normals(inputs.seed, NOISE_STREAM, trials, len(measured))
+    after = random_field.condition_samples(*known, before, errors)
+    mean, covariance = random_field.condition(*known)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding can make a vanishing variance negative
+    return position, before[:, : len(position)], after, mean, deviation
+
+
+def plane_samples(inputs):
+    """The example of Fig. 2: coordinates (k,) along both axes, and one sample over them (k, k) without a condition and
+    held at `example_edge` where either coordinate is largest."""
+    coordinate = np.linspace(0.0, inputs.example_extent, PLANE_POINTS)
+    along = partial(random_field.squared_exponential, variance=1.0, length=inputs.example_length)
+    kernel = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, inputs.example_length))
+    # The kernel is a product over the coordinates, and so is the root of its covariance matrix on a grid.
+    root = random_field.root(random_field.covariance_matrix(along, coordinate))
+    drawn = normals(inputs.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
+    before = random_field.sample(random_field.sample(drawn, root).T, root).T
+    points = np.stack(np.meshgrid(coordinate, coordinate, indexing="ij"), axis=-1).reshape(-1, 2)
+    on_edge = (points == coordinate[-1]).any(axis=1)
+    flat = before.reshape(1, -1)
+    after = random_field.condition_samples(
+        kernel,
+        points,
+        points[on_edge],
+        np.full(on_edge.sum(), inputs.example_edge),
+        0.0,
+        np.concatenate([flat, flat[:, on_edge]], axis=1),
+    )
+    return coordinate, before, after.reshape(before.shape)
+
+
+def variation_samples(inputs, altitude, count):
+    """Exact samples of the density variation at ascending altitudes, (count, n)."""
+    drawn = normals(inputs.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
+    return density_variation.sample_process(drawn, *random_field.markov(environment.kernel(inputs), altitude))
+
+
+def _ceiling(inputs):
+    """Altitude up to which profiles are drawn, m."""
+    return max(inputs.entry_altitude, inputs.variance_top_altitude)
+
+
+def _altitudes(lowest, highest):
+    return np.linspace(lowest, highest, max(2, int(np.ceil((highest - lowest) / ALTITUDE_STEP)) + 1))
+
+
+# ---- geometry --------------------------------------------------------------------------------------------------------
+
+
+def constraint_lines(inputs, reach):
+    """The lines a'x = alpha of Eq. 61 across the reach (n, 2) of what is drawn, only as far as the other line allows.
+
+    Returns two curves (2, 2) that start at the lines' common point, or cross the reach if the lines are parallel.
+    """
+    lines, bounds = linear_example.normals_and_bounds(inputs)
+    meet = abs(np.linalg.det(lines)) > 1e-9 * np.prod(np.linalg.norm(lines, axis=1))
+    apex = np.linalg.solve(lines, bounds) if meet else None
+    lowest, highest = reach.min(axis=0), reach.max(axis=0)
+    if meet:
+        lowest, highest = np.minimum(lowest, apex), np.maximum(highest, apex)
+    curves = []
+    for normal, bound, other in zip(lines, bounds, lines[::-1], strict=True):
+        # The coordinate that runs along the line, and the other one as a function of it.
+        run = int(abs(normal[0]) * (highest - lowest)[0] > abs(normal[1]) * (highest - lowest)[1])
+        ends = np.array([lowest[run], highest[run]])
+        curve = np.empty((2, 2))
+        curve[:, run] = ends
+        curve[:, 1 - run] = (bound - normal[run] * ends) / normal[1 - run]
+        if meet:
+            allowed = curve[np.argmin((curve - apex) @ other)]
+            curve = np.array([apex, allowed])
+        curves.append(curve)
+    return curves
+
+
+class MissionPlan(NamedTuple):
+    """The orbits of Fig. 6, angles from the target periapsis in the sense of motion, radii in radii of the planet."""
+
+    approach: np.ndarray  # angle and radius, (2, k)
+    flight: np.ndarray  # (2, k)
+    coast: np.ndarray  # (2, k), to the exit apoapsis at the angle pi
+    second_coast: np.ndarray  # (2, k), from there to the target periapsis
+    target: np.ndarray  # (2, k)
+    exit_apoapsis: float
+    target_periapsis: float
+    target_apoapsis: float
+    periapsis_raise: float  # m/s
+    clean_up: float  # m/s, positive below the target
+
+
+def mission_plan(inputs, nominal) -> MissionPlan:
+    """The nominal flight, left at a lower velocity, so that its apoapsis falls short of the target.
+
+    The nominal reaches the target of itself where the entry angle is solved, and then there is no second burn to draw.
+    """
+    target_apoapsis, target_periapsis, gravity = mission(inputs)
+    radius = inputs.planet_radius + nominal.altitude
+    path = nominal.flight_path_angle
+    apoapsis = radius[-1] + (1.0 - SHORTFALL) * (target_apoapsis - radius[-1])
+    # Energy and angular momentum at the exit are those at the apoapsis.
+    tangential = radius[-1] * np.cos(path[-1]) / apoapsis
+    velocity = np.sqrt(2.0 * gravity * (1.0 / radius[-1] - 1.0 / apoapsis) / (1.0 - tangential**2))
+    burns = orbits.burns(radius[-1], velocity, path[-1], target_apoapsis, target_periapsis, gravity)
+
+    exit_anomaly, coast = _conic(radius[-1], velocity, path[-1], gravity)
+    coast_anomaly = np.linspace(exit_anomaly, np.pi, 361)
+    rate = nominal.velocity * np.cos(path) / radius
+    turned = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(nominal.time)))
+    angle = exit_anomaly + turned - turned[-1]
+    entry_anomaly, approach = _conic(radius[0], nominal.velocity[0], path[0], gravity)
+    back = np.linspace(0.0, np.pi, 2001)
+    before = approach(entry_anomaly - back)
+    # As far as the approach leads outwards, and no further than the target orbit.
+    beyond = ~((before > 0.0) & (before < target_apoapsis))
+    shown = back[: int(np.argmax(beyond)) if beyond.any() else None]
+    turn = np.linspace(0.0, 2 * np.pi, 721)
+    half, unit = turn[turn >= np.pi], inputs.planet_radius
+    return MissionPlan(
+        approach=np.array([angle[0] - shown, approach(entry_anomaly - shown) / unit])[:, ::-1],
+        flight=np.array([angle, radius / unit]),
+        coast=np.array([coast_anomaly, coast(coast_anomaly) / unit]),
+        second_coast=np.array([half, _ellipse_radius(half, target_periapsis, apoapsis) / unit]),
+        target=np.array([turn, _ellipse_radius(turn, target_periapsis, target_apoapsis) / unit]),
+        exit_apoapsis=float(apoapsis / unit),
+        target_periapsis=float(target_periapsis / unit),
+        target_apoapsis=float(target_apoapsis / unit),
+        periapsis_raise=float(burns.periapsis_raise),
+        clean_up=float(burns.apoapsis_change),
+    )
+
+
+def _conic(radius, velocity, flight_path_angle, gravity):
+    """True anomaly at a point of an orbit, and the orbit's radius as a function of the anomaly; infinite beyond it."""
+    parameter = (radius * velocity * np.cos(flight_path_angle)) ** 2 / gravity
+    radial = np.sqrt(parameter / gravity) * velocity * np.sin(flight_path_angle)  # e sin(anomaly)
+    eccentricity = np.hypot(parameter / radius - 1.0, radial)
+    anomaly = np.arctan2(radial, parameter / radius - 1.0)
+
+    def radius_at(angle):
+        inverse = 1.0 + eccentricity * np.cos(angle)
+        return np.where(inverse > 0.0, parameter / np.where(inverse > 0.0, inverse, 1.0), np.inf)
+
+    return anomaly, radius_at
+
+
+def _ellipse_radius(angle, periapsis, apoapsis):
+    """Radius of an orbit whose periapsis lies at the angle zero."""
+    return 2.0 * periapsis * apoapsis / (periapsis + apoapsis + (apoapsis - periapsis) * np.cos(angle))
+
+
+def _clockwise(angle, radius):
+    """Points (k, 2) of a motion that is drawn clockwise, so that the flight runs to the right when it is on top."""
+    return np.stack([radius * np.cos(angle), -radius * np.sin(angle)], axis=-1)
+
+
+def _arrow(axes, start, end, color, name, offset):
+    style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=style)
+    axes.annotate(name, end, offset, textcoords="offset points", color=color, fontsize=11)
+
+
+def fig11(inputs, gains: Gains) -> Figure:
+    """Nominal flight of the initial guess and of the iterations, and how they differ."""
+    figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2)
+    altitude, velocity = gains.altitude / KM, gains.velocity / KM
+    last, color = len(altitude) - 1, VERMILION
+    for axes, abscissa in ((panels[0, 0], np.broadcast_to(gains.time, altitude.shape)), (panels[0, 1], velocity)):
+        if last:
+            label = f"{_iteration(last)}, lowest {altitude[last].min():.2f} km"
+            axes.plot(abscissa[last], altitude[last], color=color, label=label)
+        label = f"initial guess, lowest {altitude[0].min():.2f} km"
+        axes.plot(abscissa[0], altitude[0], color=BLACK, linestyle="--", label=label)
+        axes.set_ylabel(ALTITUDE_LABEL)
+    panels[0, 0].set(xlabel=TIME_LABEL, xlim=(0, gains.time[-1]))
+    panels[0, 1].set_xlabel("velocity (km/s)")
+    differences = ((gains.altitude, KM, "altitude difference (km)"), (gains.velocity, 1.0, "velocity difference (m/s)"))
+    for axes, (values, unit, label) in zip(panels[1], differences, strict=True):
+        axes.axhline(0.0, color=BLACK, linestyle="--", label="initial guess")
+        for number, iteration_color in _iterations(gains):
+            axes.plot(gains.time, (values[number] - values[0]) / unit, color=iteration_color, label=_iteration(number))
+        axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, gains.time[-1]))
+        _say_if_refused(axes, gains)
+    for axes in panels[:, 0]:
+        axes.legend(loc="best", fontsize=7)
+    return figure
+
+
+def fig12(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """Delta-v of the open loop and of every iteration: flights, and the normal density of linear covariance."""
+    numbers = [0, *(number for number, _ in _iterations(gains))]
+    figure, panels = _grid(len(numbers), 7.4, 2.5)
+    window = inputs.delta_v_window
+    for place, (axes, number) in enumerate(zip(panels, numbers, strict=True)):
+        delta_v = aerocapture.delta_v[number]
+        captured = delta_v[np.isfinite(delta_v)]
+        shown = window
+        if number == 0:
+            reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else window
+            shown = min(reach[0], 0.95 * window[0]), max(reach[1], 1.05 * window[1])
+        _densities_of_delta_v(axes, gains, number, delta_v, shown)
+        axes.set(title=f"({'abcdefghijklmnop'[place]}) {_law(number)}", xlabel=r"$\Delta v$ (m/s)", xlim=shown)
+        if number == 0:
+            for edge in window:
+                axes.axvline(edge, color=BLACK, linewidth=0.8, linestyle="--")
+    for axes in panels[:: 2 if len(panels) > 1 else 1]:
+        axes.set_ylabel("density (s/m)")
+    handles = [
+        panels[0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
+        for color, width, style, label in (
+            (SKY, 5.0, "-", "flights"),
+            (BLUE, 1.4, "-", "their 99th percentile"),
+            (BLACK, 1.2, "-", "linear covariance"),
+            (BLACK, 1.4, ":", "its 99th percentile"),
+            (BLACK, 0.8, "--", "range of the other panels"),
+        )
+    ]
+    figure.legend(handles=handles[: 5 if len(panels) > 1 else 4], loc="outside lower center", ncols=5)
+    return figure
+
+
+def fig13(inputs, nominal: Nominal, gains: Gains) -> Figure:
+    """Mean control of every iteration, with three standard deviations that the design allots to the feedback."""
+    figure, axes = new_figure(7.2, 4.0)
+    _limits_of_control(axes, inputs, label="limits")
+    peak = nominal.time_of_largest_dynamic_pressure
+    axes.axvline(peak, color=GREY, linestyle=":", label=f"largest dynamic pressure, {peak:.1f} s")
+    shown = _iterations(gains)
+    starts, lengths = gains.partition[:-1], np.diff(gains.partition)
+    for place, (number, color) in enumerate(shown):
+        control = gains.control[number]
+        axes.stairs(control, gains.partition, baseline=None, color=color, linewidth=1.4, label=_iteration(number))
+        axes.errorbar(
+            starts + lengths * (place + 1) / (len(shown) + 1),
+            control,
+            3 * gains.design_control_deviation[number],
+            fmt="none",
+            ecolor=color,
+            elinewidth=1.2,
+            capsize=2.5,
+        )
+    axes.plot(gains.partition[[0, -1]], [0, 0], color=BLACK, linewidth=0.8, label="initial guess")
+    _say_if_refused(axes, gains)
+    axes.set(
+        xlabel=TIME_LABEL,
+        ylabel=r"bank cosine, mean $\pm 3 \sigma$",
+        xlim=gains.partition[[0, -1]],
+        ylim=(1.15 * np.array(inputs.control_limits)),
+    )
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def fig14(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """State errors and control of the open loop: flights, and linear covariance."""
+    return _errors_over_time(inputs, gains, aerocapture, 0)
+
+
+def fig15(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """The same under the law of the last iteration, if there is one."""
+    return _errors_over_time(inputs, gains, aerocapture, len(gains.control) - 1)
+
+
+def fig16(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """Dynamic pressure of the first trials under both laws, with the nominal on top."""
+    laws = _ends(gains)
+    figure, panels = new_figure(7.0, 0.6 + 2.4 * len(laws), nrows=len(laws), sharex=True, sharey=True, squeeze=False)
+    top, reach = PRESSURE_MARGIN * gains.dynamic_pressure.max() / KM, 0.0
+    for axes, (number, name) in zip(panels[:, 0], laws, strict=True):
+        drawn = aerocapture.kept_history[number, :, :, flight.DYNAMIC_PRESSURE] / KM
+        for trial in drawn:
+            axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.6)
+        axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
+        bounds = _flown_bounds(axes, aerocapture, number, flight.DYNAMIC_PRESSURE, KM, np.zeros_like(aerocapture.time))
+        reach = max(reach, np.nan_to_num(bounds).max(), np.nan_to_num(drawn).max())
+        axes.plot(gains.time, gains.dynamic_pressure[number] / KM, color=BLACK, label="nominal")
+        beyond = int((np.nan_to_num(drawn).max(axis=1) > top).sum())
+        note = f", {beyond} of {len(drawn)} beyond the axis" if beyond else ""
+        axes.set(
+            title=f"{name}, {_trials(aerocapture, number)}{note}",
+            ylabel="dynamic pressure (kPa)",
+            xlim=(0, gains.time[-1]),
+        )
+        axes.legend(loc="upper right", frameon=True, edgecolor="none")
+    panels[-1, 0].set_xlabel(TIME_LABEL)
+    panels[-1, 0].set_ylim(0, min(top, 1.03 * reach))
+    return figure
+
+
+def fig17(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """Density variation met in flight, and its deviation as measured and along the nominal."""
+    number, name = _ends(gains)[-1]
+    figure, axes = new_figure(7.0, 3.8)
+    drawn = aerocapture.kept_history[number, :, :, flight.DENSITY_VARIATION]
+    for trial in drawn:
+        axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.5)
+    axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
+    _flown_bounds(axes, aerocapture, number, flight.DENSITY_VARIATION, 1.0, np.zeros_like(aerocapture.time))
+    for sign in (-1, 1):
+        label = r"$\pm 3 \sigma$ along the nominal, $\hat\Sigma(t, t)$" if sign > 0 else None
+        axes.plot(
+            gains.time,
+            sign * 3 * gains.variation_deviation[number],
+            color=BLACK,
+            linestyle=":",
+            linewidth=1.6,
+            label=label,
+        )
+    axes.set(
+        title=f"{name}, {_trials(aerocapture, number)}",
+        xlabel=TIME_LABEL,
+        ylabel="density variation, relative to the mean (1)",
+        xlim=(0, gains.time[-1]),
+    )
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def violations(
+    inputs,
+    gains: Gains,
+    double_integrator: DoubleIntegrator,
+    double_integrator_flights: DoubleIntegratorFlights,
+    aerocapture: FlightEnsemble,
+) -> Figure:
+    """Probability of leaving each constraint: allotted, predicted, and the share of flights with its interval."""
+    shown = _iterations(gains)
+    figure, panels = _grid(len(shown) + 1, 7.6, 3.0, sharey=True)
+    allotted = 1.0 - inputs.control_probability
+    by_step, _ = montecarlo.step_violations(aerocapture, gains.partition)
+    trials = aerocapture.outcome.shape[1]
+    middle = (gains.partition[:-1] + gains.partition[1:]) / 2
+    for axes, (number, color) in zip(panels, shown, strict=False):
+        axes.axhline(allotted, color=BLACK, linestyle="--")
+        for deviation, style in (
+            (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
+            (gains.design_control_deviation, {"marker": "x", "color": GREY, "markersize": 4}),
+        ):
+            predicted = _beyond_limits(gains.control[number], deviation[number], *inputs.control_limits)
+            axes.plot(middle, np.where(predicted > 0.0, predicted, np.nan), linestyle="none", **style)
+        _shares(axes, middle, by_step[number], trials, color, "o")
+        axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=TIME_LABEL, xlim=gains.partition[[0, -1]])
+    axes = panels[-1]
+    flights = double_integrator_flights
+    normals, bounds = linear_example.normals_and_bounds(inputs)
+    closed = linear_example.CLOSED
+    time = double_integrator.partition
+    axes.axhline(linear_example.tail(inputs), color=BLACK, linestyle="--")
+    spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
+    predicted = _upper_tail((bounds - double_integrator.mean[closed] @ normals.T) / spread)
+    for line, color in enumerate((BLUE, VERMILION)):
+        side = 0.12 * (2 * line - 1)
+        axes.plot(time + side, predicted[:, line], "_", color=BLACK, markersize=9, markeredgewidth=1.6)
+        first = flights.paper_violations[closed, :, line], flights.paper_trials
+        every = flights.violations[closed, :, line], flights.count[closed]
+        for (counts, number), shift, marker in ((first, -0.05, "D"), (every, 0.05, "o")):
+            _shares(axes, time + side + shift, counts, number, color, marker, filled=marker == "o")
+        axes.plot([], [], "o", color=color, markersize=4, label=f"line {line + 1}")
+    axes.set(title="double integrator, closed loop", xlabel="time (1)", xlim=(time[0] - 0.4, time[-1] + 0.4))
+    axes.legend(loc="upper left")
+    flown = " or ".join(dict.fromkeys(f"{count:,}" for count in (trials, flights.count[closed])))
+    fewest = min(trials, flights.paper_trials)
+    largest = max(by_step.max() / trials, flights.violations[closed].max() / flights.count[closed], allotted)
+    for axes in panels:
+        axes.set_yscale("log")
+        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, CONFIDENCE)[1]), 1.5))
+    for axes in panels[:: 2 if len(panels) > 1 else 1]:
+        axes.set_ylabel("probability of violation")
+    handles = [
+        panels[0].plot(
+            [], [], color=color, linestyle=style, marker=marker, markerfacecolor=face, markersize=5, label=label
+        )[0]
+        for color, style, marker, face, label in (
+            (BLACK, "--", "", BLACK, "allotted"),
+            (BLACK, "none", "_", BLACK, "linear covariance"),
+            (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
+            (GREY, "none", "o", GREY, f"share of {flown} trials, {100 * CONFIDENCE:.0f} % interval"),
+            (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
+            (GREY, "none", "v", "none", "no violation: upper end of the interval"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def convergence(inputs, convergence: Convergence) -> Figure:
+    """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
+    figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
+    iterations = np.arange(convergence.apoapsis.shape[1])
+    found = 0
+    for row, variant in enumerate(str(name) for name in convergence.variant):
+        color, marker, name = VARIANT_STYLE[variant]
+        style = {"color": color, "marker": marker, "markersize": 4}
+        outcome, period = str(convergence.outcome[row]), int(convergence.period[row])
+        ending = f"{outcome} with period {period}" if outcome == "cycling" else outcome
+        lost = convergence.lost[row, 1:]
+        losses = ""
+        if lost.size and lost.max() > 0:
+            losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
+            losses = f"; {losses} of {inputs.study_trials:,} trials lost"
+        apoapsis.plot(iterations, convergence.apoapsis[row], linewidth=1.0, **style, label=f"{name}: {ending}{losses}")
+        flown, error = convergence.percentile[row, 1:], convergence.percentile_error[row, 1:]
+        percentile.errorbar(iterations[1:], flown, 3 * error, linewidth=1.0, capsize=2, **style)
+        hollow = style | {"markerfacecolor": "white", "linestyle": "--", "linewidth": 0.8}
+        percentile.plot(iterations[1:], convergence.predicted[row, 1:], **hollow)
+        found += int(np.isfinite(flown).sum())
+    apoapsis.axhline(inputs.target_apoapsis, color=BLACK, linewidth=0.9, linestyle="--", label="target apoapsis")
+    apoapsis.set(xlabel="iteration", ylabel="apoapsis of the nominal (planet radii)")
+    percentile.plot(
+        [], [], color=GREY, marker="o", markersize=4, label=r"99th percentile over flights, $\pm 3$ standard errors"
+    )
+    tail = f"predicted percentile, $p_f$ = {inputs.percentile_tail:g}"
+    percentile.plot([], [], color=GREY, marker="o", markersize=4, markerfacecolor="white", linestyle="--", label=tail)
+    title = "without the initial guess" if found else "no 99th percentile over flights: too many lost"
+    percentile.set(xlabel="iteration", ylabel=r"$\Delta v$ (m/s)", title=title)
+    _integer_ticks(apoapsis, percentile, last=iterations[-1])
+    _legends_below(figure, (apoapsis, percentile), columns=1 if convergence.lost[:, 1:].any() else 2)
+    return figure
+
+
+def regularization(inputs, regularization: Regularization) -> Figure:
+    """What the size of the design's navigation errors does to gains, predictions and flights."""
+    figure, panels = new_figure(7.4, 6.0, nrows=2, ncols=2, sharex=True)
+    size, study = regularization.position_error, regularization
+    trials = inputs.study_trials
+    gain, spread, percentile, shares = panels.flat
+    curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
+    for values, color, label in (
+        (study.condition_number, GREY, "condition number of Cov(W)"),
+        (study.largest_gain, VERMILION, "largest gain"),
+    ):
+        gain.plot(size, values, color=color, label=label, **curve)
+    gain.set(yscale="log", ylabel="in units of 1 km, 100 m/s, 10 mrad")
+    for values, color, style, label in (
+        (study.predicted_deviation, BLACK, "-", "linear covariance"),
+        (study.design_deviation, BLACK, ":", "with navigation errors"),
+        (study.flown_deviation, BLUE, "-", "captured flights"),
+    ):
+        spread.plot(size, values, color=color, linestyle=style, label=label, **curve)
+    spread.set(yscale="log", ylabel=r"standard deviation of $\Delta v$ (m/s)")
+    percentile.errorbar(size, study.percentile, 3 * study.percentile_error, color=BLUE, capsize=2, **curve)
+    missing = np.isnan(study.percentile)
+    percentile.plot([], [], color=BLUE, **curve, label=r"flights, $\pm 3$ standard errors")
+    percentile.plot(
+        size[missing],
+        np.full(missing.sum(), 0.96),
+        "x",
+        color=BLUE,
+        markersize=5,
+        transform=percentile.get_xaxis_transform(),
+        label="none: more than 1 % lost" if missing.any() else None,
+    )
+    if missing.all():
+        percentile.set_yticks([])
+    percentile.set(ylabel=r"99th percentile of $\Delta v$ (m/s)")
+    for counts, color, label in (
+        (study.saturated, ORANGE, "beyond the limits at any step"),
+        (study.worst_step, VERMILION, "at the worst step"),
+        (study.lost, BLACK, "lost"),
+    ):
+        share = np.where(counts > 0, counts / trials, np.nan)
+        shares.plot(size, share, color=color, label=label, **curve)
+    allotted = 1.0 - inputs.control_probability
+    shares.axhline(allotted, color=GREY, linestyle="--", label="allotted to a step")
+    shares.set(yscale="log", ylabel=f"share of {trials:,} trials", ylim=(min(0.5 / trials, 0.3 * allotted), 2.0))
+    if not np.isfinite(study.condition_number).any():
+        _say(gain, "no law was designed", 0.6)
+    own = inputs.navigation_deviations[0]
+    for axes in panels.flat:
+        if own > 0:
+            label = f"this reading, {own:g} m" if axes is gain else None
+            axes.axvline(own, color=GREY, linewidth=0.8, linestyle=":", label=label)
+        axes.set_xscale("log")
+        axes.legend(loc="best", fontsize=7)
+    for axes in panels[1]:
+        axes.set_xlabel("navigation error of the radius in the design (m)")
+    return figure
+
+
+def field_study(inputs, field_study: FieldStudy) -> Figure:
+    """Percentile of delta-v without control against the density variation at 45 km, in other random fields."""
+    figure, axes = new_figure(6.8, 4.2)
+    study = field_study
+    deviation = 100 * study.deviation_at_45_km
+    scaled = deviation[0] * np.sqrt(study.variance / inputs.variance_at_top)
+    axes.errorbar(
+        scaled,
+        study.variance_percentile,
+        3 * study.variance_percentile_error,
+        color=BLUE,
+        marker="o",
+        markersize=4,
+        capsize=2,
+        label="variance times a factor",
+    )
+    for place, percentile, variance in zip(scaled, study.variance_percentile, study.variance, strict=True):
+        if np.isfinite(percentile):
+            text = rf"$\times${variance / inputs.variance_at_top:g}"
+            axes.annotate(text, (place, percentile), (5, -10), textcoords="offset points", color=BLUE, fontsize=8)
+    colors = (BLACK, ORANGE, GREEN, PURPLE, VERMILION)
+    for number, name in enumerate(str(name) for name in study.hypothesis):
+        color = colors[number % len(colors)]
+        lost = f", {study.lost[number]:,} lost" if study.lost[number] else ""
+        label = f"{name}: "
+        if np.isfinite(study.percentile[number]):
+            label += f"{study.percentile[number]:.0f} m/s{lost}"
+            axes.errorbar(
+                deviation[number],
+                study.percentile[number],
+                3 * study.percentile_error[number],
+                fmt="D",
+                color=color,
+                markersize=5,
+                capsize=2,
+                zorder=4,
+                label=label,
+            )
+        else:
+            label += f"no percentile{lost}"
+            axes.plot(deviation[number], 0.97, "^", color=color, transform=axes.get_xaxis_transform(), label=label)
+    missing = np.isnan(study.variance_percentile)
+    above = f"no percentile, {study.variance_lost[missing].min():,} or more lost" if missing.any() else None
+    axes.plot(
+        scaled[missing],
+        np.full(missing.sum(), 0.97),
+        "^",
+        color=BLUE,
+        transform=axes.get_xaxis_transform(),
+        label=above,
+    )
+    axes.set(
+        xlabel="standard deviation of the density variation at 45 km (%)",
+        ylabel=r"99th percentile of $\Delta v$, open loop (m/s)",
+        title=f"{study.trials:,} trials each",
+    )
+    if not np.isfinite(np.concatenate([study.percentile, study.variance_percentile])).any():
+        _say(axes, "no 99th percentile: more than 1 % of the trials lost", 0.5)
+        axes.set_yticks([])
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def delta_v_map(inputs, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+    """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
+    figure, panels = new_figure(7.6, 4.4, ncols=2)
+    shown = _iterations(gains)
+    apoapsis, delta_v, slopes, at = _delta_v_curve(inputs, linearization, gains)
+    captured = aerocapture.apoapsis[0][np.isfinite(aerocapture.apoapsis[0])]
+    reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else at[0] + np.array([-1.0, 1.0])
+    reach = reach[0], min(reach[1], LARGEST_APOAPSIS * inputs.target_apoapsis)
+    nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], inputs.target_apoapsis)
+    near = nominals.min() - APOAPSIS_MARGIN, nominals.max() + APOAPSIS_MARGIN
+    for axes, (low, high), laws in zip(panels, (reach, near), ([(0, GREY)], shown), strict=True):
+        for number, color in laws:
+            _map_points(axes, aerocapture, number, color, (low, high))
+        label = "exact, along the open loop's scatter"
+        inside = (apoapsis >= low) & (apoapsis <= high)
+        axes.plot(apoapsis[inside], delta_v[inside], color=BLACK, linewidth=0.8, label=label)
+        bottom, top = delta_v[inside].min(), delta_v[inside].max()
+        for (branch, slope), style in zip(slopes.items(), ("--", ":", "-."), strict=True):
+            line = at[1] + slope * (np.array([low, high]) - at[0])
+            axes.plot([low, high], line, color=GREEN, linewidth=1.0, linestyle=style, label=f"linear, {branch}")
+        margin = 0.5 * (top - bottom)  # room for what the design extrapolates, and for the histograms
+        axes.set(
+            xlabel="exit apoapsis (planet radii)",
+            ylabel=r"$\Delta v$ (m/s)",
+            xlim=(low, high),
+            ylim=(bottom - margin, top + 0.1 * margin),
+        )
+        axes.axvline(inputs.target_apoapsis, color=GREY, linewidth=0.7)
+    for number, color in shown:
+        exit_state = gains.reference[number, -1]
+        place = orbits.apoapsis_radius(*exit_state, inputs.gravitational_parameter) / inputs.planet_radius
+        point = {"color": color, "markersize": 6, "markeredgecolor": BLACK, "zorder": 5, "linestyle": "none"}
+        panels[1].plot(gains.apoapsis[number], gains.nominal_delta_v[number], marker="o", **point)
+        panels[1].plot(place, gains.delta_v_mean[number], marker="v", **point)
+        panels[1].annotate(
+            str(number), (place, gains.delta_v_mean[number]), (5, -9), textcoords="offset points", fontsize=8
+        )
+    panels[0].set_title(f"open loop, {_trials(aerocapture, 0)}")
+    panels[1].set_title("laws of the iterations" if shown else "no law was designed")
+    panels[1].plot([], [], "o", color="white", markeredgecolor=BLACK, label="nominal of an iteration")
+    panels[1].plot([], [], "v", color="white", markeredgecolor=BLACK, label="mean that its design predicts")
+    for number, color in [(0, GREY), *shown]:
+        panels[1].plot([], [], ".-", color=color, label=f"flights, {_law(number)}, and their histogram")
+    _legends_below(figure, panels, columns=2)
+    return figure
+
+
+def _upper_tail(score):
+    from scipy.special import ndtr
+
+    return ndtr(-np.asarray(score))
+
+
+def _beyond_limits(mean, deviation, lower, upper):
+    """Probability that a normal control leaves its limits; zero or one where it has no deviation."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        both = _upper_tail((upper - mean) / deviation) + _upper_tail((mean - lower) / deviation)
+    return np.where(deviation > 0.0, both, (mean > upper) | (mean < lower))
+
+
+def _iterations(gains):
+    """Numbers and colours of the laws that are drawn: all, or the first ones and the last."""
+    last = len(gains.control) - 1
+    numbers = list(range(1, last + 1))
+    if last > MOST_ITERATIONS:
+        numbers = [*range(1, MOST_ITERATIONS), last]
+    return list(zip(numbers, ITERATION_COLOR, strict=False))
+
+
+def _ends(gains):
+    """The open loop, and the last law if there is one, with their names."""
+    last = len(gains.control) - 1
+    return [(0, "open loop")] + ([(last, f"closed loop, {_iteration(last)}")] if last else [])
+
+
+def _iteration(number):
+    return f"iteration {number}"
+
+
+def _law(number):
+    return _iteration(number) if number else "open loop"
+
+
+def _trials(ensemble, number):
+    lost = int(montecarlo.lost(ensemble)[number])
+    return f"{ensemble.outcome.shape[1]:,} trials" + (f", {lost:,} lost" if lost else "")
+
+
+def _grid(count, width, height, **shared):
+    """A figure of `count` panels, two in a row, and these panels."""
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    figure, panels = new_figure(width, 0.9 + height * rows, nrows=rows, ncols=columns, squeeze=False, **shared)
+    for empty in panels.flat[count:]:
+        empty.set_axis_off()
+    return figure, list(panels.flat[:count])
+
+
+def _densities_of_delta_v(axes, gains, number, delta_v, shown):
+    """Histogram of all trials, lost ones counted, with the normal density of linear covariance, and percentiles."""
+    from scipy.special import ndtri
+
+    captured = delta_v[np.isfinite(delta_v)]
+    inside = captured[(captured >= shown[0]) & (captured <= shown[1])]
+    # As fine as the trials' spread asks for: a window of 200 m/s may hold a spread of 3 m/s.
+    width = 3.5 * inside.std() / len(inside) ** (1 / 3) if len(inside) > 1 else 0.0
+    bins = int(np.clip((shown[1] - shown[0]) / width, 20, 150)) if width > 0 else 20
+    counts, edges = np.histogram(inside, bins, range=shown)
+    heights, highest = counts / (len(delta_v) * np.diff(edges)), 0.0
+    axes.stairs(heights, edges, color=SKY, fill=True)
+    mean, deviation = gains.delta_v_mean[number], gains.delta_v_deviation[number]
+    if np.isfinite(deviation) and deviation > 0:
+        value = np.unique(
+            np.append(np.linspace(*shown, 1001), np.clip(mean + deviation * np.linspace(-5, 5, 201), *shown))
+        )
+        density = np.exp(-(((value - mean) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
+        axes.plot(value, density, color=BLACK)
+        highest = density.max()
+    flown, error = montecarlo.percentile_with_lost(delta_v, LEVEL)
+    predicted = mean + ndtri(LEVEL) * deviation
+    if np.isfinite(flown):
+        axes.axvline(flown, color=BLUE, linewidth=1.4)
+    axes.axvline(predicted, color=BLACK, linewidth=1.4, linestyle=":")
+    lost, outside = len(delta_v) - len(captured), len(captured) - len(inside)
+    lines = [f"{len(delta_v):,} trials"]
+    lines += [f"{lost:,} lost"] if lost else []
+    lines += [f"{outside:,} outside"] if outside else []
+    lines.append(f"99 %: {flown:.1f} $\\pm$ {error:.1f} m/s" if np.isfinite(flown) else "99 %: none, too many lost")
+    if captured.size:
+        lines.append(f"flights {captured.mean():.1f}, sd {captured.std():.1f} m/s")
+    lines.append(f"linear {mean:.1f}, sd {deviation:.3g} m/s")
+    right = shown[0] + 0.5 * (shown[1] - shown[0])  # where the text stands
+    highest = max(heights.max(), highest)
+    crowded = heights[edges[1:] > right].max() > 0.5 * highest
+    if highest > 0.0:
+        axes.set_ylim(0.0, (1.6 if crowded else 1.06) * highest)
+    axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=7, bbox=OPAQUE)
+
+
+def _errors_over_time(inputs, gains, ensemble, number):
+    """Three rows of errors against the law's nominal flight, and the control."""
+    figure, panels = new_figure(7.2, 8.4, nrows=len(ERRORS) + 1, sharex=True)
+    nodes = np.searchsorted(gains.time, gains.partition - 1e-6)
+    spread = np.sqrt(np.einsum("kii->ki", gains.covariance[number]))
+    offset = np.array([inputs.planet_radius, 0.0, 0.0])
+    for row, (axes, (component, name, unit, label)) in enumerate(zip(panels, ERRORS, strict=False)):
+        reference = getattr(gains, name)[number]
+        for trial in ensemble.kept_history[number, :, :, component]:
+            axes.plot(ensemble.time, (trial - reference) / unit, color=GREY, linewidth=0.5, alpha=0.5)
+        bounds = _flown_bounds(axes, ensemble, number, component, unit, reference)
+        centre = (gains.reference[number, :, row] - offset[row] - reference[nodes]) / unit
+        bars = 3 * spread[:, row] / unit
+        _predicted_bars(axes, gains.partition, centre, bars)
+        _limit_to_flights(axes, bounds, np.abs(centre) + bars)
+        axes.set_ylabel(f"error in\n{label}")
+    control = panels[-1]
+    starts = nodes[:-1]
+    for trial in ensemble.kept_history[number, :, :, flight.BANK_COSINE]:
+        axes_line = {"color": GREY, "linewidth": 0.5, "alpha": 0.5, "drawstyle": "steps-post"}
+        control.plot(ensemble.time, trial, **axes_line)
+    _limits_of_control(control, inputs)
+    _predicted_bars(control, gains.partition[:-1], gains.control[number], 3 * gains.control_deviation[number])
+    mean = ensemble.mean[number, starts, flight.BANK_COSINE]
+    deviation = np.sqrt(ensemble.covariance[number, starts, flight.BANK_COSINE, flight.BANK_COSINE])
+    for sign in (-1, 0, 1):
+        control.plot(gains.partition[:-1], mean + sign * 3 * deviation, "*", color=BLUE, markersize=6, zorder=4)
+    control.set(
+        xlabel=TIME_LABEL,
+        ylabel="bank cosine\ncommanded",
+        xlim=(-0.01 * gains.time[-1], 1.01 * gains.time[-1]),
+        ylim=CONTROLS,
+    )
+    reach = np.nanmax(np.abs(mean) + 3 * deviation) if np.isfinite(mean).any() else 0.0
+    if reach > CONTROLS[1]:
+        _say(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
+    refused = f"no law was designed: {gains.refused}\n" if gains.refused else ""
+    panels[0].set_title(f"{refused}{_law(number)}, {_trials(ensemble, number)}")
+    kept = ensemble.kept_history.shape[1]
+    handles = [
+        panels[0].plot([], [], color=color, linestyle=style, linewidth=width, marker=marker, label=label)[0]
+        for color, style, width, marker, label in (
+            (GREY, "-", 0.8, "", f"{kept} trials"),
+            (BLUE, "--", 1.2, "", r"mean $\pm 3 \sigma$ of all trials"),
+            (BLUE, "none", 0.0, "*", r"the same of the command, before its limits"),
+            (BLACK, "-", 1.0, "", r"mean $\pm 3 \sigma$, linear covariance (bars)"),
+            (BLACK, "--", 0.9, "", "limits of the control"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _flown_bounds(axes, ensemble, number, component, unit, reference):
+    """Draw mean and three standard deviations of all trials less a reference; returns both bounds, (2, time)."""
+    mean = ensemble.mean[number, :, component] - reference
+    spread = 3 * np.sqrt(ensemble.covariance[number, :, component, component])
+    bounds = np.array([mean - spread, mean + spread]) / unit
+    for line, label in zip(bounds, (None, r"mean $\pm 3 \sigma$ of all trials"), strict=True):
+        axes.plot(ensemble.time, line, color=BLUE, linestyle="--", label=label)
+    return bounds
+
+
+def _predicted_bars(axes, time, centre, bars):
+    axes.errorbar(time, centre, bars, fmt="_", color=BLACK, markersize=4, elinewidth=1.0, capsize=2.5, zorder=3)
+
+
+def _limit_to_flights(axes, bounds, predicted):
+    """Limits that show the flights, and the prediction as well unless it is far larger."""
+    flown = np.nanmax(np.abs(bounds)) if np.isfinite(bounds).any() else 0.0
+    expected = predicted.max()
+    if expected > FAR * flown > 0.0:
+        _say(axes, f"linear covariance up to {expected:.3g}", 0.95)
+        expected = 0.0
+    reach = 1.08 * max(flown, expected)
+    if reach > 0.0:
+        axes.set_ylim(-reach, reach)
+
+
+def _limits_of_control(axes, inputs, label=None):
+    for limit in inputs.control_limits:
+        axes.axhline(limit, color=BLACK, linewidth=0.9, linestyle="--", label=label if limit > 0 else None)
+
+
+def _shares(axes, place, counts, trials, color, marker, filled=True):
+    """Shares of trials with their intervals; where there is none, an arrow at the interval's upper end."""
+    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, CONFIDENCE)
+    some = counts > 0
+    axes.errorbar(
+        place[some],
+        share[some],
+        [(share - lower)[some], (upper - share)[some]],
+        fmt=marker,
+        color=color,
+        markerfacecolor=color if filled else "none",
+        markersize=4,
+        elinewidth=1.0,
+        capsize=2,
+    )
+    axes.plot(place[~some], upper[~some], "v", color=color, markerfacecolor="none", markersize=3.5, markeredgewidth=0.7)
+
+
+def _delta_v_curve(inputs, linearization, gains):
+    """Delta-v and its linear branches along the exit states that the open loop scatters to.
+
+    Returns apoapsis (planet radii), delta-v (m/s), the slope of every branch (m/s per planet radius) and the point
+    where they meet the nominal.
+    """
+    radius, gravity = inputs.planet_radius, inputs.gravitational_parameter
+    end = linearization.state[-1]
+    direction = gains.covariance[0, -1] @ linearization.apoapsis_gradient
+    direction = direction / (linearization.apoapsis_gradient @ direction) * radius  # one planet radius of apoapsis
+    at = float(orbits.apoapsis_radius(*end, gravity)) / radius
+    states = end + np.linspace(-4.0, 4.0, 4001)[:, np.newaxis] * direction
+    apoapsis = orbits.apoapsis_radius(*states.T, gravity) / radius
+    bound = np.isfinite(apoapsis)
+    delta_v = orbits.total_delta_v(*states[bound].T, *mission(inputs))
+    slopes = dict(zip(BRANCHES, linearization.delta_v_gradient @ direction, strict=True))
+    return apoapsis[bound], delta_v, slopes, (at, linearization.delta_v)
+
+
+def _map_points(axes, ensemble, number, color, shown):
+    """Flights of a law, and below them the histogram of their apoapses."""
+    first = slice(0, MOST_POINTS)
+    points = {"color": color, "markersize": 5, "markeredgewidth": 0, "alpha": 0.4, "linestyle": "none"}
+    axes.plot(ensemble.apoapsis[number, first], ensemble.delta_v[number, first], ".", **points)
+    counts, edges = np.histogram(ensemble.apoapsis[number][np.isfinite(ensemble.apoapsis[number])], 60, range=shown)
+    if counts.any():
+        height = 0.2 * counts / counts.max()
+        axes.stairs(height, edges, color=color, linewidth=1.0, transform=axes.get_xaxis_transform())
+
+
+def _integer_ticks(*panels, last):
+    for axes in panels:
+        axes.set_xticks(np.arange(0, last + 1, max(1, last // 10)))
+
+
+def _say_if_refused(axes, gains):
+    if gains.refused:
+        _say(axes, f"no law was designed:\n{gains.refused}", 0.8)
+
+
+def _say(axes, text, height):
+    text = "\n".join(textwrap.fill(line, TEXT_WIDTH) for line in text.splitlines())
+    place = {"ha": "center", "va": "top", "transform": axes.transAxes}
+    axes.text(0.5, height, text, color=GREY, fontsize=8, bbox=OPAQUE, zorder=6, **place)
+
+
+def _legends_below(figure, panels, columns=3):
+    handles = [handle for axes in panels for handle in axes.get_legend_handles_labels()[0]]
+    known = {handle.get_label(): handle for handle in handles}
+    figure.legend(handles=list(known.values()), loc="outside lower center", ncols=min(columns, len(known)))

@@ -1,0 +1,611 @@
+"""Closed-loop flights through samples of the random field: aerocapture (Eq. 71) and the double integrator (Eq. 57).
+
+Both are steered by the law of Eq. 8, whose control is constant on the intervals of a partition and answers the states
+at all nodes so far.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
+from marsedl.models.random_field import density_factor, is_floored
+from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, Trajectories, new_trajectories
+from marsedl.montecarlo.integrators import runge_kutta_4
+from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+
+INITIAL_STREAM, FIELD_STREAM = 0, 1
+
+# Aerocapture: the integrated state, what is stored over time, and what is stored of the end.
+RADIUS, SPEED, PATH_ANGLE = range(3)
+STATES = 3
+ALTITUDE, VELOCITY, FLIGHT_PATH_ANGLE, DENSITY_VARIATION, DYNAMIC_PRESSURE, BANK_COSINE = range(6)
+HISTORY = 6
+BANK_MAGNITUDE = 1  # behind the commanded bank cosine
+OBSERVED = 2
+FLOORED = 3  # behind the first three of the history
+FINAL = 4
+
+# Double integrator: the integrated state comes first in what is stored.
+POSITION, RATE, FIELD, CONTROL = range(4)
+POINT_STATES, POINT_HISTORY = 2, 4
+
+# What `_look_up` finds, and the steps counted at whose start the density was at its floor.
+LOG_DENSITY, VARIATION, FLOOR_COUNT = range(3)
+LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
+
+_NUMBERS = (
+    *("gravitational_parameter", "planet_radius", "drag_factor", "lift_factor"),
+    *("bottom", "cells_per_metre", "field_bottom", "nodes_per_metre"),
+    *("density_floor", "lower_limit", "upper_limit"),
+)
+_SETTINGS = np.dtype([(name, "f8") for name in _NUMBERS] + [("actual_density", "i8")])
+
+
+class Air(NamedTuple):
+    """The density: ln of its mean as cubics between uniform nodes, and its random part as a process down a finer grid.
+
+    Beyond its nodes ln of the mean goes on along the end slopes; the random part is held constant.
+    """
+
+    bottom: float  # m, altitude of the first node of the mean
+    spacing: float  # m, from one to the next
+    log_density: np.ndarray  # (m,), of kg/m^3
+    log_density_slope: np.ndarray  # (m,), 1/m
+    altitude: np.ndarray  # (n,), m, uniform nodes of the random part, ascending
+    retention: np.ndarray  # (n - 1,), factor from the node above
+    innovation_deviation: np.ndarray  # (n - 1,), standard deviation of what is new at each node but the top one
+    top_deviation: float  # standard deviation at the top node
+
+
+class Law(NamedTuple):
+    """The law of Eq. 8: u_k = V_k + sum over l <= k of K_kl (x_l - xbar_l), constant from one node to the next."""
+
+    start: np.ndarray  # (N + 1,), s, the partition, its end included
+    control: np.ndarray  # (N,), V
+    gain: np.ndarray  # (N, N + 1, n), K; what answers later states, l > k, is not used
+    reference: np.ndarray  # (N + 1, n), xbar
+
+
+# ---- set-up ----------------------------------------------------------------------------------------------------------
+
+
+def settings(inputs, air):
+    """The constants of an aerocapture as a record that compiled code reads by name."""
+    drag_factor = 0.5 / inputs.ballistic_coefficient
+    values = {
+        "gravitational_parameter": inputs.gravitational_parameter,
+        "planet_radius": inputs.planet_radius,
+        "drag_factor": drag_factor,
+        "lift_factor": inputs.lift_to_drag * drag_factor,
+        "bottom": air.bottom,
+        "cells_per_metre": 1.0 / air.spacing,
+        "field_bottom": air.altitude[0],
+        "nodes_per_metre": 1.0 / _uniform_spacing(air.altitude, "altitude"),
+        "density_floor": inputs.density_floor,
+        "lower_limit": inputs.control_limits[0],
+        "upper_limit": inputs.control_limits[1],
+        "actual_density": int(inputs.dynamic_pressure_density == "actual"),
+    }
+    return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
+
+
+def open_loop(start, control, states=STATES) -> Law:
+    """The law without feedback: V alone on the partition `start`."""
+    start, control = np.asarray(start, dtype=float), np.asarray(control, dtype=float)
+    return Law(start, control, np.zeros((len(control), len(start), states)), np.zeros((len(start), states)))
+
+
+def _interval_steps(law, every, time_step):
+    """Integration steps of every interval; ValueError unless they are whole and `every` divides them."""
+    start = np.asarray(law.start, dtype=float)
+    if start.ndim != 1 or len(start) < 2 or not (np.diff(start) > 0.0).all():
+        raise ValueError(f"the partition must have at least 2 increasing nodes, got {start}")
+    if not time_step > 0.0:
+        raise ValueError(f"time_step must be positive, got {time_step}")
+    exact = np.diff(start) / time_step
+    steps = np.round(exact).astype(np.int64)
+    for k, (number, ratio) in enumerate(zip(steps, exact, strict=True)):
+        if number < 1 or abs(ratio - number) > 1e-9 * number:
+            raise ValueError(
+                f"the interval from {start[k]:g} to {start[k + 1]:g} s is no whole number of steps of {time_step:g} s; "
+                f"choose a time_step that divides every interval"
+            )
+        if every != int(every) or every < 1 or number % every:
+            raise ValueError(
+                f"every ({every}) must divide the {number} steps from {start[k]:g} to {start[k + 1]:g} s, so that "
+                f"states are stored at all nodes"
+            )
+    return steps
+
+
+def outputs(law, every, time_step):
+    """Times of the stored states, s: every `every` steps from each node of the partition on, and its end.
+
+    Raises ValueError when an interval is no whole number of steps, or `every` does not divide it.
+    """
+    steps = _interval_steps(law, every, time_step)
+    parts = [start + np.arange(0, n, every) * time_step for start, n in zip(law.start[:-1], steps, strict=True)]
+    return np.concatenate([*parts, law.start[-1:]])
+
+
+def _checked_law(law, states):
+    """The law's control, gain and reference, whatever they were, as arrays to compile for; ValueError on shapes."""
+    nodes = len(law.start)
+    # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
+    control, gain, reference = (np.array(part, dtype=float, order="C") for part in law[1:])
+    expected = (nodes - 1,), (nodes - 1, nodes, states), (nodes, states)
+    found = control.shape, gain.shape, reference.shape
+    if found != expected:
+        raise ValueError(f"control, gain and reference of {nodes} nodes must have shapes {expected}, got {found}")
+    return control, gain, reference
+
+
+def _checked_states(initial_states, states):
+    initial_states = np.asarray(initial_states, dtype=float)
+    if initial_states.ndim != 2 or initial_states.shape[1] != states or not len(initial_states):
+        raise ValueError(f"initial_states must have shape (trials, {states}), got {initial_states.shape}")
+    return initial_states
+
+
+def _uniform_spacing(grid, name):
+    """Spacing of a grid; ValueError unless it ascends uniformly."""
+    grid = np.asarray(grid, dtype=float)
+    steps = np.diff(grid)
+    if grid.ndim != 1 or len(grid) < 2 or not (np.abs(steps - steps.mean()) <= 1e-6 * steps.mean()).all():
+        raise ValueError(f"{name} must be a uniform ascending grid; the look-ups compute the node from the distance")
+    return (grid[-1] - grid[0]) / (len(grid) - 1)
+
+
+def _log_density_cells(air):
+    """Coefficients (nodes + 1, 4) of ln rho in the fraction of a cell: cubics between the nodes, a line at each end."""
+    value, slope = np.asarray(air.log_density, dtype=float), np.asarray(air.log_density_slope, dtype=float)
+    fits = value.ndim == 1 and len(value) >= 2 and value.shape == slope.shape and air.spacing > 0.0
+    if not fits or not np.isfinite(value).all() or not np.isfinite(slope).all():
+        raise ValueError(
+            f"log_density and log_density_slope must have one finite value per node and a positive spacing, got shapes "
+            f"{value.shape} and {slope.shape}, spacing {air.spacing}; for vacuum take -2000, say"
+        )
+    slope = slope * air.spacing
+    rise = np.diff(value)
+    cells = np.zeros((len(value) + 1, 4))
+    cells[1:, 0], cells[1:, 1] = value, slope
+    cells[0, :2] = value[0] - slope[0], slope[0]
+    cells[1:-1, 2] = 3.0 * rise - 2.0 * slope[:-1] - slope[1:]
+    cells[1:-1, 3] = slope[:-1] + slope[1:] - 2.0 * rise
+    return cells
+
+
+def _checked_process(air):
+    """Retention and innovation deviation of the random part as compiled code takes them; ValueError on shapes."""
+    retention, deviation = (np.array(part, dtype=float) for part in (air.retention, air.innovation_deviation))
+    if not retention.shape == deviation.shape == (len(air.altitude) - 1,):
+        raise ValueError(
+            f"retention and innovation_deviation must have one value per node but the top one, shape "
+            f"{(len(air.altitude) - 1,)}, got {retention.shape} and {deviation.shape}"
+        )
+    return retention, deviation
+
+
+# ---- the law, compiled -----------------------------------------------------------------------------------------------
+
+
+@inline_njit
+def _command(interval, law, state, deviation, command):
+    """Control of Eq. 8 at the start of an interval, command (LANES,); keeps the deviation there for later ones."""
+    control, gain, reference = law
+    states = state.shape[0]
+    for row in range(states):
+        for lane in range(LANES):
+            deviation[interval * states + row, lane] = state[row, lane] - reference[interval, row]
+    for lane in range(LANES):
+        command[lane] = control[interval]
+    for node in range(interval + 1):
+        for row in range(states):
+            factor = gain[interval, node, row]
+            for lane in range(LANES):
+                command[lane] += factor * deviation[node * states + row, lane]
+
+
+# ---- aerocapture -----------------------------------------------------------------------------------------------------
+
+
+@inline_njit
+def _look_up(altitude, lane, air, constants):
+    """ln of the mean density, and its variation, linear between the nodes of the field and held beyond."""
+    cells, variation = air
+    # Before the first node and behind the last there is a cell more.
+    position = (altitude - constants.bottom) * constants.cells_per_metre + 1.0
+    last = np.float64(cells.shape[0] - 1)
+    inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
+    inside = inside if inside < last else last
+    cell = np.int32(inside)
+    rest = position - cell
+    log_density = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
+
+    position = (altitude - constants.field_bottom) * constants.nodes_per_metre
+    last = np.float64(variation.shape[0] - 1)
+    position = position if position > 0.0 else 0.0
+    position = position if position < last else last
+    node = np.int32(position)
+    node = node if node < variation.shape[0] - 1 else np.int32(variation.shape[0] - 2)
+    rest = position - node
+    below = variation[node, lane]
+    return log_density, below + rest * (variation[node + 1, lane] - below)
+
+
+@inline_njit
+def _mean_density(log_density):
+    log_density = LEAST_LOG_DENSITY if log_density < LEAST_LOG_DENSITY else log_density  # NaN stays NaN
+    log_density = LARGEST_LOG_DENSITY if log_density > LARGEST_LOG_DENSITY else log_density
+    return exponential(log_density)
+
+
+@inline_njit
+def _drift(half_index, state, noise, parameters, out):
+    air, bank_cosine, found, constants = parameters
+    # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
+    for lane in range(LANES):
+        found[LOG_DENSITY, lane], found[VARIATION, lane] = _look_up(
+            state[RADIUS, lane] - constants.planet_radius, lane, air, constants
+        )
+    if half_index == 0:  # the step's start
+        for lane in range(LANES):
+            found[FLOOR_COUNT, lane] += is_floored(found[VARIATION, lane], constants.density_floor)
+    for lane in range(LANES):
+        sin_path, cos_path = sine_cosine(state[PATH_ANGLE, lane])
+        density = _mean_density(found[LOG_DENSITY, lane]) * density_factor(
+            found[VARIATION, lane], constants.density_floor
+        )
+        out[RADIUS, lane], out[SPEED, lane], out[PATH_ANGLE, lane] = planar_entry_rates_from_sines(
+            state[RADIUS, lane],
+            state[SPEED, lane],
+            sin_path,
+            cos_path,
+            bank_cosine[0, lane],
+            density,
+            constants.drag_factor,
+            constants.lift_factor,
+            constants.gravitational_parameter,
+        )
+
+
+_advance = runge_kutta_4(_drift)
+
+
+@njit(error_model="numpy")
+def _sample_variations(retention, innovation_deviation, top_deviation, seed, first_trial, variation):
+    """Density variations of a group, variation (nodes, LANES), down from the top node, one normal a node."""
+    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+    drawn = lane_array(NORMALS_PER_BLOCK)
+    process = lane_array(1)
+    top = variation.shape[0] - 1
+    for lane in range(LANES):
+        process[0, lane] = 0.0
+    for number in range(top + 1):
+        position, node = number % NORMALS_PER_BLOCK, top - number
+        if position == 0:
+            fill_normals(seed, FIELD_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
+        keep = retention[node] if number > 0 else 0.0
+        fresh = innovation_deviation[node] if number > 0 else top_deviation
+        for lane in range(LANES):
+            process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
+            variation[node, lane] = process[0, lane]
+
+
+@njit(error_model="numpy")
+def _record(row, state, command, parameters, history, observed):
+    air, _, found, constants = parameters
+    for lane in range(LANES):
+        found[LOG_DENSITY, lane], found[VARIATION, lane] = _look_up(
+            state[RADIUS, lane] - constants.planet_radius, lane, air, constants
+        )
+    for lane in range(LANES):
+        density = _mean_density(found[LOG_DENSITY, lane])
+        if constants.actual_density:
+            density *= density_factor(found[VARIATION, lane], constants.density_floor)
+        history[row, ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
+        history[row, VELOCITY, lane] = state[SPEED, lane]
+        history[row, FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
+        history[row, DENSITY_VARIATION, lane] = found[VARIATION, lane]
+        history[row, DYNAMIC_PRESSURE, lane] = 0.5 * density * state[SPEED, lane] * state[SPEED, lane]
+        history[row, BANK_COSINE, lane] = command[lane]
+        observed[row, 0, lane] = command[lane]
+        observed[row, BANK_MAGNITUDE, lane] = abs(command[lane])
+
+
+@inline_njit
+def _finish(lane, state, found, constants, final):
+    final[ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
+    final[VELOCITY, lane] = state[SPEED, lane]
+    final[FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
+    final[FLOORED, lane] = found[FLOOR_COUNT, lane]
+
+
+@njit(error_model="numpy")
+def _fly_group(
+    settings, cells, retention, innovation_deviation, top_deviation, varied, law, steps, time_step, every, seed,
+    first_trial, initial_state, history, observed, largest, length, final,
+):  # fmt: skip
+    """Fly LANES trials. initial_state: (3, LANES); the arrays after it are filled."""
+    constants = settings[0]
+    variation = np.zeros((len(retention) + 1, LANES))
+    if varied:
+        _sample_variations(retention, innovation_deviation, top_deviation, seed, first_trial, variation)
+    air = (cells, variation)
+    flown, found = lane_array(1), lane_array(3)
+    parameters = (air, flown, found, constants)
+
+    state = lane_array(STATES)
+    for row in range(STATES):
+        for lane in range(LANES):
+            state[row, lane] = initial_state[row, lane]
+    work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
+    noise = lane_array(0)
+    command, flying = np.empty(LANES), np.ones(LANES, np.bool_)
+    deviation = np.empty((len(steps) * STATES, LANES))
+    for lane in range(LANES):
+        found[FLOOR_COUNT, lane] = 0.0
+    remaining, row = LANES, 0
+    for interval in range(len(steps)):
+        _command(interval, law, state, deviation, command)
+        for lane in range(LANES):
+            if flying[lane]:
+                # np.maximum keeps NaN, so a trial that went wrong shows it.
+                largest[0, lane] = np.maximum(largest[0, lane], command[lane])
+                largest[BANK_MAGNITUDE, lane] = np.maximum(largest[BANK_MAGNITUDE, lane], abs(command[lane]))
+            limited = constants.lower_limit if command[lane] < constants.lower_limit else command[lane]
+            flown[0, lane] = constants.upper_limit if limited > constants.upper_limit else limited
+        for step in range(steps[interval]):
+            if step % every == 0:
+                _record(row, state, command, parameters, history, observed)
+                row += 1
+            _advance(0, time_step, state, noise, parameters, work)
+            for lane in range(LANES):
+                if flying[lane] and state[RADIUS, lane] < constants.planet_radius:
+                    _finish(lane, state, found, constants, final)
+                    length[lane] = row
+                    flying[lane] = False
+                    remaining -= 1
+            if remaining == 0:
+                return
+    _record(row, state, command, parameters, history, observed)
+    for lane in range(LANES):
+        if flying[lane]:
+            _finish(lane, state, found, constants, final)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _fly(
+    settings, cells, retention, innovation_deviation, top_deviation, varied, control, gain, reference, steps,
+    time_step, every, seed, first_trial, initial_state, history, observed, largest, length, final,
+):  # fmt: skip
+    for group in prange(initial_state.shape[1] // LANES):
+        lanes = slice(group * LANES, (group + 1) * LANES)
+        law = (control, gain, reference)
+        _fly_group(
+            settings, cells, retention, innovation_deviation, top_deviation, varied, law, steps, time_step, every, seed,
+            first_trial + group * LANES, initial_state[:, lanes], history[:, :, lanes], observed[:, :, lanes],
+            largest[:, lanes], length[lanes], final[:, lanes],
+        )  # fmt: skip
+
+
+def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, varied=True, every=1) -> Trajectories:
+    """Fly consecutive trials of the aerocapture (Eq. 71) to the end of the partition.
+
+    settings: see `settings`. air: `Air`. law: `Law` of the bank cosine, of states radius (m), velocity (m/s) and flight
+    path angle (rad). initial_states: (trials, 3). time_step: s, of the integration. seed, first_trial: key of the
+    density variations and the number of the first trial. varied: False for the mean density. every: integration steps
+    between stored states.
+
+    Returns `Trajectories` with the times of `outputs`. Stored are altitude (m), velocity (m/s), flight path angle,
+    relative density variation, dynamic pressure (Pa) and the bank cosine commanded for the interval that begins or goes
+    on then, before its limits; observed are this bank cosine and its magnitude, with maxima over all intervals. The
+    final state is the first three of these and the number of steps at whose start the density was at its floor.
+    Outcomes: CRASHED below the ground, where a trial ends and after which nothing is stored (NaN); NON_FINITE.
+
+    Raises ValueError for shapes that do not fit, grids that are not uniform, an interval that is no whole number of
+    steps, or `every` that does not divide it.
+    """
+    steps = _interval_steps(law, every, time_step)
+    control, gain, reference = _checked_law(law, STATES)
+    states = _checked_states(initial_states, STATES)
+    cells = _log_density_cells(air)
+    retention, innovation_deviation = _checked_process(air)
+    times = int(steps.sum()) // every + 1
+    start = new_trajectories(states.T, times, OBSERVED)
+    padded = start.final_state.shape[1]
+    history, final = np.empty((times, HISTORY, padded)), np.empty((FINAL, padded))
+    _fly(
+        settings, cells, retention, innovation_deviation, float(air.top_deviation), varied, control, gain, reference,
+        steps, float(time_step), int(every), seed, first_trial, start.final_state, history, start.observed,
+        start.observed_maximum, start.length, final,
+    )  # fmt: skip
+    flown = Trajectories(history, start.observed, start.observed_maximum, final, start.outcome, start.length).first(
+        len(states)
+    )
+    flown.outcome[flown.final_state[ALTITUDE] < 0.0] = CRASHED
+    flown.outcome[~_finite(flown)] = NON_FINITE
+    ended = np.arange(times)[:, np.newaxis, np.newaxis] >= flown.length
+    for stored in (flown.history, flown.observed):
+        np.copyto(stored, np.nan, where=ended)
+    return flown
+
+
+def _finite(flown):
+    """(trials,) bool: the trial's end and its commands are finite."""
+    return np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
+
+
+def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
+    """The flight through the mean density: time (k,), s, and states (k, 3), radius, velocity, flight path angle.
+
+    law: `Law`, or its partition and control alone as a pair. initial_state: (3,). Other arguments as of `fly`. A flight
+    that crashes is shorter than `outputs`: it ends with the first step below the ground.
+    """
+    law = law if isinstance(law, Law) else open_loop(*law)
+    times = outputs(law, every, time_step)
+    flown = fly(settings, air, law, [initial_state], time_step=time_step, seed=0, varied=False)
+    time, states = outputs(law, 1, time_step), flown.history[:, : FLIGHT_PATH_ANGLE + 1, 0].copy()
+    steps, crash = np.flatnonzero(np.isin(time, times)), int(flown.length[0])
+    if crash < len(time):
+        states[crash] = flown.final_state[: FLIGHT_PATH_ANGLE + 1, 0]
+        steps = np.append(steps[steps < crash], crash)
+    states[:, ALTITUDE] += settings["planet_radius"][0]
+    return time[steps], states[steps]
+
+
+# ---- double integrator -----------------------------------------------------------------------------------------------
+
+
+@inline_njit
+def _field_at(position, lane, field):
+    """The field by cubic Hermite polynomials with finite-difference slopes, held constant beyond its grid."""
+    value, slope, bottom, nodes_per_unit = field
+    position = (position - bottom) * nodes_per_unit
+    last = np.float64(value.shape[0] - 1)
+    position = position if position > 0.0 else 0.0  # of NaN, too: there must be a node to read
+    position = position if position < last else last
+    node = np.int32(position)
+    node = node if node < value.shape[0] - 1 else np.int32(value.shape[0] - 2)
+    rest = position - node
+    rise = value[node + 1, lane] - value[node, lane]
+    first, second = slope[node, lane], slope[node + 1, lane]
+    curved = 3.0 * rise - 2.0 * first - second + rest * (first + second - 2.0 * rise)
+    return value[node, lane] + rest * (first + rest * curved)
+
+
+@inline_njit
+def _point_drift(half_index, state, noise, parameters, out):
+    field, command = parameters
+    for lane in range(LANES):
+        out[POSITION, lane] = state[RATE, lane]
+        out[RATE, lane] = command[lane] + _field_at(state[POSITION, lane], lane, field)
+
+
+_advance_point = runge_kutta_4(_point_drift)
+
+
+@njit(error_model="numpy")
+def _sample_field(root, seed, first_trial, value, slope):
+    """Samples root z of a group and their slopes per cell, value and slope (nodes, LANES).
+
+    The sum runs in the order of the normals: matrix products of the library depend on how many trials are multiplied.
+    """
+    nodes, count = root.shape
+    blocks = -(-count // NORMALS_PER_BLOCK)
+    bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
+    drawn = np.empty((blocks * NORMALS_PER_BLOCK, LANES))
+    for block in range(blocks):
+        four = drawn[block * NORMALS_PER_BLOCK : (block + 1) * NORMALS_PER_BLOCK]
+        fill_normals(seed, FIELD_STREAM, first_trial, block, bits, four)
+    total = lane_array(1)
+    for node in range(nodes):
+        for lane in range(LANES):
+            total[0, lane] = 0.0
+        for number in range(count):
+            factor = root[node, number]
+            for lane in range(LANES):
+                total[0, lane] += factor * drawn[number, lane]
+        for lane in range(LANES):
+            value[node, lane] = total[0, lane]
+    for node in range(nodes):
+        before, after = max(node - 1, 0), min(node + 1, nodes - 1)
+        for lane in range(LANES):
+            slope[node, lane] = (value[after, lane] - value[before, lane]) / (after - before)
+
+
+@njit(error_model="numpy")
+def _record_point(row, state, parameters, history, observed):
+    field, command = parameters
+    for lane in range(LANES):
+        history[row, POSITION, lane] = state[POSITION, lane]
+        history[row, RATE, lane] = state[RATE, lane]
+        history[row, FIELD, lane] = _field_at(state[POSITION, lane], lane, field)
+        history[row, CONTROL, lane] = command[lane]
+        observed[row, 0, lane] = command[lane]
+
+
+@njit(error_model="numpy")
+def _fly_points(
+    bottom, nodes_per_unit, root, varied, law, steps, time_step, every, seed, first_trial, history, observed, largest,
+    final,
+):  # fmt: skip
+    """Fly LANES trials. final: (2, LANES), the initial state, replaced by the final one."""
+    value, slope = np.zeros((len(root), LANES)), np.zeros((len(root), LANES))
+    if varied:
+        _sample_field(root, seed, first_trial, value, slope)
+    command = np.empty(LANES)
+    parameters = ((value, slope, bottom, nodes_per_unit), command)
+    state, noise = lane_array(POINT_STATES), lane_array(0)
+    work = (lane_array(POINT_STATES), lane_array(POINT_STATES), lane_array(POINT_STATES))
+    deviation = np.empty((len(steps) * POINT_STATES, LANES))
+    for component in range(POINT_STATES):
+        for lane in range(LANES):
+            state[component, lane] = final[component, lane]
+    row = 0
+    for interval in range(len(steps)):
+        _command(interval, law, state, deviation, command)
+        for lane in range(LANES):
+            largest[0, lane] = np.maximum(largest[0, lane], command[lane])
+        for step in range(steps[interval]):
+            if step % every == 0:
+                _record_point(row, state, parameters, history, observed)
+                row += 1
+            _advance_point(0, time_step, state, noise, parameters, work)
+    _record_point(row, state, parameters, history, observed)
+    for component in range(POINT_STATES):
+        for lane in range(LANES):
+            final[component, lane] = state[component, lane]
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _fly_double_integrator(
+    bottom, nodes_per_unit, root, varied, control, gain, reference, steps, time_step, every, seed, first_trial,
+    history, observed, largest, final,
+):  # fmt: skip
+    for group in prange(final.shape[1] // LANES):
+        lanes = slice(group * LANES, (group + 1) * LANES)
+        law = (control, gain, reference)
+        _fly_points(
+            bottom, nodes_per_unit, root, varied, law, steps, time_step, every, seed, first_trial + group * LANES,
+            history[:, :, lanes], observed[:, :, lanes], largest[:, lanes], final[:, lanes],
+        )  # fmt: skip
+
+
+def fly_double_integrator(
+    law, field_grid, field_root, initial_states, *, time_step, seed, first_trial=0, every=1, varied=True
+) -> Trajectories:
+    """Fly consecutive trials of the double integrator (Eq. 57), r' = v, v' = u + Psi(r), to the end of the partition.
+
+    law: `Law` of states r and v. field_grid: uniform positions, (nodes,). field_root: (nodes, normals), a root of the
+    field's covariance on the grid; a sample is the root times standard normals. initial_states: (trials, 2). Other
+    arguments as of `fly`. The control is not limited.
+
+    Returns `Trajectories` with the times of `outputs`: stored are position, rate, field at the position and control,
+    observed is the control, the final state is position and rate. Outcome: NON_FINITE.
+
+    Raises ValueError as `fly`.
+    """
+    steps = _interval_steps(law, every, time_step)
+    control, gain, reference = _checked_law(law, POINT_STATES)
+    states = _checked_states(initial_states, POINT_STATES)
+    spacing = _uniform_spacing(field_grid, "field_grid")
+    root = np.array(field_root, dtype=float, order="C")
+    if root.ndim != 2 or len(root) != len(field_grid):
+        raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
+    times = int(steps.sum()) // every + 1
+    start = new_trajectories(states.T, times, 1)
+    history = np.empty((times, POINT_HISTORY, start.final_state.shape[1]))
+    _fly_double_integrator(
+        float(field_grid[0]), 1.0 / spacing, root, varied, control, gain, reference, steps, float(time_step),
+        int(every), seed, first_trial, history, start.observed, start.observed_maximum, start.final_state,
+    )  # fmt: skip
+    flown = Trajectories(
+        history, start.observed, start.observed_maximum, start.final_state, start.outcome, start.length
+    ).first(len(states))
+    flown.outcome[~_finite(flown)] = NON_FINITE
+    return flown

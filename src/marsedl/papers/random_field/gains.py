@@ -1,0 +1,346 @@
+"""Iterative covariance steering of the aerocapture: the laws of all iterations and what they predict (Algorithm 1)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods.covariance_steering import block_program
+from marsedl.methods.covariance_steering.convexification import Run, Step, successive_convexification
+from marsedl.methods.covariance_steering.steering_program import upper_quantile
+from marsedl.methods.field_disturbance import condition_number, regularize
+from marsedl.models import orbits
+from marsedl.papers.random_field import environment, flight
+from marsedl.papers.random_field.linearization import (
+    BRANCHES,
+    STATE,
+    UNITS,
+    Linearization,
+    along,
+    delta_v_gradient,
+)
+from marsedl.papers.random_field.nominal import Nominal, mission, trajectory
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta-v enters the cost
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The open loop (law 0) and the law of every iteration.
+
+    "Predicted" is what linear covariance says along the trajectory about which the law's program was linearised. The
+    design adds navigation errors to the disturbances; predictions leave them out unless they are called the design's.
+    """
+
+    refused: str = quantity("1", (), "why there is no law but the open loop; empty if there is", "str")
+    outcome: str = quantity("1", (), "converged, cycling, stopped, or refused", "str")
+    period: int = quantity("1", (), "iterations of a cycle; 1 if converged, 0 otherwise")
+    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes")
+    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
+    gain: np.ndarray = quantity("1/m, s/m, 1", ("laws", "intervals", "nodes", 3), "feedback gains on the state history")
+    reference: np.ndarray = quantity(STATE, ("laws", "nodes", 3), "predicted mean state, which the feedback compares")
+    covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "predicted state covariance")
+    design_covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "the same with navigation errors")
+    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
+    design_control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "the same with navigation errors")
+    delta_v_mean: np.ndarray = quantity("m/s", ("laws",), "predicted mean of delta-v", allow_nan=True)
+    delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "predicted standard deviation", allow_nan=True)
+    design_delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "with navigation errors", allow_nan=True)
+    percentile: np.ndarray = quantity(
+        "m/s", ("laws",), "design's percentile of delta-v at the reading's tail", allow_nan=True
+    )
+    time: np.ndarray = quantity("s", ("time",), "times of the nominal trajectories")
+    altitude: np.ndarray = quantity("m", ("laws", "time"), "altitude of the law's nominal, flown in the mean density")
+    velocity: np.ndarray = quantity("m/s", ("laws", "time"), "its velocity")
+    flight_path_angle: np.ndarray = quantity("rad", ("laws", "time"), "its flight path angle")
+    dynamic_pressure: np.ndarray = quantity("Pa", ("laws", "time"), "its dynamic pressure")
+    variation_deviation: np.ndarray = quantity("1", ("laws", "time"), "standard deviation of the variation along it")
+    apoapsis: np.ndarray = quantity("1", ("laws",), "its exit apoapsis, planet radii", allow_nan=True)
+    nominal_delta_v: np.ndarray = quantity("m/s", ("laws",), "its delta-v", allow_nan=True)
+    largest_gain: np.ndarray = quantity("1", ("laws",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
+    objective: np.ndarray = quantity("1", ("iterations",), "least cost of the program")
+    quadratic_cost: np.ndarray = quantity("1", ("iterations",), "its part J1")
+    condition_number: np.ndarray = quantity("1", ("iterations",), "of the design's Cov(W), same units")
+    status: np.ndarray = quantity("1", ("iterations",), "of the solver", "str")
+    solver_iterations: np.ndarray = quantity("1", ("iterations",), "of the solver", "int64")
+
+
+class Design(NamedTuple):
+    """One law with its predictions, in SI units; fields as of `Gains`."""
+
+    control: np.ndarray
+    gain: np.ndarray
+    reference: np.ndarray
+    covariance: np.ndarray
+    design_covariance: np.ndarray
+    control_deviation: np.ndarray
+    design_control_deviation: np.ndarray
+    delta_v_mean: float
+    delta_v_deviation: float
+    design_delta_v_deviation: float
+    percentile: float
+    largest_gain: float
+    states: np.ndarray  # of the nominal that the law's mean control gives, at every half integration step
+    apoapsis: float
+    nominal_delta_v: float
+    objective: float
+    quadratic_cost: float
+    condition_number: float
+    status: str
+    solver_iterations: int
+
+
+def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
+    """Run the iterations of the reading.
+
+    Raises MarsedlError if the reading refuses ill-conditioned designs and this is one, if a program is infeasible, or
+    if a nominal leaves the density table.
+    """
+    laws = [open_loop(inputs, nominal, linearization)]
+    outcome, period = "refused", 0
+    if not linearization.refused:
+        run = iterate(inputs, nominal, linearization.partition, inputs.iterations)
+        laws, outcome, period = [*laws, *run.results], run.outcome, run.period
+    time = np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
+    every = round(2 * inputs.output_interval / inputs.time_step)
+    states = np.array([law.states[::every] for law in laws])
+    altitude = states[..., 0] - inputs.planet_radius
+    designs = laws[1:]
+
+    def of(name, laws=laws):
+        return np.array([getattr(law, name) for law in laws])
+
+    by_law = (
+        *("control", "gain", "reference", "covariance", "design_covariance", "control_deviation"),
+        *("design_control_deviation", "delta_v_mean", "delta_v_deviation", "design_delta_v_deviation", "percentile"),
+        *("largest_gain", "apoapsis", "nominal_delta_v"),
+    )
+    by_iteration = ("objective", "quadratic_cost", "condition_number", "status", "solver_iterations")
+    empty = {"status": np.array([], dtype=str), "solver_iterations": np.array([], dtype=int)}
+    return Gains(
+        refused=linearization.refused,
+        outcome=outcome,
+        period=period,
+        partition=linearization.partition,
+        time=time,
+        altitude=altitude,
+        velocity=states[..., 1],
+        flight_path_angle=states[..., 2],
+        dynamic_pressure=0.5 * np.exp(environment.profile(inputs)(altitude)[0]) * states[..., 1] ** 2,
+        variation_deviation=environment.deviation(inputs, altitude),
+        **{name: of(name) for name in by_law},
+        **{name: of(name, designs) if designs else empty.get(name, np.zeros(0)) for name in by_iteration},
+    )
+
+
+def law(gains, number):
+    """The law that flights fly: 0 for the open loop, or an iteration's."""
+    return flight.Law(gains.partition, gains.control[number], gains.gain[number], gains.reference[number])
+
+
+def open_loop(inputs, nominal, linearization) -> Design:
+    """The open loop as a law: zero control, no feedback, and its linear covariance."""
+    intervals = len(linearization.partition) - 1
+    system = _system(inputs, linearization, np.zeros(intervals), _stacked(linearization.disturbance_covariance))
+    covariance, _ = block_program.closed_loop(system, np.zeros((intervals, intervals + 1, 1, 3)))
+    covariance = covariance * np.outer(UNITS, UNITS)
+    sign = _signs(inputs, nominal.apoapsis * inputs.planet_radius)
+    gradient = delta_v_gradient(inputs, linearization.state[-1], sign[0] if len(sign) == 1 else 0)
+    deviation = float(np.sqrt(gradient @ covariance[-1] @ gradient))
+    states = np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+    nothing = np.zeros(intervals)
+    return Design(
+        control=nothing,
+        gain=np.zeros((intervals, intervals + 1, 3)),
+        reference=linearization.state,
+        covariance=covariance,
+        design_covariance=covariance,
+        control_deviation=nothing,
+        design_control_deviation=nothing,
+        delta_v_mean=linearization.delta_v,
+        delta_v_deviation=deviation,
+        design_delta_v_deviation=deviation,
+        percentile=linearization.delta_v + upper_quantile(inputs.percentile_tail) * deviation,
+        largest_gain=0.0,
+        states=states,
+        apoapsis=nominal.apoapsis,
+        nominal_delta_v=nominal.delta_v,
+        objective=np.nan,
+        quadratic_cost=np.nan,
+        condition_number=linearization.condition_number,
+        status="",
+        solver_iterations=0,
+    )
+
+
+def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
+    """Iterations of Algorithm 1 from zero control; the results are `Design`."""
+    air = environment.air(inputs)
+    compiled = None
+
+    def fly(control):
+        angle = nominal.entry_flight_path_angle
+        time, states = trajectory(inputs, air, flight.open_loop(partition, control), angle, inputs.time_step / 2)
+        environment.require_in_table(inputs, time, states[:, 0] - inputs.planet_radius)
+        return states
+
+    target_apoapsis, target_periapsis, gravity = mission(inputs)
+    current = fly(np.zeros(len(partition) - 1))
+
+    def step(control) -> Step:
+        nonlocal current, compiled
+        model = along(inputs, partition, control, current)
+        posed, system = program(inputs, model, control)
+        accepted = {"accept_ill_conditioned": inputs.ill_conditioned == "report"}
+        try:
+            if compiled is None:
+                compiled = block_program.compile_program(posed, **accepted)
+            solution = compiled.solve(posed, **accepted)
+        except block_program.IllConditionedError as error:
+            raise MarsedlError(
+                f"covariance steering program: {error}: set navigation_deviations above zero, or ill_conditioned to "
+                "'report'"
+            ) from None
+        except (ValueError, RuntimeError) as error:
+            raise MarsedlError(f"covariance steering program: {error}") from None
+        current = fly(solution.control[:, 0])
+        end = current[-1]
+        apoapsis = float(orbits.apoapsis_radius(*end, gravity))
+        delta_v = float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity))
+        result = _design(inputs, model, system, posed, solution)._replace(
+            states=current,
+            apoapsis=_finite(apoapsis / inputs.planet_radius),
+            nominal_delta_v=_finite(delta_v),
+        )
+        monitored = np.array([np.nan_to_num(result.apoapsis, nan=np.inf), result.percentile])
+        return Step(solution.control[:, 0], monitored, result)
+
+    return successive_convexification(
+        step,
+        np.zeros(len(partition) - 1),
+        iterations=iterations,
+        tolerances=inputs.convergence_tolerances,
+        stop=stop,
+    )
+
+
+def program(inputs, model, control):
+    """The program of Eq. 56 about a trajectory, in units of 1 km, 100 m/s and 0.01 rad and deviations from it.
+
+    Returns the program and its system with the true disturbances, without navigation errors.
+    """
+    system = _system(inputs, model, control, model.disturbance_covariance)
+    intervals = len(control)
+    noisy = system._replace(
+        disturbance_covariance=regularize(system.disturbance_covariance, np.array(inputs.navigation_deviations) / UNITS)
+    )
+    pressure = model.pressure_gradient * UNITS
+    speed = SPEED[inputs.percentile_unit]
+    burns = _burns(inputs, model)
+    tail = (1.0 - inputs.control_probability) / 2.0
+    lower, upper = inputs.control_limits
+    posed = block_program.SteeringProgram(
+        system=noisy,
+        state_weight=pressure[:, :, np.newaxis] * pressure[:, np.newaxis, :],
+        control_weight=np.full((intervals, 1, 1), inputs.control_variance_weight),
+        mean_control_weight=np.full((intervals, 1, 1), inputs.mean_control_weight),
+        control_constraints=tuple(
+            block_program.HalfPlane(k, np.array([sign]), bound, tail, f"control limit {sign * bound:+g}")
+            for k in range(intervals)
+            for sign, bound in ((1.0, upper), (-1.0, -lower))
+        ),
+        percentiles=tuple(
+            block_program.Percentile(speed * gradient * UNITS, speed * value, inputs.percentile_tail)
+            for value, gradient in burns
+        ),
+        percentile_weight=inputs.percentile_weight,
+        control_reference=np.asarray(control, dtype=float)[:, np.newaxis],
+        control_trust=inputs.control_trust,
+        state_trust=(
+            block_program.TrustRegion(
+                intervals,
+                model.apoapsis_gradient * UNITS / inputs.planet_radius,
+                0.0,
+                inputs.apoapsis_trust,
+            ),
+        ),
+    )
+    return posed, system
+
+
+def _system(inputs, model, control, disturbance_covariance):
+    """The model in scaled deviations from its trajectory, where the control enters as it is."""
+    intervals = len(control)
+    scale = np.tile(UNITS, intervals)
+    return block_program.BlockSystem(
+        transition=model.transition * UNITS / UNITS[:, np.newaxis],
+        control=(model.control / UNITS)[:, :, np.newaxis],
+        affine=-model.control / UNITS * np.asarray(control, dtype=float)[:, np.newaxis],
+        initial_mean=np.zeros(3),
+        initial_covariance=np.diag((np.array(inputs.initial_deviations) / UNITS) ** 2),
+        disturbance_covariance=disturbance_covariance / np.outer(scale, scale),
+    )
+
+
+def _design(inputs, model, system, posed, solution) -> Design:
+    """The law in SI units, with what linear covariance predicts of it."""
+    state, control = block_program.closed_loop(system, solution.gain)
+    both = np.outer(UNITS, UNITS)
+    covariance, design_covariance = state * both, solution.covariance * both
+    mean = solution.mean * UNITS
+    # Where both branches are in the program, the prediction shown is that of the branch on which the mean lies.
+    value, gradient = max(_burns(inputs, model), key=lambda burn: burn[0] + burn[1] @ mean[-1])
+
+    def along_gradient(matrix):
+        return float(np.sqrt(gradient @ matrix @ gradient))
+
+    return Design(
+        control=solution.control[:, 0],
+        gain=solution.gain[:, :, 0, :] / UNITS,
+        reference=model.state + mean,
+        covariance=covariance,
+        design_covariance=design_covariance,
+        control_deviation=np.sqrt(np.maximum(control[:, 0, 0], 0.0)),
+        design_control_deviation=np.sqrt(np.maximum(solution.control_covariance[:, 0, 0], 0.0)),
+        delta_v_mean=float(value + gradient @ mean[-1]),
+        delta_v_deviation=along_gradient(covariance[-1]),
+        design_delta_v_deviation=along_gradient(design_covariance[-1]),
+        percentile=solution.percentile / SPEED[inputs.percentile_unit],
+        largest_gain=solution.largest_gain,
+        states=np.zeros(0),
+        apoapsis=np.nan,
+        nominal_delta_v=np.nan,
+        objective=solution.objective,
+        quadratic_cost=solution.quadratic_cost,
+        condition_number=condition_number(posed.system.disturbance_covariance, np.ones(3)),
+        status=solution.status,
+        solver_iterations=solution.iterations,
+    )
+
+
+def _burns(inputs, model):
+    """Delta-v and its gradient at the exit, one pair per branch of the clean-up burn in the program (Eqs. 75-76)."""
+    pairs = []
+    for sign in _signs(inputs, model.apoapsis):
+        value = orbits.total_delta_v(*model.state[-1], *mission(inputs), branch=sign)
+        pairs.append((float(value), delta_v_gradient(inputs, model.state[-1], sign)))
+    return pairs
+
+
+def _signs(inputs, apoapsis):
+    """Signs of the clean-up burn in the program: that of the nominal, at the kink the reading's, or both."""
+    if inputs.clean_up_branch == "both":
+        return 1, -1
+    target = inputs.target_apoapsis * inputs.planet_radius
+    sign = orbits.branch_of(apoapsis, target, inputs.branch_tolerance)
+    return (int(sign) if sign else BRANCHES[inputs.clean_up_branch],)
+
+
+def _stacked(covariance):
+    return covariance.reshape(covariance.shape[0] * 3, -1)
+
+
+def _finite(value):
+    return float(value) if np.isfinite(value) else np.nan

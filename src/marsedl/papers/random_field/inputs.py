@@ -1,0 +1,203 @@
+"""Typed inputs of the random-field paper; their values and sources are in `configs/random_field.yaml`."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, Strict, model_validator
+
+from marsedl.models.density_table import table_or_file
+from marsedl.papers.random_field.partition import partition_fault
+from marsedl.replication.inputs import Count, Inputs, NonNegative, Number, Positive, Seed, given, vector
+
+LARGEST_STEP_COUNT = 100_000
+LARGEST_NODE_COUNT = 100_000
+
+DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
+Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201)]
+Tail = Annotated[float, Strict(), Field(gt=0, lt=0.5)]  # beyond one half the constraint is not convex
+Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
+Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
+
+
+class RandomFieldInputs(Inputs):
+    """Everything that the random-field results depend on."""
+
+    CASES: ClassVar[dict[str, str]] = {"aerocapture": "trials"}
+
+    # The planet, the vehicle and its entry.
+    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
+    planet_radius: Positive = given("m", "radius of Mars")
+    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
+    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
+    entry_altitude: Positive = given("m", "mean altitude at the start")
+    entry_velocity: Positive = given("m/s", "mean velocity at the start")
+    entry_flight_path_angle: Number = given("rad", "mean flight path angle at the start, if it is given")
+    entry_angle: Literal["solved", "given"] = given(
+        "1", "whether the entry angle is solved, so that zero control reaches the target apoapsis, or given"
+    )
+    entry_angle_bracket: vector(2) = given("rad", "entry angles between which the solution is sought")
+    initial_deviations: vector(3, NonNegative) = given(
+        "m, m/s, rad", "standard deviations of radius, velocity and flight path angle at the start"
+    )
+
+    # The nominal density.
+    density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
+        "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
+    )
+    density_coefficients: vector(3) = given(
+        "1", "of log_quadratic: quadratic, linear and constant term of ln(kg/m^3) against altitude in 10 km"
+    )
+    density_upper_altitude: Positive = given("m", "of log_quadratic: altitude above which the scale height is constant")
+    density_table: DensityTable | None = given(
+        "m, kg/m^3", "of table: a CSV file, or file#source for one of several in it"
+    )
+    density_beyond_table: Literal["refuse", "continue"] = given(
+        "1", "when a nominal leaves the density table: refuse, or continue along the table's end slopes"
+    )
+
+    # The density variation.
+    variance_at_top: Positive = given("1", "largest variance of the relative density")
+    variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
+    variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
+    variance_growth_sign: Literal[-1, 1] = given("1", "1: the variance grows up to that altitude; -1: as printed")
+    correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
+    density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
+    field_altitudes: vector(2) = given("m", "altitudes between which the variation is sampled; it is constant beyond")
+    field_interval: Positive = given("m", "spacing of the sampled altitudes")
+
+    # The mission.
+    final_time: Positive = given("s", "end of the atmospheric flight")
+    partition: Partition = given("s", "times at which the control changes, from 0 to the final time")
+    invalid_partition: Literal["refuse", "report"] = given(
+        "1", "what to do with a partition that does not increase: refuse it, or report it and make no design"
+    )
+    target_apoapsis: Positive = given("1", "target apoapsis in radii of the planet")
+    target_periapsis: Positive = given("1", "target periapsis in radii of the planet")
+    least_exit_altitude: Number = given("m", "a flight that ends lower has not left the atmosphere")
+
+    # The covariance steering.
+    percentile_tail: Tail = given("1", "p_f, probability with which delta-v exceeds the percentile that is minimised")
+    percentile_unit: Literal["km/s", "m/s"] = given("1", "unit in which delta-v enters the cost")
+    percentile_weight: NonNegative = given("1", "weight of the delta-v percentile in the cost")
+    control_variance_weight: NonNegative = given("1", "weight of the control variance in the cost")
+    mean_control_weight: NonNegative = given("1", "weight of the squared mean control in the cost")
+    control_limits: vector(2) = given("1", "least and largest bank cosine")
+    control_probability: Level = given("1", "probability with which the control lies between its limits, at each step")
+    control_trust: Positive = given("1", "largest change of the mean control in one iteration")
+    apoapsis_trust: Positive = given("1", "largest change of the linearised apoapsis in one iteration, planet radii")
+    clean_up_branch: Literal["mean", "undershoot", "overshoot", "both"] = given(
+        "1", "derivative of the clean-up burn where it vanishes: of either side, their mean, or both in the program"
+    )
+    branch_tolerance: NonNegative = given("1", "relative distance of the apoapsis from its target taken for none")
+    navigation_deviations: vector(3, NonNegative) = given(
+        "m, m/s, rad", "standard deviations of an independent disturbance per interval that the design adds"
+    )
+    ill_conditioned: Literal["refuse", "report"] = given(
+        "1", "what to do when the gains are unbounded: refuse the design, or make it and report the gains"
+    )
+    iterations: Iterations = given("1", "iterations of Algorithm 1")
+    convergence_tolerances: vector(2, Positive) = given(
+        "1, m/s", "changes of nominal apoapsis (planet radii) and predicted percentile that count as none"
+    )
+
+    # The flights.
+    time_step: Positive = given("s", "integration step")
+    output_interval: Positive = given("s", "time between stored states")
+    dynamic_pressure_density: Literal["nominal", "actual"] = given("1", "density in the dynamic pressure that is shown")
+    seed: Seed = given("1", "key of the random numbers")
+    trials: Count = given("1", "Monte Carlo trials of the open loop and of each iteration's law")
+    paper_trials: Count = given("1", "the first of these, as many as the paper flies")
+    drawn_trials: Count = given("1", "trials drawn in the figures")
+    drawn_samples: Count = given("1", "samples of random fields drawn in the figures")
+    delta_v_window: vector(2, Positive) = given("m/s", "delta-v interval shown for the closed loop")
+
+    # The double integrator.
+    double_integrator_initial_mean: vector(2) = given("1", "mean initial position and velocity")
+    double_integrator_initial_three_sigma: vector(2, Positive) = given("1", "three standard deviations of the two")
+    double_integrator_variance: Positive = given("1", "variance of the random force")
+    double_integrator_period: Positive = given("1", "its period over position")
+    double_integrator_periodic_length: Positive = given("1", "its periodic length scale")
+    double_integrator_length: Positive = given("1", "length over which the periodicity decays")
+    double_integrator_partition: Partition = given("1", "times at which the control changes")
+    double_integrator_final_mean: vector(2) = given("1", "mean final position and velocity")
+    double_integrator_final_three_sigma: vector(2, Positive) = given(
+        "1", "three standard deviations that bound the final covariance"
+    )
+    double_integrator_first_normal: vector(2) = given("1", "normal of the first half plane")
+    double_integrator_second_normal: vector(2) = given("1", "normal of the second half plane")
+    double_integrator_bounds: vector(2) = given("1", "right-hand sides of both half planes")
+    double_integrator_probability: Level = given(
+        "1", "probability of lying between the lines, at each constrained step"
+    )
+    double_integrator_constrained: Literal["all", "before_last"] = given("1", "steps at which the lines constrain")
+    double_integrator_weights: vector(2, NonNegative) = given("1", "weights of control variance and mean control")
+    double_integrator_field_positions: vector(2) = given("1", "positions between which the force is sampled")
+    double_integrator_field_interval: Positive = given("1", "spacing of these positions")
+    double_integrator_quadrature: Annotated[int, Strict(), Field(ge=2, le=64)] = given(
+        "1", "Gauss-Legendre nodes per interval"
+    )
+    double_integrator_time_step: Positive = given("1", "integration step")
+    double_integrator_output_interval: Positive = given("1", "time between stored states")
+    double_integrator_trials: Count = given("1", "Monte Carlo trials of open and closed loop")
+    ellipse_probability: Level = given("1", "probability content of the drawn ellipses")
+
+    # The illustrations of Figs. 1 and 2.
+    example_length: Positive = given("1", "length scale of the fields of Figs. 1 and 2, whose variance is one")
+    example_extent: Positive = given("1", "coordinates from 0 to this are drawn")
+    example_positions: Annotated[tuple[Number, ...], Field(min_length=1, max_length=100)] = given(
+        "1", "positions of the measurements of Fig. 1"
+    )
+    example_values: Annotated[tuple[Number, ...], Field(min_length=1, max_length=100)] = given("1", "their values")
+    example_noise: NonNegative = given("1", "standard deviation of their noise")
+    example_edge: Number = given("1", "value to which the edge of Fig. 2 is conditioned")
+
+    # The studies beside the paper.
+    convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
+    study_trials: Count = given("1", "Monte Carlo trials of each variant in the studies")
+    navigation_factors: vector(9, Positive) = given("1", "factors of navigation_deviations in their study")
+    variance_factors: vector(6, Positive) = given("1", "factors of variance_at_top in the study of the open loop")
+    fine_partition: Partition = given("s", "the partition with short end steps, to be compared")
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        for name in ("partition", "fine_partition", "double_integrator_partition"):
+            nodes = getattr(self, name)
+            fault = partition_fault(nodes, self.final_time if "double" not in name else nodes[-1])
+            if fault and not (name == "partition" and self.invalid_partition == "report"):
+                raise ValueError(f"{name}: {fault}")
+        _require_multiples("partition", self.partition, "output_interval", self.output_interval)
+        _require_multiples("fine_partition", self.fine_partition, "output_interval", self.output_interval)
+        _require_multiples("output_interval", (self.output_interval,), "time_step", self.time_step)
+        nodes = self.double_integrator_partition
+        step, output = self.double_integrator_time_step, self.double_integrator_output_interval
+        _require_multiples("double_integrator_partition", nodes, "double_integrator_output_interval", output)
+        _require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
+        for steps in (self.final_time / self.time_step, nodes[-1] / step):
+            if steps > LARGEST_STEP_COUNT:
+                raise ValueError(f"time_step: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}")
+        for name in ("field", "double_integrator_field"):
+            lowest, highest = getattr(self, "field_altitudes" if name == "field" else f"{name}_positions")
+            spacing = getattr(self, f"{name}_interval")
+            if not highest - lowest >= spacing:
+                raise ValueError(f"{name}_interval: {spacing:g} does not fit between {lowest:g} and {highest:g}")
+            if (highest - lowest) / spacing > LARGEST_NODE_COUNT:
+                raise ValueError(f"{name}_interval: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes")
+        for name in ("entry_angle_bracket", "control_limits", "delta_v_window"):
+            lower, upper = getattr(self, name)
+            if not lower < upper:
+                raise ValueError(f"{name}: {lower:g} and {upper:g} stand in the wrong order")
+        if self.density_profile == "table" and self.density_table is None:
+            raise ValueError("density_profile is 'table', but density_table names none: write its file")
+        if len(self.example_positions) != len(self.example_values):
+            raise ValueError("example_values: must be as many as example_positions")
+        if not self.trials >= self.paper_trials:
+            raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
+        return self
+
+
+def _require_multiples(name, values, unit_name, unit):
+    for value in values:
+        if abs(value / unit - round(value / unit)) > 1e-9:
+            raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
+
+
+MODEL = RandomFieldInputs

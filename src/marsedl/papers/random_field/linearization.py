@@ -1,0 +1,153 @@
+"""Linear model, disturbance statistics and delta-v gradients along a nominal trajectory (Eqs. 19-26 and 75-78)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from marsedl.methods import field_disturbance
+from marsedl.methods.linearization import linearize
+from marsedl.models import orbits
+from marsedl.models.dynamics.planar_entry import planar_entry_rates
+from marsedl.papers.random_field import environment
+from marsedl.papers.random_field.nominal import Nominal, mission
+from marsedl.papers.random_field.partition import partition_fault
+from marsedl.replication.artifacts import quantity
+
+UNITS = np.array([1e3, 100.0, 0.01])  # m, m/s, rad: every program is posed in these
+STATE = "m, m/s, rad"
+BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-up burn
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """The model along the initial guess."""
+
+    refused: str = quantity("1", (), "why no design can be made on the reading's partition; empty if one can", "str")
+    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes; both ends if refused")
+    state: np.ndarray = quantity(STATE, ("nodes", 3), "nominal radius, velocity, flight path angle at these times")
+    transition: np.ndarray = quantity("SI", ("intervals", 3, 3), "A_k")
+    control: np.ndarray = quantity("SI", ("intervals", 3), "B_k")
+    disturbance_covariance: np.ndarray = quantity("SI", ("intervals", 3, "intervals", 3), "Cov(w_k, w_l) (Eq. 26)")
+    condition_number: float = quantity("1", (), "of Cov(W) in units of 1 km, 100 m/s, 0.01 rad")
+    pressure_gradient: np.ndarray = quantity("1/m, s/m, 1", ("intervals", 3), "relative change of dynamic pressure")
+    apoapsis_gradient: np.ndarray = quantity("1, s, m", (3,), "derivative of the exit apoapsis")
+    delta_v: float = quantity("m/s", (), "total delta-v of the nominal", allow_nan=True)
+    delta_v_gradient: np.ndarray = quantity(
+        "1/s, 1, m/s", (3, 3), "derivatives of delta-v: undershoot, mean of both sides, overshoot", allow_nan=True
+    )
+
+
+class Model(NamedTuple):
+    """The linear model along any trajectory, in SI units; fields as of `Linearization`."""
+
+    state: np.ndarray
+    transition: np.ndarray
+    control: np.ndarray
+    disturbance_covariance: np.ndarray  # (3 N, 3 N)
+    pressure_gradient: np.ndarray
+    apoapsis: float  # m
+    apoapsis_gradient: np.ndarray
+    delta_v: float
+    field_map: (
+        np.ndarray
+    )  # (3 N, J), the disturbances from the field at the nodes of all intervals, quadrature included
+    field_altitude: np.ndarray  # (J,), m, of these nodes; the ends of neighbouring intervals stand twice
+
+
+def partition_used(inputs):
+    """The partition on which laws hold their control, and why it is not the reading's, or an empty text."""
+    fault = partition_fault(inputs.partition, inputs.final_time)
+    if fault:
+        return np.array([0.0, inputs.final_time]), f"the partition {fault}"
+    return np.array(inputs.partition, dtype=float), ""
+
+
+def compute(inputs, nominal: Nominal) -> Linearization:
+    """Linearise about the guess."""
+    partition, refused = partition_used(inputs)
+    states = np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+    model = along(inputs, partition, np.zeros(len(partition) - 1), states)
+    intervals = len(partition) - 1
+    gradients = [delta_v_gradient(inputs, model.state[-1], sign) for sign in BRANCHES.values()]
+    return Linearization(
+        refused=refused,
+        partition=partition,
+        condition_number=field_disturbance.condition_number(model.disturbance_covariance, UNITS),
+        disturbance_covariance=model.disturbance_covariance.reshape(intervals, 3, intervals, 3),
+        delta_v_gradient=np.array(gradients),
+        **{name: getattr(model, name) for name in ("state", "transition", "control", "pressure_gradient")},
+        apoapsis_gradient=model.apoapsis_gradient,
+        delta_v=model.delta_v,
+    )
+
+
+def along(inputs, partition, control, states) -> Model:
+    """The model along a trajectory whose control is held over the intervals of a partition.
+
+    partition: (N + 1,), s. control: (N,). states: radius, velocity, flight path angle at every half integration step,
+    (2 steps + 1, 3).
+    """
+    half = inputs.time_step / 2
+    nodes = np.rint(partition / half).astype(int)
+    altitude = states[:, 0] - inputs.planet_radius
+    log_density, slope, _ = environment.profile(inputs)(altitude)
+    slope = np.broadcast_to(slope, altitude.shape)
+    effects, weights, places, transitions, controls = [], [], [], [], []
+    for first, last, held in zip(nodes[:-1], nodes[1:], control, strict=True):
+        part = slice(first, last + 1)
+        state_matrix, control_matrix, field_matrix = _matrices(
+            inputs, states[part], held, log_density[part], slope[part]
+        )
+        interval = field_disturbance.discretize_interval(state_matrix, control_matrix, field_matrix, inputs.time_step)
+        transitions.append(interval.transition)
+        controls.append(interval.control[:, 0])
+        effects.append(interval.field_effect)
+        weights.append(field_disturbance.trapezoid_weights((last - first) // 2, inputs.time_step))
+        places.append(altitude[first : last + 1 : 2])
+    places = np.concatenate(places)
+    covariance = environment.kernel(inputs)(places[:, np.newaxis], places[np.newaxis, :])
+    end = states[-1]
+    target_apoapsis, target_periapsis, gravity = mission(inputs)
+    return Model(
+        state=states[nodes],
+        transition=np.array(transitions),
+        control=np.array(controls),
+        disturbance_covariance=field_disturbance.disturbance_covariance(effects, weights, covariance),
+        pressure_gradient=np.column_stack([slope[nodes[:-1]], 2.0 / states[nodes[:-1], 1], np.zeros(len(nodes) - 1)]),
+        apoapsis=float(orbits.apoapsis_radius(*end, gravity)),
+        apoapsis_gradient=orbits.gradient(lambda *state: orbits.apoapsis_radius(*state, gravity), end),
+        delta_v=float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
+        field_map=block_diag(*((w[:, np.newaxis] * f).T for w, f in zip(weights, effects, strict=True))),
+        field_altitude=places,
+    )
+
+
+def delta_v_gradient(inputs, state, sign):
+    """Derivative of delta-v at an exit state, with the sign of the clean-up burn given (Eq. 76)."""
+    targets = mission(inputs)
+    return orbits.gradient(lambda *at: orbits.total_delta_v(*at, *targets, branch=sign), state)
+
+
+def _matrices(inputs, states, held, log_density, slope):
+    """State, control and field matrix along one interval."""
+    drag_factor = 0.5 / inputs.ballistic_coefficient
+
+    def rates(radius, velocity, flight_path_angle, bank_cosine, variation, log_at, slope_at, radius_at):
+        # The density's derivative at the node is the profile's own.
+        density = np.exp(log_at + slope_at * (radius - radius_at)) * (1.0 + variation)
+        return planar_entry_rates(
+            radius,
+            velocity,
+            flight_path_angle,
+            bank_cosine,
+            density,
+            drag_factor,
+            inputs.lift_to_drag * drag_factor,
+            inputs.gravitational_parameter,
+        )
+
+    controls = np.column_stack([np.full(len(states), held), np.zeros(len(states))])
+    model = linearize(rates, states, controls, (log_density, slope, states[:, 0]))
+    return model.state_matrix, model.control_matrix[:, :, :1], model.control_matrix[:, :, 1]

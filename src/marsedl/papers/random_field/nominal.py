@@ -1,0 +1,134 @@
+"""The nominal aerocapture: entry angle and flight without control in the mean density (Eq. 71, Sec. V.B.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.models import orbits
+from marsedl.papers.random_field import environment, flight
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+CRASHED_APOAPSIS, ESCAPED_APOAPSIS = -1.0, 100.0  # planet radii, what the root finder sees beyond both ends
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The flight with zero control, at every half integration step."""
+
+    entry_flight_path_angle: float = quantity("rad", (), "flight path angle at the start")
+    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    altitude: np.ndarray = quantity("m", ("time",), "altitude")
+    velocity: np.ndarray = quantity("m/s", ("time",), "velocity")
+    flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
+    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
+    dynamic_pressure: np.ndarray = quantity("Pa", ("time",), "dynamic pressure")
+    variation_deviation: np.ndarray = quantity("1", ("time",), "standard deviation of the density variation met")
+    time_of_largest_dynamic_pressure: float = quantity("s", (), "of a parabola through the largest values")
+    largest_dynamic_pressure: float = quantity("Pa", (), "the parabola's largest value")
+    lowest_altitude: float = quantity("m", (), "lowest altitude")
+    apoapsis: float = quantity("1", (), "apoapsis after the exit, planet radii", allow_nan=True)
+    delta_v: float = quantity("m/s", (), "total delta-v of the two burns", allow_nan=True)
+    clean_up_burn: float = quantity("m/s", (), "signed second burn, positive below the target", allow_nan=True)
+
+
+def initial_state(inputs, flight_path_angle):
+    """Mean radius, velocity and flight path angle at the start."""
+    return np.array([inputs.planet_radius + inputs.entry_altitude, inputs.entry_velocity, flight_path_angle])
+
+
+def open_loop(inputs):
+    """The law of the initial guess: zero control, no feedback."""
+    return flight.open_loop([0.0, inputs.final_time], [0.0])
+
+
+def trajectory(inputs, air, law, flight_path_angle, time_step, every=1):
+    """Fly a law's feedforward in the mean density: times (k,) and radius, velocity, path angle (k, 3)."""
+    return flight.propagate_nominal(
+        flight.settings(inputs, air),
+        air,
+        law,
+        initial_state(inputs, flight_path_angle),
+        time_step=time_step,
+        every=every,
+    )
+
+
+def mission(inputs):
+    """Target apoapsis, target periapsis (m) and gravitational parameter, as the functions of `orbits` want them."""
+    targets = inputs.target_apoapsis * inputs.planet_radius, inputs.target_periapsis * inputs.planet_radius
+    return *targets, inputs.gravitational_parameter
+
+
+def compute(inputs) -> Nominal:
+    """Solve the entry angle if it is not given, and fly.
+
+    Raises MarsedlError if no entry angle of the bracket reaches the target, or if the flight leaves the density table.
+    """
+    air = environment.air(inputs)
+    law = open_loop(inputs)
+    angle = inputs.entry_flight_path_angle
+    if inputs.entry_angle == "solved":
+        angle = _entry_angle(inputs, air, law)
+    time, states = trajectory(inputs, air, law, angle, inputs.time_step / 2)
+    altitude = states[:, 0] - inputs.planet_radius
+    environment.require_in_table(inputs, time, altitude)
+    density = np.exp(environment.profile(inputs)(altitude)[0])
+    pressure = 0.5 * density * states[:, 1] ** 2
+    peak_time, peak = _peak(time, pressure)
+    target_apoapsis, target_periapsis, gravity = mission(inputs)
+    end = states[-1]
+    burns = orbits.burns(*end, target_apoapsis, target_periapsis, gravity)
+    return Nominal(
+        entry_flight_path_angle=float(angle),
+        time=time,
+        altitude=altitude,
+        velocity=states[:, 1],
+        flight_path_angle=states[:, 2],
+        density=density,
+        dynamic_pressure=pressure,
+        variation_deviation=environment.deviation(inputs, altitude),
+        time_of_largest_dynamic_pressure=peak_time,
+        largest_dynamic_pressure=peak,
+        lowest_altitude=float(altitude.min()),
+        apoapsis=_finite(orbits.apoapsis_radius(*end, gravity) / inputs.planet_radius),
+        delta_v=_finite(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
+        clean_up_burn=_finite(burns.apoapsis_change),
+    )
+
+
+def _entry_angle(inputs, air, law):
+    from scipy.optimize import brentq
+
+    def miss(angle):
+        _, states = trajectory(
+            inputs, air, law, angle, inputs.time_step / 2, every=round(inputs.final_time / inputs.time_step * 2)
+        )
+        radius, velocity, path_angle = states[-1]
+        if not radius - inputs.planet_radius > inputs.least_exit_altitude:
+            return CRASHED_APOAPSIS - inputs.target_apoapsis
+        apoapsis = orbits.apoapsis_radius(radius, velocity, path_angle, inputs.gravitational_parameter)
+        return min(float(apoapsis) / inputs.planet_radius, ESCAPED_APOAPSIS) - inputs.target_apoapsis
+
+    steep, shallow = inputs.entry_angle_bracket
+    ends = miss(steep), miss(shallow)
+    if not ends[0] < 0.0 < ends[1]:
+        raise MarsedlError(
+            f"no entry angle from {np.rad2deg(steep):g} to {np.rad2deg(shallow):g} deg is sure to reach the target "
+            f"apoapsis without control: at these ends it is missed by {ends[0]:.3g} and {ends[1]:.3g} planet radii; "
+            "widen entry_angle_bracket, or check density and ballistic_coefficient"
+        )
+    return brentq(miss, steep, shallow, xtol=1e-13, rtol=1e-13)
+
+
+def _peak(values, pressure):
+    """Place and height of the largest value, of the parabola through it and its neighbours."""
+    k = min(max(int(np.argmax(pressure)), 1), len(pressure) - 2)
+    before, middle, after = pressure[k - 1 : k + 2]
+    curvature = before - 2.0 * middle + after
+    shift = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
+    return float(values[k] + shift * (values[k + 1] - values[k])), float(middle - 0.25 * (before - after) * shift)
+
+
+def _finite(value):
+    return float(value) if np.isfinite(value) else np.nan

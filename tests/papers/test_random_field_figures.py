@@ -1,0 +1,903 @@
+"""The figures of the random-field paper hold the right curves; nothing here looks at pixels."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from math import erf, erfc
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import proj3d
+from scipy.stats import norm
+
+from marsedl.models import orbits
+from marsedl.models import random_field as fields
+from marsedl.papers.random_field import PAPER, certificates, environment, figures, flight, montecarlo
+from marsedl.papers.random_field import double_integrator as linear_example
+from marsedl.papers.random_field.convergence import Convergence
+from marsedl.papers.random_field.field_study import FieldStudy
+from marsedl.papers.random_field.regularization import Regularization
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
+
+DRAWN = 12  # trials, see the fixtures
+SKETCHES = ("fig06", "fig07", "fig08")
+FIRST_FIGURES = tuple(f"fig{number:02d}" for number in range(1, 11))  # those before the flights of the aerocapture
+
+
+@pytest.fixture(scope="module")
+def draw(random_field):
+    """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it; changed ones on demand."""
+    drawn = {}
+
+    def made_of(stem, reading):
+        return {
+            need.split(".")[-1]: random_field.ensemble(reading, need.split(".")[1])
+            if need.startswith("montecarlo")
+            else random_field.stage(need, reading)
+            for need in PAPER.figures[stem].needs
+        }
+
+    def draw_once(stem, reading="corrected", artifacts=None, **changes):
+        function = getattr(figures, stem)
+        inputs = random_field.inputs(reading, PAPER.figures[stem].inputs, **changes)
+        if artifacts or changes:
+            return function(inputs, **made_of(stem, reading) | (artifacts or {}))
+        if (stem, reading) not in drawn:
+            drawn[stem, reading] = function(inputs, **made_of(stem, reading))
+        return drawn[stem, reading]
+
+    return draw_once
+
+
+@pytest.fixture
+def inputs_of(random_field):
+    """The inputs that the catalogue gives a figure."""
+
+    def inputs(stem, reading="corrected", **changes):
+        return random_field.inputs(reading, PAPER.figures[stem].inputs, **changes)
+
+    return inputs
+
+
+def curves(axes, color=None, style=None, least=3):
+    """Lines with data (those of a legend have none), of a colour and a style if given."""
+    lines = [line for line in axes.lines if len(line.get_xdata()) >= least]
+    return [
+        line
+        for line in lines
+        if (color is None or same_color(line.get_color(), color)) and style in (None, line.get_linestyle())
+    ]
+
+
+def labels(figure):
+    """All labels of a figure's legends."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def band(axes, along=0):
+    """Lower and upper edge of the filled band against its coordinate: three arrays."""
+    points = axes.collections[0].get_paths()[0].vertices
+    places = np.unique(points[:, along])
+    edges = [points[points[:, along] == place, 1 - along] for place in places]
+    return places, np.array([edge.min() for edge in edges]), np.array([edge.max() for edge in edges])
+
+
+def arrows(axes):
+    """Vectors of the arrows of a sketch, by colour."""
+    found = {}
+    for text in axes.texts:
+        patch = getattr(text, "arrow_patch", None)
+        if patch:
+            found[patch.get_edgecolor()] = np.array(text.xy) - np.array(text.xyann)
+    return lambda color: next(vector for drawn, vector in found.items() if same_color(drawn, color))
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+@pytest.mark.parametrize("stem", FIRST_FIGURES)
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
+    figure = draw(stem, reading)
+    assert isinstance(figure, Figure)
+    for axes in figure.axes:
+        assert axes.get_title() or axes.lines or axes.patches or axes.texts
+    for labelled in (Axes.get_xlabel, Axes.get_ylabel):
+        assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize("stem", FIRST_FIGURES)
+def test_one_sample_suffices(draw, stem):
+    draw(stem, drawn_samples=1, example_positions=np.array([1.0]), example_values=np.array([0.3]))
+
+
+def test_samples_drawn_are_not_those_of_flights_and_certificates():
+    drawn = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
+    assert len(drawn) >= 5
+    flown = {flight.INITIAL_STREAM, flight.FIELD_STREAM, montecarlo.INITIAL_STATE_STREAM}
+    assert not drawn & (flown | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
+
+
+# --- examples of fields -----------------------------------------------------------------------------------------------
+
+
+def test_fig01_bands_are_two_deviations_of_prior_and_posterior(draw, inputs_of):
+    prior, posterior = draw("fig01").axes
+    _, lower, upper = band(prior)
+    np.testing.assert_allclose([lower.min(), lower.max(), upper.min(), upper.max()], [-2, -2, 2, 2])
+    inputs = inputs_of("fig01")
+    # With the inverse and in one dimension, as textbooks write it.
+    place, lower, upper = band(posterior)
+    measured = inputs.example_positions
+
+    def kernel(a, b):
+        return np.exp(-((a[:, None] - b) ** 2) / 2)
+
+    inverse = np.linalg.inv(kernel(measured, measured) + 0.1**2 * np.eye(len(measured)))
+    cross = kernel(place, measured)
+    mean = cross @ inverse @ inputs.example_values
+    deviation = np.sqrt(1 - np.einsum("ki,ij,kj->k", cross, inverse, cross))
+    np.testing.assert_allclose(lower, mean - 2 * deviation, atol=1e-9)
+    np.testing.assert_allclose(upper, mean + 2 * deviation, atol=1e-9)
+    assert deviation[[np.abs(place - m).argmin() for m in measured]].max() < 0.1
+
+
+def test_fig01_samples_have_the_mean_and_deviation_drawn(inputs_of):
+    position, before, after, mean, deviation = figures.line_samples(inputs_of("fig01", drawn_samples=4000))
+    for samples, centre, spread in ((before, 0.0, 1.0), (after, mean, deviation)):
+        error = (samples.mean(axis=0) - centre) / (spread / np.sqrt(4000))
+        assert np.abs(error).max() < 5
+        error = (samples.var(axis=0, ddof=1) / spread**2 - 1) / np.sqrt(2 / 3999)
+        assert np.abs(error).max() < 5
+    assert len(position) == len(mean)
+
+
+def test_fig01_samples_without_noise_pass_through_the_measurements(draw, inputs_of):
+    _, posterior = draw("fig01", example_noise=0.0).axes
+    inputs = inputs_of("fig01")
+    samples = curves(posterior, BLUE)
+    assert len(samples) == inputs.drawn_samples
+    for line in samples:
+        at = np.interp(inputs.example_positions, line.get_xdata(), line.get_ydata())
+        np.testing.assert_allclose(at, inputs.example_values, atol=1e-4)
+    _, lower, upper = band(posterior)
+    assert (upper - lower).min() < 1e-3
+
+
+def test_fig01_panels_share_their_random_numbers(inputs_of):
+    position, before, after, *_ = figures.line_samples(inputs_of("fig01", example_extent=50.0))
+    far = position > 14.0  # ten correlation lengths behind the last measurement
+    np.testing.assert_allclose(before[:, far], after[:, far], atol=1e-6)
+    assert np.abs(before - after)[:, position < 4].max() > 0.5
+
+
+def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
+    inputs = inputs_of("fig02")
+    before, after = draw("fig02").axes
+    for axes, held in ((before, False), (after, True)):
+        ends = []
+        for line in axes.lines:
+            x, y, z = line.get_data_3d()
+            assert (x == inputs.example_extent).all() or (y == inputs.example_extent).all()
+            assert (np.ptp(z) < 1e-3) == held
+            if held:
+                np.testing.assert_allclose(z, inputs.example_edge, atol=1e-4)
+            ends += [(x[0], y[0], z[0]), (x[-1], y[-1], z[-1])]
+        # On paper, both edges run into the corner that is furthest to the right.
+        seen = [proj3d.proj_transform(*end, axes.get_proj())[0] for end in ends]
+        assert np.argmax(seen) in (1, 3) and seen[1] == pytest.approx(seen[3])
+        assert min(seen[1] - seen[0], seen[3] - seen[2]) > 0.02
+
+
+def test_fig02_panels_share_their_random_numbers(inputs_of):
+    coordinate, before, after = figures.plane_samples(inputs_of("fig02", example_extent=15.0))
+    far = np.ix_(coordinate < 5, coordinate < 5)
+    np.testing.assert_allclose(before[far], after[far], atol=1e-6)
+
+
+def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeypatch):
+    monkeypatch.setattr(figures, "PLANE_POINTS", 7)
+    inputs = inputs_of("fig02")
+    coordinate, before, _ = figures.plane_samples(inputs)
+    points = np.array([(x, y) for x in coordinate for y in coordinate])
+    covariance = np.exp(-((points[:, None] - points) ** 2).sum(axis=-1) / 2)
+    drawn = figures.normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
+    np.testing.assert_allclose(before.ravel(), fields.root(covariance) @ drawn.ravel(), atol=1e-9)
+
+
+# --- the field and the process ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field, reading):
+    nominal = random_field.nominal(reading)
+    field, path, _, process = draw("fig03", reading).axes
+    (flown,) = curves(path, BLACK, "-")
+    np.testing.assert_allclose(flown.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
+    for color in (BLUE, ORANGE, GREEN):
+        (sample,), (seen,) = curves(field, color, "-"), curves(process, color, "-")
+        expected = np.interp(flown.get_ydata(), sample.get_ydata(), sample.get_xdata())
+        np.testing.assert_allclose(seen.get_ydata(), expected, rtol=1e-9, atol=1e-12)
+        (places,), (times,) = (curves(axes, color, "None") for axes in (field, process))
+        np.testing.assert_array_equal(places.get_xdata(), times.get_ydata())
+        np.testing.assert_array_equal(times.get_xdata(), np.arange(0, 400, 50))
+        np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *flown.get_xydata().T))
+
+
+def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
+    inputs, altitude, count = inputs_of("fig10"), np.array([45e3, 60e3, 61e3, 100e3, 125e3]), 20_000
+    samples = figures.variation_samples(inputs, altitude, count)
+    expected = environment.kernel(inputs)(altitude[:, None], altitude)
+    variance = np.diag(expected)
+    error = np.sqrt((np.outer(variance, variance) + expected**2) / count)
+    assert (np.abs(samples.T @ samples / count - expected) < 5 * error).all()
+
+
+def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
+    (axes,) = draw("fig10").axes
+    altitude, lower, upper = band(axes, along=1)
+    np.testing.assert_array_equal(lower, -upper)
+    percent = 50 * np.interp([0, 30, 45, 60, 80, 100, 120, 125], altitude, upper)
+    np.testing.assert_allclose(percent, [1.92, 4.06, 5.90, 8.58, 14.15, 23.33, 38.47, 38.47], atol=0.006)
+    samples = curves(axes, BLUE)
+    assert len(samples) == inputs_of("fig10").drawn_samples
+    inside = [(np.abs(line.get_xdata()) <= np.interp(line.get_ydata(), altitude, upper)).mean() for line in samples]
+    assert 0.85 < np.mean(inside) < 1.0
+
+
+def test_fig10_says_where_no_density_is_left(draw):
+    (axes,) = draw("fig10", "printed").axes
+    altitude, _, upper = band(axes, along=1)
+    assert upper[np.abs(altitude - 120).argmin()] == pytest.approx(2 * np.sqrt(1480.0))
+    assert upper[0] == pytest.approx(2 * np.sqrt(1480.0) * np.exp(3.0))  # Eq. 74 as printed grows downwards
+    assert "no density left" in labels(axes.figure)
+    assert "no density left" not in labels(draw("fig10", variance_at_top=0.01))
+
+
+def test_fig09_density_goes_through_the_table(draw, inputs_of):
+    (axes,) = draw("fig09").axes
+    (line,), (nodes,) = curves(axes, BLUE), curves(axes, BLACK, "None")
+    table = np.asarray(inputs_of("fig09").density_table)
+    shown = table[:, 0] <= 125e3
+    np.testing.assert_allclose(nodes.get_xydata(), table[shown][:, ::-1] * [1.0, 1e-3])
+    at_nodes = np.interp(nodes.get_ydata(), line.get_ydata(), line.get_xdata())
+    np.testing.assert_allclose(at_nodes, nodes.get_xdata(), rtol=1e-6)
+    assert axes.get_xscale() == "log" and axes.get_ylim() == (0, 125)
+
+
+def test_fig09_draws_closed_forms_as_well(draw):
+    (axes,) = draw("fig09", "doc_fit").axes
+    (line,) = curves(axes)
+    density, h = line.get_xdata(), 1e3 * line.get_ydata()
+    temperature = 1.4e-13 * h**3 - 8.85e-9 * h**2 - 1.245e-3 * h + 205.3645
+    np.testing.assert_allclose(
+        density, 559.351005946503 * np.exp(-0.000105 * h) / (188.95110711075 * temperature), rtol=1e-9
+    )
+    assert labels(axes.figure) == ["nominal density"]
+
+
+# --- double integrator ------------------------------------------------------------------------------------------------
+
+
+def test_fig04_band_is_constant_and_samples_repeat_with_the_period(draw):
+    (axes,) = draw("fig04", drawn_samples=3000).axes
+    position, lower, upper = band(axes)
+    np.testing.assert_allclose(upper, 2 * np.sqrt(2e-6))
+    np.testing.assert_allclose(lower, -2 * np.sqrt(2e-6))
+    np.testing.assert_allclose(position[[0, -1]], [0.0, 1.05])
+    samples = np.array([line.get_ydata() for line in curves(axes, BLUE)])
+    assert samples.shape[0] == 3000
+    for distance in (0.175, 0.35):
+        moved = np.array([np.interp(0.2 + distance, position, sample) for sample in samples])
+        start = np.array([np.interp(0.2, position, sample) for sample in samples])
+        correlation = np.exp(-2 * (np.sin(np.pi * distance / 0.35) / 0.8) ** 2 - distance**2 / 2)
+        assert abs(np.mean(start * moved) / 2e-6 - correlation) < 5 * np.sqrt((1 + correlation**2) / 3000)
+
+
+def ellipses(axes, color, style):
+    return [line.get_xydata() for line in curves(axes, color, style, least=100)]
+
+
+@pytest.mark.parametrize("law", [linear_example.OPEN, linear_example.CLOSED])
+def test_fig05_ellipses_hold_the_stated_probability(draw, random_field, law):
+    axes = draw("fig05").axes[law]
+    design, flown = (random_field.stage(f"double_integrator{name}", "corrected") for name in ("", "_flights"))
+    predicted, sampled = ellipses(axes, BLACK, "--"), ellipses(axes, GREY, "-")
+    assert len(predicted) == len(sampled) == 6
+    for k in range(6):
+        node = flown.node[k]
+        for curve, mean, covariance in (
+            (predicted[k], design.mean[law, k], design.covariance[law, k]),
+            (sampled[k], flown.mean[law, node, :2], flown.covariance[law, node, :2, :2]),
+        ):
+            away = curve - mean
+            distance = np.einsum("pi,ij,pj->p", away, np.linalg.inv(covariance), away)
+            np.testing.assert_allclose(np.exp(-distance / 2), 0.0027, rtol=1e-5)
+        # What sticks out beyond a line is what the design says.
+        normals, bounds = (
+            np.array([[0.212766, 8.51064], [0.30303, -12.1212]]),
+            np.array([1.0, -1.0]),
+        )
+        support = (predicted[k] @ normals.T - bounds).max(axis=0)
+        np.testing.assert_allclose(support, design.support[law, k], atol=1e-4)
+    assert (support > 1e-3).all()  # the last ellipse protrudes, with and without feedback
+
+
+def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field):
+    figure = draw("fig05")
+    flown = random_field.stage("double_integrator_flights", "corrected")
+    for law, axes in enumerate(figure.axes):
+        upper, lower = (line.get_xydata() for line in curves(axes, VERMILION, "--", least=2))
+        for line, normal, bound in ((upper, [0.212766, 8.51064], 1.0), (lower, [0.30303, -12.1212], -1.0)):
+            np.testing.assert_allclose(line @ normal, bound, rtol=1e-9)
+            np.testing.assert_allclose(line[0], [0.7, 0.1], atol=1e-5)
+            assert line[1, 0] < 0.1  # to the left of all that is drawn, where the region is wide
+        trials = [line.get_xydata() for line in curves(axes, SKY)]
+        assert len(trials) == DRAWN
+        np.testing.assert_array_equal(trials[3], flown.kept_history[law, 3, :, :2])
+        for points in (*trials, upper, lower, *ellipses(axes, BLACK, "--"), *ellipses(axes, GREY, "-")):
+            for values, (least, largest) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
+                assert least < values.min() and values.max() < largest
+    assert figure.axes[0].get_title() == "open loop" and figure.axes[1].get_title() == "closed loop"
+    assert "99.73 % ellipse, 2,000 trials" in labels(figure)
+
+
+def test_fig05_counts_trials_that_are_not_finite(draw, random_field):
+    flown = random_field.stage("double_integrator_flights", "corrected")
+    changed = replace(flown, excluded=np.array([3, 0]))
+    figure = draw("fig05", artifacts={"double_integrator_flights": changed})
+    assert [axes.get_title() for axes in figure.axes] == ["open loop, 3 not finite", "closed loop"]
+
+
+@pytest.mark.parametrize("normals", [[(0.0, 1.0), (0.0, -1.0)], [(1.0, 0.0), (1.0, 0.0)], [(1.0, 0.0), (0.0, 1.0)]])
+def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
+    first, second = map(np.array, normals)
+    inputs = inputs_of("fig05", double_integrator_first_normal=first, double_integrator_second_normal=second)
+    reach = np.array([[-2.0, -2.0], [2.0, 2.0]])
+    for line, normal, bound in zip(figures.constraint_lines(inputs, reach), (first, second), (1.0, -1.0), strict=True):
+        np.testing.assert_allclose(line @ normal, bound)
+        assert np.ptp(line, axis=0).max() >= 1.0
+        if first @ second == 0.0:
+            assert ((line @ [first, second]) <= np.array([1.0, -1.0]) + 1e-12).all()
+
+
+# --- sketches ---------------------------------------------------------------------------------------------------------
+
+
+def polar(line):
+    points = line.get_xydata()
+    return np.hypot(*points.T), np.unwrap(np.arctan2(-points[:, 1], points[:, 0]))
+
+
+def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field):
+    whole, close = draw("fig06").axes
+    nominal = random_field.nominal()
+    edge = 1 + 125 / 3397
+    radii = [np.hypot(*patch.get_xy().T) for patch in whole.patches]
+    np.testing.assert_allclose([r.min() for r in radii], [edge, 1.0])
+    np.testing.assert_allclose([r.max() for r in radii], [edge, 1.0])
+    (approach, _), (flown, flown_angle), (coast, _), (second, _), (target, _) = (
+        polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE, BLUE, GREEN)
+    )
+    exit_apoapsis = flown[-1] + 0.8 * (5 - flown[-1])
+    np.testing.assert_allclose([target.min(), target.max(), second.min(), coast.max()], [2, 5, 2, exit_apoapsis])
+    np.testing.assert_allclose(second[[0, -1]], [exit_apoapsis, 2.0])
+    np.testing.assert_allclose(flown, 1 + nominal.altitude / 3397e3)
+    assert flown[0] == pytest.approx(edge) and approach.max() == pytest.approx(5.0, abs=0.01)
+    points = [curves(whole, color, "-")[0].get_xydata() for color in (GREY, VERMILION, ORANGE, BLUE)]
+    for earlier, later in pairwise(points):
+        np.testing.assert_allclose(earlier[-1], later[0], atol=1e-9)
+    (below,) = curves(close, VERMILION, least=100)
+    np.testing.assert_allclose(below.get_ydata(), nominal.altitude / 1e3)
+    np.testing.assert_allclose(below.get_xdata(), (flown_angle - flown_angle[0]) * 3397, atol=1e-6)
+
+
+def test_fig06_curves_have_the_flight_path_angle_of_the_flight(draw, random_field):
+    whole, _ = draw("fig06").axes
+    nominal = random_field.nominal()
+    approach, flown, coast = (polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE))
+    # r' / (r angle') = tan(gamma), which holds only if the angle runs as fast as the flight says.
+    slope = np.gradient(np.log(flown[0]), flown[1], edge_order=2)
+    np.testing.assert_allclose(slope, np.tan(nominal.flight_path_angle), atol=2e-5)
+    for (radius, angle), joint, at in ((approach, -1, 0), (coast, 0, -1)):
+        slope = np.gradient(np.log(radius), angle, edge_order=2)[joint]
+        assert slope == pytest.approx(np.tan(nominal.flight_path_angle[at]), abs=1e-3)
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+def test_fig06_burns_take_the_vehicle_from_one_ellipse_to_the_next(draw, random_field, reading):
+    whole, _ = draw("fig06", reading).axes
+    gravity, planet = 4.2828e13, 3397e3
+    radius, angle = polar(curves(whole, ORANGE, "-")[0])
+    # 1 / r = (1 + e cos) / p on any conic.
+    eccentric, inverse = np.polyfit(np.cos(angle), 1 / radius, 1)
+    periapsis, apoapsis = planet / (inverse + eccentric), planet / (inverse - eccentric)
+    assert apoapsis == pytest.approx(planet * radius.max())
+
+    def velocity(here, opposite):
+        return np.sqrt(gravity * (2 / here - 2 / (here + opposite)))
+
+    raising = velocity(apoapsis, 2 * planet) - velocity(apoapsis, periapsis)
+    cleaning = velocity(2 * planet, 5 * planet) - velocity(2 * planet, apoapsis)
+    written = " ".join(text.get_text() for text in whole.texts)
+    np.testing.assert_allclose(
+        [float(value) for value in re.findall(r"= ([\d.]+) m/s", written)], [raising, cleaning], atol=0.051
+    )
+    assert set(re.findall(r"= ([\d.]+) \$r_p", written)) == {f"{apoapsis / planet:.2f}", "2.00", "5.00"}
+
+
+def test_fig06_says_what_the_flight_without_control_does(draw, random_field):
+    nominal = random_field.nominal()
+    whole, _ = draw("fig06").axes
+    assert "= 5.00 $r_p$" in whole.get_title() and "278.8 m/s" in whole.get_title()
+    lost = replace(nominal, apoapsis=np.nan, delta_v=np.nan, clean_up_burn=np.nan)
+    whole, _ = draw("fig06", artifacts={"nominal": lost}).axes
+    assert whole.get_title().endswith("is not captured")
+
+
+def test_fig06_plan_exits_with_the_apoapsis_it_names(inputs_of, random_field):
+    inputs, nominal = inputs_of("fig06"), random_field.nominal()
+    plan = figures.mission_plan(inputs, nominal)
+    radius = inputs.planet_radius + nominal.altitude[-1]
+
+    def miss(velocity):
+        reached = orbits.apoapsis_radius(radius, velocity, nominal.flight_path_angle[-1], 4.2828e13)
+        return reached / inputs.planet_radius - plan.exit_apoapsis
+
+    assert miss(nominal.velocity[-1]) > 0.7  # it is slower than the nominal, by little
+    slower = 0.95 * nominal.velocity[-1]
+    assert miss(slower) < 0.0
+    assert plan.periapsis_raise > 0.0 and plan.clean_up > 0.0
+
+
+def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
+    (axes,) = draw("fig07").axes
+    vector = arrows(axes)
+    velocity, lift, drag = vector(BLUE), vector(GREEN), vector(VERMILION)
+    assert lift @ velocity == pytest.approx(0.0, abs=1e-12) and lift[1] > 0
+    assert drag @ velocity == pytest.approx(-np.linalg.norm(drag) * np.linalg.norm(velocity))
+    arc = next(line.get_xydata() for line in curves(axes, BLACK, "-", least=30)) - [0.0, 1.0]
+    assert arc[0, 1] == 0.0  # from the local horizontal to the velocity
+    assert np.arctan2(*arc[-1, ::-1]) == pytest.approx(np.arctan2(*velocity[::-1]))
+    assert {"$r$", "$v$", r"$\gamma$", "$L$", "$D$"} <= {text.get_text() for text in axes.texts}
+
+
+def test_fig08_control_is_the_cosine_of_the_bank_angle(draw):
+    side, rear = draw("fig08").axes
+    vector = arrows(side)
+    velocity, lift = vector(BLUE), vector(GREEN)
+    assert velocity @ lift == 0.0
+    (axis,) = curves(side, BLACK, "--", least=2)
+    force = axis.get_xydata()[0] - axis.get_xydata()[-1]  # along the axis, into the heat shield
+    assert force @ lift > 0 > force @ velocity
+    vector = arrows(rear)
+    lift, vertical = vector(GREEN), vector(ORANGE)
+    assert vertical[0] == 0.0
+    (arc,) = curves(rear, BLACK, "-")
+    bank = np.arctan2(*arc.get_xydata()[-1])
+    assert vertical[1] == pytest.approx(np.linalg.norm(lift) * np.cos(bank))
+    assert {r"$\alpha$", r"$\sigma$"} <= {text.get_text() for axes in (side, rear) for text in axes.texts}
+
+
+# --- flights of the aerocapture ---------------------------------------------------------------------------------------
+
+LAWS = 4  # open loop and three iterations
+LAST_FIGURES = (*(f"fig{number}" for number in range(11, 18)), "violations", "delta_v_map")
+
+
+@pytest.mark.parametrize("reading", ["printed", "literal_gains"])
+@pytest.mark.parametrize("stem", LAST_FIGURES)
+def test_readings_without_laws_and_with_lost_flights_are_drawn_too(draw, stem, reading):
+    figure = draw(stem, reading)
+    figure.draw_without_rendering()
+    assert all(axes.get_xlabel() for axes in figure.axes[-1:])
+
+
+def said(axes):
+    """Everything that is written in a panel, on one line."""
+    return " ".join(" ".join(text.get_text() for text in axes.texts).split())
+
+
+def bars(container):
+    """Ends of the error bars of a container, (bars, 2)."""
+    segments = container.lines[2][0].get_segments()
+    return np.array([segment[:, 1] if len(segment) else [np.nan, np.nan] for segment in segments])
+
+
+def test_fig11_shows_the_guess_dashed_and_the_last_iteration_solid(draw, random_field):
+    panels, gains = draw("fig11").axes, random_field.gains()
+    for axes in panels[:2]:
+        (guess,), (last,) = curves(axes, BLACK, "--"), curves(axes, VERMILION, "-")
+        np.testing.assert_allclose(guess.get_ydata(), gains.altitude[0] / 1e3)
+        np.testing.assert_allclose(last.get_ydata(), gains.altitude[-1] / 1e3)
+    np.testing.assert_allclose(curves(panels[1], VERMILION)[0].get_xdata(), gains.velocity[-1] / 1e3)
+    for axes, values in ((panels[2], gains.altitude / 1e3), (panels[3], gains.velocity)):
+        drawn = [line for line in curves(axes) if not same_color(line.get_color(), BLACK)]
+        assert len(drawn) == LAWS - 1
+        for number, line in enumerate(drawn, start=1):
+            np.testing.assert_allclose(line.get_ydata() + values[0], values[number])
+    assert any(f"lowest {gains.altitude[0].min() / 1e3:.2f} km" in label for label in labels(draw("fig11")))
+
+
+def test_a_reading_without_laws_says_why(draw):
+    reason = "the partition does not increase: node 17 is 450 and node 18 is 400"
+    for stem, panels in (("fig11", slice(2, 4)), ("fig13", slice(0, 1))):
+        for axes in draw(stem, "printed").axes[panels]:
+            assert reason in said(axes)
+    for stem in ("fig14", "fig15"):
+        assert reason in draw(stem, "printed").axes[0].get_title()
+    assert len(draw("fig12", "printed").axes) == len(draw("fig16", "printed").axes) == 1
+
+
+def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field, inputs_of):
+    for reading, window in (("corrected", (200.0, 400.0)), ("literal_gains", (200.0, 400.0))):
+        ensemble, panels = random_field.ensemble(reading), draw("fig12", reading).axes
+        assert len(panels) == LAWS
+        for number, axes in enumerate(panels):
+            delta_v = ensemble.delta_v[number]
+            (values, edges, _) = axes.patches[0].get_data()
+            assert tuple(axes.get_xlim()) == pytest.approx((edges[0], edges[-1]))
+            if number:
+                assert tuple(axes.get_xlim()) == window
+            inside = np.isfinite(delta_v) & (delta_v >= edges[0]) & (delta_v <= edges[-1])
+            assert (values * np.diff(edges)).sum() == pytest.approx(inside.mean())
+            lost = np.isnan(delta_v).sum()
+            assert (f"{lost:,} lost" in said(axes)) == (lost > 0)
+    assert (np.isnan(random_field.ensemble("literal_gains").delta_v).sum(axis=1) > 0).any()
+    assert tuple(inputs_of("fig12").delta_v_window) == (200.0, 400.0)
+
+
+def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
+    ensemble, gains = random_field.ensemble(), random_field.gains()
+    for number, axes in enumerate(draw("fig12").axes):
+        (density,) = curves(axes, BLACK, "-")
+        value, height = density.get_data()
+        assert value[height.argmax()] == pytest.approx(gains.delta_v_mean[number], abs=0.2)
+        inside = 0.5 * np.diff([erf((edge - gains.delta_v_mean[number]) / gains.delta_v_deviation[number] / np.sqrt(2))
+                                for edge in axes.get_xlim()])  # fmt: skip
+        assert np.trapezoid(height, value) == pytest.approx(inside, rel=1e-3)
+        (flown,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
+        assert flown.get_xdata()[0] == montecarlo.delta_v_percentile(ensemble, number)[0]
+        # The 99th percentile of a normal distribution, by its own distribution function.
+        score = (predicted.get_xdata()[0] - gains.delta_v_mean[number]) / gains.delta_v_deviation[number]
+        assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)
+        window = [line.get_xdata()[0] for line in curves(axes, BLACK, "--", least=2)]
+        assert window == ([200.0, 400.0] if number == 0 else [])
+
+
+def test_fig12_says_where_no_percentile_exists(draw):
+    (axes,) = draw("fig12", "printed").axes
+    assert "too many lost" in said(axes) and not curves(axes, BLUE, "-", least=2)
+
+
+def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_field):
+    (axes,) = draw("fig13").axes
+    gains = random_field.gains()
+    assert len(axes.containers) == LAWS - 1
+    for number, (container, steps) in enumerate(zip(axes.containers, axes.patches, strict=True), start=1):
+        np.testing.assert_array_equal(steps.get_data().values, gains.control[number])
+        np.testing.assert_array_equal(steps.get_data().edges, gains.partition)
+        spread = 3 * gains.design_control_deviation[number][:, np.newaxis]
+        np.testing.assert_allclose(bars(container), gains.control[number][:, np.newaxis] + spread * [-1, 1])
+        assert np.abs(bars(container)).max() == pytest.approx(1.0, abs=1e-3)  # active, and never violated
+        places = np.array([segment[0, 0] for segment in container.lines[2][0].get_segments()])
+        assert ((places > gains.partition[:-1]) & (places < gains.partition[1:])).all()
+    (peak,) = curves(axes, GREY, ":", least=2)
+    assert peak.get_xdata()[0] == random_field.nominal().time_of_largest_dynamic_pressure
+
+
+def test_more_iterations_than_fit_show_the_first_and_the_last(random_field):
+    gains = random_field.gains()
+    many = replace(gains, control=np.zeros((9, 14)))
+    assert [number for number, _ in figures._iterations(many)] == [1, 2, 3, 8]
+    assert [number for number, _ in figures._iterations(gains)] == [1, 2, 3]
+    assert figures._ends(random_field.gains("printed")) == [(0, "open loop")]
+
+
+STATES = (("altitude", 0, 1e3), ("velocity", 1, 1.0), ("flight_path_angle", 2, np.pi / 180))
+
+
+@pytest.mark.parametrize(("stem", "number"), [("fig14", 0), ("fig15", 3)])
+def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, number):
+    panels, gains, ensemble = draw(stem).axes, random_field.gains(), random_field.ensemble()
+    nodes = [int(np.flatnonzero(gains.time == time)[0]) for time in gains.partition]
+    for axes, (name, component, unit) in zip(panels, STATES, strict=False):
+        nominal = getattr(gains, name)[number]
+        trials, bounds = curves(axes, GREY, least=50), curves(axes, BLUE, "--", least=50)
+        assert len(trials) == DRAWN
+        for line, trial in zip(trials, ensemble.kept_history[number], strict=True):
+            np.testing.assert_allclose(line.get_ydata() * unit + nominal, trial[:, component])
+        deviation = np.sqrt(ensemble.covariance[number, :, component, component])
+        for sign, line in zip((-1, 1), bounds, strict=True):
+            expected = ensemble.mean[number, :, component] + sign * 3 * deviation
+            np.testing.assert_allclose(line.get_ydata() * unit + nominal, expected)
+        (container,) = axes.containers
+        ends = bars(container)
+        np.testing.assert_allclose(
+            np.diff(ends)[:, 0] * unit, 6 * np.sqrt(gains.covariance[number, :, component, component])
+        )
+        offset = 3397e3 if component == 0 else 0.0
+        middle = gains.reference[number, :, component] - offset - nominal[nodes]
+        np.testing.assert_allclose(ends.mean(axis=1) * unit, middle, rtol=1e-9, atol=1e-6)
+        assert np.abs(ends).max() < axes.get_ylim()[1] == -axes.get_ylim()[0]
+    # Commands hold for an interval; stars are their mean and three standard deviations before the limits.
+    control = panels[-1]
+    stars = [line for line in control.lines if line.get_marker() == "*" and len(line.get_xdata())]
+    mean = ensemble.mean[number, nodes[:-1], flight.BANK_COSINE]
+    deviation = np.sqrt(ensemble.covariance[number, nodes[:-1], flight.BANK_COSINE, flight.BANK_COSINE])
+    for sign, line in zip((-1, 0, 1), stars, strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), gains.partition[:-1])
+        np.testing.assert_allclose(line.get_ydata(), mean + sign * 3 * deviation)
+    assert all(line.get_drawstyle() == "steps-post" for line in curves(control, GREY, least=50))
+    assert sorted(line.get_ydata()[0] for line in curves(control, BLACK, "--", least=2)) == [-1.0, 1.0]
+    np.testing.assert_allclose(np.diff(bars(control.containers[0]))[:, 0], 6 * gains.control_deviation[number])
+    assert control.get_ylim() == (-1.6, 1.6)
+
+
+def test_fig14_linear_covariance_is_within_two_per_cent_of_the_flights(draw, random_field):
+    error = 0.02 + 3 / np.sqrt(2 * random_field.ensemble().count[0])  # and three standard errors of a deviation
+    for axes, unit in zip(draw("fig14").axes, (1e3, 1.0, np.pi / 180), strict=False):
+        lower, upper = curves(axes, BLUE, "--", least=50)
+        predicted = np.diff(bars(axes.containers[0]))[:, 0]
+        flown = np.interp(random_field.gains().partition, upper.get_xdata(), upper.get_ydata() - lower.get_ydata())
+        large = predicted * unit > 1e-2 * (predicted * unit).max()
+        assert large.sum() > 6
+        np.testing.assert_allclose(predicted[large], flown[large], rtol=error)
+
+
+def test_errors_that_leave_the_axes_are_stated(draw):
+    control = draw("fig15", "literal_gains").axes[-1]
+    assert control.get_ylim() == (-1.6, 1.6) and re.search(
+        r"stars beyond the axis: up to \d(\.\d)?e\+\d\d", said(control)
+    )
+    for axes in draw("fig14", "printed").axes[:3]:
+        stated = float(re.search(r"linear covariance up to ([\d.e+]+)", said(axes)).group(1))
+        assert stated > 2 * axes.get_ylim()[1]
+        assert np.abs(curves(axes, BLUE, "--", least=50)[0].get_ydata()).max() < axes.get_ylim()[1]
+    assert not any(said(axes) for axes in draw("fig15").axes)
+
+
+def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(draw, random_field):
+    inputs, ensemble = random_field.all_inputs("corrected"), random_field.ensemble()
+    profile = environment.profile(inputs)
+    deviations = []
+    for axes, number in zip(draw("fig16").axes, (0, LAWS - 1), strict=True):
+        trials = curves(axes, GREY, least=50)
+        for line, trial in zip(trials, ensemble.kept_history[number], strict=True):
+            density = np.exp(profile(trial[:, flight.ALTITUDE])[0])
+            np.testing.assert_allclose(line.get_ydata(), density * trial[:, flight.VELOCITY] ** 2 / 2e3, rtol=1e-6)
+        nominal = axes.lines[-1]
+        assert same_color(nominal.get_color(), BLACK) and len(nominal.get_xdata()) == len(ensemble.time)
+        lower, upper = curves(axes, BLUE, "--", least=50)
+        deviations.append((upper.get_ydata() - lower.get_ydata())[ensemble.time == 150.0][0] / 6)
+    assert deviations[1] > 3 * deviations[0]
+
+
+def test_fig16_counts_the_trials_that_leave_the_axis(draw, random_field):
+    axes = draw("fig16", "printed").axes[0]
+    drawn = random_field.ensemble("printed").kept_history[0, :, :, flight.DYNAMIC_PRESSURE] / 1e3
+    beyond = sum(trial[np.isfinite(trial)].max() > axes.get_ylim()[1] for trial in drawn)
+    assert (f"{beyond} of {DRAWN} beyond the axis" in axes.get_title()) == (beyond > 0)
+
+
+def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
+    (axes,) = draw("fig17").axes
+    gains, kernel = random_field.gains(), environment.kernel(random_field.all_inputs("corrected"))
+    lower, upper = curves(axes, BLACK, ":")
+    np.testing.assert_array_equal(lower.get_ydata(), -upper.get_ydata())
+    expected = [3 * np.sqrt(kernel(altitude, altitude)) for altitude in gains.altitude[-1]]
+    np.testing.assert_allclose(upper.get_ydata(), expected)
+    flown_lower, flown_upper = curves(axes, BLUE, "--")
+    error = 3 / np.sqrt(2 * random_field.ensemble().count[-1])
+    flown = (flown_upper.get_ydata() - flown_lower.get_ydata()) / 2
+    np.testing.assert_allclose(flown, upper.get_ydata(), rtol=0.04 + error)
+    assert len(curves(axes, GREY)) == DRAWN
+
+
+# --- beyond the paper -------------------------------------------------------------------------------------------------
+
+
+def test_probability_beyond_the_limits_of_a_normal_control():
+    mean, deviation = np.array([0.0, 0.3, 0.3, 1.2]), np.array([1 / 3, 0.3, 0.0, 0.0])
+    expected = [erfc(3 / np.sqrt(2)), norm.sf(1.0, 0.3, 0.3) + norm.cdf(-1.0, 0.3, 0.3), 0.0, 1.0]
+    np.testing.assert_allclose(figures._beyond_limits(mean, deviation, -1.0, 1.0), expected)
+
+
+def predictions(axes):
+    """Marks of linear covariance; the caps of error bars are such marks in other colours."""
+    marks = [line for line in axes.lines if line.get_marker() == "_" and len(line.get_xdata())]
+    return [line for line in marks if same_color(line.get_color(), BLACK)]
+
+
+def test_violations_count_the_flights_interval_by_interval(draw, random_field):
+    panels, gains, ensemble = draw("violations").axes, random_field.gains(), random_field.ensemble()
+    trials = len(ensemble.outcome[0])
+    some = 0
+    for number, axes in enumerate(panels[:-1], start=1):
+        middle = (gains.partition[1:] + gains.partition[:-1]) / 2
+        (container,) = axes.containers
+        counted = dict(zip(container.lines[0].get_xdata(), container.lines[0].get_ydata() * trials, strict=True))
+        for k, place in enumerate(middle):
+            row = int(np.flatnonzero(ensemble.time == gains.partition[k])[0])
+            outside = ensemble.histogram[number, row, 0][[0, -1]].sum()
+            assert counted.get(place, 0) == pytest.approx(outside)
+            some += outside
+        (arrows,) = [line for line in axes.lines if line.get_marker() == "v" and len(line.get_xdata())]
+        assert len(arrows.get_xdata()) == len(middle) - len(counted)
+        np.testing.assert_allclose(arrows.get_ydata(), 1 - 0.025 ** (1 / trials))  # none of as many
+        (allotted,) = curves(axes, BLACK, "--", least=2)
+        assert allotted.get_ydata()[0] == pytest.approx(0.0027)
+        (marks,) = predictions(axes)
+        for place, value in zip(marks.get_xdata(), marks.get_ydata(), strict=True):
+            k = int(np.flatnonzero(middle == place)[0])
+            spread = gains.control_deviation[number, k]
+            if spread > 1e-6:
+                mean = gains.control[number, k]
+                expected = norm.sf(1.0, mean, spread) + norm.cdf(-1.0, mean, spread)
+                assert np.nan_to_num(value) == pytest.approx(expected, rel=1e-6, abs=1e-300)
+    assert some > 0
+
+
+def test_violations_of_the_double_integrator_are_the_tails_beyond_each_line(draw, random_field):
+    axes = draw("violations").axes[-1]
+    design, flights = random_field.double_integrator(), random_field.double_integrator_flights()
+    normals, bounds = np.array([[0.212766, 8.51064], [0.30303, -12.1212]]), (1.0, -1.0)
+    marks = predictions(axes)
+    for line in (0, 1):
+        for node in range(6):
+            spread = np.sqrt(normals[line] @ design.covariance[1, node] @ normals[line])
+            expected = norm.sf(bounds[line], normals[line] @ design.mean[1, node], spread)
+            assert marks[line].get_ydata()[node] == pytest.approx(expected, rel=1e-6)
+    shares = {container.lines[0].get_marker(): [] for container in axes.containers}
+    for container in axes.containers:
+        shares[container.lines[0].get_marker()].append(container.lines[0].get_ydata())
+    for line in (0, 1):
+        for marker, counts, trials in (("D", flights.paper_violations, 1000), ("o", flights.violations, 2000)):
+            expected = counts[1, :, line][counts[1, :, line] > 0] / trials
+            np.testing.assert_allclose(shares[marker][line], expected)
+    (allotted,) = curves(axes, BLACK, "--", least=2)
+    assert allotted.get_ydata()[0] == pytest.approx(0.00135)
+
+
+@pytest.fixture
+def history():
+    """A cycle and its cure, with lost trials in the last variant."""
+    rows = np.arange(3)[:, np.newaxis]
+    iterations = np.arange(5)
+    apoapsis = 5.0 + 0.1 * np.where(rows == 1, 0.5, (-1.0) ** iterations)
+    return Convergence(
+        variant=np.array(["one_branch", "both_branches", "short_end_steps"]),
+        outcome=np.array(["cycling", "converged", "stopped"]),
+        period=np.array([2, 1, 0]),
+        apoapsis=apoapsis,
+        nominal_delta_v=280.0 + 10 * apoapsis,
+        predicted=np.where(iterations == 0, 374.0, 285.0 + rows + iterations / 10),
+        percentile=np.where(iterations == 0, 589.0, 300.0 + rows - iterations / 10),
+        percentile_error=np.full((3, 5), 0.5),
+        lost=np.where((rows == 2) & (iterations > 0), iterations, 0),
+        control_change=np.zeros((3, 5)),
+    )
+
+
+def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
+    figure = figures.convergence(inputs_of("convergence"), history)
+    apoapsis, percentile = figure.axes
+    for row, color in enumerate((VERMILION, BLUE, GREEN)):
+        (line,) = curves(apoapsis, color)
+        np.testing.assert_array_equal(line.get_ydata(), history.apoapsis[row])
+        container = percentile.containers[row]
+        np.testing.assert_array_equal(container.lines[0].get_ydata(), history.percentile[row, 1:])
+        np.testing.assert_allclose(np.diff(bars(container)), 3.0)  # three standard errors on either side
+        (predicted,) = curves(percentile, color, "--")
+        np.testing.assert_array_equal(predicted.get_xydata()[:, 1], history.predicted[row, 1:])
+        np.testing.assert_array_equal(predicted.get_xdata(), [1, 2, 3, 4])
+    shown = labels(figure)
+    assert any(label.endswith("cycling with period 2") for label in shown)
+    assert "both branches: converged" in shown
+    assert any("stopped; 1 to 4 of 300 trials lost" in label for label in shown)
+
+
+def test_convergence_without_a_percentile_says_so(inputs_of, history):
+    nothing = replace(history, percentile=np.full((3, 5), np.nan), percentile_error=np.full((3, 5), np.nan))
+    _, percentile = figures.convergence(inputs_of("convergence"), nothing).axes
+    assert "too many lost" in percentile.get_title()
+
+
+def test_regularization_leaves_out_what_there_is_not(inputs_of):
+    sizes = np.array([0.01, 0.1, 1.0])
+    study = Regularization(
+        factor=sizes / 10,
+        position_error=sizes,
+        condition_number=np.array([1e9, 1e6, 1e3]),
+        largest_gain=np.array([1e17, 1e5, 70.0]),
+        predicted_deviation=np.array([0.2, 1.0, 3.6]),
+        design_deviation=np.array([0.2, 1.1, 4.2]),
+        flown_deviation=np.array([np.nan, 50.0, 6.4]),
+        percentile=np.array([np.nan, 558.0, 303.0]),
+        percentile_error=np.array([np.nan, 6.0, 0.2]),
+        saturated=np.array([300, 120, 3]),
+        worst_step=np.array([299, 100, 0]),
+        lost=np.array([120, 2, 0]),
+    )
+    gain, spread, percentile, shares = figures.regularization(inputs_of("regularization"), study).axes
+    np.testing.assert_array_equal(curves(gain, VERMILION)[0].get_xydata(), np.column_stack([sizes, study.largest_gain]))
+    assert [line.get_ydata()[2] for line in curves(spread)] == [3.6, 4.2, 6.4]
+    (crosses,) = [line for line in percentile.lines if line.get_marker() == "x"]
+    np.testing.assert_array_equal(crosses.get_xdata(), [0.01])
+    np.testing.assert_allclose(np.diff(bars(percentile.containers[0]))[1:, 0], [36.0, 1.2])
+    for color, counts in ((ORANGE, study.saturated), (VERMILION, study.worst_step), (BLACK, study.lost)):
+        drawn = curves(shares, color)[0].get_ydata()
+        np.testing.assert_allclose(drawn, np.where(counts > 0, counts / 300, np.nan))
+    (allotted,) = curves(shares, GREY, "--", least=2)
+    assert allotted.get_ydata()[0] == pytest.approx(0.0027)
+    for axes in (gain, spread, percentile, shares):
+        assert 10.0 in [line.get_xdata()[0] for line in curves(axes, GREY, ":", least=2)]
+
+
+def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
+    study = FieldStudy(
+        hypothesis=np.array(["as in the reading", "fully correlated", "growth length doubled"]),
+        percentile=np.array([589.0, 684.0, np.nan]),
+        percentile_error=np.array([7.0, 8.0, np.nan]),
+        lost=np.array([0, 1, 286]),
+        deviation_at_45_km=np.array([0.059, 0.059, 0.151]),
+        variance=0.148 * np.array([1.0, 4.0, 9.0]),
+        variance_percentile=np.array([589.0, 810.0, np.nan]),
+        variance_percentile_error=np.array([7.0, 14.0, np.nan]),
+        variance_lost=np.array([0, 29, 82]),
+        trials=5000,
+    )
+    figure = figures.field_study(inputs_of("field_study"), study)
+    (axes,) = figure.axes
+    scaled, reading, correlated = (container.lines[0] for container in axes.containers)
+    np.testing.assert_allclose(scaled.get_xdata(), [5.9, 11.8, 17.7])  # deviations, as roots of the variances
+    np.testing.assert_allclose(reading.get_xydata(), [[5.9, 589.0]])
+    np.testing.assert_allclose(correlated.get_xydata(), [[5.9, 684.0]])
+    arrows = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "^"]
+    np.testing.assert_allclose(arrows, [15.1, 17.7])
+    shown = labels(figure)
+    assert "growth length doubled: no percentile, 286 lost" in shown and "no percentile, 82 or more lost" in shown
+    nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))
+    (axes,) = figures.field_study(inputs_of("field_study"), nothing).axes
+    assert "no 99th percentile" in said(axes)
+
+
+def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random_field):
+    _, axes = draw("delta_v_map").axes
+    curve = next(line for line in curves(axes, BLACK, "-", least=50))
+    apoapsis, delta_v = curve.get_data()
+    assert apoapsis[delta_v.argmin()] == pytest.approx(5.0, abs=0.005)
+    sides = [(delta_v[part][-1] - delta_v[part][0]) / (apoapsis[part][-1] - apoapsis[part][0]) for part in (
+        (apoapsis > 4.985) & (apoapsis < 4.9999), (apoapsis > 5.0001) & (apoapsis < 5.015))]  # fmt: skip
+    slopes = {
+        line.get_label(): np.divide(*reversed(np.diff(line.get_xydata(), axis=0)[0]))
+        for line in curves(axes, GREEN, least=2)
+    }
+    below, above = slopes["linear, undershoot"], slopes["linear, overshoot"]
+    assert below == pytest.approx(sides[0], rel=0.02) and above == pytest.approx(sides[1], rel=0.02)
+    assert slopes["linear, mean"] == pytest.approx((below + above) / 2)
+    assert below < 0 < above
+
+
+def test_delta_v_map_shows_what_designs_expect_and_what_follows(draw, random_field):
+    gains, ensemble = random_field.gains(), random_field.ensemble()
+    left, right = draw("delta_v_map").axes
+    for number, color in enumerate((SKY, ORANGE, VERMILION), start=1):
+        points = {line.get_marker(): line for line in right.lines if same_color(line.get_color(), color)}
+        assert points["o"].get_ydata()[0] == gains.nominal_delta_v[number]
+        assert points["o"].get_xdata()[0] == gains.apoapsis[number]
+        assert points["v"].get_ydata()[0] == gains.delta_v_mean[number]
+        radius, velocity, path_angle = gains.reference[number, -1]
+        place = orbits.apoapsis_radius(radius, velocity, path_angle, 4.2828e13) / 3397e3
+        assert points["v"].get_xdata()[0] == pytest.approx(place)
+    (flown,) = curves(left, GREY, "None", least=100)
+    np.testing.assert_array_equal(flown.get_ydata(), ensemble.delta_v[0][:3000])
+    # The curve passes through the flights: delta-v is all but a function of the apoapsis.
+    curve = next(line for line in curves(left, BLACK, "-", least=50))
+    inside = (flown.get_xdata() > curve.get_xdata()[0]) & (flown.get_xdata() < curve.get_xdata()[-1])
+    miss = np.interp(flown.get_xdata()[inside], *curve.get_data()) - flown.get_ydata()[inside]
+    assert np.abs(miss).max() < 0.1 * (flown.get_ydata()[inside].max() - flown.get_ydata()[inside].min())

@@ -1,0 +1,634 @@
+"""The flights through random fields: against plain numpy, their limits and ends, steps, and how they are run."""
+
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+
+from marsedl.models import atmosphere, random_field
+from marsedl.models.density_table import read_density_table
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.random_field import flight
+
+TABLE = Path(__file__).parents[2] / "data" / "atmosphere" / "mars_density.csv"
+RADIUS, MU = 3397e3, 4.2828e13
+SEED = 7
+STEP = 0.5
+PARTITION = np.array([0.0, 50.0, *np.arange(75.0, 351.0, 25.0), 400.0])
+ENTRY = np.array([RADIUS + 125e3, 6100.0, np.radians(-10.0264)])  # leaves again with zero lift control
+STEEP = ENTRY - [0.0, 0.0, np.radians(4.0)]  # does not
+SCALES = np.array([1e3, 100.0, 0.01])  # deviations that gains of order one turn into controls of order one
+
+INPUTS = SimpleNamespace(
+    gravitational_parameter=MU,
+    planet_radius=RADIUS,
+    ballistic_coefficient=150.0,
+    lift_to_drag=0.2,
+    density_floor=1e-3,
+    control_limits=(-1.0, 1.0),
+    dynamic_pressure_density="nominal",
+)
+
+
+def kernel(variance):
+    lengths = {"upper_altitude": 120e3, "growth_length": 20e3, "correlation_length": 11.1e3}
+    return partial(random_field.altitude_exponential, variance=variance, **lengths)
+
+
+def make_air(profile, variance=0.148):
+    coarse, fine = np.arange(-10e3, 300.5e3, 1e3), np.linspace(20e3, 260e3, 2401)
+    log_density, slope, _ = profile(coarse)
+    return flight.Air(-10e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(variance), fine))
+
+
+def exponential_air(surface, scale_height):
+    """An exponential atmosphere of a single cell without variations: smooth everywhere."""
+    altitude = np.array([0.0, 200e3])
+    fine = np.linspace(20e3, 260e3, 3)
+    log_density = np.log(surface) - altitude / scale_height
+    return flight.Air(0.0, 200e3, log_density, np.full(2, -1.0 / scale_height), fine, np.zeros(2), np.zeros(2), 0.0)
+
+
+@pytest.fixture(scope="module")
+def profile():
+    return atmosphere.tabulated(read_density_table(TABLE, "marsgram_2021a_sample"))
+
+
+@pytest.fixture(scope="module")
+def air(profile):
+    return make_air(profile)
+
+
+@pytest.fixture(scope="module")
+def law(air):
+    """Feedback of all earlier nodes, strong enough to reach the limits, around the flight with zero control."""
+    rng = np.random.default_rng(0)
+    intervals = len(PARTITION) - 1
+    _, reference = flight.propagate_nominal(
+        flight.settings(INPUTS, air), air, (PARTITION, np.zeros(intervals)), ENTRY, time_step=STEP
+    )
+    gain = 0.3 * rng.standard_normal((intervals, intervals + 1, 3)) / SCALES
+    control = 0.3 * rng.standard_normal(intervals)
+    return flight.Law(PARTITION, control, gain, reference[np.round(PARTITION / STEP).astype(int)])
+
+
+def fly(air, law, trials=100, initial=ENTRY, inputs=INPUTS, **options):
+    states = np.broadcast_to(initial, (trials, 3)) if np.ndim(initial) == 1 else initial
+    options = {"time_step": STEP, "seed": SEED, "every": 50} | options
+    return flight.fly(flight.settings(inputs, air), air, law, states, **options)
+
+
+def assert_identical(first, second, trials=slice(None)):
+    """Every array of both, where trials picks those of the second that the first has."""
+    for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name)[..., trials], err_msg=name)
+
+
+# ---- the oracle ------------------------------------------------------------------------------------------------------
+
+
+def oracle_variations(air, trials):
+    """Density variations at the nodes, (trials, nodes), drawn from the top down."""
+    drawn = normals(SEED, flight.FIELD_STREAM, range(trials), len(air.altitude))
+    found = np.empty((trials, len(air.altitude)))
+    found[:, -1] = air.top_deviation * drawn[:, 0]
+    for down, node in enumerate(reversed(range(len(air.altitude) - 1)), start=1):
+        found[:, node] = air.retention[node] * found[:, node + 1] + air.innovation_deviation[node] * drawn[:, down]
+    return found
+
+
+def oracle_mean_density(air):
+    """The mean density as a function of altitude, by scipy's interpolation."""
+    nodes = air.bottom + air.spacing * np.arange(len(air.log_density))
+    curve = CubicHermiteSpline(nodes, air.log_density, air.log_density_slope)
+
+    def density(altitude):
+        inside = np.clip(altitude, nodes[0], nodes[-1])
+        return np.exp(curve(inside) + (altitude - inside) * curve(inside, 1))
+
+    return density
+
+
+def runge_kutta(rates, x, h):
+    k1 = rates(x)
+    k2 = rates(x + h / 2 * k1)
+    k3 = rates(x + h / 2 * k2)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(x + h * k3))
+
+
+def commanded(law, k, seen):
+    """Eq. 8 by its definition: seen holds the states (trials, n) at the nodes 0 .. k."""
+    return law.control[k] + sum(
+        (x - xbar) @ gain for x, xbar, gain in zip(seen, law.reference, law.gain[k], strict=False)
+    )
+
+
+class Oracle:
+    """Aerocaptures by plain numpy, all trials at once, with everything stored at every step."""
+
+    def __init__(self, air, law, initial, trials, inputs=INPUTS):
+        self.air, self.inputs, self.variations = air, inputs, oracle_variations(air, trials)
+        self.mean_density, self.trials = oracle_mean_density(air), np.arange(trials)
+        x, seen = np.array(np.broadcast_to(initial, (trials, 3))), []
+        self.states, self.found, self.pressure, self.control = [x], [], [], []
+        self.floored = np.zeros(trials)
+        for k, (start, end) in enumerate(zip(law.start[:-1], law.start[1:], strict=True)):
+            seen.append(x)
+            u = commanded(law, k, seen)
+            flown = np.clip(u, *inputs.control_limits)
+            for _ in range(round((end - start) / STEP)):
+                self.store(x, u)
+                self.floored += 1 + self.found[-1] < inputs.density_floor
+                x = runge_kutta(partial(self.rates, u=flown), x, STEP)
+                self.states.append(x)
+        self.store(x, u)
+
+    def variation(self, altitude):
+        """Linear between the nodes, held beyond."""
+        grid, table = self.air.altitude, self.variations
+        node = np.clip(np.searchsorted(grid, altitude, side="right") - 1, 0, len(grid) - 2)
+        rest = np.clip((altitude - grid[node]) / (grid[node + 1] - grid[node]), 0.0, 1.0)
+        return (1.0 - rest) * table[self.trials, node] + rest * table[self.trials, node + 1]
+
+    def rates(self, x, u):
+        """Eqs. 71."""
+        r, v, gamma = x.T
+        density = self.mean_density(r - RADIUS)
+        density *= np.maximum(1 + self.variation(r - RADIUS), self.inputs.density_floor)
+        b_c, l_over_d = self.inputs.ballistic_coefficient, self.inputs.lift_to_drag
+        return np.stack(
+            [
+                v * np.sin(gamma),
+                -density * v**2 / (2 * b_c) - MU * np.sin(gamma) / r**2,
+                density * v * l_over_d / (2 * b_c) * u - (MU / r**2 - v**2 / r) * np.cos(gamma) / v,
+            ],
+            axis=1,
+        )
+
+    def store(self, x, u):
+        altitude = x[:, 0] - RADIUS
+        self.found.append(self.variation(altitude))
+        self.pressure.append(0.5 * self.mean_density(altitude) * x[:, 1] ** 2)
+        self.control.append(u)
+
+    def history(self, every):
+        states = np.array(self.states)[::every] - [RADIUS, 0.0, 0.0]
+        stored = (np.array(part)[::every] for part in (self.found, self.pressure, self.control))
+        return np.stack([*np.moveaxis(states, -1, 0), *stored], axis=1)
+
+
+# ---- aerocapture: against the oracle ---------------------------------------------------------------------------------
+
+
+def assert_as_the_oracle(flown, oracle, every):
+    history = oracle.history(every)
+    np.testing.assert_allclose(flown.history, history, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(flown.final_state[: flight.FLOORED], history[-1, :3], rtol=1e-8, atol=1e-8)
+    np.testing.assert_array_equal(flown.final_state[flight.FLOORED], oracle.floored)
+    np.testing.assert_array_equal(flown.observed[:, 0], flown.history[:, flight.BANK_COSINE])
+    np.testing.assert_array_equal(flown.observed[:, flight.BANK_MAGNITUDE], np.abs(flown.observed[:, 0]))
+    control = np.array(oracle.control)
+    for maximum, expected in zip(flown.observed_maximum, (control, np.abs(control)), strict=True):
+        np.testing.assert_allclose(maximum, expected.max(axis=0), rtol=1e-8, atol=1e-8)
+
+
+def test_open_loop_flights_are_those_of_plain_numpy(air):
+    law = flight.open_loop(PARTITION, 0.2 * np.sin(np.arange(14.0)))
+    flown, oracle = fly(air, law, 130), Oracle(air, law, ENTRY, 130)
+    assert_as_the_oracle(flown, oracle, 50)
+    assert oracle.floored.sum() > 0  # the test sees the floor
+    assert flown.history[-1, flight.ALTITUDE].std() > 1e3  # and the field
+    assert (flown.outcome == COMPLETED).all() and (flown.length == 17).all()
+
+
+def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
+    spread = normals(SEED, flight.INITIAL_STREAM, range(130), 3) * [300.0, 1.0, 1e-4]
+    flown = fly(air, law, initial=ENTRY + spread, every=10)
+    assert_as_the_oracle(flown, Oracle(air, law, ENTRY + spread, 130), 10)
+    saturated = np.abs(flown.observed[:, 0]) > 1.0
+    assert 0.05 < saturated.mean() < 0.95  # both kinds of command occur
+
+
+def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
+    coarse, fine = np.arange(50e3, 110.5e3, 1e3), np.linspace(55e3, 100e3, 451)
+    log_density, slope, _ = profile(coarse)
+    short = flight.Air(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
+    law = flight.open_loop(PARTITION, np.zeros(14))
+    flown = fly(short, law, 20)
+    assert_as_the_oracle(flown, Oracle(short, law, ENTRY, 20), 50)
+    assert flown.history[:, flight.ALTITUDE].min() < 48e3 and flown.history[0, flight.ALTITUDE, 0] > 120e3
+
+
+def test_dynamic_pressure_of_the_actual_density(air):
+    law = flight.open_loop(PARTITION, np.zeros(14))
+    nominal = fly(air, law).history
+    actual = fly(air, law, inputs=SimpleNamespace(**vars(INPUTS) | {"dynamic_pressure_density": "actual"})).history
+    ratio = np.maximum(1.0 + nominal[:, flight.DENSITY_VARIATION], 1e-3)
+    row = flight.DYNAMIC_PRESSURE
+    np.testing.assert_allclose(actual[:, row], nominal[:, row] * ratio, rtol=1e-13)
+    np.testing.assert_array_equal(np.delete(actual, row, axis=1), np.delete(nominal, row, axis=1))
+
+
+# ---- aerocapture: without variation ----------------------------------------------------------------------------------
+
+
+def test_without_variation_every_gain_flies_the_nominal(air, law):
+    reference, control = law.reference, np.zeros(14)
+    law = law._replace(control=control)
+    calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
+    for flown in (fly(air, law, varied=False), fly(calm, law)):
+        np.testing.assert_allclose(flown.final_state[0], reference[-1, 0] - RADIUS, rtol=1e-9)
+        np.testing.assert_allclose(flown.final_state[1], reference[-1, 1], rtol=1e-9)
+        np.testing.assert_allclose(flown.final_state[2], reference[-1, 2], rtol=1e-9)
+        assert (flown.history[:, flight.DENSITY_VARIATION] == 0.0).all()
+        assert np.abs(flown.observed_maximum).max() < 1e-6
+
+
+def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
+    control = 0.1 * np.cos(np.arange(14.0))
+    law = flight.open_loop(PARTITION, control)
+    calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
+    oracle = np.array(Oracle(calm, law, ENTRY, 1).states)[:, 0]
+    time, states = flight.propagate_nominal(
+        flight.settings(INPUTS, air), air, (PARTITION, control), ENTRY, time_step=STEP
+    )
+    np.testing.assert_allclose(time, np.linspace(0.0, 400.0, 801), rtol=1e-15)
+    np.testing.assert_allclose(states, oracle, rtol=1e-10)
+    thinned = flight.propagate_nominal(flight.settings(INPUTS, air), air, law, ENTRY, time_step=STEP, every=25)
+    np.testing.assert_array_equal(thinned[0], time[::25])
+    np.testing.assert_array_equal(thinned[1], states[::25])
+
+
+def test_nominal_flight_ends_with_the_first_step_below_the_ground(air):
+    law = flight.open_loop(PARTITION, np.zeros(14))
+    constants = flight.settings(INPUTS, air)
+    time, states = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP)
+    assert (states[:-1, 0] >= RADIUS).all() and states[-1, 0] < RADIUS
+    few = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP, every=50)
+    np.testing.assert_array_equal(few[0], [*np.arange(0.0, time[-1], 25.0), time[-1]])
+    np.testing.assert_array_equal(few[1][-1], states[-1])
+
+
+def test_flights_are_of_fourth_order_in_the_step():
+    """In an exponential atmosphere, against an adaptive method of eighth order."""
+    air = exponential_air(0.02, 9e3)
+    partition, control = np.array([0.0, 80.0, 160.0, 240.0]), np.array([0.3, -0.5, 0.2])
+
+    def rates(_, x, u):
+        r, v, gamma = x
+        flux = 0.02 * np.exp(-(r - RADIUS) / 9e3) * v / 300.0
+        gravity = MU / r**2
+        slope = 0.2 * flux * u - (gravity - v**2 / r) * np.cos(gamma) / v
+        return v * np.sin(gamma), -flux * v - gravity * np.sin(gamma), slope
+
+    exact = ENTRY
+    for start, end, u in zip(partition[:-1], partition[1:], control, strict=True):
+        exact = solve_ivp(rates, (start, end), exact, "DOP853", args=(u,), rtol=1e-13, atol=1e-13).y[:, -1]
+    law = flight.open_loop(partition, control)
+    error = {}
+    for step in (4.0, 2.0, 1.0):
+        flown = fly(air, law, 1, time_step=step, every=1)
+        error[step] = np.abs(flown.final_state[: flight.FLOORED, 0] - (exact - [RADIUS, 0.0, 0.0]))
+    for coarse in (4.0, 2.0):
+        np.testing.assert_allclose(np.log2(error[coarse] / error[coarse / 2]), 4.0, atol=0.3)
+
+
+def test_in_vacuum_energy_and_angular_momentum_stay(air):
+    vacuum = air._replace(log_density=np.full(311, -2000.0), log_density_slope=np.zeros(311))
+    flown = fly(vacuum, flight.open_loop(PARTITION, np.ones(14)))
+    h, v, gamma = flown.history[:, :3].swapaxes(0, 1)
+    energy, momentum = v**2 / 2 - MU / (RADIUS + h), (RADIUS + h) * v * np.cos(gamma)
+    # Truncation: (angle of a step)^4, (1e-3 rad)^4.
+    np.testing.assert_allclose(energy, energy[0, 0], rtol=1e-11)
+    np.testing.assert_allclose(momentum, momentum[0, 0], rtol=1e-11)
+    assert h.min() < 60e3  # it did move
+
+
+# ---- aerocapture: nothing depends on how it is run -------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_the_number_of_threads(air, law):
+    before = numba.get_num_threads()
+    try:
+        results = []
+        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
+            numba.set_num_threads(threads)
+            results.append(fly(air, law, 200))
+    finally:
+        numba.set_num_threads(before)
+    for result in results[1:]:
+        assert_identical(results[0], result)
+
+
+@pytest.mark.parametrize("first", [0, 5, 64, 199])
+def test_a_trial_alone_is_that_of_the_block(air, law, first):
+    states = ENTRY + normals(SEED, flight.INITIAL_STREAM, range(200), 3) * [300.0, 1.0, 1e-4]
+    block = fly(air, law, initial=states)
+    for count in (1, 70):
+        trials = slice(first, min(first + count, 200))
+        assert_identical(fly(air, law, initial=states[trials], first_trial=first), block, trials)
+
+
+def test_other_seeds_are_other_fields(air):
+    law = flight.open_loop(PARTITION, np.zeros(14))
+    first, second = (fly(air, law, seed=seed).final_state[:3] for seed in (1, 2))
+    assert (first != second).all()
+
+
+def test_states_do_not_depend_on_how_many_are_stored(air, law):
+    times = {every: flight.outputs(law, every, STEP) for every in (1, 10, 50)}
+    flown = {every: fly(air, law, 20, every=every) for every in times}
+    for every in (10, 50):
+        at = np.searchsorted(times[1], times[every])
+        np.testing.assert_array_equal(times[1][at], times[every])
+        np.testing.assert_array_equal(flown[every].history, flown[1].history[at])
+        np.testing.assert_array_equal(flown[every].final_state, flown[1].final_state)
+        assert np.isin(PARTITION, times[every]).all()
+    # The command changes at the nodes and nowhere else; the last one is still in force at the end.
+    changes = np.flatnonzero(np.diff(flown[1].observed[:, 0, 0])) + 1
+    np.testing.assert_array_equal(times[1][changes], PARTITION[1:-1])
+
+
+def test_read_only_arrays_need_no_other_kernel(air, law):
+    expected, compiled = fly(air, law, 3), len(flight._fly.signatures)
+    for array in (*law, *air[2:7]):
+        array.setflags(write=False)
+    try:
+        assert_identical(fly(air, law, 3), expected)
+    finally:
+        for array in (*law, *air[2:7]):
+            array.setflags(write=True)
+    assert len(flight._fly.signatures) == compiled
+
+
+# ---- aerocapture: limits and bad ends --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e17])
+def test_commands_are_flown_within_their_limits(air, law, factor):
+    """Each trial once more without feedback, by the commands that it recorded, limited."""
+    law = law._replace(gain=factor * law.gain)
+    together = fly(air, law, 12, every=50)
+    nodes = np.searchsorted(flight.outputs(law, 50, STEP), PARTITION[:-1])
+    assert (together.outcome != NON_FINITE).all()
+    for trial in range(12):
+        control = np.clip(together.history[nodes, flight.BANK_COSINE, trial], -1.0, 1.0)
+        control[np.isnan(control)] = 0.0  # after a crash
+        alone = fly(air, flight.open_loop(PARTITION, control), 1, first_trial=trial, every=50)
+        np.testing.assert_array_equal(alone.history[:, :-1, 0], together.history[:, :-1, trial])
+        np.testing.assert_array_equal(alone.final_state[:, 0], together.final_state[:, trial])
+    if factor > 1.0:
+        assert together.observed_maximum[flight.BANK_MAGNITUDE].min() > 1e10
+
+
+def test_other_limits(air, law):
+    narrow = SimpleNamespace(**vars(INPUTS) | {"control_limits": (-0.1, 0.0)})
+    oracle = Oracle(air, law, ENTRY, 20, narrow)
+    assert_as_the_oracle(fly(air, law, 20, inputs=narrow), oracle, 50)
+
+
+def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
+    states = np.tile(ENTRY, (70, 1))
+    steep = np.arange(70) % 3 == 1
+    states[steep] = STEEP
+    mixed, healthy = fly(air, law, initial=states, every=1), fly(air, law, 70, every=1)
+    np.testing.assert_array_equal(mixed.outcome, np.where(steep, CRASHED, COMPLETED))
+    for name in ("history", "observed", "observed_maximum", "final_state", "length"):
+        np.testing.assert_array_equal(getattr(mixed, name)[..., ~steep], getattr(healthy, name)[..., ~steep])
+    final = mixed.final_state[:, steep]
+    assert (final[flight.ALTITUDE] < 0.0).all() and np.isfinite(final).all()
+    assert (mixed.length[steep] < 801).all() and np.isfinite(mixed.observed_maximum).all()
+    for trial in np.flatnonzero(steep)[:4]:
+        length = mixed.length[trial]
+        stored = mixed.history[:, :, trial]
+        assert (stored[:length, flight.ALTITUDE] >= 0.0).all()
+        assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
+        assert np.isnan(mixed.observed[length:, :, trial]).all()
+        # One step on from the last output it is below.
+        speed, path_angle = stored[length - 1, [flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]
+        assert stored[length - 1, flight.ALTITUDE] + 1.1 * STEP * speed * np.sin(path_angle) < 0.0
+    few = fly(air, law, initial=states, every=50)
+    np.testing.assert_array_equal(few.final_state, mixed.final_state)
+    at = np.searchsorted(flight.outputs(law, 1, STEP), flight.outputs(law, 50, STEP))
+    np.testing.assert_array_equal(few.length, (at[:, np.newaxis] < mixed.length).sum(axis=0))
+
+
+def test_a_group_that_crashes_as_a_whole_ends_there(air, law):
+    flown = fly(air, law, 64, initial=STEEP)
+    assert (flown.outcome == CRASHED).all() and (flown.length < 16).all()
+    assert np.isnan(flown.history[15:]).all() and np.isfinite(flown.history[0]).all()
+    some = fly(air, law, 3, initial=STEEP)
+    assert_identical(some, flown, slice(3))
+
+
+@pytest.mark.parametrize("variance", [14.8, 1480.0])
+def test_huge_densities_are_flown_or_counted(profile, law, variance):
+    wild = make_air(profile, variance)
+    flown = fly(wild, law, 200)
+    assert np.median(flown.final_state[flight.FLOORED]) > 100
+    assert np.nanmax(flown.history[:, flight.DENSITY_VARIATION]) > 3.0 * np.sqrt(variance) - 1.0
+    assert np.isin(flown.outcome, (COMPLETED, CRASHED, NON_FINITE)).all()
+    good = flown.outcome == COMPLETED
+    assert np.isfinite(flown.history[..., good]).all() and (flown.final_state[flight.ALTITUDE, good] >= 0.0).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, law, bad):
+    states = np.tile(ENTRY, (70, 1))
+    healthy = fly(air, law, initial=states)
+    for component in range(3):
+        spoiled = states.copy()
+        spoiled[[3, 66], component] = bad
+        flown = fly(air, law, initial=spoiled)
+        others = np.delete(np.arange(70), [3, 66])
+        assert (flown.outcome[[3, 66]] == NON_FINITE).all()
+        for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
+            np.testing.assert_array_equal(getattr(flown, name)[..., others], getattr(healthy, name)[..., others])
+
+
+def test_gains_that_are_not_finite_are_counted(air, law):
+    gain = law.gain.copy()
+    gain[3, 2, 1] = np.nan
+    flown = fly(air, law._replace(gain=gain), 5)
+    assert (flown.outcome == NON_FINITE).all()
+    gain[3, 2, 1], gain[3, 9, 1] = 0.0, np.nan  # of a later state
+    assert (fly(air, law._replace(gain=gain), 5).outcome == COMPLETED).all()
+
+
+def test_what_does_not_fit_is_refused(air, law):
+    with pytest.raises(ValueError, match=r"from 0 to 50 s is no whole number of steps of 0\.7 s"):
+        fly(air, law, 1, time_step=0.7)
+    with pytest.raises(ValueError, match=r"every \(100\) must divide the 50 steps from 50 to 75 s"):
+        fly(air, law, 1, every=100)
+    with pytest.raises(ValueError, match="every"):
+        flight.outputs(law, 0, STEP)
+    with pytest.raises(ValueError, match="time_step must be positive"):
+        fly(air, law, 1, time_step=0.0)
+    with pytest.raises(ValueError, match="increasing nodes"):
+        fly(air, law._replace(start=np.array([*PARTITION[:-1], 340.0])), 1)
+    with pytest.raises(ValueError, match="of 15 nodes must have shapes"):
+        fly(air, law._replace(gain=law.gain[:, :-1]), 1)
+    with pytest.raises(ValueError, match=r"initial_states must have shape \(trials, 3\)"):
+        fly(air, law, initial=np.zeros((4, 2)))
+    with pytest.raises(ValueError, match="altitude must be a uniform ascending grid"):
+        fly(air._replace(altitude=air.altitude**2), law, 1)
+    with pytest.raises(ValueError, match="retention and innovation_deviation"):
+        fly(air._replace(retention=np.ones(5)), law, 1)
+    with pytest.raises(ValueError, match="log_density and log_density_slope"):
+        fly(air._replace(log_density_slope=np.zeros(5)), law, 1)
+    with pytest.raises(ValueError, match="log_density and log_density_slope"):
+        fly(air._replace(log_density=np.full(311, -np.inf)), law, 1)
+
+
+# ---- double integrator -----------------------------------------------------------------------------------------------
+
+GRID = np.linspace(-0.4, 1.4, 181)
+NODES = np.arange(6.0)
+SPREAD = np.array([0.05, 0.01]) / 3.0
+
+
+@pytest.fixture(scope="module")
+def root():
+    shape = {"variance": 2e-6, "period": 0.35, "periodic_length": 0.8, "length": 1.0}
+    return random_field.root(random_field.covariance_matrix(partial(random_field.locally_periodic, **shape), GRID))
+
+
+@pytest.fixture(scope="module")
+def point_law():
+    rng = np.random.default_rng(1)
+    coasting = np.column_stack([0.1 + 0.1 * NODES, np.full(6, 0.1)])
+    gain = 0.1 * rng.standard_normal((5, 6, 2)) * [0.1, 1.0]
+    return flight.Law(NODES, 1e-3 * rng.standard_normal(5), gain, coasting)
+
+
+def fly_point(law, root, initial, grid=GRID, **options):
+    options = {"time_step": 0.02, "seed": SEED, "every": 50} | options
+    return flight.fly_double_integrator(law, grid, root, initial, **options)
+
+
+def initial_points(trials):
+    return np.array([0.1, 0.1]) + SPREAD * normals(SEED, flight.INITIAL_STREAM, range(trials), 2)
+
+
+def point_oracle(law, root, initial, grid=GRID, step=0.02):
+    """Positions, rates, fields and controls at every step by plain numpy, (times, 4, trials)."""
+    trials = np.arange(len(initial))
+    samples = normals(SEED, flight.FIELD_STREAM, trials, root.shape[1]) @ root.T
+    slopes = np.gradient(samples, grid, axis=1)
+
+    def field(r):
+        r = np.clip(r, grid[0], grid[-1])
+        k = np.clip(np.searchsorted(grid, r, side="right") - 1, 0, len(grid) - 2)
+        h = grid[k + 1] - grid[k]
+        t = (r - grid[k]) / h
+        ends = (1 + 2 * t) * (1 - t) ** 2 * samples[trials, k] + t**2 * (3 - 2 * t) * samples[trials, k + 1]
+        return ends + h * (t * (1 - t) ** 2 * slopes[trials, k] + t**2 * (t - 1) * slopes[trials, k + 1])
+
+    x, seen, stored = initial, [], []
+    for k, (start, end) in enumerate(zip(law.start[:-1], law.start[1:], strict=True)):
+        seen.append(x)
+        u = commanded(law, k, seen)
+        for _ in range(round((end - start) / step)):
+            stored.append([*x.T, field(x[:, 0]), u])
+            x = runge_kutta(lambda x, u=u: np.stack([x[:, 1], u + field(x[:, 0])], axis=1), x, step)
+    return np.array([*stored, [*x.T, field(x[:, 0]), u]])
+
+
+@pytest.mark.parametrize(("columns", "start"), [(181, 0.1), (30, 0.1), (181, GRID[0]), (181, GRID[-1])])
+def test_points_are_those_of_plain_numpy(root, point_law, columns, start):
+    root, initial = root[:, :columns], initial_points(300)
+    initial[:, 0] += start - 0.1
+    flown = fly_point(point_law, root, initial, every=5)
+    expected = point_oracle(point_law, root, initial)[::5]
+    np.testing.assert_allclose(flown.history, expected, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(flown.history, expected, rtol=0, atol=1e-12)  # fields are of order 1e-3
+    np.testing.assert_array_equal(flown.final_state, flown.history[-1, :2])
+    np.testing.assert_array_equal(flown.observed[:, 0], flown.history[:, flight.CONTROL])
+    np.testing.assert_array_equal(flown.observed_maximum, flown.observed.max(axis=0))
+    np.testing.assert_array_equal(flight.outputs(point_law, 5, 0.02)[[0, 10, -1]], [0.0, 1.0, 5.0])
+
+
+def test_points_beyond_the_grid_meet_its_end_values(root):
+    law = flight.open_loop(NODES, np.zeros(5), 2)
+    initial = np.tile([-5.0, 0.0], (64, 1))
+    initial[32:, 0] = 5.0
+    flown = fly_point(law, root, initial)
+    samples = normals(SEED, flight.FIELD_STREAM, range(64), 181) @ root.T
+    ends = np.where(np.arange(64) < 32, samples[:, 0], samples[:, -1])
+    np.testing.assert_allclose(flown.history[:, flight.FIELD], np.tile(ends, (6, 1)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(flown.final_state[0], initial[:, 0] + 12.5 * ends, rtol=1e-12)
+
+
+def test_points_without_a_field_coast(root, point_law):
+    law = point_law._replace(control=np.zeros(5))
+    for flown in (
+        fly_point(law, root, np.tile([0.1, 0.1], (64, 1)), varied=False),
+        fly_point(law, np.zeros((181, 1)), np.tile([0.1, 0.1], (64, 1))),
+    ):
+        np.testing.assert_allclose(flown.final_state, np.tile([[0.6], [0.1]], 64), rtol=1e-12)
+        assert np.abs(flown.history[:, flight.FIELD :]).max() < 1e-14
+
+
+def test_points_are_of_fourth_order_in_the_step():
+    """In a linear field, Psi = z (r - 0.5), the positions are hyperbolic or trigonometric functions of time."""
+    grid, trials = np.linspace(-4.0, 4.0, 81), 64
+    initial = np.tile([0.1, 0.1], (trials, 1))
+    rate = np.sqrt(normals(SEED, flight.FIELD_STREAM, range(trials), 1)[:, 0].astype(complex))
+    start, speed = -0.4, 0.1
+    exact = np.array(
+        [
+            0.5 + (start * np.cosh(2 * rate) + speed / rate * np.sinh(2 * rate)).real,
+            (start * rate * np.sinh(2 * rate) + speed * np.cosh(2 * rate)).real,
+        ]
+    )
+    law = flight.open_loop(np.array([0.0, 2.0]), np.zeros(1), 2)
+    error = []
+    for step in (0.1, 0.05, 0.025):
+        flown = fly_point(law, grid[:, np.newaxis] - 0.5, initial, grid, time_step=step, every=1)
+        error.append(np.sqrt(np.mean((flown.final_state - exact) ** 2, axis=1)))
+    for coarse, fine in pairwise(error):
+        np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.2)
+    assert np.abs(flown.history[:, flight.POSITION]).max() < 4.0
+
+
+@pytest.mark.parametrize("first", [0, 63, 100])
+def test_a_point_alone_is_that_of_the_block(root, point_law, first):
+    initial = initial_points(150)
+    block = fly_point(point_law, root, initial)
+    for count in (1, 40):
+        trials = slice(first, first + count)
+        assert_identical(fly_point(point_law, root, initial[trials], first_trial=first), block, trials)
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        assert_identical(fly_point(point_law, root, initial), block)
+    finally:
+        numba.set_num_threads(before)
+
+
+def test_points_that_are_not_finite_are_counted(root, point_law):
+    initial = initial_points(70)
+    healthy = fly_point(point_law, root, initial)
+    initial[5, 0], initial[66, 1] = np.nan, np.inf
+    flown = fly_point(point_law, root, initial)
+    np.testing.assert_array_equal(np.flatnonzero(flown.outcome == NON_FINITE), [5, 66])
+    others = np.delete(np.arange(70), [5, 66])
+    np.testing.assert_array_equal(flown.history[..., others], healthy.history[..., others])
+
+
+def test_points_that_do_not_fit_are_refused(root, point_law):
+    with pytest.raises(ValueError, match=r"initial_states must have shape \(trials, 2\)"):
+        fly_point(point_law, root, np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="field_root must have a row per node"):
+        fly_point(point_law, root[:-1], np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="field_grid must be a uniform ascending grid"):
+        fly_point(point_law, root, np.zeros((3, 2)), GRID[::-1])
+    with pytest.raises(ValueError, match="no whole number of steps"):
+        fly_point(point_law, root, np.zeros((3, 2)), time_step=0.03)

@@ -1,0 +1,162 @@
+"""Bad input of the random-field paper: one clear message each, that names the key or the limit, and the remedy."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.papers.random_field import gains
+from marsedl.papers.random_field.inputs import MODEL
+from marsedl.papers.random_field.partition import partition_fault
+from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+CONFIG = Path(__file__).parents[2] / "configs" / "random_field.yaml"
+NODES = [0.0, 50.0, *(25.0 * k for k in range(3, 15)), 400.0]
+
+
+def reading_of(based_on="corrected", **inputs):
+    """A user's own reading."""
+    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
+    overlay = {"readings": {"mine": {"based_on": based_on, "inputs": own}}}
+    return load_study("random_field", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+
+
+def refused(**inputs):
+    """The one line with which a reading is refused."""
+    with pytest.raises(InputError) as error:
+        reading_of(**inputs)
+    said = str(error.value)
+    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    return said
+
+
+@pytest.mark.parametrize(
+    ("inputs", "fragments"),
+    [
+        ({"partition": [*NODES[:-1], 340.0]}, ["partition", "node 13 is 350 and node 14 is 340"]),
+        ({"partition": [*NODES[:3], 75.0, *NODES[3:]]}, ["partition", "node 2 is 75 and node 3 is 75"]),
+        ({"partition": NODES[1:]}, ["partition", "begins at 50, must begin at 0"]),
+        ({"partition": NODES[:-1]}, ["partition", "ends at 350", "final time, 400"]),
+        ({"final_time": 500.0}, ["partition", "ends at 400", "final time, 500"]),
+        ({"fine_partition": [0.0, 300.0, 200.0, 400.0]}, ["fine_partition", "node 1 is 300 and node 2 is 200"]),
+        ({"double_integrator_partition": [0.0, 2.0, 1.0]}, ["double_integrator_partition", "node 1 is 2"]),
+        ({"partition": [0.0, 51.0, 400.0]}, ["partition", "51 is no multiple of output_interval (2.5)"]),
+        ({"output_interval": 0.7}, ["no multiple of output_interval (0.7)"]),
+        ({"time_step": 0.4}, ["output_interval", "2.5 is no multiple of time_step (0.4)"]),
+        ({"time_step": 1.0e-6, "output_interval": 1.0e-6}, ["time_step", "integration steps, more than 100000"]),
+        ({"percentile_tail": 0.5}, ["percentile_tail", "less than 0.5", "0.5"]),
+        ({"percentile_tail": 0.0}, ["percentile_tail", "greater than 0"]),
+        ({"percentile_tail": 0.9}, ["percentile_tail", "less than 0.5"]),
+        ({"control_probability": 0.5}, ["control_probability", "greater than 0.5"]),
+        ({"control_probability": 1.0}, ["control_probability", "less than 1"]),
+        ({"double_integrator_probability": 0.2}, ["double_integrator_probability", "greater than 0.5"]),
+        ({"ellipse_probability": 1.2}, ["ellipse_probability", "less than 1"]),
+        ({"control_limits": [1.0, -1.0]}, ["control_limits", "1 and -1", "wrong order"]),
+        ({"entry_angle_bracket_deg": [-8.5, -11.0]}, ["entry_angle_bracket", "wrong order"]),
+        ({"variance_at_top": -0.1}, ["variance_at_top", "greater than 0"]),
+        ({"variance_growth_sign": 2}, ["variance_growth_sign", "-1"]),
+        ({"clean_up_branch": "sometimes"}, ["clean_up_branch", "undershoot", "both"]),
+        ({"percentile_unit": "ft/s"}, ["percentile_unit", "km/s"]),
+        ({"ill_conditioned": "ignore"}, ["ill_conditioned", "refuse", "report"]),
+        ({"navigation_deviations": [10.0, -1.0, 0.0]}, ["navigation_deviations", "greater than or equal to 0"]),
+        ({"control_trust": 0.0}, ["control_trust", "greater than 0"]),
+        ({"iterations": 0}, ["iterations", "greater than 0"]),
+        ({"field_altitudes_km": [260.0, 20.0]}, ["field_interval", "does not fit between 260000 and 20000"]),
+        ({"field_interval": 1.0e-3}, ["field_interval", "more than 100000 nodes"]),
+        ({"double_integrator_field_interval": 5.0}, ["double_integrator_field_interval", "does not fit"]),
+        ({"double_integrator_quadrature": 1}, ["double_integrator_quadrature", "greater than or equal to 2"]),
+        ({"example_values": [1.0]}, ["example_values", "as many as example_positions"]),
+        ({"paper_trials": 1_000_000}, ["trials", "paper_trials"]),
+        ({"corelation_length_km": 11.1}, ["corelation_length_km", "did you mean 'correlation_length_km'"]),
+    ],
+    ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
+)
+def test_inputs_that_contradict_are_refused(inputs, fragments):
+    said = refused(**inputs)
+    for fragment in fragments:
+        assert fragment in said
+
+
+@pytest.mark.parametrize(
+    ("nodes", "final_time", "fault"),
+    [
+        (NODES, 400.0, ""),
+        ([0.0, 400.0], 400.0, ""),
+        ([0.0, *range(50, 451, 25), 400.0], 400.0, "does not increase: node 17 is 450 and node 18 is 400"),
+        ([0.0, 10.0, 10.0, 20.0], 20.0, "does not increase: node 1 is 10 and node 2 is 10"),
+        ([5.0, 20.0], 20.0, "begins at 5, must begin at 0"),
+        ([0.0, 20.0], 25.0, "ends at 20, must end at the final time, 25"),
+    ],
+)
+def test_faults_of_partitions_name_their_nodes(nodes, final_time, fault):
+    assert partition_fault(nodes, final_time) == fault
+
+
+def test_the_printed_partition_is_reported_where_a_reading_asks_for_it(random_field):
+    """Only then: the same nodes in any other reading are refused before anything is computed."""
+    printed = random_field.study.readings["printed"].inputs
+    assert printed.invalid_partition == "report"
+    said = refused(partition=list(printed.partition))
+    assert "node 17 is 450 and node 18 is 400" in said
+    assert list(reading_of(invalid_partition="report", partition=list(printed.partition)).inputs.partition) == list(
+        printed.partition
+    )
+
+
+def test_the_frozen_reading_may_not_be_changed(random_field):
+    """All what-ifs are readings of their own."""
+    assert random_field.study.readings["printed"].inputs.variance_at_top == 1480.0
+    mine = reading_of("printed", variance_at_top=0.148)
+    assert mine.inputs.variance_at_top == 0.148 and mine.inputs.variance_growth_sign == -1
+
+
+# --- refusals of the stages -------------------------------------------------------------------------------------------
+
+
+def test_an_entry_angle_outside_of_the_bracket_is_refused(random_field):
+    """Steeper than the solution at both ends; shallower at both; the misses are told in planet radii."""
+    for bracket, sign in (((-14.0, -11.0), -1), ((-9.5, -8.5), 1)):
+        with pytest.raises(MarsedlError) as error:
+            random_field.nominal("corrected", entry_angle_bracket=np.radians(bracket))
+        said = str(error.value)
+        assert f"no entry angle from {bracket[0]:g} to {bracket[1]:g} deg" in said and "entry_angle_bracket" in said
+        misses = re.search(r"missed by (\S+) and (\S+) planet radii", said)
+        assert all(sign * float(text) > 0.0 for text in misses.groups())
+
+
+def test_a_trajectory_that_leaves_the_density_table_is_refused(random_field):
+    """At 500 s the vehicle is near 200 km: with the profile of Jezero crater, and with that of `corrected`."""
+    longer = random_field.all_inputs("tf_500")
+    changes = {"final_time": 500.0, "partition": longer.partition}
+    for reading, highest in (("jezero_2021", 130.0), ("corrected", 150.0)):
+        table = random_field.stage_inputs(reading, "nominal").density_table
+        assert table[-1, 0] == 1e3 * highest
+        with pytest.raises(MarsedlError) as error:
+            random_field.nominal(reading, **changes)
+        said = str(error.value)
+        assert f"leaves the density table (0 to {highest:g} km)" in said and "\n" not in said
+        assert "density_beyond_table to 'continue'" in said
+        time, altitude = map(float, re.search(r"at (\S+) s, at (\S+) km", said).groups())
+        assert 400.0 < time < 500.0 and highest < altitude < highest + 0.5
+        flown = random_field.nominal(reading, density_beyond_table="continue", **changes)
+        assert np.interp(time, flown.time, flown.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
+    assert random_field.nominal("tf_500").altitude[-1] == pytest.approx(200e3, abs=10e3)
+
+
+def test_a_nominal_of_the_iteration_that_leaves_the_density_table_is_refused(random_field):
+    """The iteration flies by itself: here in a table that ends below the guess's 127.4 km."""
+    table = random_field.stage_inputs("corrected", "gains").density_table
+    inputs = random_field.stage_inputs("corrected", "gains", density_table=table[table[:, 0] <= 126e3])
+    with pytest.raises(MarsedlError, match=r"leaves the density table \(0 to 126 km\) at 39\d.*density_beyond_table"):
+        gains.compute(inputs, random_field.nominal(), random_field.linearization())
+
+
+def test_inputs_of_a_stage_are_those_it_declared(random_field):
+    """A stage that reads what the catalogue does not give it is refused, which keeps reruns right."""
+    inputs = random_field.stage_inputs("corrected", "nominal")
+    assert isinstance(inputs, Slice)
+    with pytest.raises(AttributeError, match="'percentile_tail' is not declared for this stage"):
+        _ = inputs.percentile_tail

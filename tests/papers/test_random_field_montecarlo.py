@@ -1,0 +1,431 @@
+"""Statistics of the flights through random fields against known values, linear covariance, and another propagator.
+
+Known values are those of an independent program with 5,000 trials of each case. Tolerances are four standard errors of
+both samples combined, so that a correct program fails less than once in ten thousand comparisons; seeds are fixed.
+"""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+
+from marsedl.models import orbits
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED
+from marsedl.montecarlo.statistics import percentile
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.random_field import environment, flight, montecarlo
+from marsedl.papers.random_field.montecarlo import (
+    ESCAPED,
+    NOT_EXITED,
+    delta_v_percentile,
+    lost,
+    percentile_with_lost,
+    replay,
+    step_violations,
+)
+
+RADIUS, MU = 3397e3, 4.2828e13
+MISSION = 5 * RADIUS, 2 * RADIUS, MU
+TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 5000, 4.0
+BOTH = np.sqrt(1 + TRIALS / REFERENCE_TRIALS)  # of a standard error of ours, with the reference's
+UNITS = np.array([1e3, 1.0, np.radians(1.0)])
+MOTION = [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]
+
+
+def nodes_of(ensemble, partition):
+    return np.searchsorted(ensemble.time, partition)
+
+
+def deviations(ensemble, law, partition):
+    """Standard deviations of altitude (km), velocity (m/s) and path angle (deg) at the nodes, (nodes, 3)."""
+    covariance = ensemble.covariance[law][nodes_of(ensemble, partition)]
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, MOTION] / UNITS
+
+
+# --- delta-v ----------------------------------------------------------------------------------------------------------
+
+PERCENTILES = {  # of the laws of all iterations, with standard errors
+    "corrected": ((301.9, 0.6), (293.0, 0.3), (302.4, 0.2)),
+    "pf_printed": ((349.6, 1.6), (335.4, 0.7), (346.9, 0.9)),
+    "metres": ((285.4, 0.1), (287.9, 0.3), (301.6, 0.4)),
+}
+
+
+@pytest.mark.parametrize("reading", PERCENTILES)
+def test_percentiles_agree_with_another_program(random_field, reading):
+    ensemble = random_field.ensemble(reading)
+    assert not lost(ensemble).any()
+    for law, (known, known_error) in enumerate(PERCENTILES[reading], start=1):
+        value, error = delta_v_percentile(ensemble, law)
+        assert value == pytest.approx(known, abs=SIGMAS * np.hypot(error, known_error) + 0.051), law
+
+
+def test_open_loop_delta_v_agrees_with_another_program(random_field):
+    ensemble = random_field.ensemble()
+    delta_v, apoapsis = ensemble.delta_v[0], ensemble.apoapsis[0]
+    value, error = delta_v_percentile(ensemble, 0)
+    assert value == pytest.approx(574.7, abs=SIGMAS * np.hypot(error, 7.9))
+    assert np.mean(delta_v) == pytest.approx(352.2, abs=SIGMAS * 67.0 / np.sqrt(TRIALS) * BOTH)
+    median, error = percentile(delta_v, 0.5)
+    assert median == pytest.approx(332.4, abs=SIGMAS * error * BOTH)
+    # Heavy tails: errors from the fourth moments of the flights.
+    for sample, known in ((delta_v, 67.0), (apoapsis, 1.28)):
+        variance, fourth = sample.var(), ((sample - sample.mean()) ** 4).mean()
+        error = np.sqrt((fourth - variance**2) / TRIALS) / (2 * np.sqrt(variance))
+        assert sample.std() == pytest.approx(known, abs=SIGMAS * error * BOTH + 0.0051 * known)
+
+
+@pytest.mark.parametrize(
+    ("law", "median", "mean", "deviation"), [(1, 284.1, 285.2, 5.2), (2, 282.3, 283.0, 3.3), (3, 290.7, 290.0, 6.3)]
+)
+def test_delta_v_of_every_iteration(random_field, law, median, mean, deviation):
+    delta_v = random_field.ensemble().delta_v[law]
+    assert delta_v.mean() == pytest.approx(mean, abs=SIGMAS * deviation / np.sqrt(TRIALS) * BOTH + 0.051)
+    value, error = percentile(delta_v, 0.5)
+    assert value == pytest.approx(median, abs=SIGMAS * error * BOTH + 0.051)
+    variance, fourth = delta_v.var(), ((delta_v - delta_v.mean()) ** 4).mean()
+    error = np.sqrt((fourth - variance**2) / TRIALS) / (2 * deviation)
+    assert delta_v.std() == pytest.approx(deviation, abs=SIGMAS * error * BOTH + 0.051)
+
+
+def test_closed_loop_is_far_below_open_loop_at_every_iteration(random_field):
+    for reading in ("corrected", "metres", "pf_printed"):
+        values = [delta_v_percentile(random_field.ensemble(reading), law) for law in range(4)]
+        (open_loop, open_error), *closed = values
+        for value, error in closed:
+            assert value + 10.0 * np.hypot(error, open_error) < open_loop
+            assert value < 0.7 * open_loop
+    # The third iteration of `corrected` is worse than the second: one linearised branch oversteps the kink.
+    second, third = (delta_v_percentile(random_field.ensemble(), law) for law in (2, 3))
+    assert third[0] - second[0] > 5.0 * np.hypot(second[1], third[1])
+
+
+def test_delta_v_has_its_least_value_at_the_kink(random_field):
+    ensemble = random_field.ensemble()
+    least = random_field.nominal().delta_v
+    for law in range(4):
+        below = ensemble.apoapsis[law] < 5.0
+        assert 0.05 < below.mean() < 0.95
+        assert ensemble.delta_v[law].min() > least - 1.0
+    # So that the prediction, which goes on through it, lies below what is flown.
+    made = random_field.gains()
+    offset = ensemble.delta_v.mean(axis=1) - made.delta_v_mean
+    np.testing.assert_allclose(offset[1:], (10.0, 4.0, 16.0), atol=1.0)
+
+
+# --- linear covariance ------------------------------------------------------------------------------------------------
+
+
+def test_open_loop_spread_is_that_of_linear_covariance(random_field):
+    """Within 2 % at every node, and three standard errors; known 5,000 trials of another program."""
+    ensemble, made = random_field.ensemble(), random_field.gains()
+    found = deviations(ensemble, 0, made.partition)[1:]
+    predicted = np.sqrt(np.diagonal(made.covariance[0], axis1=1, axis2=2))[1:] / UNITS
+    assert np.abs(found / predicted - 1.0).max() < 0.02 + 3.0 / np.sqrt(2 * TRIALS)
+
+
+SPREAD = """
+125  .0047 17.82 .0088   .1276 16.57 .0855
+150  .0223 32.12 .0220   .3797 24.93 .2034
+175  .0986 47.15 .0446   .6531 26.80 .1938
+200  .2572 60.18 .0777   .7080 21.04 .0835
+250  .9107 76.34 .1676   .4382 8.505 .0657
+300  2.076 81.84 .2722   .1633 6.123 .0670
+325  2.857 82.61 .3262   nan   5.984 .0702
+350  3.768 82.37 .3801   .1456 5.898 .0735
+400  5.967 81.18 .4861   .4720 5.702 .0799
+"""  # s; km, m/s, deg of the open loop and of the third law. At 325 s a few trials in thousands decide the altitude's.
+
+
+@pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
+def test_spread_over_time(random_field, row):
+    ensemble = random_field.ensemble()
+    time, *texts = row.split()
+    k = np.flatnonzero(ensemble.time == float(time))[0]
+    found = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
+    for value, text in zip(found.ravel(), texts, strict=True):
+        if text == "nan":
+            continue
+        # Nearly normal: four standard errors of both, half a digit.
+        digit = 10.0 ** -len(text.split(".")[1])
+        assert value == pytest.approx(float(text), abs=SIGMAS / np.sqrt(2 * TRIALS) * BOTH * value + 0.51 * digit)
+
+
+def test_density_variation_met_by_the_flights(random_field):
+    """Closed loop: known standard deviations at the nodes, and those of the field there, within 4 %."""
+    known = ".3845 .1430 .0963 .0732 .0616 .0587 .0590 .0633 .0714 .0822 .0979 .1253 .1556 .2094 .3882"
+    known = np.array([float(text) for text in known.split()])
+    ensemble, made = random_field.ensemble(), random_field.gains()
+    at = nodes_of(ensemble, made.partition)
+    found = np.sqrt(ensemble.covariance[3][at, flight.DENSITY_VARIATION, flight.DENSITY_VARIATION])
+    error = SIGMAS / np.sqrt(2 * TRIALS)
+    assert np.abs(found / known - 1.0).max() < error * BOTH + 1e-3
+    assert np.abs(found / made.variation_deviation[3][at] - 1.0).max() < 0.04 + error
+
+
+def test_dynamic_pressure_spreads_more_in_closed_loop(random_field):
+    """Known from 400 trials, Pa at 75, 100, ..., 325 s."""
+    known = {
+        0: (0.3, 2.9, 13.5, 23.8, 18.4, 11.6, 22.9, 19.5, 16.3, 11.1, 3.7),
+        3: (0.3, 4.4, 39.0, 118.2, 160.0, 113.1, 52.0, 17.0, 5.3, 1.3, 0.1),
+    }
+    ensemble = random_field.ensemble()
+    at = nodes_of(ensemble, np.arange(75.0, 326.0, 25.0))
+    allowed = SIGMAS / np.sqrt(2 * TRIALS) * np.sqrt(1 + TRIALS / 400)
+    for law, expected in known.items():
+        found = np.sqrt(ensemble.covariance[law][at, flight.DYNAMIC_PRESSURE, flight.DYNAMIC_PRESSURE])
+        # Four standard errors of normal samples, which these are not quite, and half a digit.
+        np.testing.assert_allclose(found, expected, rtol=1.5 * allowed, atol=0.051)
+
+
+# --- commands and their limits ----------------------------------------------------------------------------------------
+
+
+def test_commands_of_the_last_law(random_field):
+    """Known mean and standard deviation of what is commanded, before the limits, on the intervals until 275 s."""
+    mean = (0.300, 0.300, 0.296, -0.122, -0.124, -0.015, -0.077, -0.288, -0.308, -0.301)
+    deviation = (0.000, 0.000, 0.045, 0.193, 0.294, 0.325, 0.319, 0.175, 0.100, 0.067)
+    ensemble, made = random_field.ensemble(), random_field.gains()
+    at = nodes_of(ensemble, made.partition[:10])
+    found = ensemble.mean[3][at, flight.BANK_COSINE]
+    spread = np.sqrt(ensemble.covariance[3][at, flight.BANK_COSINE, flight.BANK_COSINE])
+    np.testing.assert_array_less(np.abs(found - mean), SIGMAS * spread / np.sqrt(TRIALS) * BOTH + 1.1e-3 * np.ones(10))
+    np.testing.assert_allclose(spread, deviation, rtol=SIGMAS / np.sqrt(2 * TRIALS) * BOTH, atol=6e-4)
+    # What linear covariance predicts of it, near the largest dynamic pressure.
+    busy = spread > 0.1
+    predicted = made.control_deviation[3][:10][busy]
+    assert np.abs(spread[busy] / predicted - 1.0).max() < 0.05 + SIGMAS / np.sqrt(2 * TRIALS)
+
+
+@pytest.mark.parametrize("limits", [(-1.0, 1.0), (-0.4, 0.8)])
+def test_violations_are_counted_trial_by_trial(random_field, limits):
+    """And flown within the limits, whatever these are."""
+    changes = {"control_limits": np.array(limits), "iterations": 2}
+    ensemble, made = random_field.ensemble(trials=1000, **changes), random_field.gains(**changes)
+    by_step, at_any = step_violations(ensemble, made.partition)
+    assert by_step.shape == (3, 14) and at_any.shape == (3,)
+    assert not by_step[0].any() and not at_any[0]
+    inputs = random_field.stage_inputs("corrected", "montecarlo_chunk", **changes)
+    for law in (1, 2):
+        flown = montecarlo.block_simulator(inputs, random_field.nominal(), made, "aerocapture", law)(0, 1000)
+        commanded = flown.history[nodes_of(ensemble, made.partition[:-1]), flight.BANK_COSINE]
+        beyond = (commanded < limits[0]) | (commanded > limits[1])
+        np.testing.assert_array_equal(by_step[law], beyond.sum(axis=1))
+        assert at_any[law] == beyond.any(axis=0).sum() > 0
+
+
+def test_commands_leave_their_limits_about_as_often_as_allotted(random_field):
+    """0.27 % per step allotted; known: 0.66 % of 20,000 trials somewhere, and ten times the allotment in m/s."""
+    by_step, at_any = step_violations(random_field.ensemble(), random_field.gains().partition)
+    assert at_any[3] / TRIALS == pytest.approx(0.0066, abs=SIGMAS * np.sqrt(0.0066 * (1 / TRIALS + 1 / 20_000)))
+    assert by_step[3].max() / TRIALS < 0.0027 + SIGMAS * np.sqrt(0.0027 / TRIALS)
+    metres, _ = step_violations(random_field.ensemble("metres"), random_field.gains("metres").partition)
+    assert metres[3].max() / TRIALS == pytest.approx(0.026, abs=SIGMAS * np.sqrt(0.026 * (1 / TRIALS + 1 / 5000)))
+    assert metres[3].max() / TRIALS > 0.0027 + SIGMAS * np.sqrt(0.0027 / TRIALS)
+    quiet, _ = step_violations(random_field.ensemble("pf_printed"), random_field.gains("pf_printed").partition)
+    assert quiet[3].max() / TRIALS == pytest.approx(0.001, abs=SIGMAS * np.sqrt(0.001 * (1 / TRIALS + 1 / 5000)))
+
+
+# --- lost trials ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("reading", "known"), [("sign_printed", 4345), ("variance_printed", 4440), ("printed", 4860)])
+def test_open_loop_trials_that_are_lost(random_field, reading, known):
+    """Of 5,000 trials of another program; the counts depend on the floor of the density, which is the same."""
+    flown = random_field.simulator("aerocapture", reading, changes={"number": 0})(0, TRIALS)
+    share = known / REFERENCE_TRIALS
+    found = (flown.outcome != COMPLETED).sum() / TRIALS
+    # "About", but for the first: two per cent of the trials.
+    allowed = SIGMAS * np.sqrt(share * (1 - share) * (1 / TRIALS + 1 / REFERENCE_TRIALS))
+    assert found == pytest.approx(share, abs=allowed + (0.0 if reading == "sign_printed" else 0.02))
+
+
+def test_without_navigation_errors_most_flights_are_lost(random_field):
+    """Known: 5,000, 1,077 and 1,426 of 5,000, but with gains of 1e17 the counts are rounding noise."""
+    ensemble = random_field.ensemble("literal_gains")
+    counts = lost(ensemble)
+    assert counts[0] == 0 and (counts[1:] > 0.1 * TRIALS).all()
+    for law in (1, 2, 3):
+        assert np.isnan(delta_v_percentile(ensemble, law)).all()
+    assert random_field.gains("literal_gains").delta_v_deviation[1] < 2.0  # which is what the design promises
+
+
+@pytest.mark.parametrize("reading", ["corrected", "literal_gains", "printed"])
+def test_no_trial_is_dropped(random_field, reading):
+    """Every trial has an outcome and an end; delta-v exists for those that are captured, and for no other."""
+    ensemble = random_field.ensemble(reading)
+    laws = 1 if reading == "printed" else 4
+    assert ensemble.outcome.shape == ensemble.delta_v.shape == ensemble.apoapsis.shape == (laws, TRIALS)
+    assert ensemble.final_state.shape == (laws, TRIALS, 4)
+    captured = ensemble.outcome == COMPLETED
+    np.testing.assert_array_equal(np.isfinite(ensemble.delta_v), captured)
+    np.testing.assert_array_equal(np.isfinite(ensemble.apoapsis), captured)
+    np.testing.assert_array_equal(lost(ensemble), TRIALS - captured.sum(axis=1))
+    np.testing.assert_array_equal(lost(ensemble, 500), 500 - captured[:, :500].sum(axis=1))
+    np.testing.assert_array_equal(ensemble.count + ensemble.excluded, TRIALS)
+    altitude, velocity, angle = np.moveaxis(ensemble.final_state[..., :3], -1, 0)
+    orbit = orbits.apoapsis_radius(altitude + RADIUS, velocity, angle, MU)
+    np.testing.assert_array_equal(ensemble.outcome == CRASHED, altitude < 0.0)
+    np.testing.assert_array_equal(ensemble.outcome == NOT_EXITED, (altitude >= 0.0) & (altitude < 100e3))
+    np.testing.assert_array_equal(ensemble.outcome == ESCAPED, (altitude >= 100e3) & ~np.isfinite(orbit))
+    if reading == "printed":
+        assert (np.bincount(ensemble.outcome[0], minlength=5)[[CRASHED, ESCAPED]] > 0).all()
+    delta_v = orbits.total_delta_v(altitude + RADIUS, velocity, angle, *MISSION)
+    np.testing.assert_allclose(ensemble.delta_v[captured], delta_v[captured], rtol=1e-14)
+
+
+def test_a_lost_trial_counts_as_the_largest():
+    """The order statistics of 1,000 values of which the largest are unknown: until the percentile lies among them."""
+    values = np.random.default_rng(3).permutation(np.linspace(300.0, 500.0, 1000))
+    expected = percentile(values, 0.99)
+    assert percentile_with_lost(values) == pytest.approx(expected)
+    for number in (1, 5, 9):
+        hidden = np.where(values >= np.sort(values)[-number], np.nan, values)
+        value, error = percentile_with_lost(hidden)
+        assert value == pytest.approx(expected[0], rel=1e-12) and 0.0 < error < expected[1] * 1.5
+        assert value > np.nanquantile(hidden, 0.99)  # which is what dropping them would give
+    for number in (10, 11, 500, 999, 1000):
+        hidden = np.where(values >= np.sort(values)[-number], np.nan, values)
+        assert np.isnan(percentile_with_lost(hidden)).all(), number
+    value, _ = percentile_with_lost(np.where(values >= np.sort(values)[-400], np.nan, values), 0.5)
+    assert value == pytest.approx(np.median(values))
+    assert np.isnan(percentile_with_lost(np.array([np.nan, 300.0]))).all()
+
+
+def test_percentiles_of_the_first_trials(random_field):
+    ensemble = random_field.ensemble()
+    found = delta_v_percentile(ensemble, 3, trials=700)
+    assert found == percentile(ensemble.delta_v[3, :700], 0.99)
+    assert delta_v_percentile(ensemble, 3, level=0.9)[0] == pytest.approx(np.quantile(ensemble.delta_v[3], 0.9))
+
+
+# --- how they are run -------------------------------------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_chunks(random_field):
+    made = random_field.gains()
+    whole, scattered = (random_field.fly("corrected", made, trials=250, chunks=n, block_size=50) for n in (1, 3))
+    for field in fields(whole):
+        np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
+    larger = random_field.ensemble()
+    for name in ("final_state", "outcome", "delta_v", "observed_maximum"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(larger, name)[:, :250], err_msg=name)
+
+
+@pytest.mark.parametrize(("reading", "number"), [("corrected", 1234), ("literal_gains", 3), ("printed", 77)])
+def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, number):
+    made = {name: random_field.stage(name, reading) for name in ("nominal", "gains")}
+    inputs = random_field.stage_inputs(reading, "montecarlo")
+    ensemble = random_field.ensemble(reading)
+    said = replay(inputs, **made, case="aerocapture", number=number, ensemble=ensemble)
+    laws = len(ensemble.outcome)
+    assert said.count("the same to the last bit") == laws and "DIFFERS" not in said
+    assert said.startswith(f"trial {number}, open loop: {montecarlo.OUTCOMES[int(ensemble.outcome[0, number])]}")
+    if reading == "corrected":
+        assert f"{ensemble.delta_v[3, number]:18.9f}" in said
+    other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
+    assert "DIFFERS" in replay(inputs, **made, case="aerocapture", number=number, ensemble=other)
+
+
+def test_laws_and_readings_share_their_fields(random_field):
+    """Entry states are known exactly, so every flight of a trial begins at the same density variation."""
+    top = {reading: random_field.ensemble(reading) for reading in ("corrected", "metres", "literal_gains")}
+    variation = top["corrected"].kept_history[0, :, 0, flight.DENSITY_VARIATION]
+    assert len(set(variation)) == len(variation) == 12
+    for ensemble in top.values():
+        for law in range(4):
+            np.testing.assert_array_equal(ensemble.kept_history[law, :, 0, flight.DENSITY_VARIATION], variation)
+    # The open loop is that of any reading with this air.
+    np.testing.assert_array_equal(top["metres"].final_state[0], top["corrected"].final_state[0])
+    # On the first interval nothing has happened yet to which a law could answer.
+    history = top["corrected"].kept_history[:, :, :20]
+    for law in (1, 2, 3):
+        commanded = history[law, :, :, flight.BANK_COSINE]
+        np.testing.assert_array_equal(commanded, np.full_like(commanded, commanded[0, 0]))
+        assert commanded[0, 0] == pytest.approx(0.1 * law, abs=1e-4)
+
+
+def test_ensembles_hold_what_was_flown(random_field):
+    """Moments and histograms of a run in blocks, from the trials themselves."""
+    ensemble = random_field.fly("corrected", random_field.gains(), trials=300, block_size=100)
+    flown = random_field.simulator("aerocapture")(0, 300)
+    np.testing.assert_array_equal(ensemble.final_state[3], flown.final_state.T)
+    np.testing.assert_array_equal(ensemble.kept_history[3], flown.history[..., :12].transpose(2, 0, 1))
+    np.testing.assert_array_equal(ensemble.time, np.arange(0.0, 400.1, 2.5))
+    for k in (0, 40, 61, 160):
+        history = flown.history[k]
+        np.testing.assert_allclose(ensemble.mean[3, k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
+        size = np.sqrt(np.diag(np.cov(history))) + 1e-9
+        assert np.abs((ensemble.covariance[3, k] - np.cov(history)) / np.outer(size, size)).max() < 1e-9
+        counts = np.histogram(flown.observed[k, 0], ensemble.histogram_edges[3, 0])[0]
+        np.testing.assert_array_equal(ensemble.histogram[3, k, 0, 1:-1][1:-1], counts[1:-1])
+        assert ensemble.histogram[3, k, 0].sum() == 300
+    np.testing.assert_array_equal(ensemble.flying, 300)
+
+
+# --- against another propagator, and without a field ------------------------------------------------------------------
+
+
+def test_delta_v_is_that_of_plain_numpy(random_field):
+    """All trials at once by array operations, in the same fields, under the last law: 1e-8 m/s."""
+    inputs, made = random_field.all_inputs("corrected"), random_field.gains()
+    air, trials = environment.air(inputs), 100
+    drawn = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
+    variation = np.empty((trials, len(air.altitude)))
+    variation[:, -1] = air.top_deviation * drawn[:, 0]
+    for down, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
+        variation[:, node] = air.retention[node] * variation[:, node + 1]
+        variation[:, node] += air.innovation_deviation[node] * drawn[:, down]
+    coarse = air.bottom + air.spacing * np.arange(len(air.log_density))
+    log_density = CubicHermiteSpline(coarse, air.log_density, air.log_density_slope)
+    rows = np.arange(trials)
+
+    def rates(state, control):
+        radius, velocity, angle = state
+        position = (radius - RADIUS - 20e3) / 100.0
+        node = np.clip(position.astype(int), 0, len(air.altitude) - 2)
+        rest = np.clip(position - node, 0.0, 1.0)
+        relative = (1 - rest) * variation[rows, node] + rest * variation[rows, node + 1]
+        density = np.exp(log_density(radius - RADIUS)) * np.maximum(1.0 + relative, 1e-3)
+        drag, gravity = density / 300.0, MU / radius**2
+        sine, cosine = np.sin(angle), np.cos(angle)
+        turn = 0.2 * drag * velocity * control - (gravity - velocity**2 / radius) * cosine / velocity
+        return np.array([velocity * sine, -drag * velocity**2 - gravity * sine, turn])
+
+    start = [RADIUS + 125e3, 6100.0, random_field.nominal().entry_flight_path_angle]
+    state, seen = np.tile(start, (trials, 1)).T, []
+    for k, length in enumerate(np.diff(made.partition)):
+        seen.append(state.T - made.reference[3, k])
+        control = made.control[3, k] + sum(seen[l] @ made.gain[3, k, l] for l in range(k + 1))
+        control = np.clip(control, -1.0, 1.0)
+        for _ in range(round(length / 0.5)):
+            first = rates(state, control)
+            second = rates(state + 0.25 * first, control)
+            third = rates(state + 0.25 * second, control)
+            state = state + (first + 2 * second + 2 * third + rates(state + 0.5 * third, control)) / 12.0
+    delta_v = orbits.total_delta_v(*state, *MISSION)
+    np.testing.assert_allclose(random_field.ensemble().delta_v[3, :trials], delta_v, rtol=0, atol=1e-8)
+
+
+def test_without_a_field_any_gains_fly_the_nominal(random_field):
+    """References taken from the flight itself: no deviation, to the last bit, however large the gains."""
+    made = random_field.gains()
+    still = replace(made, gain=np.zeros_like(made.gain))
+    inputs = random_field.stage_inputs("corrected", "montecarlo_chunk")
+
+    def flown(law):
+        simulate = montecarlo.block_simulator(inputs, random_field.nominal(), law, "aerocapture", 3, varied=False)
+        return simulate(0, 2)
+
+    alone = flown(still)
+    at = np.searchsorted(made.time, made.partition)
+    reference = made.reference.copy()
+    reference[3] = alone.history[at, :3, 0] + [RADIUS, 0.0, 0.0]
+    gain = 100.0 * made.gain * (1.0 + np.arange(15))[:, np.newaxis]
+    steered = flown(replace(made, gain=gain, reference=reference))
+    # The altitude is stored, the radius is fed back: they differ by rounding, 1e-10 m.
+    np.testing.assert_allclose(steered.final_state, alone.final_state, rtol=1e-9)
+    np.testing.assert_allclose(alone.history[:, 0, 0], made.altitude[3], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(alone.history[:, 1, 0], made.velocity[3], rtol=0, atol=1e-5)
+    assert not alone.history[:, flight.DENSITY_VARIATION].any()
