@@ -1,8 +1,15 @@
-"""A built copy of the project for the tests of the pipeline: built once in a session, restored for every test."""
+"""A built copy of the project for the tests of the pipeline: built once in a session, restored for every test.
 
+Builds take most of the time of a session. They run in the background, at low priority: the smoke builds from its start,
+beside the tests that need none, which come first; then the full-size build, beside the tests of the smoke builds. The
+tests of the full size come last. Nothing is built if no selected test needs it.
+"""
+
+import contextlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -12,9 +19,11 @@ import pytest
 
 from marsedl.papers import SLUGS
 from marsedl.replication.digests import digest
-from marsedl.replication.verification import PRODUCTS, build_twice, copy_tree, snakemake
+from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
+BUILD = Path(__file__).parent / "workflow" / "build.py"
+DIFFERENT = 3  # what that script ends with if two builds differ
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
 
 
@@ -161,40 +170,121 @@ class Tree:
         return [*arguments, "--cores", "2", *own, *config]
 
 
+class Background:
+    """A build of a folder beside the tests, in a process group of its own, which does not outlive them."""
+
+    def __init__(self, task: str, folder: Path):
+        self.task, self.folder, self.log = task, folder, folder.with_name(f"{folder.name}.{task}.log")
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, str(BUILD), task, str(folder)],
+                stdin=subprocess.PIPE,  # which closes when this process ends, in whatever way
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                process_group=0,
+            )
+
+    def wait(self, *allowed: int) -> tuple[int, str]:
+        """What it ended with, and what it said; the test fails if the build did."""
+        code, said = self.process.wait(), self.log.read_text(encoding="utf-8", errors="replace")
+        if code not in (0, *allowed):
+            pytest.fail(f"the {self.task} build failed ({code}); the end of {self.log}:\n{said[-5000:]}", pytrace=False)
+        return code, said
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self.process.stdin.close()
+
+
+class Spare:
+    """A copy of a folder, from which what has changed there since is put back."""
+
+    def __init__(self, folder: Path, copy: Path):
+        self.folder, self.copy = folder, copy
+        shutil.copytree(folder, copy)  # keeps file times, on which the compiled kernels depend
+        self.stamps = self._stamps()
+
+    def restore(self) -> None:
+        """Copy files that were written, moved or touched, which their time of change shows, and delete new ones."""
+        now = self._stamps()
+        for name in sorted(now.keys() - self.stamps.keys(), reverse=True):  # what a folder holds before the folder
+            path = self.folder / name
+            path.rmdir() if path.is_dir() else path.unlink()
+        for name in sorted(name for name, stamp in self.stamps.items() if now.get(name) != stamp):
+            if (self.copy / name).is_dir():
+                (self.folder / name).mkdir()
+            else:
+                (self.folder / name).unlink(missing_ok=True)
+                shutil.copy2(self.copy / name, self.folder / name)
+        self.stamps = self._stamps()
+
+    def _stamps(self) -> dict[Path, tuple]:
+        """What changes with a file, by its name; of a folder only that it is one."""
+        found = {}
+        for path in self.folder.rglob("*"):
+            state = path.lstat()
+            stamp = (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns, state.st_mode)
+            found[path.relative_to(self.folder)] = () if path.is_dir() else stamp
+        return found
+
+
 @dataclass
 class Built:
-    """Two smoke builds, what was said of them, and a spare copy of the second one."""
+    """Two smoke builds: what was said of them, and their products' digests and their logs."""
 
     agree: bool
     said: str
-    first: Tree
-    second: Tree
-    spare: Path
+    digests: tuple[dict[str, str], ...]
+    logs: tuple[set[str], ...]
+    spare: Spare  # of the second one; the first one's place is the full-size build's
 
-    def restore(self) -> None:
-        """Put the second build back as it was, in its own place: compiled kernels are bound to their path."""
-        shutil.rmtree(self.second.folder, ignore_errors=True)
-        shutil.copytree(self.spare, self.second.folder)  # keeps file times, on which the compiled kernels depend
+
+def needs(item, fixture: str) -> bool:
+    return fixture in getattr(item, "fixturenames", ())
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: needs(item, "built") + needs(item, "full"))  # otherwise in their order
+
+
+@pytest.fixture(scope="session", autouse=True)
+def background(request):
+    """The builds beside the tests, by task: those of the smoke size, if a selected test needs them."""
+    started = {}
+    if any(needs(item, "built") for item in request.session.items):
+        folder = request.getfixturevalue("tmp_path_factory").mktemp("pipeline") / "project"
+        started["smoke"] = Background("smoke", copy_tree(ROOT, folder))
+    yield started
+    for build in started.values():
+        build.kill()
 
 
 @pytest.fixture(scope="session")
-def built(tmp_path_factory) -> Built:
-    """Build the smoke size twice, as `marsedl verify` does; about six minutes on two cores."""
-    import contextlib
-    import io
-
-    root = copy_tree(ROOT, tmp_path_factory.mktemp("pipeline") / "project")
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        agree = build_twice(root)
-    first, second = (Tree(root / "build" / "verify" / str(number)) for number in range(2))
-    spare = root / "spare"
-    shutil.copytree(second.folder, spare)
-    return Built(agree, said.getvalue(), first, second, spare)
+def built(request, background, tmp_path_factory) -> Built:
+    """The smoke size built twice, as `marsedl verify` does; the full size then starts in the place of the first."""
+    code, said = background["smoke"].wait(DIFFERENT)
+    root = background["smoke"].folder
+    folders = [root / "build" / "verify" / str(number) for number in range(2)]
+    digests = tuple(Tree(folder).digests() for folder in folders)
+    logs = tuple({str(path.relative_to(folder)) for path in folder.glob("logs/**/*.log")} for folder in folders)
+    if any(needs(item, "full") for item in request.session.items):
+        background["full"] = Background("full", folders[0])
+    return Built(code == 0, said, digests, logs, Spare(folders[1], root / "spare"))
 
 
 @pytest.fixture
 def tree(built) -> Tree:
-    """The second build as it was built."""
-    built.restore()
-    return Tree(built.second.folder)
+    """The second build as it was built, in its own place: compiled kernels are bound to their path."""
+    built.spare.restore()
+    return Tree(built.spare.folder)
+
+
+@pytest.fixture(scope="session")
+def full(built, background) -> Path:
+    """A full-size build in the place of a smoke build, of which nothing may be left that depends on the size."""
+    background["full"].wait()
+    return background["full"].folder

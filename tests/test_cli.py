@@ -290,6 +290,14 @@ def test_an_entry_of_the_built_tree_is_the_same_to_the_last_bit(tree, case):
 
 
 @pytest.mark.workflow
+def test_a_trial_under_several_laws_is_the_same_under_each(tree):
+    done = tree.marsedl("trial", "random_field", "both_branches", "150")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("the same to the last bit as in the stored ensemble") == 4
+    assert "trial 150, law of iteration 3: captured" in done.stdout
+
+
+@pytest.mark.workflow
 def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
     """The tree holds 200 trials, the reading has 2000."""
     done = tree.marsedl("trial", "powered_descent", "corrected", "1500")

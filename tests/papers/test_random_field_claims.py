@@ -469,7 +469,9 @@ def test_iterations_beside_the_paper(random_field, random_field_published, evalu
     evaluation = evaluations["corrected"]["acap_dv_p99_closed"]
     assert found[-1]["99th percentile (m/s)"] == f"{evaluation.value:.2f} ± {evaluation.standard_error:.2f}"
     worst = evaluations["corrected"]["acap_control_within_bounds"].numbers["worst"]
-    assert body[-1][10].startswith(f"{worst:.2f} (")
+    assert body[-1][11].startswith(f"{worst:.2f} (")
+    floored = artifacts(random_field, "corrected")["aerocapture"].final_state[LAST, :, 3] > 0
+    assert found[-1]["trials at the density's floor"] == f"{floored.sum():,}" != "0"
     assert {row["allotted per step (%)"] for row in found} == {"0.27"}
     assert len(table(random_field, random_field_published, "iterations", "printed")) == 2
     lost = table(random_field, random_field_published, "iterations", "literal_gains")

@@ -67,6 +67,10 @@ def refused(**inputs):
         ({"field_altitudes_km": [260.0, 20.0]}, ["field_interval", "does not fit between 260000 and 20000"]),
         ({"field_interval": 1.0e-3}, ["field_interval", "more than 100000 nodes"]),
         ({"double_integrator_field_interval": 5.0}, ["double_integrator_field_interval", "does not fit"]),
+        (
+            {"variance_growth_sign": -1, "correlation_length_km": 50.0},
+            ["correlation_length", "50000 m makes no covariance"],
+        ),
         ({"double_integrator_quadrature": 1}, ["double_integrator_quadrature", "greater than or equal to 2"]),
         ({"example_values": [1.0]}, ["example_values", "as many as example_positions"]),
         ({"paper_trials": 1_000_000}, ["trials", "paper_trials"]),

@@ -1,5 +1,8 @@
 """The smoke pipeline twice from nothing, in two folders, with other cores, chunks and hash seeds."""
 
+import os
+import shutil
+
 import pytest
 
 from marsedl.papers import SLUGS, input_model
@@ -9,7 +12,7 @@ pytestmark = pytest.mark.workflow
 
 def test_two_builds_agree_in_every_product(built):
     assert built.agree, built.said
-    first, second = built.first.digests(), built.second.digests()
+    first, second = built.digests
     assert first == second
     assert f"{len(first)} products in each of two builds, 0 differ" in built.said
     assert "cores 1, chunks 1, PYTHONHASHSEED 0" in built.said
@@ -21,16 +24,42 @@ def test_two_builds_agree_in_every_product(built):
         assert first.keys() >= flown
 
 
-def test_the_builds_scattered_their_trials_differently(built):
-    name = "logs/powered_descent/corrected/montecarlo.closed_loop_large.2of3.log"
-    assert built.second.path(name).exists()
-    assert not built.first.path(name).exists()
-    assert not list(built.second.folder.glob("data/cache/*/*/chunks/*.h5")), "chunks are temporary"
+def test_the_builds_scattered_their_trials_differently(built, tree):
+    chunk = "logs/powered_descent/corrected/montecarlo.closed_loop_large.2of3.log"
+    first, second = built.logs
+    assert chunk in second
+    assert chunk not in first
+    assert not list(tree.folder.glob("data/cache/*/*/chunks/*.h5")), "chunks are temporary"
 
 
 def test_a_changed_product_would_be_noticed(built, tree):
     """The comparison itself must be able to fail."""
     table = tree.path("figures/powered_descent/eq54.csv")
     table.write_text(table.read_text(encoding="utf-8").replace("0", "1", 1), encoding="utf-8")
-    first, second = built.first.digests(), tree.digests()
+    first, second = built.digests[0], tree.digests()
     assert {name for name in first if first[name] != second[name]} == {"figures/powered_descent/eq54.csv"}
+
+
+def test_a_tree_is_restored_whatever_was_done_to_it(built, tree):
+    """Written in place, with its old time and size, moved, deleted, new: the next test must not see it."""
+
+    def content():
+        return {path.relative_to(tree.folder): path.read_bytes() for path in tree.folder.rglob("*") if path.is_file()}
+
+    before, state = content(), tree.state()
+    figures = tree.path("figures/powered_descent")
+    written, forged, moved, lost = (figures / f"{name}.png" for name in ("fig02", "fig03", "fig04", "fig05"))
+    written.write_bytes(written.read_bytes()[:100])
+    times = forged.stat()
+    forged.write_bytes(forged.read_bytes()[::-1])
+    os.utime(forged, ns=(times.st_atime_ns, times.st_mtime_ns))
+    moved.rename(figures / "moved.png")
+    lost.unlink()
+    (figures / "new" / "folder").mkdir(parents=True)
+    (figures / "new" / "folder" / "file").touch()
+    shutil.rmtree(tree.path("data/cache/powered_descent/printed"))
+    assert content().keys() != before.keys()
+    built.spare.restore()
+    assert content() == before
+    assert tree.state() == state
+    assert not (figures / "new").exists()

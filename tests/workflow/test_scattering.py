@@ -7,25 +7,27 @@ from marsedl.replication.digests import digest
 pytestmark = pytest.mark.workflow
 
 READING = """
-stochastic_entry:
+{slug}:
   readings:
     scattered:
       based_on: corrected
       inputs:
-        trials: {value: 2500, source: "assumed: test"}
+        trials: {{value: 2500, source: "assumed: test"}}
+        paper_trials: {{value: 1000, source: "assumed: test"}}
 """
 
 
-def test_scattered_flights_of_the_entry_are_those_of_one_job(tree, tmp_path):
+@pytest.mark.parametrize(("slug", "case"), [("random_field", "aerocapture"), ("stochastic_entry", "apollo_velocity")])
+def test_scattered_flights_are_those_of_one_job(tree, tmp_path, slug, case):
     config = tmp_path / "scattered.yaml"
-    config.write_text(READING, encoding="utf-8")
-    target = "data/cache/stochastic_entry/scattered/montecarlo.apollo_velocity.h5"
+    config.write_text(READING.format(slug=slug), encoding="utf-8")
+    target = f"data/cache/{slug}/scattered/montecarlo.{case}.h5"
     found = []
     for chunks in (3, 1):
         tree.config = [f"chunks={chunks}"]
         done = tree.run(target, configfile=config)
         assert done.returncode == 0, done.stdout[-3000:]
         found.append(digest(tree.path(target)))
-    logs = {path.name for path in tree.path("logs/stochastic_entry/scattered").glob("montecarlo.*")}
-    assert logs == {f"montecarlo.apollo_velocity.{k}of3.log" for k in range(3)} | {"montecarlo.apollo_velocity.log"}
+    logs = {path.name for path in tree.path(f"logs/{slug}/scattered").glob("montecarlo.*")}
+    assert logs == {f"montecarlo.{case}.{k}of3.log" for k in range(3)} | {f"montecarlo.{case}.log"}
     assert found[0] == found[1]

@@ -154,7 +154,7 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
     stored = folder / f"montecarlo.{case}.h5"
     kind = _kind(hints["ensemble"])
     ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
-    if ensemble is not None and number >= len(ensemble.outcome):  # what is stored is of a smaller size
+    if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # what is stored is of a smaller size
         ensemble = None
     inputs = Slice(reading.slice(paper.stages["montecarlo"].inputs))
     return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)

@@ -43,11 +43,14 @@ def copy_tree(root: Path, destination: Path) -> Path:
     return destination
 
 
-def snakemake(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
-    """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output."""
+def snakemake(folder: Path, *arguments: str, nice: int = 0, **environment: str) -> subprocess.CompletedProcess:
+    """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
+
+    nice: by how much it and its jobs give way to other processes, as for the command of this name.
+    """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
     return subprocess.run(
-        [sys.executable, "-m", "snakemake", *arguments],
+        ["nice", "-n", str(nice), sys.executable, "-m", "snakemake", *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -68,8 +71,10 @@ def build_twice(root: Path) -> bool:
 
     def run(folder, build):
         config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
-        return snakemake(folder, "all", "--cores", build["cores"], *config, PYTHONHASHSEED=build["PYTHONHASHSEED"])
+        settings = {"nice": 5 * BUILDS.index(build), "PYTHONHASHSEED": build["PYTHONHASHSEED"]}
+        return snakemake(folder, "all", "--cores", build["cores"], *config, **settings)
 
+    # At the same time, the build of one core before the other: were it the last to end, the other cores would idle.
     with ThreadPoolExecutor() as pool:
         finished = list(pool.map(run, folders, BUILDS))
     for folder, done in zip(folders, finished, strict=True):

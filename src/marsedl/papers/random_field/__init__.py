@@ -272,10 +272,11 @@ TABLES = {
         "The open loop and the law of every iteration. Delta-v as linear covariance predicts it, with the true "
         "disturbances and with the design's navigation errors, and as flown: 99th percentile with its standard error "
         "(Maritz-Jarrett, lost trials counted as worse than any other), median, mean and deviation of captured trials. "
-        "How often the command leaves its limits, at the worst step and at any, with exact binomial intervals beside "
-        "what Eq. 77 allots per step.",
+        "Trials in which the Gaussian variation would have taken the density below its floor. How often the "
+        "command leaves its limits, at the worst step and at any, with exact binomial intervals beside what Eq. 77 "
+        "allots per step.",
         ("gains", "montecarlo.aerocapture"),
-        ("initial_deviations", "control_probability"),
+        ("control_probability",),
     ),
     "state_deviations": Product(
         "Standard deviations of radius, velocity and flight path angle at the nodes, over the trials and by linear "

@@ -185,6 +185,11 @@ class RandomFieldInputs(Inputs):
             lower, upper = getattr(self, name)
             if not lower < upper:
                 raise ValueError(f"{name}: {lower:g} and {upper:g} stand in the wrong order")
+        if self.variance_growth_sign < 0 and self.correlation_length > 2.0 * self.variance_growth_length:
+            raise ValueError(
+                f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign -1: "
+                f"twice variance_growth_length ({self.variance_growth_length:g} m) is the most"
+            )
         if self.density_profile == "table" and self.density_table is None:
             raise ValueError("density_profile is 'table', but density_table names none: write its file")
         if len(self.example_positions) != len(self.example_values):

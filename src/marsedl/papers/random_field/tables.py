@@ -15,6 +15,7 @@ from marsedl.papers.random_field.convergence import Convergence
 from marsedl.papers.random_field.double_integrator import CLOSED, DoubleIntegrator, normals_and_bounds, tail
 from marsedl.papers.random_field.double_integrator_flights import DoubleIntegratorFlights
 from marsedl.papers.random_field.field_study import FieldStudy
+from marsedl.papers.random_field.flight import FLOORED
 from marsedl.papers.random_field.gains import Gains
 from marsedl.papers.random_field.montecarlo import FlightEnsemble, delta_v_percentile, lost, step_violations
 from marsedl.papers.random_field.regularization import Regularization
@@ -82,6 +83,7 @@ def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
             "mean (m/s)",
             "deviation (m/s)",
             "lost trials",
+            "trials at the density's floor",
             f"beyond the control limits at the worst step (%, {sure})",
             f"at any step (%, {sure})",
             "allotted per step (%)",
@@ -106,6 +108,7 @@ def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
                 f"{captured.mean():.1f}" if known else NO_VALUE,
                 f"{captured.std(ddof=1):.1f}" if known else NO_VALUE,
                 f"{away[law]:,}",
+                f"{(aerocapture.final_state[law, :, FLOORED] > 0).sum():,}",
                 _share(by_step[law].max(), trials),
                 _share(at_any[law], trials),
                 f"{allotted:.2f}",
