@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from marsedl.replication.code_digest import SOURCE_ROOT, code_digest, reached, script_digest, source_digest
+from marsedl.replication import code_digest as module_of_digests
+from marsedl.replication.code_digest import (
+    SOURCE_ROOT,
+    RememberedDigests,
+    code_digest,
+    reached,
+    script_digest,
+    source_digest,
+)
 from marsedl.replication.errors import InputError, MarsedlError
 
 ENTRY = "pkg.papers.stage:compute"
@@ -358,3 +366,52 @@ def test_the_real_package_is_covered_and_imports_little():
     finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert finished.stdout.strip() == "[]"
     assert Path(SOURCE_ROOT, "marsedl", "__init__.py").is_file()
+
+
+@pytest.fixture
+def remembered(tree, tmp_path):
+    """Digests of the tree with a memory, and its scripts in a folder of their own."""
+    scripts = tmp_path / "scripts"
+    scripts.mkdir()
+    (scripts / "shim.py").write_text("from pkg.models.gravity import gravity\n", encoding="utf-8")
+
+    def open_again():
+        return RememberedDigests(tmp_path / "memory" / "digests.json", tree, scripts)
+
+    return open_again
+
+
+def test_remembered_digests_are_those_computed_and_parse_nothing_while_nothing_changes(tree, remembered, monkeypatch):
+    first = remembered()
+    found = first.source(), first.code(ENTRY), first.script("shim.py")
+    assert found[:2] == (source_digest(tree), code_digest(ENTRY, tree))
+    first.save()
+    monkeypatch.setattr(module_of_digests, "_parsed", None)
+    again = remembered()
+    assert (again.source(), again.code(ENTRY), again.script("shim.py")) == found
+
+
+def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remembered, tmp_path):
+    first = remembered()
+    before = first.code(ENTRY)
+    first.save()
+    path = tree / "pkg" / "models" / "gravity.py"
+    path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
+    changed = remembered()
+    assert changed.code(ENTRY) == code_digest(ENTRY, tree) != before
+    first.source()
+    first.save()  # computed before the change: not to be kept under either key
+    changed.save()
+    memory = tmp_path / "memory" / "digests.json"
+    assert before not in memory.read_text(encoding="utf-8")
+    for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "digests": 3}'):
+        memory.write_text(damaged, encoding="utf-8")
+        assert remembered().code(ENTRY) == code_digest(ENTRY, tree)
+
+
+def test_digests_that_cannot_be_kept_are_computed(tree, tmp_path):
+    occupied = tmp_path / "file"
+    occupied.write_text("", encoding="utf-8")
+    digests = RememberedDigests(occupied / "digests.json", tree, tmp_path)
+    assert digests.code(ENTRY) == code_digest(ENTRY, tree)
+    digests.save()

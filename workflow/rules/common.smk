@@ -1,15 +1,13 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
-import functools
 import hashlib
 import sys
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.code_digest import code_digest, script_digest
+from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_studies
 
-SOURCE = Path(workflow.basedir) / "src"
-SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
+DIGESTS = remembered_digests(Path(workflow.basedir))
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
 DEFAULT = "corrected"
 
@@ -44,10 +42,9 @@ def needs(paper, name):
     }
 
 
-@functools.lru_cache(maxsize=None)
 def code_of(entry, script):
     """Digest of the code that a job can reach: its script and its function."""
-    return f"{script_digest(SCRIPTS / script, SOURCE)[:16]} {code_digest(entry, SOURCE)[:16]}"
+    return f"{DIGESTS.script(script)[:16]} {DIGESTS.code(entry)[:16]}"
 
 
 def stage(paper, name):
@@ -208,7 +205,7 @@ def described(paper):
 
 def script_of(script):
     """Digest of the code that a script without a paper's function can reach."""
-    return script_digest(SCRIPTS / script, SOURCE)[:16]
+    return DIGESTS.script(script)[:16]
 
 
 def claims_code(paper):
@@ -219,7 +216,7 @@ def claims_code(paper):
         *(f"tables:{stem}" for stem in PAPERS[paper].summaries),
     ]
     digests = [
-        code_digest(f"marsedl.papers.{paper}.{entry}", SOURCE)[:16] for entry in entries
+        DIGESTS.code(f"marsedl.papers.{paper}.{entry}")[:16] for entry in entries
     ]
     return " ".join([script_of("claims.py"), *digests])
 

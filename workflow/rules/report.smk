@@ -41,8 +41,7 @@ rule index:
         template=file_digest("src/marsedl/replication/templates/report.html.j2"),
         code=script_of("report.py"),
         catalogues={
-            paper: code_digest(f"marsedl.papers.{paper}:PAPER", SOURCE)
-            for paper in PAPERS
+            paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS
         },
     script:
         "../scripts/report.py"

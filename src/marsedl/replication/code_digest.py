@@ -24,8 +24,13 @@ Only the standard library is imported here, because the Snakefile calls this on 
 """
 
 import ast
+import atexit
+import contextlib
 import gc
 import hashlib
+import json
+import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -88,6 +93,69 @@ def source_digest(source_root: Path = SOURCE_ROOT) -> str:
         name = path.relative_to(source_root).as_posix()
         parts += [name, _parsed(name, False, str(path), path.read_bytes()).text]
     return _sha256(parts)
+
+
+class RememberedDigests:
+    """The digests of this module, remembered in a file for as long as no source file and no script changes.
+
+    Computing them means to parse all of the source, which every run of Snakemake would have to do anew. The memory is
+    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong.
+    """
+
+    def __init__(self, memory: Path, source_root: Path, scripts: Path):
+        """Take the file that remembers, the folder of the package and that of the scripts."""
+        self._memory, self._source_root, self._scripts = memory, source_root, scripts
+        self._key, self._digests = self._key_now(), {}
+        try:
+            remembered = json.loads(memory.read_text(encoding="utf-8"))
+            if remembered["key"] == self._key:
+                self._digests = dict(remembered["digests"])
+        except (OSError, ValueError, LookupError, TypeError):
+            pass  # nothing remembered, or nothing that can be used
+        self._known = len(self._digests)
+        atexit.register(self.save)
+
+    def source(self) -> str:
+        """See `source_digest`."""
+        return self._of("source", lambda: source_digest(self._source_root))
+
+    def code(self, entry: str) -> str:
+        """See `code_digest`."""
+        return self._of(f"code {entry}", lambda: code_digest(entry, self._source_root))
+
+    def script(self, name: str) -> str:
+        """See `script_digest`."""
+        return self._of(f"script {name}", lambda: script_digest(self._scripts / name, self._source_root))
+
+    def save(self) -> None:
+        """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
+        if len(self._digests) == self._known or self._key_now() != self._key:
+            return
+        partial = self._memory.with_name(f"{self._memory.name}.{os.getpid()}")
+        with contextlib.suppress(OSError):
+            self._memory.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_text(json.dumps({"key": self._key, "digests": self._digests}), encoding="utf-8")
+            partial.replace(self._memory)
+            self._known = len(self._digests)
+
+    def _of(self, name, compute):
+        if name not in self._digests:
+            self._digests[name] = compute()
+        return self._digests[name]
+
+    def _key_now(self) -> str:
+        hasher = hashlib.sha256(sys.version.encode())
+        for folder in (self._source_root, self._scripts):
+            for path in sorted(folder.rglob("*.py")):
+                content = path.read_bytes()
+                hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
+        return hasher.hexdigest()
+
+
+@cache
+def remembered_digests(root: Path) -> RememberedDigests:
+    """The remembered digests of the project in a folder."""
+    return RememberedDigests(root / ".cache" / "code_digests.json", root / "src", root / "workflow" / "scripts")
 
 
 def _closure_of(entry: str, source_root: Path) -> "_Closure":

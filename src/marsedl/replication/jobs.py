@@ -31,11 +31,11 @@ def pin_numerics(root: Path) -> None:
     Arguments: the project's folder, which also holds the cache of compiled kernels. The cache is keyed by a digest of
     the source, since numba does not notice edits of functions called from another file.
     """
-    from marsedl.replication.code_digest import source_digest
+    from marsedl.replication.code_digest import remembered_digests
 
     os.environ.update(NUMERIC_ENVIRONMENT)
     os.environ.setdefault("PYTHONHASHSEED", "0")
-    os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / source_digest(root / "src")[:16])
+    os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / remembered_digests(root).source()[:16])
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 
 
