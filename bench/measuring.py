@@ -77,9 +77,9 @@ def children_cpu(tree, target):
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def peak_memory():
-    """Peak resident memory of this process, MB; `ru_maxrss` would count that of the process which started it too."""
-    status = Path("/proc/self/status")
+def peak_memory(process="self"):
+    """Peak resident memory of this or another process, MB; `ru_maxrss` would count that of who started it too."""
+    status = Path(f"/proc/{process}/status")
     if not status.exists():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text()).group(1)) / 1024

@@ -1,8 +1,8 @@
 """Benchmarks of Monte Carlo, design and pipeline of every paper: `python bench/run.py [paper ...]`.
 
 What is claimed are ratios, measured in one run by interleaved repetitions, with medians; one thread unless it says
-otherwise. Prints a table; without arguments, measures the pipelines as well and writes the table to
-`data/reference/benchmarks.csv`. Other load on the machine lowers the scaling with threads most.
+otherwise. Prints a table and writes it to `data/reference/benchmarks.csv`, where the rows of papers that were not asked
+for stay. Other load on the machine lowers the scaling with threads most.
 """
 
 import csv
@@ -28,34 +28,48 @@ from marsedl.replication.verification import copy_tree  # noqa: E402
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"
 
 
-def measure_pipelines(rows):
+def measure_pipelines(rows, slugs):
     """CPU time of every paper from nothing, each in a tree of its own, then of runs with little or nothing to do."""
     with tempfile.TemporaryDirectory() as folder:
-        for slug in SLUGS:
+        for slug in slugs:
             say(f"{slug}: pipeline from nothing")
             tree = copy_tree(ROOT, Path(folder) / slug)
             limit = import_module(slug).PIPELINE_LIMIT
             rows.of(slug)(f"snakemake {slug}, full size, from nothing", children_cpu(tree, slug), "CPU s", below=limit)
         say("pipeline with nothing to do, and for one figure")
-        children_cpu(tree, "all")
-        nothing = statistics.median(children_cpu(tree, "all") for _ in range(3))
-        rows.of("all")("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
-        for slug in SLUGS:
+        everything = set(slugs) == set(SLUGS)
+        if everything:
+            children_cpu(tree, "all")
+            nothing = statistics.median(children_cpu(tree, "all") for _ in range(3))
+            rows.of("all")("snakemake all, nothing to do", nothing, "CPU s", below=4.0)
+        for slug in slugs:
+            if not everything:
+                tree = Path(folder) / slug
+                nothing = statistics.median(children_cpu(tree, slug) for _ in range(3))
             figure = tree / "figures" / slug / f"{import_module(slug).FIGURE}.png"
             figure.unlink()
             drawn = children_cpu(tree, str(figure.relative_to(tree)))
             rows.of(slug)("one figure drawn again, beyond that", drawn - nothing, "CPU s", below=3.0)
 
 
+def stored(measured):
+    """The rows to store: those measured now, and the old ones of other papers, paper by paper."""
+    now = {paper for paper, *_ in measured}
+    with OUTPUT.open(encoding="utf-8", newline="") as file:
+        kept = [tuple(row) for row in list(csv.reader(file))[1:] if row[0] not in now]
+    order = {paper: place for place, paper in enumerate((*SLUGS, "all"))}
+    return sorted([*kept, *measured], key=lambda row: order.get(row[0], len(order)))
+
+
 def main(slugs):
-    """Measure, print, and store if all is measured."""
+    """Measure, store and print."""
     rows = Rows()
-    for slug in slugs or SLUGS:
+    for slug in slugs:
         import_module(slug).measure(rows.of(slug))
-    if not slugs:
-        measure_pipelines(rows)
-        with OUTPUT.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([Rows.HEADER, *rows.rows])
+    measure_pipelines(rows, slugs)
+    table = [Rows.HEADER, *stored(rows.rows)]
+    with OUTPUT.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(table)
     widths = [max(map(len, column)) for column in zip(Rows.HEADER, *rows.rows, strict=True)]
     for row in [Rows.HEADER, *rows.rows]:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
@@ -64,5 +78,7 @@ def main(slugs):
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--ensemble"]:
         import_module(sys.argv[2]).ensemble_in_this_process(int(sys.argv[3]))
+    elif sys.argv[1:2] == ["--program"]:
+        import_module(sys.argv[2]).program_in_this_process(sys.argv[3], int(sys.argv[4]))
     else:
-        main(sys.argv[1:])
+        main(sys.argv[1:] or SLUGS)
