@@ -2,23 +2,22 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, Strict, model_validator
+from pydantic import Field, Strict, model_validator
 
-from marsedl.models.density_table import table_or_file
+from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.inputs import Count, Inputs, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.inputs import Count, NonNegative, Number, Positive, Seed, given, vector
 
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
 
-DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
 Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201)]
 Tail = Annotated[float, Strict(), Field(gt=0, lt=0.5)]  # beyond one half the constraint is not convex
 Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
 Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
 
 
-class RandomFieldInputs(Inputs):
+class RandomFieldInputs(DensityInputs):
     """Everything that the random-field results depend on."""
 
     CASES: ClassVar[dict[str, str]] = {"aerocapture": "trials"}
@@ -40,16 +39,6 @@ class RandomFieldInputs(Inputs):
     )
 
     # The nominal density.
-    density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
-        "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
-    )
-    density_coefficients: vector(3) = given(
-        "1", "of log_quadratic: quadratic, linear and constant term of ln(kg/m^3) against altitude in 10 km"
-    )
-    density_upper_altitude: Positive = given("m", "of log_quadratic: altitude above which the scale height is constant")
-    density_table: DensityTable | None = given(
-        "m, kg/m^3", "of table: a CSV file, or file#source for one of several in it"
-    )
     density_beyond_table: Literal["refuse", "continue"] = given(
         "1", "when a nominal leaves the density table: refuse, or continue along the table's end slopes"
     )
@@ -190,8 +179,6 @@ class RandomFieldInputs(Inputs):
                 f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign -1: "
                 f"twice variance_growth_length ({self.variance_growth_length:g} m) is the most"
             )
-        if self.density_profile == "table" and self.density_table is None:
-            raise ValueError("density_profile is 'table', but density_table names none: write its file")
         if len(self.example_positions) != len(self.example_values):
             raise ValueError("example_values: must be as many as example_positions")
         if not self.trials >= self.paper_trials:

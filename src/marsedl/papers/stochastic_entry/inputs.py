@@ -1,19 +1,16 @@
 """Typed inputs of the entry-guidance paper; their values and sources are in `configs/stochastic_entry.yaml`."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
-from marsedl.models.density_table import table_or_file
-from marsedl.replication.inputs import Count, Fraction, Inputs, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.papers.density_inputs import DensityInputs
+from marsedl.replication.inputs import Count, Fraction, NonNegative, Number, Positive, Seed, given, vector
 
 LARGEST_CYCLE_COUNT = 100_000
 
 
-DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
-
-
-class StochasticEntryInputs(Inputs):
+class StochasticEntryInputs(DensityInputs):
     """Everything that the entry-guidance results depend on."""
 
     CASES: ClassVar[dict[str, str]] = {
@@ -54,16 +51,6 @@ class StochasticEntryInputs(Inputs):
     entry_crossrange_three_sigma: NonNegative = given("m", "three standard deviations of the crossrange, on latitude")
 
     # The atmosphere.
-    density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
-        "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
-    )
-    density_coefficients: vector(3) = given(
-        "1", "of log_quadratic: quadratic, linear and constant term of ln(kg/m^3) against altitude in 10 km"
-    )
-    density_upper_altitude: Positive = given("m", "of log_quadratic: altitude above which the scale height is constant")
-    density_table: DensityTable | None = given(
-        "m, kg/m^3", "of table: a CSV file, or file#source for one of several in it"
-    )
     density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
     variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
     variance_at_top: Positive = given("1", "of exponential: variance at and above the top altitude")
@@ -130,8 +117,6 @@ class StochasticEntryInputs(Inputs):
         cycles = self.time_limit / self.guidance_period
         if cycles > LARGEST_CYCLE_COUNT:
             raise ValueError(f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}")
-        if self.density_profile == "table" and self.density_table is None:
-            raise ValueError("density_profile is 'table', but density_table names none: write its file")
         intervals = (self.partition_interval, *self.partition_study)
         if any(round(i / self.guidance_period) * self.guidance_period != i for i in intervals):
             raise ValueError("partition_interval and partition_study must be multiples of guidance_period")

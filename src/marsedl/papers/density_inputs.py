@@ -1,0 +1,31 @@
+"""The mean density as an input, for every paper in which readings choose among profiles."""
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from marsedl.models.density_table import table_or_file
+from marsedl.replication.inputs import Inputs, Positive, given, vector
+
+DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
+
+
+class DensityInputs(Inputs):
+    """What `models.atmosphere.named_profile` wants to know."""
+
+    density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
+        "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
+    )
+    density_coefficients: vector(3) = given(
+        "1", "of log_quadratic: quadratic, linear and constant term of ln(kg/m^3) against altitude in 10 km"
+    )
+    density_upper_altitude: Positive = given("m", "of log_quadratic: altitude above which the scale height is constant")
+    density_table: DensityTable | None = given(
+        "m, kg/m^3", "of table: a CSV file, or file#source for one of several in it"
+    )
+
+    @model_validator(mode="after")
+    def _table_is_named(self):
+        if self.density_profile == "table" and self.density_table is None:
+            raise ValueError("density_profile is 'table', but density_table names none: write its file")
+        return self
