@@ -225,7 +225,7 @@ def _trial(options) -> int:
 
 
 def _verify(options) -> int:
-    from marsedl.papers import SLUGS
+    from marsedl.papers import SLUGS, rounding_noise
     from marsedl.replication import verification
 
     root = project_root()
@@ -234,7 +234,7 @@ def _verify(options) -> int:
             print(f"wrote {path}")
         return 0
     agree = True if options.no_rebuild else verification.build_twice(root)
-    return 0 if verification.compare_reference(root, SLUGS) and agree else 1
+    return 0 if verification.compare_reference(root, SLUGS, rounding_noise()) and agree else 1
 
 
 _COMMANDS = {"list": _list, "explain": _explain, "diff": _diff, "trial": _trial, "verify": _verify}

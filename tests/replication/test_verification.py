@@ -219,3 +219,15 @@ def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
 def test_numbers_whose_squares_overflow_are_reduced_too():
     assert reduced(3e200, -4e200)["numbers"][0] == pytest.approx(np.sqrt(12.5) * 1e200, rel=1e-15)
     assert reduced(0.0, 0.0)["numbers"] == [0.0] * 5
+
+
+def test_what_rounding_decides_is_compared_by_shape(project, capsys):
+    store(project, scale=1.1)
+    assert not verification.compare_reference(project, [SLUG])
+    assert verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/ma*",)})
+    assert "1 that rounding decides compared by shape" in capsys.readouterr().out
+    assert not verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/iterations",)})
+    path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
+    shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
+    artifacts.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
+    assert not verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/mass",)})

@@ -16,6 +16,11 @@ def catalogue(slug: str) -> Paper:
     return import_module(f"marsedl.papers.{slug}").PAPER
 
 
+def rounding_noise() -> dict[str, tuple[str, ...]]:
+    """Return what rounding decides in each paper, see `Paper.noise`."""
+    return {slug: catalogue(slug).noise for slug in SLUGS}
+
+
 def input_model(slug: str) -> "type[Inputs]":
     """Return the class of a paper's typed inputs."""
     return import_module(f"marsedl.papers.{slug}.inputs").MODEL

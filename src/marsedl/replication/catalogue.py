@@ -44,7 +44,8 @@ class Paper:
     """The bill of materials of one replicated paper.
 
     `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
-    A block of trials is the least that is simulated by one job.
+    A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
+    numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same.
     """
 
     slug: str
@@ -57,6 +58,7 @@ class Paper:
     summaries: dict[str, str] = field(default_factory=dict)
     errata: tuple[Erratum, ...] = ()
     trials_per_block: int = 1000
+    noise: tuple[str, ...] = ()
 
     def entry(self, stage: str) -> str:
         """Return the stage's function as "package.module:function"."""

@@ -5,8 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -158,10 +159,10 @@ def write_reference(root: Path, slugs: Iterable[str]) -> list[Path]:
     return written
 
 
-def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
+def compare_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Iterable[str]] | None = None) -> bool:
     """Compare a full build with the stored numbers by tolerance; prints the worst margin of every paper.
 
-    False, too, if a verdict is not explained.
+    noise: patterns of names, by paper, of which only the shape is compared. False, too, if a verdict is not explained.
     """
     agree = True
     for slug in slugs:
@@ -170,7 +171,14 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
         reference, found = json.loads(path.read_text(encoding="utf-8")), fingerprints(root, slug)
         missing = sorted(reference.keys() - found.keys())
-        margins = {name: margin(name, entry, found[name]) for name, entry in reference.items() if name in found}
+        patterns = tuple((noise or {}).get(slug, ()))
+        margins, left_out = {}, 0
+        for name, entry in reference.items():
+            if name in found:
+                rounding = any(fnmatchcase(name, pattern) for pattern in patterns)
+                left_out += rounding
+                expected = {**entry, "numbers": found[name]["numbers"]} if rounding else entry
+                margins[name] = margin(name, expected, found[name])
         beyond = sorted((name for name, value in margins.items() if value > 1), key=lambda name: -margins[name])
         for name in missing[:20]:
             print(f"  {slug}: not built: {name}")
@@ -178,9 +186,10 @@ def compare_reference(root: Path, slugs: Iterable[str]) -> bool:
             print(f"  {slug}: {name} is off by {margins[name]:.3g} tolerances")
         worst = max(margins, key=margins.get, default="none of them was built")
         print(
-            f"{slug}: {len(margins)} numbers compared with {path.name}, {len(beyond)} beyond tolerance, "
+            f"{slug}: {len(margins) - left_out} numbers compared with {path.name}, {len(beyond)} beyond tolerance, "
             f"{len(missing)} missing; "
-            f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})",
+            f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
+            + (f"; {left_out} that rounding decides compared by shape" if left_out else ""),
             flush=True,
         )
         unexplained = [

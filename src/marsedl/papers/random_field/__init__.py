@@ -492,4 +492,18 @@ PAPER = Paper(
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,
+    # Gains of 1e18 and more and the flights under them, and how nearly two solutions of one program agree.
+    noise=(
+        "literal_gains/gains/*",
+        "literal_gains/montecarlo.aerocapture/*",
+        "claims/*/literal_gains",
+        "corrected/certificates/*_gain_difference",
+        *(
+            f"corrected/regularization/{field}"
+            for field in (
+                *("largest_gain", "predicted_deviation", "design_deviation", "flown_deviation", "percentile"),
+                *("percentile_error", "saturated", "worst_step", "lost"),
+            )
+        ),
+    ),
 )
