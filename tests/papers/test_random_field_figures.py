@@ -118,7 +118,7 @@ def test_one_sample_suffices(draw, stem):
 def test_samples_drawn_are_not_those_of_flights_and_certificates():
     drawn = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
     assert len(drawn) >= 5
-    flown = {flight.INITIAL_STREAM, flight.FIELD_STREAM, montecarlo.INITIAL_STATE_STREAM}
+    flown = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
     assert not drawn & (flown | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
 
 

@@ -17,7 +17,7 @@ from marsedl.papers.random_field import environment
 from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.gains import Gains
 from marsedl.papers.random_field.linearization import UNITS, Linearization, along
-from marsedl.papers.random_field.nominal import Nominal
+from marsedl.papers.random_field.nominal import Nominal, states_of
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.errors import MarsedlError
 
@@ -59,7 +59,7 @@ def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains
     """
     if linearization.refused:
         raise MarsedlError(f"there is no design to certify: {linearization.refused}")
-    states = np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+    states = states_of(inputs, nominal)
     control = np.zeros(len(linearization.partition) - 1)
     model = along(inputs, linearization.partition, control, states)
     posed, system = design.program(inputs, model, control)

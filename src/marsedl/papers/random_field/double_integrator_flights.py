@@ -12,7 +12,6 @@ from marsedl.papers.random_field.double_integrator import DoubleIntegrator, kern
 from marsedl.replication.artifacts import quantity
 
 STATE = "1"
-INITIAL_STATE_STREAM = 0
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def block_simulator(inputs, double_integrator, number, **changes):
     every = round(inputs.double_integrator_output_interval / inputs.double_integrator_time_step)
 
     def simulate_block(first, last):
-        drawn = normals(inputs.seed, INITIAL_STATE_STREAM, np.arange(first, last), 2)
+        drawn = normals(inputs.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
         flown = flight.fly_double_integrator(
             flown_law,
             grid,

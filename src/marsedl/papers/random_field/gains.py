@@ -19,7 +19,7 @@ from marsedl.papers.random_field.linearization import (
     along,
     delta_v_gradient,
 )
-from marsedl.papers.random_field.nominal import Nominal, mission, trajectory
+from marsedl.papers.random_field.nominal import Nominal, finite_or_nan, mission, output_times, states_of, trajectory
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.errors import MarsedlError
 
@@ -103,7 +103,7 @@ def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
     if not linearization.refused:
         run = iterate(inputs, nominal, linearization.partition, inputs.iterations)
         laws, outcome, period = [*laws, *run.results], run.outcome, run.period
-    time = np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
+    time = output_times(inputs)
     every = round(2 * inputs.output_interval / inputs.time_step)
     states = np.array([law.states[::every] for law in laws])
     altitude = states[..., 0] - inputs.planet_radius
@@ -149,7 +149,7 @@ def open_loop(inputs, nominal, linearization) -> Design:
     sign = _signs(inputs, nominal.apoapsis * inputs.planet_radius)
     gradient = delta_v_gradient(inputs, linearization.state[-1], sign[0] if len(sign) == 1 else 0)
     deviation = float(np.sqrt(gradient @ covariance[-1] @ gradient))
-    states = np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+    states = states_of(inputs, nominal)
     nothing = np.zeros(intervals)
     return Design(
         control=nothing,
@@ -211,8 +211,8 @@ def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
         delta_v = float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity))
         result = _design(inputs, model, system, posed, solution)._replace(
             states=current,
-            apoapsis=_finite(apoapsis / inputs.planet_radius),
-            nominal_delta_v=_finite(delta_v),
+            apoapsis=finite_or_nan(apoapsis / inputs.planet_radius),
+            nominal_delta_v=finite_or_nan(delta_v),
         )
         monitored = np.array([np.nan_to_num(result.apoapsis, nan=np.inf), result.percentile])
         return Step(solution.control[:, 0], monitored, result)
@@ -340,7 +340,3 @@ def _signs(inputs, apoapsis):
 
 def _stacked(covariance):
     return covariance.reshape(covariance.shape[0] * 3, -1)
-
-
-def _finite(value):
-    return float(value) if np.isfinite(value) else np.nan

@@ -11,7 +11,7 @@ from marsedl.methods.linearization import linearize
 from marsedl.models import orbits
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.random_field import environment
-from marsedl.papers.random_field.nominal import Nominal, mission
+from marsedl.papers.random_field.nominal import Nominal, mission, states_of
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.artifacts import quantity
 
@@ -67,7 +67,7 @@ def partition_used(inputs):
 def compute(inputs, nominal: Nominal) -> Linearization:
     """Linearise about the guess."""
     partition, refused = partition_used(inputs)
-    states = np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+    states = states_of(inputs, nominal)
     model = along(inputs, partition, np.zeros(len(partition) - 1), states)
     intervals = len(partition) - 1
     gradients = [delta_v_gradient(inputs, model.state[-1], sign) for sign in BRANCHES.values()]

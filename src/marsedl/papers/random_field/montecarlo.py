@@ -10,12 +10,11 @@ from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight
 from marsedl.papers.random_field.gains import Gains, law
-from marsedl.papers.random_field.nominal import Nominal, initial_state, mission
+from marsedl.papers.random_field.nominal import Nominal, initial_state, mission, output_times
 from marsedl.replication.artifacts import quantity
 
 STATE = "m, m/s, rad, 1, Pa, 1"
 CONTROL_BINS = 40
-INITIAL_STATE_STREAM = 0
 ESCAPED, NOT_EXITED = 2, 4  # outcomes that only the exit state decides
 OUTCOMES = {
     0: "captured",
@@ -114,17 +113,12 @@ def simulate(
         for number in range(len(gains.control))
     ]
     return FlightChunk(
-        time=times(inputs),
+        time=output_times(inputs),
         **{
             field.name: ensembles.without_infinities(np.array([getattr(law, field.name) for law in reduced]))
             for field in fields(ensembles.Chunk)
         },
     )
-
-
-def times(inputs):
-    """Times of the stored states."""
-    return np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
 
 
 def block_simulator(inputs, nominal, gains, case, number=-1, **changes):
@@ -140,7 +134,7 @@ def block_simulator(inputs, nominal, gains, case, number=-1, **changes):
     lower, upper = inputs.control_limits
 
     def simulate_block(first, last):
-        drawn = normals(inputs.seed, INITIAL_STATE_STREAM, np.arange(first, last), 3)
+        drawn = normals(inputs.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
         flown = flight.fly(
             constants,
             air,

@@ -54,6 +54,16 @@ def trajectory(inputs, air, law, flight_path_angle, time_step, every=1):
     )
 
 
+def states_of(inputs, nominal):
+    """Radius, velocity and flight path angle of the nominal at every half integration step, (time, 3)."""
+    return np.column_stack([nominal.altitude + inputs.planet_radius, nominal.velocity, nominal.flight_path_angle])
+
+
+def output_times(inputs):
+    """Times of the stored states of flights."""
+    return np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
+
+
 def mission(inputs):
     """Target apoapsis, target periapsis (m) and gravitational parameter, as the functions of `orbits` want them."""
     targets = inputs.target_apoapsis * inputs.planet_radius, inputs.target_periapsis * inputs.planet_radius
@@ -91,9 +101,9 @@ def compute(inputs) -> Nominal:
         time_of_largest_dynamic_pressure=peak_time,
         largest_dynamic_pressure=peak,
         lowest_altitude=float(altitude.min()),
-        apoapsis=_finite(orbits.apoapsis_radius(*end, gravity) / inputs.planet_radius),
-        delta_v=_finite(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
-        clean_up_burn=_finite(burns.apoapsis_change),
+        apoapsis=finite_or_nan(orbits.apoapsis_radius(*end, gravity) / inputs.planet_radius),
+        delta_v=finite_or_nan(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
+        clean_up_burn=finite_or_nan(burns.apoapsis_change),
     )
 
 
@@ -130,5 +140,6 @@ def _peak(values, pressure):
     return float(values[k] + shift * (values[k + 1] - values[k])), float(middle - 0.25 * (before - after) * shift)
 
 
-def _finite(value):
+def finite_or_nan(value):
+    """The number as artifacts can hold it: NaN for what is not finite, such as the apoapsis of an escape."""
     return float(value) if np.isfinite(value) else np.nan
