@@ -4,13 +4,19 @@ import casadi
 import numpy as np
 import pytest
 from numba import njit
+from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models.atmosphere import (
+    TEMPERATURE_PRESSURE_FIT,
     casadi_log_density,
     log_quadratic,
+    named_log_density,
+    named_profile,
     tabulated,
     temperature_pressure_fit,
     two_exponential,
+    uniform_cells,
+    uniform_nodes,
 )
 from marsedl.models.density_table import read_density_table
 
@@ -108,6 +114,15 @@ def test_temperature_pressure_fit_is_pressure_over_gas_constant_and_temperature(
     assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(density, rel=1e-14)
 
 
+def test_temperature_pressure_fit_has_the_constants_it_says():
+    found, h = TEMPERATURE_PRESSURE_FIT, 70e3
+    temperature = np.polynomial.Polynomial(found.temperature)(h)
+    pressure = found.surface_pressure * np.exp(-found.pressure_decay * h)
+    assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(
+        pressure / (found.gas_constant * temperature), rel=1e-14
+    )
+
+
 def test_temperature_pressure_fit_against_mars_gram(table):
     ratio = np.exp(temperature_pressure_fit(table[:, 0])[0]) / table[:, 1]
     assert abs(ratio[table[:, 0] < 40e3] - 1).max() == pytest.approx(0.1635, abs=5e-5)  # at 20 km
@@ -185,3 +200,116 @@ def test_casadi_curve_is_the_same(table):
 def test_curves_refuse_bad_tables(curve, rows, message):
     with pytest.raises(ValueError, match=message):
         curve(rows)
+
+
+# ---- uniform nodes ----
+
+
+def curve_of_cells(nodes):
+    """ln rho of the cells, looked up as flights do."""
+    cells = uniform_cells(nodes.log_density, nodes.slope, nodes.spacing)
+
+    def log_density(altitude):
+        position = (np.asarray(altitude) - nodes.bottom) / nodes.spacing + 1.0
+        cell = np.clip(position, 0, len(cells) - 1).astype(int)
+        return np.polynomial.polynomial.polyval(position - cell, cells[cell].T, tensor=False)
+
+    return log_density
+
+
+def test_uniform_nodes_are_the_profile_at_multiples_of_the_spacing(table):
+    nodes = uniform_nodes(tabulated(table), lowest=-2e3, highest=5e3, spacing=500.0)
+    altitude = np.linspace(-2e3, 5e3, 15)
+    expected = tabulated(table)(altitude)
+    assert (nodes.bottom, nodes.spacing) == (-2e3, 500.0)
+    np.testing.assert_array_equal(nodes.log_density, expected[0])
+    np.testing.assert_array_equal(nodes.slope, expected[1])
+    assert len(uniform_nodes(calibrated).log_density) == 311  # -10 to 300 km
+
+
+def test_cells_are_the_hermite_cubics_between_the_nodes_and_lines_beyond():
+    random = np.random.default_rng(4)
+    altitude = 3e3 + 700.0 * np.arange(6)
+    value, slope = random.normal(size=6), random.normal(size=6) / 700.0
+    nodes = uniform_nodes(lambda h: (value, slope), altitude[0], altitude[-1], 700.0)
+    spline = CubicHermiteSpline(altitude, value, slope)
+    inside = np.linspace(altitude[0], altitude[-1], 300)
+    found = curve_of_cells(nodes)
+    np.testing.assert_allclose(found(inside), spline(inside), rtol=0, atol=1e-13)
+    for end, beyond in (
+        (0, altitude[0] - np.array([1.0, 699.0, 5e3])),
+        (-1, altitude[-1] + np.array([1.0, 701.0, 5e3])),
+    ):
+        line = value[end] + slope[end] * (beyond - altitude[end])
+        np.testing.assert_allclose(found(beyond), line, rtol=0, atol=1e-13)
+
+
+def test_cells_are_the_curve_of_a_table_whose_altitudes_are_nodes(table):
+    assert (table[:, 0] % 1e3 == 0).all()
+    profile, altitude = tabulated(table), np.linspace(-15e3, 320e3, 33517)
+    np.testing.assert_allclose(
+        curve_of_cells(uniform_nodes(profile))(altitude), profile(altitude)[0], rtol=0, atol=1e-12
+    )
+
+
+def test_cells_of_smooth_fits_are_as_good_as_exact_and_of_order_four():
+    altitude = np.linspace(-10e3, 200e3, 4001)
+    exact = temperature_pressure_fit(altitude)[0]
+    error = [
+        np.abs(curve_of_cells(uniform_nodes(temperature_pressure_fit, spacing=spacing))(altitude) - exact).max()
+        for spacing in (4e3, 2e3, 1e3)
+    ]
+    assert error[-1] < 1e-8
+    np.testing.assert_allclose(np.log2(np.divide(error[:-1], error[1:])), 4.0, atol=0.1)
+
+
+def test_cells_spread_the_jump_of_two_exponential_over_one_cell():
+    altitude = np.linspace(-10e3, 200e3, 21001)
+    error = np.abs(curve_of_cells(uniform_nodes(two_exponential))(altitude) - two_exponential(altitude)[0])
+    jump = (altitude > 24e3) & (altitude < 25e3)
+    assert error[~jump].max() < 1e-13
+    assert 0.02 < error[jump].max() < 0.04
+
+
+@pytest.mark.parametrize(
+    ("log_density", "slope", "spacing"),
+    [
+        (np.zeros(3), np.zeros(2), 1.0),
+        (np.zeros(1), np.zeros(1), 1.0),
+        (np.zeros((2, 2)), np.zeros((2, 2)), 1.0),
+        (np.array([0.0, -np.inf]), np.zeros(2), 1.0),
+        (np.zeros(2), np.array([0.0, np.nan]), 1.0),
+        (np.zeros(2), np.zeros(2), 0.0),
+    ],
+)
+def test_cells_refuse_what_is_no_table(log_density, slope, spacing):
+    with pytest.raises(ValueError, match="one finite value per node and a positive spacing"):
+        uniform_cells(log_density, slope, spacing)
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1e3, 400e3, np.nan])
+def test_uniform_nodes_refuse_a_spacing_that_does_not_fit(spacing):
+    with pytest.raises(ValueError, match="spacing must be positive and fit between"):
+        uniform_nodes(calibrated, spacing=spacing)
+
+
+# ---- by name ----
+
+NAMES = ("log_quadratic", "temperature_pressure_fit", "two_exponential", "table")  # a table takes no SX
+
+
+@pytest.mark.parametrize(
+    ("name", "symbol"), [*((name, casadi.MX) for name in NAMES), *((name, casadi.SX) for name in NAMES[:3])]
+)
+def test_log_density_by_name_is_the_curve_of_the_profile(name, symbol, table):
+    casadi.GlobalOptions.setNumpyMode(-1)
+    given = {"coefficients": CALIBRATED[:3], "upper_altitude": CALIBRATED[3], "table": table}
+    altitude = symbol.sym("altitude")
+    traced = named_log_density(name, **given)(altitude)
+    assert traced.shape == (1, 1)
+    function = casadi.Function("both", [altitude], [traced, casadi.jacobian(traced, altitude)])
+    altitudes = np.linspace(-10e3, 150e3, 641)  # the ends of the parabola, the layers and the table among them
+    expected, slope, _ = named_profile(name, **given)(altitudes)
+    found = [value.full()[0] for value in function.map(altitudes.size)(altitudes[np.newaxis])]
+    np.testing.assert_allclose(found[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(found[1], slope, rtol=1e-11)

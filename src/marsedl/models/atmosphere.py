@@ -9,29 +9,49 @@ numpy arrays. The scale height of the stochastic entry guidance, Eq. 6, is H = -
 are compiled by numba and traced by CasADi as well.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba.extending import register_jitable
 
 from marsedl.models.density_table import require_physical
 
 __all__ = [
+    "TEMPERATURE_PRESSURE_FIT",
+    "TemperaturePressureFit",
+    "UniformNodes",
     "casadi_log_density",
     "log_quadratic",
+    "named_log_density",
     "named_profile",
     "tabulated",
     "temperature_pressure_fit",
     "two_exponential",
+    "uniform_cells",
+    "uniform_nodes",
 ]
 
 # ---- closed fits -----------------------------------------------------------------------------------------------------
 
 _TEN_KILOMETRES = 1e4
 
-# Desensitized landing (Shen, Seywald, Powell), Eq. 4, fitted to Mars-GRAM data; h in m.
-_TEMPERATURE = (205.3645, -1.245e-3, -8.85e-9, 1.4e-13)  # K, ascending powers of h
-_SURFACE_PRESSURE = 559.351005946503  # N/m^2
-_PRESSURE_DECAY = 0.000105  # 1/m
-_GAS_CONSTANT = 188.95110711075  # J/(kg K)
+
+class TemperaturePressureFit(NamedTuple):
+    """Constants of a cubic temperature and an exponential pressure over altitude, see `temperature_pressure_fit`."""
+
+    temperature: tuple[float, float, float, float]  # T0 to T3, K, K/m, K/m^2, K/m^3
+    surface_pressure: float  # p0, N/m^2
+    pressure_decay: float  # k, 1/m
+    gas_constant: float  # R, J/(kg K)
+
+
+# Desensitized landing (Shen, Seywald, Powell), Eq. 4, fitted to Mars-GRAM data.
+TEMPERATURE_PRESSURE_FIT = TemperaturePressureFit(
+    temperature=(205.3645, -1.245e-3, -8.85e-9, 1.4e-13),
+    surface_pressure=559.351005946503,
+    pressure_decay=0.000105,
+    gas_constant=188.95110711075,
+)
 
 # Gallais, Atmospheric Re-Entry Vehicle Mechanics (2007), p. 29.
 _CHANGE_ALTITUDE = 25e3  # m
@@ -69,8 +89,8 @@ def temperature_pressure_fit(altitude):
 
         T = T0 + T1 h + T2 h^2 + T3 h^3,   p = p0 exp(-k h),   rho = p / (R T)
 
-    Against Mars-GRAM 2010 at Jezero: within 16.4 % below 40 km, but far too dense higher up: 1.6 times at 50 km,
-    10 times at 100 km.
+    The constants are those of `TEMPERATURE_PRESSURE_FIT`. Against Mars-GRAM 2010 at Jezero: within 16.4 % below 40 km,
+    but far too dense higher up: 1.6 times at 50 km, 10 times at 100 km.
 
     Args:
         altitude: h, m.
@@ -78,12 +98,14 @@ def temperature_pressure_fit(altitude):
     Returns:
         Tuple of ln rho (kg/m^3), d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2).
     """
-    t0, t1, t2, t3 = _TEMPERATURE
+    t0, t1, t2, t3 = TEMPERATURE_PRESSURE_FIT.temperature
+    decay = TEMPERATURE_PRESSURE_FIT.pressure_decay
+    surface = np.log(TEMPERATURE_PRESSURE_FIT.surface_pressure / TEMPERATURE_PRESSURE_FIT.gas_constant)
     temperature = t0 + altitude * (t1 + altitude * (t2 + altitude * t3))
     relative_slope = (t1 + altitude * (2.0 * t2 + altitude * 3.0 * t3)) / temperature
     relative_curvature = (2.0 * t2 + altitude * 6.0 * t3) / temperature
-    log_density = np.log(_SURFACE_PRESSURE / _GAS_CONSTANT) - _PRESSURE_DECAY * altitude - np.log(temperature)
-    return log_density, -_PRESSURE_DECAY - relative_slope, relative_slope * relative_slope - relative_curvature
+    log_density = surface - decay * altitude - np.log(temperature)
+    return log_density, -decay - relative_slope, relative_slope * relative_slope - relative_curvature
 
 
 @register_jitable
@@ -182,6 +204,85 @@ def casadi_log_density(table):
     return casadi.Function("log_density", [altitude], [log_density], ["altitude"], ["log_density"])
 
 
+# ---- uniform nodes ---------------------------------------------------------------------------------------------------
+
+
+class UniformNodes(NamedTuple):
+    """A profile at equidistant altitudes."""
+
+    bottom: float  # m, altitude of the first node
+    spacing: float  # m, from one to the next
+    log_density: np.ndarray  # (n,), of kg/m^3
+    slope: np.ndarray  # (n,), 1/m
+
+
+def uniform_nodes(profile, lowest=-10e3, highest=300e3, spacing=1e3):
+    """Sample a profile at equidistant altitudes, for look-ups that compute the cell from the altitude.
+
+    The cubics of `uniform_cells` are the curve of a table again, if its altitudes are among the nodes, and as good as
+    exact for the closed fits at 1 km, but that the jump of `two_exponential` is spread over the cell below it.
+
+    Args:
+        profile: altitude (m) -> (ln rho, d ln rho / dh in 1/m, ...), see the module.
+        lowest, highest: altitudes of the first node and, if a whole number of cells lies between them, of the last, m.
+        spacing: m.
+
+    Returns:
+        `UniformNodes`.
+
+    Raises:
+        ValueError: if spacing is not positive, or does not fit between lowest and highest.
+    """
+    if not 0.0 < spacing <= highest - lowest:
+        raise ValueError(
+            f"spacing must be positive and fit between lowest and highest, got {spacing}, {lowest}, {highest}"
+        )
+    altitude = np.arange(lowest, highest + spacing / 2, spacing)
+    log_density, slope, *_ = profile(altitude)
+    return UniformNodes(
+        bottom=lowest,
+        spacing=spacing,
+        log_density=np.ascontiguousarray(log_density),
+        slope=np.ascontiguousarray(np.broadcast_to(slope, altitude.shape)),
+    )
+
+
+def uniform_cells(log_density, slope, spacing):
+    """Cubics of ln rho between equidistant nodes, continued by a line at each end.
+
+        ln rho = c0 + c1 x + c2 x^2 + c3 x^3,   x in cells from the lower end of the cell
+
+    The curve is C1. Row i is the cell that begins at node i - 1. Row 0 begins one spacing below the first node and is
+    for everything below that node (x may be negative), the last row for everything above the last (x may exceed 1).
+
+    Args:
+        log_density: of kg/m^3 at the nodes, (n,).
+        slope: its derivative there, (n,), 1/m.
+        spacing: between nodes, m.
+
+    Returns:
+        Coefficients c0 to c3, (n + 1, 4).
+
+    Raises:
+        ValueError: if there are fewer than 2 nodes, shapes differ, a number is not finite or spacing is not positive.
+    """
+    value, slope = np.asarray(log_density, dtype=float), np.asarray(slope, dtype=float)
+    fits = value.ndim == 1 and len(value) >= 2 and value.shape == slope.shape and spacing > 0.0
+    if not fits or not np.isfinite(value).all() or not np.isfinite(slope).all():
+        raise ValueError(
+            f"log_density and log_density_slope must have one finite value per node and a positive spacing, got shapes "
+            f"{value.shape} and {slope.shape}, spacing {spacing}; for vacuum take -2000, say"
+        )
+    slope = slope * spacing
+    rise = np.diff(value)
+    cells = np.zeros((len(value) + 1, 4))
+    cells[1:, 0], cells[1:, 1] = value, slope
+    cells[0, :2] = value[0] - slope[0], slope[0]
+    cells[1:-1, 2] = 3.0 * rise - 2.0 * slope[:-1] - slope[1:]
+    cells[1:-1, 3] = slope[:-1] + slope[1:] - 2.0 * rise
+    return cells
+
+
 # ---- by name ---------------------------------------------------------------------------------------------------------
 
 
@@ -204,3 +305,22 @@ def named_profile(name, *, coefficients=None, upper_altitude=None, table=None):
     if name == "table":
         return tabulated(table)
     return {"temperature_pressure_fit": temperature_pressure_fit, "two_exponential": two_exponential}[name]
+
+
+def named_log_density(name, *, coefficients=None, upper_altitude=None, table=None):
+    """The curve of `named_profile` as a function that CasADi can trace, for trajectory optimisation.
+
+    Args:
+        name, coefficients, upper_altitude, table: as of `named_profile`.
+
+    Returns:
+        Function of the altitude (m) that returns ln rho (kg/m^3) alone: for SX and MX symbols, for MX only if it goes
+        through a table. CasADi differentiates it; across the jump of two_exponential it sees the layers' slopes.
+
+    Raises:
+        ValueError: as `tabulated`.
+    """
+    if name == "table":
+        return casadi_log_density(table)
+    profile = named_profile(name, coefficients=coefficients, upper_altitude=upper_altitude)
+    return lambda altitude: profile(altitude)[0]

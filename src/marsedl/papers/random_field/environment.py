@@ -5,21 +5,9 @@ from functools import partial
 import numpy as np
 
 from marsedl.models import atmosphere, random_field
+from marsedl.papers.density import profile
 from marsedl.papers.random_field import flight
 from marsedl.replication.errors import MarsedlError
-
-COARSE = 1e3  # m; tables are cubic between nodes that are multiples of it, and closed fits are as good as exact
-LOWEST, HIGHEST = -10e3, 300e3  # m, altitudes of the density table, beyond which ln density is linear
-
-
-def profile(inputs):
-    """The mean density: a function of altitude (m) that returns ln density, its first and second derivative."""
-    return atmosphere.named_profile(
-        inputs.density_profile,
-        coefficients=inputs.density_coefficients,
-        upper_altitude=inputs.density_upper_altitude,
-        table=inputs.density_table,
-    )
 
 
 def kernel(inputs, **changes):
@@ -47,14 +35,9 @@ def deviation(inputs, altitude):
 
 def air(inputs, covariance=None):
     """The tables of a flight; covariance: a kernel of the density variation other than the inputs'."""
-    coarse = np.arange(LOWEST, HIGHEST + COARSE / 2, COARSE)
-    log_density, slope, _ = profile(inputs)(coarse)
     altitudes = field_grid(inputs)
     return flight.Air(
-        bottom=LOWEST,
-        spacing=COARSE,
-        log_density=np.ascontiguousarray(log_density),
-        log_density_slope=np.ascontiguousarray(np.broadcast_to(slope, coarse.shape)),
+        *atmosphere.uniform_nodes(profile(inputs)),
         altitude=altitudes,
         **random_field.markov(covariance or kernel(inputs), altitudes)._asdict(),
     )

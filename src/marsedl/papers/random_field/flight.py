@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from marsedl.models.atmosphere import uniform_cells
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.models.random_field import density_factor, is_floored
 from marsedl.montecarlo.elementary import exponential, sine_cosine
@@ -158,25 +159,6 @@ def _uniform_spacing(grid, name):
     if grid.ndim != 1 or len(grid) < 2 or not (np.abs(steps - steps.mean()) <= 1e-6 * steps.mean()).all():
         raise ValueError(f"{name} must be a uniform ascending grid; the look-ups compute the node from the distance")
     return (grid[-1] - grid[0]) / (len(grid) - 1)
-
-
-def _log_density_cells(air):
-    """Coefficients (nodes + 1, 4) of ln rho in the fraction of a cell: cubics between the nodes, a line at each end."""
-    value, slope = np.asarray(air.log_density, dtype=float), np.asarray(air.log_density_slope, dtype=float)
-    fits = value.ndim == 1 and len(value) >= 2 and value.shape == slope.shape and air.spacing > 0.0
-    if not fits or not np.isfinite(value).all() or not np.isfinite(slope).all():
-        raise ValueError(
-            f"log_density and log_density_slope must have one finite value per node and a positive spacing, got shapes "
-            f"{value.shape} and {slope.shape}, spacing {air.spacing}; for vacuum take -2000, say"
-        )
-    slope = slope * air.spacing
-    rise = np.diff(value)
-    cells = np.zeros((len(value) + 1, 4))
-    cells[1:, 0], cells[1:, 1] = value, slope
-    cells[0, :2] = value[0] - slope[0], slope[0]
-    cells[1:-1, 2] = 3.0 * rise - 2.0 * slope[:-1] - slope[1:]
-    cells[1:-1, 3] = slope[:-1] + slope[1:] - 2.0 * rise
-    return cells
 
 
 def _checked_process(air):
@@ -413,7 +395,7 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     steps = _interval_steps(law, every, time_step)
     control, gain, reference = _checked_law(law, STATES)
     states = _checked_states(initial_states, STATES)
-    cells = _log_density_cells(air)
+    cells = uniform_cells(air.log_density, air.log_density_slope, air.spacing)
     retention, innovation_deviation = _checked_process(air)
     times = int(steps.sum()) // every + 1
     start = new_trajectories(states.T, times, OBSERVED)

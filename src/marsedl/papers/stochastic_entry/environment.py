@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.models import atmosphere, density_variation
+from marsedl.models import density_variation
+from marsedl.papers.density import profile
 
 LOWEST, HIGHEST = -10_000.0, 127_000.0  # m, altitudes of the flight's tables
 
@@ -16,16 +17,6 @@ class Air(NamedTuple):
     log_density: np.ndarray  # (nodes,), of kg/m^3, mean
     deviation: np.ndarray  # (nodes,), standard deviation of the relative density variation
     retention: np.ndarray  # (nodes - 1,), correlation of the variation between neighbouring nodes
-
-
-def profile(inputs):
-    """The mean density: a function of altitude (m) that returns ln density, its first and second derivative."""
-    return atmosphere.named_profile(
-        inputs.density_profile,
-        coefficients=inputs.density_coefficients,
-        upper_altitude=inputs.density_upper_altitude,
-        table=inputs.density_table,
-    )
 
 
 def variance(inputs, altitude):

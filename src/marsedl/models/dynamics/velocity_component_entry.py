@@ -1,0 +1,150 @@
+"""Entry over a non-rotating sphere in velocity components, steered by bank acceleration (desensitized, Eqs. 1-2)."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = ["velocity_component_entry_rates", "velocity_component_entry_rates_from_sines"]
+
+
+@register_jitable
+def velocity_component_entry_rates_from_sines(
+    altitude,
+    sin_latitude,
+    cos_latitude,
+    radial_velocity,
+    north_velocity,
+    east_velocity,
+    sin_bank,
+    cos_bank,
+    bank_rate,
+    bank_acceleration,
+    density,
+    ballistic_coefficient,
+    lift_to_drag,
+    gravitational_parameter,
+    planet_radius,
+):
+    """Time derivatives of position, velocity and bank of a capsule that is steered by its bank angle (Eqs. 1 and 2).
+
+        h' = v_r,   phi' = v_n / r,   theta' = v_e / (r cos(phi)),   r = r_m + h
+        v_r' = -mu/r^2 + (v_n^2 + v_e^2)/r + a_r
+        v_n' = -(v_r v_n + v_e^2 tan(phi))/r + a_n
+        v_e' = -(v_r v_e - v_n v_e tan(phi))/r + a_e
+        xi'' = u
+
+    The paper gives the aerodynamic acceleration (a_r, a_n, a_e) by its symbols only. Drag, a_D = rho V^2 / (2 BC), acts
+    against the velocity; lift, a_L = (L/D) a_D, at right angles to it, turned by the bank angle from up to the right:
+
+        a = -a_D e_v + a_L (cos(xi) up + sin(xi) right),   V_h^2 = v_n^2 + v_e^2
+        up = (V_h/V, -v_r v_n/(V V_h), -v_r v_e/(V V_h)),   right = (0, -v_e/V_h, v_n/V_h)
+
+    so a positive bank turns an eastward flight to the south. The longitude enters no rate.
+
+    Written as a slowing s and a turn rate q, that of the heading clockwise, the horizontal components are
+    v_n' = -s v_n - q v_e and v_e' = -s v_e + q v_n. No function but the square root is called and quotients share
+    reciprocals, so that a loop over trials becomes vector code.
+
+    Args:
+        altitude: h, m.
+        sin_latitude, cos_latitude: of phi.
+        radial_velocity, north_velocity, east_velocity: v_r, v_n, v_e, m/s; not straight up or down.
+        sin_bank, cos_bank: of xi.
+        bank_rate: xi', rad/s.
+        bank_acceleration: u, rad/s^2.
+        density: rho, kg/m^3.
+        ballistic_coefficient: BC, kg/m^2.
+        lift_to_drag: L/D, 1.
+        gravitational_parameter: mu, m^3/s^2.
+        planet_radius: r_m, m.
+
+    Returns:
+        Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
+        (rad/s) and bank rate (rad/s^2).
+    """
+    inverse_radius = 1.0 / (planet_radius + altitude)
+    inverse_cos_latitude = 1.0 / cos_latitude
+    horizontal_square = north_velocity * north_velocity + east_velocity * east_velocity
+    horizontal = np.sqrt(horizontal_square)
+    inverse_horizontal = 1.0 / horizontal
+    speed = np.sqrt(horizontal_square + radial_velocity * radial_velocity)
+
+    drag_over_speed = 0.5 * density * speed / ballistic_coefficient
+    lift_over_speed = lift_to_drag * drag_over_speed
+    vertical_lift_over_speed = lift_over_speed * cos_bank
+
+    gravity = gravitational_parameter * inverse_radius * inverse_radius
+    eastward = east_velocity * inverse_radius
+    slowing = (
+        drag_over_speed
+        + vertical_lift_over_speed * radial_velocity * inverse_horizontal
+        + radial_velocity * inverse_radius
+    )
+    turn_rate = lift_over_speed * speed * sin_bank * inverse_horizontal + eastward * sin_latitude * inverse_cos_latitude
+    return (
+        radial_velocity,
+        north_velocity * inverse_radius,
+        eastward * inverse_cos_latitude,
+        horizontal_square * inverse_radius
+        - gravity
+        - drag_over_speed * radial_velocity
+        + vertical_lift_over_speed * horizontal,
+        -slowing * north_velocity - turn_rate * east_velocity,
+        -slowing * east_velocity + turn_rate * north_velocity,
+        bank_rate,
+        bank_acceleration,
+    )
+
+
+@register_jitable
+def velocity_component_entry_rates(
+    altitude,
+    latitude,
+    longitude,
+    radial_velocity,
+    north_velocity,
+    east_velocity,
+    bank,
+    bank_rate,
+    bank_acceleration,
+    density,
+    ballistic_coefficient,
+    lift_to_drag,
+    gravitational_parameter,
+    planet_radius,
+):
+    """Time derivatives as `velocity_component_entry_rates_from_sines`, from the angles (Eqs. 1 and 2).
+
+    Args:
+        altitude: m.
+        latitude: rad.
+        longitude: rad; the rates do not depend on it.
+        radial_velocity, north_velocity, east_velocity: m/s; not straight up or down.
+        bank, bank_rate: rad, rad/s; a positive bank turns the heading clockwise.
+        bank_acceleration: rad/s^2.
+        density: kg/m^3.
+        ballistic_coefficient: kg/m^2.
+        lift_to_drag: 1.
+        gravitational_parameter: m^3/s^2.
+        planet_radius: m.
+
+    Returns:
+        Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
+        (rad/s) and bank rate (rad/s^2).
+    """
+    return velocity_component_entry_rates_from_sines(
+        altitude,
+        np.sin(latitude),
+        np.cos(latitude),
+        radial_velocity,
+        north_velocity,
+        east_velocity,
+        np.sin(bank),
+        np.cos(bank),
+        bank_rate,
+        bank_acceleration,
+        density,
+        ballistic_coefficient,
+        lift_to_drag,
+        gravitational_parameter,
+        planet_radius,
+    )
