@@ -17,7 +17,7 @@ class LinearModel(NamedTuple):
 
 
 @contextmanager
-def _symbols_in_numpy(casadi):
+def symbols_in_numpy(casadi):
     """Let `np.sqrt` and the like return plain symbols (CasADi 3.8 warns once otherwise; 3.7 has no such option)."""
     options = casadi.GlobalOptions
     if not hasattr(options, "setNumpyMode"):
@@ -65,7 +65,7 @@ def linearize(rates, states, controls, parameters=()):
 
     state, control = casadi.SX.sym("state", n), casadi.SX.sym("control", m)
     parameter = casadi.SX.sym("parameter", len(along))
-    with _symbols_in_numpy(casadi):
+    with symbols_in_numpy(casadi):
         outputs = rates(*(casadi.vertsplit(state) + casadi.vertsplit(control) + casadi.vertsplit(parameter)))
     if len(outputs) != n:
         raise ValueError(f"rates returned {len(outputs)} values for a state of {n} components")

@@ -1,0 +1,462 @@
+"""Constant feedback gains that null or reduce sensitivities on a fixed nominal (desensitized, Eqs. 5 and 6).
+
+The nominal does not depend on the gains, for it has no deviation to feed back. So its matrices stay, and what is left
+are equations in the gains alone, r(k) = 0, in which r holds the wanted outputs of the final sensitivity columns. Where
+there are more gains than equations, the smallest gains are a choice that can be stated without naming a solver.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods.sensitivity import (
+    adjoint_rows,
+    closed_loop,
+    midpoint_responses,
+    midpoint_transitions,
+    propagate_columns,
+)
+
+__all__ = [
+    "GainDesign",
+    "GainProblem",
+    "Ranking",
+    "Tuning",
+    "final_errors",
+    "gain_matrix",
+    "jacobian",
+    "minimum_norm",
+    "rank",
+    "regularized",
+    "tune",
+]
+
+# Singular values below this part of the largest are rounding; hard but regular problems have some at 1e-6.
+_NEGLIGIBLE = 1e-12
+# Dimensions: N intervals, n states, m controls, c perturbations, p outputs, f measured states.
+_DIMENSIONS = {
+    "control_matrix": "Nnm",
+    "state_matrix": "Nnn",
+    "step": "N",
+    "columns": "nc",
+    "outputs": "pn",
+    "state_scale": "f",
+    "control_scale": "m",
+    "forcing": "Nnc",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class GainProblem:
+    """What the gains are to reduce: a linear model along the nominal, perturbations, outputs and measured states.
+
+    The feedback to control a is, with dimensionless gains k of m controls and f measured states,
+
+        delta u_a = control_scale_a * sum_i k_ai delta x_i / state_scale_i
+
+    Raises:
+        ValueError: naming the field, if a shape does not fit, a value is not finite, a step or scale is not positive,
+            or the measured states are not different states of the model.
+    """
+
+    state_matrix: np.ndarray  # A = df/dx in the middle of the intervals, (N, n, n)
+    control_matrix: np.ndarray  # B = df/du, (N, n, m)
+    step: np.ndarray  # lengths of the intervals, (N,) or one for all, s
+    columns: np.ndarray  # directions of the perturbed initial state, per unit of the perturbation, (n, c)
+    outputs: np.ndarray  # rows that turn the final state into errors in the metric wanted, (p, n)
+    fed_back: np.ndarray  # indices of the measured states, (f,)
+    state_scale: np.ndarray  # deviation of a measured state that counts as one, (f,)
+    control_scale: np.ndarray = 1.0  # control that counts as one, (m,) or one for all
+    forcing: np.ndarray | None = None  # df/dp of the perturbed parameters, (N, n, c); None for zero
+
+    def __post_init__(self):
+        """Check the fields and bring them into full shape."""
+        fed_back = np.asarray(self.fed_back)
+        if fed_back.ndim != 1 or not fed_back.size or not np.issubdtype(fed_back.dtype, np.integer):
+            raise ValueError("fed_back must be a list of indices of states")
+        object.__setattr__(self, "fed_back", fed_back)
+        sizes = {"f": len(fed_back)}
+        for name, dimensions in _DIMENSIONS.items():
+            if name == "forcing" and self.forcing is None:
+                continue
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.ndim == 0 and len(dimensions) == 1 and dimensions != "f":
+                value = np.broadcast_to(value, sizes[dimensions])
+            if value.ndim != len(dimensions) or not all(
+                sizes.setdefault(dimension, length) == length > 0
+                for dimension, length in zip(dimensions, value.shape, strict=True)
+            ):
+                known = "".join(f", {dimension} = {sizes[dimension]}" for dimension in sizes if dimension in dimensions)
+                wanted = f"({', '.join(dimensions)}){known}"
+                raise ValueError(f"{name} must be a non-empty array of shape {wanted}, not {value.shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"{name} has entries that are not finite")
+            if name.endswith(("step", "scale")) and not (value > 0).all():
+                raise ValueError(f"{name} must be positive")
+            object.__setattr__(self, name, value)
+        if len(set(fed_back.tolist())) < len(fed_back) or fed_back.min() < 0 or fed_back.max() >= sizes["n"]:
+            raise ValueError(f"fed_back must name different states from 0 to {sizes['n'] - 1}, not {fed_back.tolist()}")
+
+    @property
+    def gain_shape(self):
+        """Number of controls and of measured states, (m, f)."""
+        return len(self.control_scale), len(self.fed_back)
+
+
+class GainDesign(NamedTuple):
+    """Gains, the errors that they leave, and how the search for them ended."""
+
+    k: np.ndarray  # dimensionless gains, (m, f)
+    gain: np.ndarray  # K in the units of the model, (m, n)
+    errors: np.ndarray  # final errors per unit of the perturbations, (p, c)
+    iterations: int
+    converged: bool
+    reason: str  # why the search ended, in a sentence
+    history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
+
+
+class Tuning(NamedTuple):
+    """Tuned gains, the simulated errors that they leave, and how the search for them ended."""
+
+    k: np.ndarray  # of the shape of the start
+    errors: np.ndarray  # simulated errors, (r,)
+    iterations: int
+    converged: bool
+    reason: str  # why the search ended, in a sentence
+    history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
+
+
+class Ranking(NamedTuple):
+    """Candidates by the norm of their errors."""
+
+    order: np.ndarray  # indices of the candidates, best first
+    norms: np.ndarray  # norms in the order of the candidates; inf where an error is not finite
+
+
+def gain_matrix(problem, k):
+    """Feedback matrix K of dimensionless gains, K_ai = control_scale_a k_ai / state_scale_i.
+
+    Args:
+        problem: `GainProblem`.
+        k: dimensionless gains, (m, f) or row by row in one vector; or one number for all.
+
+    Returns:
+        K in the units of the model, (m, n); zero for the states that are not measured.
+
+    Raises:
+        ValueError: if the shape of k does not fit or a gain is not finite.
+    """
+    gain = np.zeros((len(problem.control_scale), len(problem.columns)))
+    gain[:, problem.fed_back] = _full(problem, k) * _unit(problem)
+    return gain
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def final_errors(problem, k):
+    """Outputs of the final sensitivity under given gains, E = C S_N (desensitized, Eqs. 5 and 6).
+
+    Args:
+        problem: `GainProblem`.
+        k: as in `gain_matrix`.
+
+    Returns:
+        E, error per unit of the perturbations, (p, c); not finite where the closed loop overflows.
+
+    Raises:
+        ValueError: as `gain_matrix`, or as `midpoint_transitions` for the closed loop.
+    """
+    return problem.outputs @ _sensitivity(problem, k)[2][-1]
+
+
+def jacobian(problem, k):
+    """Exact derivative of the final errors with respect to the gains.
+
+    A gain acts as a forcing B_a x_i, on the mean (S_k + S_{k+1})/2 as the midpoint rule has it, so that
+
+        dE/dk_ai = sum_k L_{k+1} R_k,a (S_k + S_{k+1})_i / 2 * control_scale_a / state_scale_i
+
+    with the adjoint rows L of the outputs and the responses R of the closed loop to the controls.
+
+    Args:
+        problem: `GainProblem`.
+        k: as in `gain_matrix`.
+
+    Returns:
+        J, (p c, m f), errors and gains counted row by row.
+
+    Raises:
+        ValueError: as `final_errors`.
+    """
+    return _linear(problem, k)[1]
+
+
+def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=200):
+    """The smallest gains that null the final errors, from a start: k <- J^+ (J k - r), the step limited in norm.
+
+    The fixed point nulls the errors, and lies in the row space of J: it is the point of smallest norm of the linearised
+    set of solutions, hence a stationary point of the norm on the set itself. Where that set is strongly curved, steps
+    would go back and forth for ever: each one that turns back and is not half as long as the last halves the limit.
+
+    There may be several such points, of which the start selects one: compare their norms. Where J has less than full
+    rank, errors may not move although other gains null them: start elsewhere then.
+
+    Args:
+        problem: `GainProblem`; p c errors, at most as many as gains if they are to vanish.
+        start: first k, as in `gain_matrix`.
+        step_limit: longest step at first, in the norm of k.
+        tolerance: step that ends the search, in the norm of k. Errors no larger than this step makes count as null.
+        iterations: most steps.
+
+    Returns:
+        `GainDesign`. It has not `converged` if the steps do not end or errors remain; `reason` says which.
+
+    Raises:
+        ValueError: if step_limit, tolerance or iterations is not positive, or as `final_errors` for the start.
+    """
+    _require_positive(step_limit=step_limit, tolerance=tolerance, iterations=iterations)
+    k = _full(problem, start).ravel()
+    errors, slope = _linear(problem, k)
+    history, wanted, length = [], np.zeros_like(k), np.inf
+    for _ in range(iterations):
+        if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
+            break
+        before, wanted = wanted, np.linalg.lstsq(slope, slope @ k - errors, rcond=_NEGLIGIBLE)[0] - k
+        length = np.linalg.norm(wanted)
+        if wanted @ before < 0 and length > np.linalg.norm(before) / 2:
+            step_limit /= 2
+        step = wanted * min(1.0, step_limit / max(length, tolerance))
+        k = k + step
+        errors, slope = _linear(problem, k)
+        history.append((np.linalg.norm(step), np.linalg.norm(errors)))
+        if length <= tolerance:
+            break
+    converged, reason = _judged(errors, slope, length, tolerance, len(history))
+    return _design(problem, k, converged, reason, history)
+
+
+def regularized(problem, weights, start=0.0, tolerance=1e-10, iterations=500):
+    """Gains of min |r|^2 + w |k|^2 for a sequence of weights, each search from the gains of the one before.
+
+    Errors that cannot all vanish, for instance of several columns at once, are traded against the size of the gains.
+
+    Args:
+        problem: `GainProblem`.
+        weights: w > 0, usually falling.
+        start: first k of the first weight, as in `gain_matrix`.
+        tolerance: relative change of k that ends a search.
+        iterations: most trial steps of a search.
+
+    Returns:
+        List of `GainDesign`, one per weight; converged if the search came to an end, whatever the errors that remain.
+
+    Raises:
+        ValueError: if a weight, tolerance or iterations is not positive, the errors of the start are not finite, or as
+            `final_errors` for the start.
+    """
+    _require_positive(tolerance=tolerance, iterations=iterations)
+    weights = np.asarray(weights, dtype=float)
+    if weights.ndim != 1 or not (np.isfinite(weights) & (weights > 0)).all():
+        raise ValueError("weights must be a list of positive numbers")
+    k = _full(problem, start).ravel()
+    if not np.isfinite(_errors(problem, k)).all():
+        raise ValueError("start: the errors are not finite, for the closed loop is unstable")
+    designs = []
+    for weight in weights:
+        found = _least_squares(
+            lambda k: _errors(problem, k), lambda k: _linear(problem, k), k, weight, tolerance, iterations
+        )
+        k = found.k
+        designs.append(_design(problem, k, found.converged, found.reason, found.history))
+    return designs
+
+
+def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, iterations=100):
+    """Gains of least squares of simulated errors, by central differences of the simulation.
+
+    Trial steps whose errors are not finite are shortened. What is found is a local minimum, which depends on the start.
+
+    Args:
+        simulated_errors: function of k that returns the errors of a simulation under these gains, (r,).
+        start: first k, of any shape.
+        batch: function of many k at once, (b, ...), that returns their errors, (b, r); spares calls where a simulation
+            of many costs little more than one. None to call `simulated_errors` for each.
+        difference: half the distance of the differences; the cube root of the relative rounding of the errors is best.
+        tolerance: relative change of k that ends the search.
+        iterations: most trial steps.
+
+    Returns:
+        `Tuning`.
+
+    Raises:
+        ValueError: if difference, tolerance or iterations is not positive, the start or its errors are not finite, or
+            `batch` returns another shape.
+    """
+    _require_positive(difference=difference, tolerance=tolerance, iterations=iterations)
+    start = np.asarray(start, dtype=float)
+    if not np.isfinite(start).all():
+        raise ValueError("start has entries that are not finite")
+
+    def errors(k):
+        return np.asarray(simulated_errors(k.reshape(start.shape)), dtype=float)
+
+    def together(ks):
+        if batch is None:
+            return np.array([errors(k) for k in ks])
+        found = np.asarray(batch(ks.reshape(-1, *start.shape)), dtype=float)
+        if found.shape != (len(ks), size):
+            raise ValueError(f"batch must return an array of shape {(len(ks), size)}, not {found.shape}")
+        return found
+
+    def linear(k):
+        apart = difference * np.eye(k.size)
+        found = together(np.concatenate([[k], k + apart, k - apart]))
+        return found[0], (found[1 : k.size + 1] - found[k.size + 1 :]).T / (2 * difference)
+
+    first = errors(start.ravel())
+    if first.ndim != 1 or not np.isfinite(first).all():
+        raise ValueError("simulated_errors must return a vector, and a finite one at the start")
+    size = len(first)
+    found = _least_squares(errors, linear, start.ravel(), 0.0, tolerance, iterations)
+    return found._replace(k=found.k.reshape(start.shape))
+
+
+def rank(candidates, simulated_errors):
+    """Order candidates by the norm of their simulated errors; those with errors that are not finite come last.
+
+    The linear sensitivity does not tell gains apart that all null it; the size of their linear domain does.
+
+    Args:
+        candidates: sequence of gains.
+        simulated_errors: function of one candidate that returns its errors.
+
+    Returns:
+        `Ranking`; candidates of equal norm keep their order.
+    """
+    norms = np.full(len(candidates), np.inf)
+    for i, candidate in enumerate(candidates):
+        errors = np.asarray(simulated_errors(candidate), dtype=float)
+        if np.isfinite(errors).all():
+            norms[i] = np.linalg.norm(errors)
+    return Ranking(np.argsort(norms, kind="stable"), norms)
+
+
+class _NotFiniteError(Exception):
+    """Errors beside a point of the search are not finite, so that it cannot be linearised there."""
+
+
+def _require_positive(**values):
+    """Refuse numbers that are not positive."""
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be positive, not {value}")
+
+
+def _full(problem, k):
+    """Finite gains in full shape, (m, f)."""
+    k, shape = np.asarray(k, dtype=float), problem.gain_shape
+    if k.shape not in ((), shape, (shape[0] * shape[1],)):
+        raise ValueError(f"k must be one number or have shape {shape}, not {k.shape}")
+    if not np.isfinite(k).all():
+        raise ValueError("k has entries that are not finite")
+    return np.full(shape, k) if k.ndim == 0 else k.reshape(shape)
+
+
+def _unit(problem):
+    """What a gain of one is in the units of the model, (m, f)."""
+    return problem.control_scale[:, None] / problem.state_scale
+
+
+def _sensitivity(problem, k):
+    """State matrix and transitions of the closed loop, and the sensitivity at the nodes."""
+    state_matrix = closed_loop(problem.state_matrix, problem.control_matrix, gain_matrix(problem, k))
+    transitions = midpoint_transitions(state_matrix, problem.step)
+    responses = None
+    if problem.forcing is not None:
+        responses = midpoint_responses(state_matrix, problem.forcing, problem.step)
+    return state_matrix, transitions, propagate_columns(transitions, problem.columns, responses)
+
+
+def _errors(problem, k):
+    """Final errors as a vector, (p c,)."""
+    return final_errors(problem, k).ravel()
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _linear(problem, k):
+    """Final errors as a vector, (p c,), and their derivative, (p c, m f)."""
+    state_matrix, transitions, columns = _sensitivity(problem, k)
+    to_outputs = adjoint_rows(transitions, problem.outputs)[1:] @ midpoint_responses(
+        state_matrix, problem.control_matrix, problem.step
+    )
+    measured = (columns[1:, problem.fed_back] + columns[:-1, problem.fed_back]) / 2
+    slope = np.einsum("kpa,kic->pcai", to_outputs, measured) * _unit(problem)
+    errors = problem.outputs @ columns[-1]
+    return errors.ravel(), slope.reshape(errors.size, -1)
+
+
+def _judged(errors, slope, length, tolerance, steps):
+    """Whether a search for null errors succeeded, and a sentence on why it ended."""
+    if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
+        return False, f"the errors are not finite after {steps} steps: the closed loop is unstable"
+    if length > tolerance:
+        return False, f"{steps} steps did not suffice: the last step wanted is still {length:.3g} long"
+    left, full = np.linalg.norm(errors), min(slope.shape)
+    if left > np.linalg.norm(slope, 2) * tolerance:
+        found = np.linalg.matrix_rank(slope, rtol=_NEGLIGIBLE)
+        return False, (
+            f"errors of norm {left:.3g} remain, which no small step reduces: "
+            f"the Jacobian of {errors.size} errors has rank {found} of {full} here"
+        )
+    return True, "the errors are null and the gains the smallest of the linearised solutions"
+
+
+def _design(problem, k, converged, reason, history):
+    """The result of a search over the gains of a problem."""
+    return GainDesign(
+        k.reshape(problem.gain_shape),
+        gain_matrix(problem, k),
+        final_errors(problem, k),
+        len(history),
+        converged,
+        reason,
+        np.reshape(history, (-1, 2)),
+    )
+
+
+def _least_squares(errors, linear, start, weight, tolerance, iterations):
+    """Minimise |r|^2 + w |k|^2 from errors(k) = r and linear(k) = (r, dr/dk); the gains are one vector."""
+    from scipy.optimize import least_squares
+
+    penalty = np.sqrt(weight)
+    points, history = [start.copy()], []
+
+    def derivative(k):
+        residual, slope = linear(k)
+        if not np.isfinite(slope).all():
+            raise _NotFiniteError
+        if (k != points[-1]).any():
+            history.append((np.linalg.norm(k - points[-1]), np.linalg.norm(residual)))
+            points.append(k.copy())
+        return np.concatenate([slope, penalty * np.eye(k.size)])
+
+    try:
+        found = least_squares(
+            lambda k: np.concatenate([errors(k), penalty * k]),
+            start,
+            jac=derivative,
+            xtol=tolerance,
+            ftol=None,
+            gtol=None,
+            max_nfev=iterations,
+        )
+    except _NotFiniteError:
+        converged, reason = False, f"errors beside the gains of step {len(history)} are not finite"
+    else:
+        converged = found.status > 0
+        reason = (
+            f"the gains change by less than {tolerance:.3g} of their norm"
+            if converged
+            else f"the gains still change after {iterations} trial steps"
+        )
+    return Tuning(points[-1], errors(points[-1]), len(history), converged, reason, np.reshape(history, (-1, 2)))

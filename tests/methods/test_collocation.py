@@ -1,0 +1,861 @@
+"""Trajectory optimisation by direct collocation, on problems whose answers are known."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from marsedl.methods.collocation import (
+    SCHEMES,
+    BranchEndError,
+    Condition,
+    Guess,
+    NotConvergedError,
+    Problem,
+    Program,
+    Residual,
+    Variable,
+    resimulate,
+    simulate,
+)
+from marsedl.methods.linearization import linearize
+from marsedl.models.atmosphere import temperature_pressure_fit
+from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
+
+ORDERS = {"midpoint": 2, "trapezoid": 2, "hermite_simpson": 4}
+
+
+def flat(problem, intervals, final_time, state=0.1, control=0.1, free=()):
+    """A guess that knows nothing."""
+    shape = (intervals + 1, len(problem.states)), (intervals, len(problem.controls))
+    return Guess(np.full(shape[0], state), np.full(shape[1], control), final_time, dict(free))
+
+
+def double_integrator(duration=2.0, bound=inf, **changes):
+    """From rest at 0 to rest at 1 with the least integral of the squared acceleration."""
+    problem = Problem(
+        rates=lambda position, velocity, acceleration: (velocity, acceleration),
+        states=(Variable("position", 3.0), Variable("velocity", 0.5)),
+        controls=(Variable("acceleration", 2.0, -bound, bound),),
+        final_time=Variable("final_time", 4.0, duration, duration),
+        initial={"position": 0.0, "velocity": 0.0},
+        final={"position": 1.0, "velocity": 0.0},
+        running_cost=lambda position, velocity, acceleration: acceleration**2,
+    )
+    return replace(problem, **changes)
+
+
+def pendulum(duration=6.0, **changes):
+    """Swing a damped pendulum from hanging at rest to standing at rest, with the least squared torque."""
+    problem = Problem(
+        rates=lambda angle, rate, torque: (rate, torque - np.sin(angle) - 0.1 * rate),
+        states=(Variable("angle", 2.0), Variable("rate", 0.7)),
+        controls=(Variable("torque", 0.3),),
+        final_time=Variable("final_time", 4.0, duration, duration),
+        initial={"angle": 0.0, "rate": 0.0},
+        final={"angle": np.pi, "rate": 0.0},
+        running_cost=lambda angle, rate, torque: torque**2,
+    )
+    return replace(problem, **changes)
+
+
+def swing_guess(intervals, duration=6.0):
+    """Straight up."""
+    along = np.linspace(0.0, 1.0, intervals + 1)
+    states = np.column_stack([np.pi * along, np.full(intervals + 1, 0.5)])
+    return Guess(states, np.full((intervals, 1), 0.3), duration)
+
+
+def bryson_denham(limit, **changes):
+    """Turn a velocity of 1 into -1 in unit time without passing the limit: 4 / (9 limit), below a limit of 1/6."""
+    problem = Problem(
+        rates=lambda position, velocity, acceleration: (velocity, acceleration),
+        states=(Variable("position", 0.2), Variable("velocity")),
+        controls=(Variable("acceleration", 5.0),),
+        final_time=Variable("final_time", 1.0, 1.0, 1.0),
+        initial={"position": 0.0, "velocity": 1.0},
+        final={"position": 0.0, "velocity": -1.0},
+        running_cost=lambda position, velocity, acceleration: acceleration**2 / 2,
+        path=(Condition("wall", lambda position, velocity, acceleration: position, -inf, limit, 0.1),),
+    )
+    return replace(problem, **changes)
+
+
+def entry():
+    """The Mars entry between fixed ends, flown by bank acceleration, and a guess with two reversals of the bank."""
+    degree, radius = np.pi / 180, 3_397_000.0
+    nodes, final_time = 101, 265.0
+
+    def rates(*arguments):
+        density = np.exp(temperature_pressure_fit(arguments[0])[0])
+        return velocity_component_entry_rates(*arguments, density, 115.0, 0.18, 4.282837e13, radius)
+
+    descent, eastward = 6750.0 * np.sin(-15.2 * degree), 6750.0 * np.cos(-15.2 * degree)
+    start = {"altitude": 126_100.0, "latitude": 0.0, "longitude": 0.0}
+    start |= {"radial_velocity": descent, "north_velocity": 0.0, "east_velocity": eastward, "bank_rate": 0.0}
+    names = ("altitude", "latitude", "longitude", "radial_velocity", "north_velocity", "east_velocity", "bank")
+    problem = Problem(
+        rates=rates,
+        states=(
+            *(Variable(n, s) for n, s in zip(names, (1e5, 0.1, 0.1, 1e3, 1e3, 1e3, 1.0), strict=True)),
+            Variable("bank_rate", 0.02, -20 * degree, 20 * degree),
+        ),
+        controls=(Variable("bank_acceleration", 0.002, -5 * degree, 5 * degree),),
+        final_time=Variable("final_time", 100.0, 100.0, 600.0),
+        initial=start,
+        final={"altitude": 1e4, "latitude": 0.0, "longitude": 12.2 * degree},
+        boundary=(
+            Condition(
+                "final speed",
+                lambda _, end: sum(end[f"{name}_velocity"] ** 2 for name in ("radial", "north", "east")),
+                503.0**2,
+                503.0**2,
+                503.0**2,
+            ),
+        ),
+        running_cost=lambda *arguments: (arguments[8] / degree) ** 2,
+    )
+    time, width = np.linspace(0.0, final_time, nodes), 15.0
+    first, second = np.tanh((time - 61) / width), np.tanh((time - 211) / width)
+    bank = degree * (-85.5 + 123.6 * (1 + first) / 2 - 101.4 * (1 + second) / 2)
+    rate = degree * (123.6 * (1 - first**2) - 101.4 * (1 - second**2)) / (2 * width)
+    controls = np.diff(rate)[:, np.newaxis] / np.diff(time)[:, np.newaxis]
+    initial = [126_100.0, 0.0, 0.0, descent, 0.0, eastward, bank[0], rate[0]]
+    return problem, Guess(simulate(problem, initial, controls, time), controls, final_time)
+
+
+# ---- transcriptions --------------------------------------------------------------------------------------------------
+
+
+def forced():
+    """A damped pendulum on a known torque of its clock: nothing is free, so that only the equations are solved."""
+    return Problem(
+        rates=lambda angle, rate, clock: (rate, np.cos(2 * clock) - np.sin(angle) - 0.2 * rate**2, 1.0),
+        states=(Variable("angle", 2.0), Variable("rate", 0.5), Variable("clock")),
+        controls=(),
+        final_time=Variable("final_time", 2.0, 3.0, 3.0),
+        initial={"angle": 0.5, "rate": 0.1, "clock": 0.0},
+        running_cost=lambda angle, rate, clock: angle * rate**2 + np.sin(clock),
+    )
+
+
+@pytest.fixture(scope="module")
+def forced_motion():
+    """Its states as a function of time, and the integral of its cost, by another integrator and other code."""
+
+    def rates(t, y):
+        return y[1], np.cos(2 * t) - np.sin(y[0]) - 0.2 * y[1] ** 2, y[0] * y[1] ** 2 + np.sin(t)
+
+    return solve_ivp(rates, (0.0, 3.0), [0.5, 0.1, 0.0], method="LSODA", rtol=1e-13, atol=1e-14, dense_output=True).sol
+
+
+def graded(intervals):
+    """A mesh whose intervals differ by a factor of four."""
+    along = np.linspace(0.0, 1.0, intervals + 1)
+    return along + 0.6 * np.sin(2 * np.pi * along) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("mesh", [int, graded], ids=["equal", "graded"])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_error_of_the_states_falls_with_the_order_of_the_scheme(scheme, mesh, forced_motion):
+    problem, errors, integrals = forced(), [], []
+    for intervals in (20, 40, 80):
+        found = Program(problem, mesh(intervals), scheme).solve(flat(problem, intervals, 3.0), tolerance=1e-12)
+        reference = forced_motion(found.time)
+        np.testing.assert_allclose(found.states[:, 2], found.time, rtol=0, atol=1e-13)  # the clock
+        errors.append(np.abs(found.states[:, :2] - reference[:2].T).max())
+        integrals.append(abs(found.running_cost - reference[2, -1]))
+    assert found.objective == found.running_cost
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, ORDERS[scheme], rtol=0, atol=0.075 * ORDERS[scheme])
+    order = np.log2(integrals[1] / integrals[2])
+    np.testing.assert_allclose(order, ORDERS[scheme], rtol=0, atol=0.075 * ORDERS[scheme])
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_miss_of_an_optimum_that_is_flown_falls_with_the_order_of_the_scheme(scheme):
+    problem, found, misses = pendulum(), swing_guess(20), []
+    for intervals in (20, 40, 80):
+        start = found if intervals == 20 else found.guess(intervals)
+        found = Program(problem, intervals, scheme).solve(start)
+        misses.append(np.abs(resimulate(found)[-1] - found.states[-1]).max())
+    orders = np.log2(np.divide(misses[:-1], misses[1:]))
+    np.testing.assert_allclose(orders, ORDERS[scheme], rtol=0, atol=0.075 * ORDERS[scheme])
+
+
+def test_flown_states_agree_with_another_integrator():
+    problem = pendulum(
+        rates=lambda angle, rate, torque, damping, gravity: (rate, torque - gravity * np.sin(angle) - damping * rate),
+        running_cost=lambda angle, rate, torque, damping, gravity: torque**2,
+        free=(Variable("damping", 0.3, 0.1, 0.2),),
+        given=("gravity",),
+    )
+    program = Program(problem, graded(15))
+    found = program.solve(swing_guess(15)._replace(free={"damping": 0.15}), {"gravity": 1.1})
+    states, substeps = [found.states[0]], 400
+
+    def rates(y, torque):
+        damping, gravity = found.free["damping"], 1.1
+        return np.array([y[1], torque - gravity * np.sin(y[0]) - damping * y[1]])
+
+    for control, length in zip(found.controls[:, 0], np.diff(found.time), strict=True):
+        y, h = states[-1], length / substeps
+        for _ in range(substeps):
+            k1 = rates(y, control)
+            k2 = rates(y + h / 2 * k1, control)
+            k3 = rates(y + h / 2 * k2, control)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(y + h * k3, control))
+        states.append(y)
+    tight = resimulate(found, relative_tolerance=1e-13, absolute_tolerance=1e-13)
+    np.testing.assert_allclose(tight, states, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(resimulate(found), tight, rtol=0, atol=3e-8)
+
+
+def test_equations_are_those_of_the_schemes():
+    # One interval with an unknown end: the equation itself, solved by hand for x' = -x^2 with h = 1/2 from x = 1.
+    problem = Problem(
+        rates=lambda x: (-(x**2),),
+        states=(Variable("x", 3.0),),
+        controls=(),
+        final_time=Variable("final_time", 1.0, 0.5, 0.5),
+        initial={"x": 1.0},
+    )
+    guess, h = flat(problem, 1, 0.5, 0.7), 0.5
+    ends = {s: Program(problem, 1, s).solve(guess, tolerance=1e-13).states[1, 0] for s in SCHEMES}
+    # x1 = 1 - h (1 + x1)^2 / 4 and x1 = 1 - h (1 + x1^2) / 2 are quadratic; the third is of degree four.
+    assert ends["midpoint"] == pytest.approx((-(1 + h / 2) + np.sqrt((1 + h / 2) ** 2 + h * (1 - h / 4))) / (h / 2))
+    assert ends["trapezoid"] == pytest.approx((-1 + np.sqrt(1 + 2 * h * (1 - h / 2))) / h)
+    x1 = ends["hermite_simpson"]
+    middle = (1 + x1) / 2 + h * (-1 + x1**2) / 8
+    assert x1 - 1 == pytest.approx(-h * (1 + 4 * middle**2 + x1**2) / 6, abs=1e-12)
+
+
+# ---- optima ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_double_integrator_with_least_energy(scheme):
+    # All three are exact for it. Of controls held on N intervals the least cost is 12 / T^3 / (1 - 1/N^2).
+    problem, intervals = double_integrator(), 10
+    found = Program(problem, intervals, scheme).solve(flat(problem, intervals, 2.0))
+    share = 1 - 1 / intervals**2
+    assert found.objective == pytest.approx(12 / 2.0**3 / share, rel=1e-9)
+    middle = (found.time[1:] + found.time[:-1]) / 2
+    np.testing.assert_allclose(found.controls[:, 0], 6 / 4 * (1 - middle) / share, atol=1e-8)
+    np.testing.assert_allclose(resimulate(found), found.states, rtol=0, atol=1e-9)
+    # From (x, v) at the end of an interval with t left the least cost is 12 d^2/t^3 + 12 d v/t^2 + 4 v^2/t, d = x - 1:
+    # along the optimum its slope in x stays -24 / T^3, that in v is -12 / T^2 at first and vanishes half way.
+    np.testing.assert_allclose(found.costates[:, 0], -24 / 2.0**3 / share, rtol=1e-8)
+    np.testing.assert_allclose(found.costates[:, 1], -12 / 2.0**2 * (1 - middle) / share, atol=1e-7)
+
+
+def test_least_time_by_bang_bang():
+    problem = double_integrator(
+        bound=1.0,
+        running_cost=lambda position, velocity, acceleration: 1.0,
+        final_time=Variable("final_time", 4.0, 0.1, 10.0),
+    )
+    found = Program(problem, 20).solve(flat(problem, 20, 1.0))
+    assert found.final_time == pytest.approx(2.0, abs=1e-7)
+    assert found.objective == pytest.approx(found.final_time, abs=1e-12)
+    np.testing.assert_allclose(found.controls[:, 0], np.repeat([1.0, -1.0], 10), atol=1e-6)
+    # The least time is 2 sqrt(distance): its slope in position is -1. That in velocity vanishes at the switch, which
+    # an even number of intervals leaves undetermined by half an interval.
+    middle = (found.time[1:] + found.time[:-1]) / 2
+    np.testing.assert_allclose(found.costates[:, 0], -1.0, atol=1e-6)
+    late = found.costates[:, 1] - (middle - 1)
+    np.testing.assert_allclose(late, late[0], atol=1e-6)
+    assert abs(late[0]) < 0.05
+    # An odd one must coast on its middle interval: 10 and 10 of 21, h^2 (10^2 + 10) = 1.
+    coasting = Program(problem, 21).solve(flat(problem, 21, 1.0))
+    final_time = 21 / np.sqrt(110)
+    assert coasting.final_time == pytest.approx(final_time, abs=1e-7)
+    np.testing.assert_allclose(coasting.controls[:, 0], [1.0] * 10 + [0.0] + [-1.0] * 10, atol=1e-6)
+    middle = (coasting.time[1:] + coasting.time[:-1]) / 2
+    expected = final_time / 2 * np.column_stack([-np.ones(21), middle - final_time / 2])
+    np.testing.assert_allclose(coasting.costates, expected, atol=1e-5)
+
+
+def test_brachistochrone_approaches_the_cycloid():
+    # A wheel of unit radius rolls half a turn: from rest to (pi, 2) in time pi. Straight pieces take longer, by O(h^2).
+    problem = Problem(
+        rates=lambda x, drop, speed, angle: (speed * np.sin(angle), speed * np.cos(angle), np.cos(angle)),
+        states=(Variable("x"), Variable("drop"), Variable("speed")),
+        controls=(Variable("angle", 1.0, -0.5, 2.5),),
+        final_time=Variable("final_time", 3.0, 0.5, 10.0),
+        initial={"x": 0.0, "drop": 0.0, "speed": 0.0},
+        final={"x": np.pi, "drop": 2.0},
+        running_cost=lambda *arguments: 1.0,
+    )
+    excess = []
+    for intervals in (20, 40):
+        along = np.linspace(0.0, 1.0, intervals + 1)
+        states = np.outer(along, [np.pi, 2.0, 2.0])
+        found = Program(problem, intervals).solve(Guess(states, np.full((intervals, 1), 0.8), 3.0))
+        excess.append(found.final_time - np.pi)
+        np.testing.assert_allclose(found.state("speed") ** 2, 2 * found.state("drop"), atol=1e-8)  # energy
+    assert 0 < excess[1] < 3e-4
+    assert np.log2(excess[0] / excess[1]) == pytest.approx(2, abs=0.05)
+
+
+def test_path_condition_is_active_where_it_should_be():
+    # On the wall from 3 limit to 1 - 3 limit, before it at limit (1 - (1 - t / (3 limit))^3).
+    limit, dips, costs, offs, excesses = 0.1, [], [], [], []
+    for intervals in (30, 60, 120):
+        problem = bryson_denham(limit)
+        found = Program(problem, intervals).solve(flat(problem, intervals, 1.0), tolerance=1e-12)
+        time, position = found.time, found.state("position")
+        assert position.max() < limit + 1e-8
+        arrival, leave = round(0.3 * intervals), round(0.7 * intervals)
+        np.testing.assert_allclose(position[[arrival, leave]], limit, rtol=0, atol=2e-9)
+        dips.append(limit - position[arrival : leave + 1].min())
+        offs.append(np.abs(position - limit * (1 - (1 - time / 0.3) ** 3))[: arrival + 1].max())
+        costs.append(found.objective - 4 / (9 * limit))
+        # A wall that moves away saves; all is saved where the wall is reached and left.
+        multipliers = found.path_multipliers["wall"]
+        excesses.append(np.abs(multipliers[[arrival, leave]] + 2 / (9 * limit**2)).max())
+        assert np.abs(np.delete(multipliers, [arrival, leave])).max() < 1e-3
+    for errors in (dips, offs, costs, excesses):
+        np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2, rtol=0, atol=0.05)
+
+
+def test_path_multipliers_are_slopes_of_the_optimum():
+    limit, step, guess = 0.11, 1e-5, flat(bryson_denham(0.11), 25, 1.0)
+    below, found, above = (
+        Program(bryson_denham(limit + d), graded(25)).solve(guess, tolerance=1e-11) for d in (-step, 0.0, step)
+    )
+    slope = (above.objective - below.objective) / (2 * step)
+    assert found.path_multipliers["wall"].sum() == pytest.approx(slope, rel=1e-6)
+
+
+def test_path_condition_from_below_has_positive_multipliers():
+    # The same upside down: a floor, raised, costs more.
+    above = Program(bryson_denham(0.1), 20)
+    floor = Condition("floor", lambda position, velocity, acceleration: -position, -0.1, inf, 0.1)
+    below = Program(bryson_denham(0.1, path=(floor,)), 20)
+    guess = flat(above.problem, 20, 1.0)
+    upper, lower = (program.solve(guess).path_multipliers for program in (above, below))
+    np.testing.assert_allclose(lower["floor"], -upper["wall"], atol=1e-6)
+
+
+def test_path_condition_takes_the_controls_of_the_interval_that_begins():
+    # Velocity and acceleration at once, as a limit of power would; the cost asks for most at the start.
+    limit = Condition("limit", lambda position, velocity, acceleration: velocity + acceleration, -1.0, 1.4, 0.5)
+    problem = double_integrator(path=(limit,))
+    found = Program(problem, 12).solve(flat(problem, 12, 2.0), tolerance=1e-11)
+    value = found.state("velocity") + np.append(found.controls[:, 0], found.controls[-1, 0])
+    multipliers = found.path_multipliers["limit"]
+    at_top, at_bottom = np.isclose(value, 1.4, rtol=0, atol=1e-7), np.isclose(value, -1.0, rtol=0, atol=1e-7)
+    assert value.min() > -1.0 - 1e-7
+    assert value.max() < 1.4 + 1e-7
+    assert 2 <= at_top.sum() <= 8
+    assert at_bottom[-1]
+    assert not at_bottom[:8].any()
+    np.testing.assert_array_equal(multipliers < -1e-5, at_top)
+    np.testing.assert_array_equal(multipliers > 1e-5, at_bottom)
+
+
+def test_path_and_boundary_conditions_with_bounds_apart_and_several_controls():
+    # In the plane from rest to a disc of radius 1 around (3, 4), at rest, with at most unit acceleration in any
+    # direction: 4 along the diagonal in 2 sqrt(4) s. The second path condition, on a state, is idle.
+    def rates(x, y, vx, vy, ax, ay):
+        return vx, vy, ax, ay
+
+    problem = Problem(
+        rates=rates,
+        states=tuple(Variable(name, scale) for name, scale in zip(("x", "y", "vx", "vy"), (3, 4, 1, 2), strict=True)),
+        controls=(Variable("ax", 1.0, -2.0, 2.0), Variable("ay", 2.0, -2.0, 2.0)),
+        final_time=Variable("final_time", 2.0, 0.5, 20.0),
+        initial={"x": 0.0, "y": 0.0, "vx": 0.0, "vy": 0.0},
+        final={"vx": 0.0, "vy": 0.0},
+        running_cost=lambda *arguments: 1.0,
+        boundary=(
+            Condition("distance", lambda _, end: (end["x"] - 3) ** 2 + (end["y"] - 4) ** 2, 0.0, 1.0, 2.0),
+            Condition("side", lambda start, end: end["x"] - start["x"], 0.5, 50.0),
+        ),
+        path=(
+            Condition("thrust", lambda *a: a[4] ** 2 + a[5] ** 2, 0.0, 1.0, 0.5),
+            Condition("speed", lambda *a: a[2] ** 2 + a[3] ** 2, -1.0, 100.0, 10.0),
+        ),
+    )
+    found = Program(problem, 20).solve(flat(problem, 20, 5.0))
+    assert found.final_time == pytest.approx(4.0, abs=1e-6)
+    np.testing.assert_allclose(found.states[-1, :2], [12 / 5, 16 / 5], atol=1e-5)
+    np.testing.assert_allclose(np.hypot(*found.controls.T), 1.0, atol=1e-6)
+    # T = 2 sqrt(5 - sqrt(bound)): an active upper bound has a negative multiplier, an idle one none.
+    assert found.boundary_multipliers["distance"] == pytest.approx(-0.25, abs=1e-5)
+    assert found.boundary_multipliers["side"] == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(found.path_multipliers["speed"], 0.0, atol=1e-6)
+    # T = 2 sqrt(d / a), a = sqrt(bound): d T / d bound = -T / 4 in all.
+    assert found.path_multipliers["thrust"].sum() == pytest.approx(-1.0, abs=1e-4)
+
+
+def test_free_parameters_come_before_the_given_ones():
+    # x' = 1 + free - 10 given: two unlike parameters that a swap would show.
+    problem = Problem(
+        rates=lambda x, push, chosen, told: (1 + chosen - 10 * told + push,),
+        states=(Variable("x", 2.0),),
+        controls=(Variable("push", 1.0, -1.0, 1.0),),
+        final_time=Variable("final_time", 1.0, 1.0, 1.0),
+        initial={"x": 0.0},
+        final={"x": 0.5},
+        running_cost=lambda x, push, chosen, told: push**2 + told,
+        end_cost=lambda start, end, parameters: (parameters["chosen"] - 3 * parameters["told"]) ** 2,
+        free=(Variable("chosen", 5.0),),
+        given=("told",),
+    )
+    told = 0.2
+    found = Program(problem, 4).solve(flat(problem, 4, 1.0, free={"chosen": 0.0}), {"told": told}, tolerance=1e-11)
+    # chosen + push = 10 told - 1/2; least push^2 + (chosen - 3 told)^2 shares the gap of 7 told - 1/2.
+    gap = 7 * told - 0.5
+    np.testing.assert_allclose(found.controls, gap / 2, atol=1e-8)
+    assert found.free["chosen"] == pytest.approx(3 * told + gap / 2, abs=1e-8)
+    assert found.objective == pytest.approx(gap**2 / 2 + told, abs=1e-8)
+    assert found.running_cost == pytest.approx(gap**2 / 4 + told, abs=1e-8)
+    assert found.given == {"told": told}
+    np.testing.assert_allclose(resimulate(found), found.states, atol=1e-10)
+
+
+def test_entry_with_two_reversals():
+    # Check values of an independent solution: with the midpoint rule on 100 intervals the cost is 0.13777, the time
+    # 265.76 s, the integral of |u| 5.1808 deg/s; the flown optimum misses by -14.9 m up, 24.1 m north, 10.1 m east.
+    problem, guess = entry()
+    found = Program(problem, 100).solve(guess)
+    bank = np.degrees(found.state("bank"))
+    expected = [-81.1, -72.6, -47.4, -8.9, 28.3, 47.8, 42.4, 13.0, -33.1, -86.8, -142.1]
+    np.testing.assert_allclose(bank[::10], expected, rtol=0, atol=0.06)
+    assert found.objective == pytest.approx(0.13777, abs=1e-5)
+    assert found.final_time == pytest.approx(265.76, abs=0.01)
+    total = np.abs(np.degrees(found.controls)).sum() * found.final_time / 100
+    assert total == pytest.approx(5.1808, abs=1e-4)
+    miss = (resimulate(found)[-1] - found.states[-1])[:3] * [1.0, 3_397_000.0, 3_397_000.0]
+    np.testing.assert_allclose(miss, [-14.9, 24.1, 10.1], rtol=0, atol=0.1)
+    assert found.residual.value < 1e-3  # metres, radians, (m/s)^2
+
+
+# ---- multipliers -----------------------------------------------------------------------------------------------------
+
+
+def slopes_of_the_optimum(problem, mesh, guess, end, step=1e-4):
+    """d(objective)/d(values that are fixed there) of re-solved problems, central differences."""
+    slopes = []
+    for name, value in getattr(problem, end).items():
+        shifted = [replace(problem, **{end: {**getattr(problem, end), name: value + d}}) for d in (-step, step)]
+        below, above = (Program(one, mesh).solve(guess, tolerance=1e-11).objective for one in shifted)
+        slopes.append((above - below) / (2 * step))
+    return slopes
+
+
+def test_costates_are_slopes_of_the_optimum():
+    problem, mesh = pendulum(), graded(15)
+    found = Program(problem, mesh).solve(swing_guess(15), tolerance=1e-11)
+    middle, h = (found.states[1:] + found.states[:-1]) / 2, np.diff(found.time)
+    half = h[:, np.newaxis, np.newaxis] / 2 * linearize(problem.rates, middle, found.controls).state_matrix
+    # Of the midpoint rule: an addition to the change over an interval moves its end by (I - h/2 A)^-1; the cost holds
+    # no state.
+    at_starts = np.einsum("ki,kij->kj", found.costates, np.eye(2) + half)
+    at_ends = np.einsum("ki,kij->kj", found.costates, np.eye(2) - half)
+    np.testing.assert_allclose(at_ends[:-1], at_starts[1:], rtol=0, atol=1e-8)
+    guess = found.guess()
+    np.testing.assert_allclose(at_starts[0], slopes_of_the_optimum(problem, mesh, guess, "initial"), rtol=1e-6)
+    # To demand a final state that is higher by one is to lose one on the way.
+    np.testing.assert_allclose(-at_ends[-1], slopes_of_the_optimum(problem, mesh, guess, "final"), rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 50.0])
+def test_boundary_multipliers_are_slopes_of_the_optimum(scale):
+    def with_height(lower, upper):
+        height = Condition("height", lambda start, end: -np.cos(end["angle"]), lower, upper, scale)
+        return pendulum(final={"rate": 0.0}, boundary=(height,))
+
+    def solved(lower, upper):
+        return Program(with_height(lower, upper), 20).solve(swing_guess(20), tolerance=1e-10)
+
+    step = 1e-4
+    for bounds, moves in (((0.5, 0.5), (1, 1)), ((0.5, 2.0), (1, 0))):
+        found = solved(*bounds)
+        below, above = (solved(bounds[0] + d * moves[0], bounds[1] + d * moves[1]) for d in (-step, step))
+        slope = (above.objective - below.objective) / (2 * step)
+        assert slope > 0.1  # higher costs more
+        assert found.boundary_multipliers["height"] == pytest.approx(slope, rel=1e-5)
+
+
+# ---- solver ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{"hessian": "limited-memory"}, {"expand": False}], ids=str)
+def test_hessian_and_expansion_do_not_change_the_optimum(options):
+    problem, guess = pendulum(), swing_guess(25)
+    expected = Program(problem, 25).solve(guess, tolerance=1e-9)
+    found = Program(problem, 25, **options).solve(guess, tolerance=1e-9)
+    assert found.objective == pytest.approx(expected.objective, rel=1e-7)
+    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-4)
+
+
+def test_equations_with_a_table():
+    import casadi
+
+    # A cubic spline holds a cubic exactly.
+    nodes = np.linspace(-2.0, 8.0, 12)
+    table = casadi.interpolant("table", "bspline", [nodes], nodes**3 / 50)
+
+    def problem(force):
+        return pendulum(rates=lambda angle, rate, torque: (rate, torque - force(angle)))
+
+    guess = swing_guess(20)
+    expected = Program(problem(lambda angle: angle**3 / 50), 20).solve(guess)
+    found = Program(problem(table), 20, expand=False).solve(guess)
+    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(resimulate(found), resimulate(expected), rtol=0, atol=1e-6)
+
+
+def test_scales_do_not_change_the_optimum():
+    problem = pendulum(
+        path=(Condition("speed", lambda angle, rate, torque: rate, -1.0, 1.0),),
+        boundary=(Condition("height", lambda start, end: np.cos(end["angle"]), -1.0, -0.9),),
+        final={"rate": 0.0},
+    )
+
+    def rescaled(variable, factor):
+        return replace(variable, scale=variable.scale * factor)
+
+    other = replace(
+        problem,
+        states=(rescaled(problem.states[0], 7.0), rescaled(problem.states[1], 0.2)),
+        controls=(rescaled(problem.controls[0], 30.0),),
+        final_time=rescaled(problem.final_time, 0.1),
+        path=(rescaled(problem.path[0], 5.0),),
+        boundary=(rescaled(problem.boundary[0], 0.3),),
+    )
+    one, two = (Program(p, 20).solve(swing_guess(20), tolerance=1e-10) for p in (problem, other))
+    assert one.state("rate").max() == pytest.approx(1.0, abs=1e-6)
+    assert two.objective == pytest.approx(one.objective, rel=1e-7)
+    np.testing.assert_allclose(two.states, one.states, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(two.costates, one.costates, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(two.path_multipliers["speed"], one.path_multipliers["speed"], rtol=0, atol=1e-5)
+    assert two.boundary_multipliers["height"] == pytest.approx(one.boundary_multipliers["height"], rel=1e-5)
+
+
+def test_solving_twice_gives_the_same_bits():
+    first, second = (Program(bryson_denham(0.12), 20).solve(flat(bryson_denham(0.12), 20, 1.0)) for _ in range(2))
+    program = Program(bryson_denham(0.12), 20)
+    third = [program.solve(flat(program.problem, 20, 1.0)) for _ in range(2)][1]
+    for other in (second, third):
+        assert other.iterations == first.iterations
+        assert all((a == b).all() for a, b in zip(first.raw, other.raw, strict=True))
+
+
+def test_warm_start_takes_fewer_iterations_than_a_cold_one():
+    problem = bryson_denham(0.0, given=("limit",))
+    problem = replace(
+        problem,
+        rates=lambda position, velocity, acceleration, limit: (velocity, acceleration),
+        running_cost=lambda position, velocity, acceleration, limit: acceleration**2 / 2,
+        path=(Condition("wall", lambda position, velocity, acceleration, limit: position - limit, -inf, 0.0, 0.1),),
+    )
+    program = Program(problem, 40)
+    cold = program.solve(flat(problem, 40, 1.0), {"limit": 0.11})
+    assert program.solve(cold, {"limit": 0.11}, warm=True).iterations == 0
+    again, warm = program.solve(cold, {"limit": 0.111}), program.solve(cold, {"limit": 0.111}, warm=True)
+    assert warm.iterations < min(again.iterations, cold.iterations)
+    assert warm.objective == pytest.approx(again.objective, rel=1e-7)
+
+
+def test_a_solution_is_a_good_guess_on_another_mesh():
+    problem = pendulum()
+    coarse = Program(problem, 20).solve(swing_guess(20))
+    finer = Program(problem, 60)
+    refined = finer.solve(coarse.guess(60), barrier=1e-6)
+    cold = finer.solve(swing_guess(60))
+    assert refined.objective == pytest.approx(cold.objective, rel=1e-8)
+    assert refined.iterations < cold.iterations
+    # A guess holds the trajectory: its nodes lie on the lines between those of the coarse one.
+    guess = coarse.guess(60)
+    np.testing.assert_allclose(guess.states[::3], coarse.states, atol=1e-14)
+    np.testing.assert_allclose(guess.states[1::3], (2 * coarse.states[:-1] + coarse.states[1:]) / 3, atol=1e-14)
+    np.testing.assert_array_equal(guess.controls, np.repeat(coarse.controls, 3, axis=0))
+    assert guess.final_time == coarse.final_time
+    # Onto a mesh that is not equal, and back.
+    other = Program(problem, graded(60))
+    bent = other.solve(coarse.guess(other.mesh), barrier=1e-6)
+    assert bent.objective == pytest.approx(refined.objective, rel=2e-3)
+    back = bent.guess(20)
+    np.testing.assert_allclose(back.states, coarse.states, rtol=0, atol=0.05)
+    np.testing.assert_array_equal(coarse.guess().states, coarse.states)
+
+
+# ---- continuation ----------------------------------------------------------------------------------------------------
+
+
+def well(end_cost, lower=-inf):
+    """The objective is a function of one number, "place", and of a given "tilt": branches are its local minima."""
+    return Problem(
+        rates=lambda idle, place, tilt: (0.0,),
+        states=(Variable("idle"),),
+        controls=(),
+        final_time=Variable("final_time", 1.0, 1.0, 1.0),
+        initial={"idle": 0.0},
+        end_cost=lambda start, end, parameters: end_cost(parameters["place"], parameters["tilt"]),
+        free=(Variable("place", 1.0, lower),),
+        given=("tilt",),
+    )
+
+
+FOLD = 2 / (3 * np.sqrt(3))  # of the minima of z^4/4 - z^2/2 + tilt z: where z^3 - z + tilt has a double root
+
+
+@pytest.fixture(scope="module")
+def right_well():
+    """A program with two wells, and its solution in the right one."""
+    program = Program(well(lambda place, tilt: place**4 / 4 - place**2 / 2 + tilt * place), 1)
+    return program, program.solve(Guess(np.zeros((2, 1)), np.zeros((1, 0)), 1.0, {"place": 0.9}), {"tilt": 0.0})
+
+
+def near(before, after):
+    return abs(after.free["place"] - before.free["place"]) < 0.3
+
+
+def test_continuation_reaches_the_values_in_their_order(right_well):
+    program, start = right_well
+    values, seen = [0.3, 0.1, 0.1, -0.7, 0.35], []
+    found = program.follow(start, "tilt", values, same_branch=near, on_step=seen.append)
+    assert [solution.given["tilt"] for solution in found] == values
+    for solution in found:
+        z = max(np.roots([1, 0, -1, solution.given["tilt"]]).real)
+        assert solution.free["place"] == pytest.approx(z, abs=1e-7)
+    steps = [solution.given["tilt"] for solution in seen]
+    assert [v for v in steps if v in values] == [0.3, 0.1, -0.7, 0.35]  # staying takes no step
+    assert set(map(id, found)) <= set(map(id, seen))
+
+
+def test_continuation_shortens_a_step_that_is_too_large(right_well):
+    program, start = right_well
+    seen = []
+    allowed = 0.05
+
+    def close(before, after):
+        return abs(after.free["place"] - before.free["place"]) < allowed
+
+    (found,) = program.follow(start, "tilt", [0.37], same_branch=close, on_step=seen.append)
+    assert found.given["tilt"] == 0.37
+    assert len(seen) > 4
+    places = [start.free["place"], *(solution.free["place"] for solution in seen)]
+    assert np.abs(np.diff(places)).max() < allowed
+    assert (np.diff([solution.given["tilt"] for solution in seen]) > 0).all()
+
+
+def test_continuation_says_where_a_branch_folds(right_well):
+    program, start = right_well
+    seen = []
+    with pytest.raises(BranchEndError, match=r"the branch ends between tilt = 0\.38") as caught:
+        program.follow(start, "tilt", [0.2, 0.5], same_branch=near, on_step=seen.append)
+    end = caught.value
+    assert end.reached < FOLD < end.wanted
+    assert end.wanted - end.reached < 2e-3 * (0.5 - 0.2)
+    assert end.solution is seen[-1]
+    assert end.solution.given["tilt"] == end.reached
+    assert end.solution.free["place"] > 1 / np.sqrt(3)  # where it folds
+    assert end.beyond.given["tilt"] == end.wanted
+    assert end.beyond.free["place"] < -1.0  # in the other well
+
+
+def test_continuation_says_where_there_is_nothing_any_more():
+    # place^2 = 1 - tilt, the nearest to 2: nothing beyond a tilt of 1.
+    curve = Condition("curve", lambda start, end: end["idle"], 0.0, 0.0)
+    problem = well(lambda place, tilt: (place - 2) ** 2, lower=0.0)
+    problem = replace(problem, rates=lambda idle, place, tilt: (place**2 - (1 - tilt),), boundary=(curve,))
+    program = Program(problem, 1)
+    start = program.solve(Guess(np.zeros((2, 1)), np.zeros((1, 0)), 1.0, {"place": 0.9}), {"tilt": 0.0})
+    assert start.free["place"] == pytest.approx(1.0)
+    with pytest.raises(BranchEndError) as caught:
+        program.follow(start, "tilt", [0.6, 1.4], smallest_step=1e-2)
+    assert caught.value.reached <= 1 + 1e-7 < caught.value.wanted
+    assert caught.value.wanted - caught.value.reached <= 0.02 * 0.8
+    assert caught.value.beyond is None
+    assert caught.value.solution.given["tilt"] == caught.value.reached
+
+
+def test_continuation_keeps_the_other_given_parameters():
+    problem = well(lambda place, tilt: place**2 + tilt * place)
+    problem = replace(
+        problem,
+        rates=lambda idle, place, tilt, height: (0.0,),
+        end_cost=lambda start, end, parameters: (parameters["place"] - parameters["tilt"]) ** 2 + parameters["height"],
+        given=("tilt", "height"),
+    )
+    program = Program(problem, 1)
+    start = program.solve(flat(problem, 1, 1.0, free={"place": 0.0}), {"tilt": 0.0, "height": 3.0})
+    (found,) = program.follow(start, "tilt", [2.0])
+    assert found.given == {"tilt": 2.0, "height": 3.0}
+    assert found.free["place"] == pytest.approx(2.0, abs=1e-7)
+    assert found.objective == pytest.approx(3.0, abs=1e-9)
+
+
+def test_continuation_refuses_a_parameter_that_is_not_given(right_well):
+    program, start = right_well
+    with pytest.raises(ValueError, match="'place' is no given parameter; they are tilt"):
+        program.follow(start, "place", [1.0])
+
+
+# ---- failures --------------------------------------------------------------------------------------------------------
+
+
+def test_an_unreachable_end_is_reported_with_the_worst_constraint():
+    # At most 1/2 for 2 s reaches 1/2, not 1.
+    problem = double_integrator(bound=0.5)
+    with pytest.raises(NotConvergedError, match="Infeasible_Problem_Detected after") as caught:
+        Program(problem, 10).solve(flat(problem, 10, 2.0))
+    found = caught.value.solution
+    defects = np.diff(found.states, axis=0) - 0.2 * np.column_stack(
+        [(found.states[1:, 1] + found.states[:-1, 1]) / 2, found.controls[:, 0]]
+    )
+    scaled = np.abs(defects) / [3.0, 0.5]
+    interval, state = np.unravel_index(scaled.argmax(), scaled.shape)
+    assert found.residual.value == pytest.approx(np.abs(defects)[interval, state], rel=1e-9)
+    assert found.residual.value > 0.01
+    name, start = problem.states[state].name, f"{found.time[interval]:.4g}"
+    expected = f"the equation of {name} on interval {interval} at {start} s, off by {found.residual.value:.3g}"
+    assert str(found.residual) == expected
+    assert str(caught.value).endswith(f"the worst constraint is {expected}")
+    assert found.states.shape == (11, 2)
+
+
+def test_an_impossible_condition_is_named():
+    impossible = Condition("impossible", lambda start, end: end["velocity"] ** 2, -9.0, -4.0, 2.0)
+    problem = double_integrator(final={"position": 1.0}, boundary=(impossible,))
+    with pytest.raises(NotConvergedError, match="the worst constraint is impossible at the boundary, off by 4"):
+        Program(problem, 10).solve(flat(problem, 10, 2.0))
+
+
+def test_an_impossible_path_is_named_with_its_time():
+    # On its way from 0 to 1 it cannot stay below 0.8 at the end.
+    ceiling = Condition("ceiling", lambda position, velocity, acceleration: position, -inf, 0.8)
+    problem = double_integrator(path=(ceiling,))
+    with pytest.raises(NotConvergedError, match=r"the worst constraint is ceiling at 2 s, off by 0\.2"):
+        Program(problem, 10).solve(flat(problem, 10, 2.0))
+
+
+def test_too_few_iterations_are_reported_with_the_last_iterate():
+    program = Program(pendulum(), 20)
+    with pytest.raises(NotConvergedError, match="Maximum_Iterations_Exceeded after 2 iterations") as caught:
+        program.solve(swing_guess(20), iterations=2)
+    last = caught.value.solution
+    assert last.iterations == 2
+    assert program.solve(last.guess()).status == "Solve_Succeeded"
+    accepted = program.solve(swing_guess(20), iterations=2, accept=("Maximum_Iterations_Exceeded",))
+    np.testing.assert_array_equal(accepted.states, last.states)
+
+
+@pytest.mark.parametrize("rate", [lambda x: np.sqrt(x - 5), lambda x: 1 / (x - 0.1)], ids=["nan", "infinite"])
+def test_rates_that_are_not_finite_at_the_guess(rate):
+    problem = double_integrator(rates=lambda x, v, a: (v, a + rate(x)))
+    with pytest.raises(NotConvergedError, match="Invalid_Number_Detected after 0 iterations") as caught:
+        Program(problem, 10).solve(flat(problem, 10, 2.0))
+    assert "the worst constraint is the equation of velocity on interval" in str(caught.value)
+    assert str(caught.value).endswith(" s, not finite")
+    with pytest.raises(RuntimeError, match="flying the controls from 0 s on failed: the rates there are not finite"):
+        simulate(problem, [0.1, 0.0], np.zeros((10, 1)), np.linspace(0, 2, 11))
+
+
+def test_flight_that_ends_early_is_an_error():
+    escape = double_integrator(rates=lambda x, v, a: (v, a + 10 * v**2))  # infinite at 0.1 s
+    with pytest.raises(RuntimeError, match="flying the controls from 0 s on failed: "), np.errstate(all="ignore"):
+        simulate(escape, [0.0, 1.0], np.zeros((2, 1)), [0.0, 1.0, 2.0])
+
+
+def test_residual_in_words():
+    assert str(Residual("the bound of final_time", "", 0.25)) == "the bound of final_time, off by 0.25"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"states": (Variable("position", 1.0, 2.0, -2.0), Variable("velocity"))}, "position: bounds are the wrong"),
+        ({"controls": (Variable("acceleration", 1.0, np.nan),)}, "acceleration: bounds are the wrong way round"),
+        ({"controls": (Variable("acceleration", 1.0, inf),)}, "acceleration: no number lies in its bounds"),
+        ({"controls": (Variable("acceleration", 0.0),)}, "acceleration: the scale must be positive and finite, got 0"),
+        ({"free": (Variable("spring", inf),)}, "spring: the scale must be positive and finite, got inf"),
+        ({"path": (Condition("wall", max, 1.0, 0.0),)}, "wall: bounds are the wrong way round, 1 to 0"),
+        ({"boundary": (Condition("gate", max, scale=-1.0),)}, "gate: the scale must be positive"),
+        ({"boundary": (Condition("gate", max),), "path": (Condition("gate", max),)}, "gate: each condition needs a"),
+        ({"final_time": Variable("final_time")}, "final_time: must be bounded from below by a positive number"),
+        ({"free": (Variable("velocity"),)}, "velocity: each variable and parameter needs a name of its own"),
+        ({"given": ("acceleration", "mass", "mass")}, "acceleration, mass: each variable and parameter needs"),
+        ({"initial": {"height": 1.0}}, "initial value of 'height': there is no such state; states: position, velocity"),
+        ({"final": {"acceleration": 1.0}}, "final value of 'acceleration': there is no such state"),
+        (
+            {"states": (Variable("position", 1.0, 0.0, 0.9), Variable("velocity"))},
+            "final value of position, 1, lies outside of its bounds, 0 to 0.9",
+        ),
+        ({"initial": {"velocity": np.nan}}, "initial value of velocity, nan, lies outside"),
+    ],
+)
+def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        double_integrator(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "message"),
+    [
+        ({}, {"scheme": "euler"}, "scheme: 'euler' is none of midpoint, trapezoid, hermite_simpson"),
+        ({}, {"hessian": "bfgs"}, "hessian: 'bfgs' is none of exact, limited-memory"),
+        ({}, {"intervals": 0}, "intervals: their number must be whole and positive, got 0"),
+        ({}, {"intervals": 2.5}, "whole and positive, got 2.5"),
+        ({}, {"intervals": [0.0, 0.5, 0.5, 1.0]}, "must increase from 0 to 1"),
+        ({}, {"intervals": [0.0, 0.5]}, "must increase from 0 to 1"),
+        ({}, {"intervals": [0.0, np.nan, 1.0]}, "must increase from 0 to 1"),
+        ({"rates": lambda x, v, a: (v,)}, {}, "rates must return one value per state: 1 values for 2 states"),
+        ({"rates": lambda x, v, a: v}, {}, "rates must return one value per state: no tuple for 2 states"),
+        ({"end_cost": lambda s, e, p: e["height"]}, {}, "there is no 'height'; known are position, velocity"),
+        ({"end_cost": lambda s, e, p: p["mass"]}, {}, "there is no 'mass'; known are none"),
+        ({"running_cost": lambda *a: np.ones(2)}, {}, "running_cost: must be one number, got 2"),
+        ({"end_cost": lambda *a: np.ones(3)}, {}, "end_cost: must be one number, got 3"),
+        ({"path": (Condition("wall", lambda *a: np.ones(2)),)}, {}, "wall: must be one number, got 2"),
+    ],
+)
+def test_a_program_that_cannot_be_meant_is_refused(changes, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Program(double_integrator(**changes), **{"intervals": 10, **arguments})
+
+
+def test_guesses_and_parameters_that_do_not_fit_are_refused():
+    problem = double_integrator(
+        rates=lambda x, v, a, spring, drag: (v, a - spring * x - drag * v),
+        running_cost=lambda x, v, a, spring, drag: a**2,
+        free=(Variable("spring", 1.0, 0.0, 1.0),),
+        given=("drag",),
+    )
+    program, good = Program(problem, 4), flat(problem, 4, 2.0, free={"spring": 0.5})
+    given = {"drag": 0.1}
+    shapes = r"shapes \(\(5, 2\), \(4, 1\)\), got \(\({}, 2\), \({}, 1\)\)"
+    holed = np.where(np.arange(10).reshape(5, 2) == 3, np.nan, 0.0)
+    for guess, message in (
+        (flat(problem, 3, 2.0), shapes.format(4, 3)),
+        (good._replace(controls=np.zeros((5, 1))), shapes.format(5, 5)),
+        (good._replace(free={}), "the guess has no value of the free parameter spring"),
+        (good._replace(states=holed), "the guess's states: not all finite"),
+        (good._replace(controls=np.full((4, 1), inf)), "the guess's controls: not all finite"),
+        (good._replace(final_time=np.nan), "the guess's final time: not all finite"),
+        (good._replace(free={"spring": np.nan}), "the guess's free parameters: not all finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            program.solve(guess, given)
+    with pytest.raises(ValueError, match="given parameters must be drag; got none"):
+        program.solve(good)
+    with pytest.raises(ValueError, match="given parameters must be drag; got drag, mass"):
+        program.solve(good, {"drag": 0.1, "mass": 1.0})
+    with pytest.raises(ValueError, match="given parameter drag: must be finite, got nan"):
+        program.solve(good, {"drag": np.nan})
+    with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
+        program.solve(good, given, warm=True)
+    found = program.solve(good, given)
+    constrained = Program(replace(problem, path=(Condition("idle", lambda *a: a[0], -9.0, 9.0),)), 4)
+    with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
+        constrained.solve(found, given, warm=True)
+    with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(4, 1\), \(2,\)\), got"):
+        simulate(problem, found.states[0], found.controls, found.time)
+    with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(3, 1\), \(2,\)\), got"):
+        simulate(problem, found.states[0], found.controls, found.time[1:], [0.5, 0.1])
