@@ -249,7 +249,10 @@ def test_inputs_are_as_stated_only_if_used_literally():
     speed = claim(kind="input", printed=6.1, resolution=0.1)
     assert verdict(speed, 6.1 * (1 + 1e-12)) == "as_stated"
     assert verdict(speed, 6.1001) == "not_as_stated"  # within the rounding, and yet not what is stated
-    assert verdict(claim(kind="input", printed=[0, math.inf]), [0.0, math.inf]) == "as_stated"
+    infinite = claim(kind="input", printed=[0, math.inf])
+    assert verdict(infinite, [0.0, math.inf]) == "as_stated"
+    for finite in (1e7, 1e308, -math.inf, math.nan, None):
+        assert verdict(infinite, [0.0, finite]) == "not_as_stated"
     assert verdict(claim(kind="input", printed=True, resolution=None), False) == "not_as_stated"
     assert verdict(claim(kind="input", printed="ZEM", resolution=None), "ZEM") == "as_stated"
     assert verdict(claim(kind="input", printed=1, resolution=None), True) == "not_as_stated"

@@ -80,6 +80,54 @@ def test_suffixes_convert_to_si(tmp_path):
     assert read.initial_position == pytest.approx((250.0, 500.0), rel=1e-15)
 
 
+class Turning(inputs.Inputs):
+    """Inputs in units that must be written with a suffix, one of which may be missing."""
+
+    acceleration_bound: inputs.Positive = inputs.given("rad/s^2", "a bound")
+    acceleration_bounds: inputs.vector(2) = inputs.given("rad/s^2", "two bounds")
+    final_rate: inputs.Number | None = inputs.given("rad/s", "a rate, or none")
+
+
+def turning(tmp_path, **changed):
+    """A reading of these inputs, each as it is written in YAML."""
+    written = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": "[180.0, -90]"}
+    written |= {"final_rate_deg_s": "null"} | changed
+    lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in written.items()]
+    path = tmp_path / "turning.yaml"
+    path.write_text("\n".join(["readings:", "  mine:", "    summary: A test.", "    inputs:", *lines, "chunks: {}"]))
+    return load_study("turning", Turning, path).readings["mine"]
+
+
+def test_angular_accelerations_are_written_in_degrees(tmp_path):
+    read = turning(tmp_path).inputs
+    assert read.acceleration_bound == pytest.approx(math.pi / 36, rel=1e-15)
+    assert read.acceleration_bounds == pytest.approx((math.pi, -math.pi / 2), rel=1e-15)
+    with pytest.raises(InputError, match=r"inputs\.acceleration_bound_deg_s2: .*number.*None"):
+        turning(tmp_path, acceleration_bound_deg_s2="null")
+
+
+@pytest.mark.parametrize(
+    ("key", "fragments"),
+    [
+        ("acceleration_bound", ["needs its unit in its name", "the unit is rad/s^2", "acceleration_bound_deg_s2"]),
+        ("acceleration_bound_deg_s", ["wrong unit suffix '_deg_s'", "acceleration_bound_deg_s2"]),
+        ("acceleration_bound_rad", ["wrong unit suffix '_rad'", "acceleration_bound_deg_s2"]),
+        ("final_rate_deg_s2", ["wrong unit suffix '_deg_s2'", "the unit is rad/s", "final_rate_deg_s"]),
+    ],
+)
+def test_an_angular_acceleration_is_taken_for_nothing_else(tmp_path, key, fragments):
+    with pytest.raises(InputError) as caught:
+        turning(tmp_path, **{key: 1.0})
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
+    mine = turning(tmp_path)
+    assert mine.inputs.final_rate is None and mine.sources["final_rate"].key == "final_rate_deg_s"
+    assert turning(tmp_path, final_rate_deg_s=180.0).inputs.final_rate == pytest.approx(math.pi, rel=1e-15)
+
+
 def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
     whole = "[[5.0, 0.5, 0, 0], [0.5, 0.25, 0, 0], [0, 0, 0.25, 0.1], [0, 0, 0.1, 0.25]]"
     path = own(

@@ -1,5 +1,6 @@
 """What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
 
+import errno
 import fcntl
 import os
 import subprocess
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from marsedl.replication import artifacts, jobs
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import MarsedlError, SolverError
 
 SOURCE = Path(__file__).parents[2] / "src"
 
@@ -141,6 +142,50 @@ def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys
     assert f"(log: {tmp_path / 'logs' / 'job.log'})" in said
     assert "Traceback" not in said
     assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
+
+
+def failed_solve(tmp_path, capsys):
+    """What a job says whose solver came to no solution."""
+    iterate = {"time": np.array([0.0, 0.5, 1.0]), "bank": np.array([1 / 3, np.nan, -2e-20])}
+    with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path)):
+        raise SolverError("nominal: off by 3 m", iterate)
+    assert caught.value.code == 1
+    said = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in said
+    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in said
+    assert "Traceback" not in said
+    assert "SolverError" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
+    return said
+
+
+def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys):
+    said = failed_solve(tmp_path, capsys)
+    kept = tmp_path / "logs" / "job.iterate.csv"
+    assert f"(its last iterate: {kept})" in said
+    assert kept.read_text(encoding="utf-8").splitlines()[0] == "time,bank"
+    np.testing.assert_array_equal(
+        np.loadtxt(kept, delimiter=",", skiprows=1), [[0.0, 1 / 3], [0.5, np.nan], [1.0, -2e-20]]
+    )
+
+
+def test_an_iterate_that_cannot_be_kept_does_not_hide_the_message(tmp_path, pinned, capsys):
+    (tmp_path / "logs" / "job.iterate.csv").mkdir(parents=True)
+    assert "(its last iterate could not be kept: Is a directory)" in failed_solve(tmp_path, capsys)
+
+
+def test_a_full_disk_does_not_hide_the_message_of_a_solver(tmp_path, pinned, capsys, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(np, "savetxt", full)
+    assert "(its last iterate could not be kept: No space left on device)" in failed_solve(tmp_path, capsys)
+
+
+def test_other_failures_keep_no_iterate(tmp_path, pinned, capsys):
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise MarsedlError("no")
+    assert "iterate" not in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "logs").iterdir()] == ["job.log"]
 
 
 def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):

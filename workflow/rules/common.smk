@@ -152,12 +152,17 @@ def product(kind, script, reading=None):
             f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}", script
         )
 
+    def printed(wildcards):
+        shown = PAPERS[wildcards.paper].product(wildcards.stem).published
+        return file_digest(f"data/published/{wildcards.paper}.yaml") if shown else ""
+
     return dict(
         paper=lambda wildcards: wildcards.paper,
         reading=lambda wildcards: reading or wildcards.reading,
         inputs=inputs,
         code=code,
         published=lambda wildcards: f"data/published/{wildcards.paper}.yaml",
+        printed=printed,
     )
 
 

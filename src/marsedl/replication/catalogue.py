@@ -21,12 +21,16 @@ class Stage:
 
 @dataclass(frozen=True)
 class Product:
-    """One figure or table: its caption, and the artifacts and inputs that it is drawn from."""
+    """One figure or table: its caption, and the artifacts and inputs that it is drawn from.
+
+    `published` ones show printed values as well, and are made again when these change.
+    """
 
     caption: str
     needs: tuple[str, ...]
     inputs: tuple[str, ...] = ()
     beyond: bool = False
+    published: bool = False
 
 
 @dataclass(frozen=True)

@@ -656,5 +656,6 @@ def _is_number(value: Any) -> bool:
 
 def _used_literally(value: Any, printed: Any) -> bool:
     if _is_number(value) and _is_number(printed):
-        return value == printed or abs(value - printed) <= _LITERAL * abs(printed)
+        # No finite number is an infinite one, though infinity is within any share of itself.
+        return value == printed or (math.isfinite(printed) and abs(value - printed) <= _LITERAL * abs(printed))
     return type(value) is type(printed) and value == printed

@@ -11,3 +11,12 @@ class ArtifactError(MarsedlError):
 
 class InputError(MarsedlError):
     """An input or a name given by the user that is not valid."""
+
+
+class SolverError(MarsedlError):
+    """A program that came to no solution; `iterate` holds its last iterate, columns of equal length by name."""
+
+    def __init__(self, message: str, iterate: dict):
+        """Take the message for the user and the iterate."""
+        super().__init__(message)
+        self.iterate = iterate

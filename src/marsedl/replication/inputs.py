@@ -22,10 +22,11 @@ from marsedl.replication.errors import InputError
 SUFFIXES = {
     "rad": {"_deg": 0.017453292519943295},
     "rad/s": {"_deg_s": 0.017453292519943295},
+    "rad/s^2": {"_deg_s2": 0.017453292519943295},
     "m": {"_km": 1000.0},
     "m/s": {"_km_s": 1000.0},
 }
-SUFFIX_ONLY = ("rad", "rad/s")  # an angle without its unit in the name is too easily taken for degrees
+SUFFIX_ONLY = ("rad", "rad/s", "rad/s^2")  # an angle without its unit in the name is too easily taken for degrees
 KNOWN_SUFFIXES = (
     *(suffix for accepted in SUFFIXES.values() for suffix in accepted),
     *("_rad", "_m", "_s", "_ms", "_h", "_kg", "_g", "_lb", "_t", "_N", "_kN", "_percent", "_ft", "_mi", "_m_s", "_K"),
@@ -402,7 +403,7 @@ def _check_source(source, origin, place) -> None:
 
 
 def _scaled(value, factor, origin, place):
-    if factor == 1.0:
+    if factor == 1.0 or value is None:
         return value
     if isinstance(value, list):
         return [_scaled(entry, factor, origin, place) for entry in value]

@@ -9,7 +9,7 @@ import types
 import typing
 from pathlib import Path
 
-from marsedl.replication.errors import MarsedlError
+from marsedl.replication.errors import MarsedlError, SolverError
 
 # One thread per job, one instruction set for linear algebra and array code: the same numbers on every run.
 NUMERIC_ENVIRONMENT = {
@@ -181,6 +181,17 @@ def alone_when_new(entry: str) -> typing.Iterator[None]:
     yield
 
 
+def _kept_iterate(path: Path, iterate: dict) -> str:
+    """Write a solver's last iterate beside the job's log; returns the words that say where."""
+    import numpy as np
+
+    try:
+        np.savetxt(path, np.column_stack(list(iterate.values())), delimiter=",", header=",".join(iterate), comments="")
+    except OSError as error:
+        return f" (its last iterate could not be kept: {error.strerror})"
+    return f" (its last iterate: {path})"
+
+
 @contextlib.contextmanager
 def guarded(snakemake) -> typing.Iterator[Job]:
     """Run a job's body: warnings and tracebacks go to its log, a failure ends in one message that names job and log."""
@@ -202,5 +213,7 @@ def guarded(snakemake) -> typing.Iterator[Job]:
         if not isinstance(error, MarsedlError):
             traceback.print_exc()
         what = str(error) if isinstance(error, MarsedlError) else f"{type(error).__name__}: {error}"
+        if isinstance(error, SolverError):
+            what += _kept_iterate(log.with_suffix(".iterate.csv"), error.iterate)
         print(f"\n{where}: {what}\n(log: {log})\n", file=sys.stderr)
         sys.exit(1)

@@ -135,6 +135,7 @@ TABLES = {
         "Final state of the trials beside Eq. 54: mean, covariance, and likelihood-ratio tests of the whole "
         "covariance.",
         ("montecarlo.closed_loop",),
+        published=True,
     ),
     "algorithm_1": Product(
         "Runs of Algorithm 1 in the reading's thrust unit and in units of the maximum thrust, with the corrected "

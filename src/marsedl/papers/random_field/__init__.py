@@ -277,6 +277,7 @@ TABLES = {
         "allots per step.",
         ("gains", "montecarlo.aerocapture"),
         ("control_probability",),
+        published=True,
     ),
     "state_deviations": Product(
         "Standard deviations of radius, velocity and flight path angle at the nodes, over the trials and by linear "
@@ -334,6 +335,7 @@ TABLES = {
         ("field_study",),
         ("variance_at_top",),
         beyond=True,
+        published=True,
     ),
 }
 

@@ -212,11 +212,13 @@ TABLES = {
         "of the printed value in combined standard errors. Last, how the trials ended.",
         tuple(f"montecarlo.{case}" for case in _CASES),
         ("paper_trials",),
+        published=True,
     ),
     "zf": Product(
         "Eq. 77, element by element. Where the density is fitted to it, agreement is no evidence.",
         ("linearization",),
         ("density_profile",),
+        published=True,
     ),
     "certificates": Product(
         "The stochastic law against independent formulations: its duality gap, a cone program, the search over LQG "
