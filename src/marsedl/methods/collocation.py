@@ -13,6 +13,7 @@ running cost is approximated in the same way:
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from math import inf
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from marsedl.methods.linearization import symbols_in_numpy
 
+MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
 SCHEMES = ("midpoint", "trapezoid", "hermite_simpson")
 HESSIANS = ("exact", "limited-memory")
 SOLVED, ACCEPTABLE = "Solve_Succeeded", "Solved_To_Acceptable_Level"
@@ -644,7 +646,7 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
         States at the nodes, (N + 1, n).
 
     Raises:
-        RuntimeError: if the integration fails.
+        RuntimeError: if the integration fails, or does not come on.
         ValueError: if shapes do not fit.
     """
     import casadi
@@ -662,10 +664,17 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
     scales = np.array([v.scale for v in problem.states])
     states = [np.asarray(initial, dtype=float)]
     for control, start, end in zip(controls, time[:-1], time[1:], strict=True):
+        evaluations = count()
+
+        def slopes(_, y, held=control, since=start, evaluations=evaluations):
+            if next(evaluations) == MOST_EVALUATIONS:
+                raise RuntimeError(f"flying the controls from {since:g} s on failed: the steps become ever shorter")
+            return rates(y, held).full().ravel()
+
         if not np.isfinite(rates(states[-1], control).full()).all():  # on which the integrator would not end
             raise RuntimeError(f"flying the controls from {start:g} s on failed: the rates there are not finite")
         flown = solve_ivp(
-            lambda _, y, held=control: rates(y, held).full().ravel(),
+            slopes,
             (start, end),
             states[-1],
             method="DOP853",

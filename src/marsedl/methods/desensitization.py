@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from marsedl.methods.collocation import Guess, Problem, Solution, Variable
-from marsedl.methods.linearization import linearize, symbols_in_numpy
+from marsedl.methods.linearization import linearize, symbol_kind, symbols_in_numpy
 from marsedl.methods.sensitivity import closed_loop, midpoint_responses, midpoint_transitions, propagate_columns
 
 
@@ -163,17 +163,18 @@ class Desensitized:
         base, perturbations, gains = self.base, self.perturbations, self.gains
         names, controls = [v.name for v in base.states], [v.name for v in base.controls]
         own = [*(v.name for v in base.free), *base.given]
+        kind = symbol_kind(base.rates, len(names) + len(controls) + len(own))
         x, u, p, k = (
-            casadi.SX.sym(name, size)
+            kind.sym(name, size)
             for name, size in (("x", len(names)), ("u", len(controls)), ("p", len(own)), ("k", len(gains)))
         )
-        s, q = casadi.SX.sym("s", len(names)), casadi.SX.sym("q", len(own))
+        s, q = kind.sym("s", len(names)), kind.sym("q", len(own))
         with symbols_in_numpy(casadi):
             found = base.rates(*_scalars(x), *_scalars(u), *_scalars(p))
         if len(found) != len(names):
             raise ValueError(f"rates returned {len(found)} values for {len(names)} states")
         f = casadi.vertcat(*found)
-        commanded = casadi.SX.zeros(len(controls))
+        commanded = kind.zeros(len(controls))
         for number, gain in enumerate(gains):
             commanded[controls.index(gain.control)] += gain.unit * k[number] * s[names.index(gain.state)]
         slope = casadi.jtimes(f, casadi.vertcat(x, u, p), casadi.vertcat(s, commanded, q))

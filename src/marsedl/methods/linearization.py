@@ -31,6 +31,20 @@ def symbols_in_numpy(casadi):
         options.setNumpyMode(before)
 
 
+def symbol_kind(rates, arguments):
+    """The kind of CasADi symbols that can be traced through a function: SX, or MX where it goes through a table."""
+    import casadi
+
+    try:
+        with symbols_in_numpy(casadi):
+            rates(*casadi.vertsplit(casadi.SX.sym("argument", arguments)))
+    except RuntimeError as error:
+        if "eval_sx" not in str(error):
+            raise
+        return casadi.MX
+    return casadi.SX
+
+
 def linearize(rates, states, controls, parameters=()):
     """Linearize equations of motion about given states and controls.
 
@@ -63,10 +77,10 @@ def linearize(rates, states, controls, parameters=()):
     except ValueError as error:
         raise ValueError(f"every entry of parameters must be a scalar or have shape ({count},)") from error
 
-    state, control = casadi.SX.sym("state", n), casadi.SX.sym("control", m)
-    parameter = casadi.SX.sym("parameter", len(along))
+    kind = symbol_kind(rates, n + m + len(along))
+    state, control, parameter = kind.sym("state", n), kind.sym("control", m), kind.sym("parameter", len(along))
     with symbols_in_numpy(casadi):
-        outputs = rates(*(casadi.vertsplit(state) + casadi.vertsplit(control) + casadi.vertsplit(parameter)))
+        outputs = rates(*casadi.vertsplit(casadi.vertcat(state, control, parameter)))
     if len(outputs) != n:
         raise ValueError(f"rates returned {len(outputs)} values for a state of {n} components")
     rate = casadi.vertcat(*outputs)
