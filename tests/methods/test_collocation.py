@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from marsedl.methods import collocation
 from marsedl.methods.collocation import (
     SCHEMES,
     BranchEndError,
@@ -859,3 +860,16 @@ def test_guesses_and_parameters_that_do_not_fit_are_refused():
         simulate(problem, found.states[0], found.controls, found.time)
     with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(3, 1\), \(2,\)\), got"):
         simulate(problem, found.states[0], found.controls, found.time[1:], [0.5, 0.1])
+
+
+def test_a_simulation_that_does_not_come_on_says_so(monkeypatch):
+    """Below some height the air is as good as solid, and steps become ever shorter."""
+    problem = Problem(
+        rates=lambda height, speed, push: (speed, push - 3.7 + np.exp(-height) * speed**2),
+        states=(Variable("height"), Variable("speed")),
+        controls=(Variable("push"),),
+        final_time=Variable("final_time", 1.0, 1.0, 100.0),
+    )
+    monkeypatch.setattr(collocation, "MOST_EVALUATIONS", 2000)
+    with pytest.raises(RuntimeError, match=r"from \d+ s on failed: the steps become ever shorter"):
+        simulate(problem, [10.0, 0.0], np.zeros((4, 1)), np.linspace(0.0, 40.0, 5))

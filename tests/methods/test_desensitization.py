@@ -15,6 +15,7 @@ from marsedl.methods.sensitivity import (
     midpoint_transitions,
     propagate_columns,
 )
+from marsedl.models.atmosphere import casadi_log_density
 
 NAMES = ("range", "speed", "path", "roll")
 PUSH = Perturbation("push", {"speed": 1.0, "roll": -0.5})
@@ -390,3 +391,34 @@ def test_a_guess_without_a_parameter_is_refused(base):
         extended.guess(flat()._replace(free={}), GIVEN)
     with pytest.raises(ValueError, match="do not fit"):
         extended.guess(flat()._replace(controls=np.zeros((9, 2))), GIVEN)
+
+
+def test_sensitivities_through_a_table_are_those_of_the_closed_form():
+    """A vehicle falls into an exponential atmosphere, which a table of it follows to 1e-5."""
+    altitude = np.linspace(-5e3, 60e3, 131)
+    log_density = casadi_log_density(np.column_stack([altitude, 0.02 * np.exp(-altitude / 11e3)]))
+
+    def falling(density):
+        def rates(height, speed, push, factor):
+            return speed, push - 3.7 + factor * density(height) * speed**2 / 200.0
+
+        return Problem(
+            rates=rates,
+            states=(Variable("height", 1e4), Variable("speed", 100.0)),
+            controls=(Variable("push", 1.0),),
+            final_time=Variable("final_time", 10.0, 20.0, 20.0),
+            initial={"height": 2e4, "speed": -500.0},
+            final={"height": 1.4e4},
+            running_cost=lambda *a: a[2] ** 2,
+            given=("factor",),
+        )
+
+    perturbations = (Perturbation("height", {"height": 1.0}), Perturbation("air", parameters={"factor": 1.0}))
+    guess = Guess(np.column_stack([np.linspace(2e4, 1.4e4, 11), np.full(11, -300.0)]), np.zeros((10, 1)), 20.0)
+    found = []
+    for density, expand in ((lambda h: np.exp(log_density(h)), False), (lambda h: 0.02 * np.exp(-h / 11e3), True)):
+        falls = Desensitized(falling(density), perturbations, {"height": 1e3, "speed": 1e2})
+        solution = Program(falls.problem, 10, expand=expand).solve(falls.guess(guess, {"factor": 1.0}), {"factor": 1.0})
+        found.append(falls.columns(solution)[-1])
+    np.testing.assert_allclose(found[0], found[1], rtol=2e-3)
+    assert np.abs(found[1]).min() > 0.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from marsedl.methods.linearization import linearize
+from marsedl.models.atmosphere import casadi_log_density, tabulated
 from marsedl.models.dynamics.powered_descent import powered_descent_rates
 
 
@@ -118,3 +119,23 @@ def test_bad_input_is_refused(arguments, message):
 def test_math_functions_do_not_pass_silently():
     with pytest.raises((TypeError, NotImplementedError, ValueError, RuntimeError)):
         linearize(lambda x: (math.sin(x),), np.ones((1, 1)), np.empty((1, 0)))
+
+
+def test_rates_that_go_through_a_table_are_linearised_as_well():
+    """CasADi traces splines by its other kind of symbols; the slopes are those of the same curve in numpy."""
+    table = np.column_stack([np.linspace(0.0, 60e3, 13), 0.02 * np.exp(-(np.linspace(0.0, 6.0, 13) ** 1.1))])
+    log_density, profile = casadi_log_density(table), tabulated(table)
+
+    def fall(altitude, speed, throttle):
+        import casadi
+
+        assert isinstance(altitude, casadi.MX | casadi.SX)
+        return speed, throttle - 3.7 + casadi.exp(log_density(altitude)) * speed**2
+
+    states, controls = np.array([[41e3, -900.0], [12e3, -400.0]]), np.array([[0.0], [2.0]])
+    model = linearize(fall, states, controls)
+    value, slope, _ = profile(states[:, 0])
+    density, speed = np.exp(value), states[:, 1]
+    expected = np.array([[[0, 1], [r * s * v * v, 2 * r * v]] for r, s, v in zip(density, slope, speed, strict=True)])
+    np.testing.assert_allclose(model.state_matrix, expected, rtol=1e-10)
+    np.testing.assert_allclose(model.control_matrix, [[[0.0], [1.0]]] * 2)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from marsedl.methods.covariance_steering.block_program import closed_loop
 from marsedl.models import random_field
@@ -29,7 +30,7 @@ def field_example():
 
 
 def test_every_example_is_tested():
-    assert len(EXAMPLES) == 2
+    assert len(EXAMPLES) == 3
 
 
 def test_closed_form_example_meets_its_targets():
@@ -87,3 +88,28 @@ def test_field_example_predicts_its_deviations(field_example, fields):
     np.testing.assert_allclose(flown.std(axis=0, ddof=1), predicted, rtol=4 / np.sqrt(2 * TRIALS))
     assert (np.abs(flown[:, -1].mean(axis=0) - [8.0, 1.0]) < 4 * predicted[-1] / np.sqrt(TRIALS)).all()
     assert (law.covariance[-1].diagonal() <= 0.05**2 * (1 + 1e-6)).all()
+
+
+def fly_sled(solution, gain, drag):
+    """Where the sled ends with another drag, m: the nominal's thrust, and feedback of the difference in speed."""
+    state = np.zeros(4)  # position and speed, then those of the nominal
+
+    def rates(_, state, held):
+        _, speed, _, nominal = state
+        return [speed, held + gain * (speed - nominal) - drag * speed**2, nominal, held - 0.02 * nominal**2]
+
+    for held, *span in zip(solution.controls[:, 0], solution.time[:-1], solution.time[1:], strict=True):
+        state = solve_ivp(rates, span, state, args=(held,), rtol=1e-9, atol=1e-9).y[:, -1]
+    return state[0]
+
+
+def test_desensitized_example_does_what_the_readme_says():
+    names = run("Desensitized")
+    plain, robust = names["least_thrust"], names["robust"]
+    (gain,) = robust.free.values()
+    short = [100.0 - fly_sled(plain, 0.0, 0.022), 100.0 - fly_sled(robust, gain, 0.022)]
+    np.testing.assert_allclose(short, [3.9, 0.65], rtol=0.03)
+    assert 1.0 < robust.running_cost / plain.running_cost < 1.001
+    # What the sensitivity says of the miss, and what is flown, to first order.
+    slope = robust.state(names["miss"])[-1]
+    np.testing.assert_allclose(fly_sled(robust, gain, 0.0202) - fly_sled(robust, gain, 0.02), 2e-4 * slope, rtol=0.02)
