@@ -10,6 +10,7 @@ pin_numerics(Path(workflow.basedir))
 include: "workflow/rules/common.smk"
 include: "workflow/rules/powered_descent.smk"
 include: "workflow/rules/random_field.smk"
+include: "workflow/rules/desensitized.smk"
 include: "workflow/rules/stochastic_entry.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/claims.smk"

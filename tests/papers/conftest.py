@@ -36,6 +36,14 @@ REDUCED = {
         "navigation_factors": np.array([1e-3, 0.1, 0.3, 1.0, 3.0]),
         "double_integrator_trials": TRIALS,
     },
+    "desensitized": {
+        "drawn_trials": DRAWN_TRIALS,
+        "trials": TRIALS,
+        "search_starts": 3,
+        "sweep_points": 9,
+        "tuning_starts": 1,
+        "gain_iterations": 60,
+    },
 }
 
 
@@ -112,7 +120,10 @@ class Pipeline:
             for chunk in range(chunks)
         ]
         inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
-        return self.montecarlo.gather(inputs, **self.needed("montecarlo_gather", reading, **changes), chunks=flown)
+        needed = self.needed("montecarlo_gather", reading, **changes)
+        if "gains" in needed:  # those that were flown
+            needed["gains"] = gains
+        return self.montecarlo.gather(inputs, **needed, chunks=flown)
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
@@ -154,6 +165,12 @@ def random_field():
     return Pipeline("random_field")
 
 
+@pytest.fixture(scope="session")
+def desensitized():
+    """The desensitized-landing paper's stages."""
+    return Pipeline("desensitized")
+
+
 def published_of(slug):
     return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
 
@@ -174,6 +191,12 @@ def entry_published():
 def random_field_published():
     """The printed claims of the random-field paper, by id."""
     return published_of("random_field")
+
+
+@pytest.fixture(scope="session")
+def desensitized_published():
+    """The printed claims of the desensitized-landing paper, by id."""
+    return published_of("desensitized")
 
 
 def node_of(artifact, time, after_switch=False):

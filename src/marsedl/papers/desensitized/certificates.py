@@ -1,0 +1,536 @@
+"""Evidence for the solutions: meshes, identities, symmetries, stationarity, other derivatives, flights.
+
+The cases that are studied are the nominal and the row of the largest finite weight of Table 3.
+"""
+
+from dataclasses import dataclass
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods.collocation import (
+    ACCEPTABLE,
+    SCHEMES,
+    SOLVED,
+    Guess,
+    NotConvergedError,
+    Problem,
+    Program,
+    Solution,
+)
+from marsedl.methods.desensitization import Desensitized, column
+from marsedl.methods.linearization import linearize
+from marsedl.methods.sensitivity import adjoint_rows, propagate_columns
+from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
+from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.papers import density
+from marsedl.papers.desensitized import entry_problem, environment, flight
+from marsedl.papers.desensitized.entry_problem import CHANNELS, STATES, WARM
+from marsedl.papers.desensitized.gains import last_finite_row
+from marsedl.papers.desensitized.linearization import position_columns, position_rows
+from marsedl.papers.desensitized.nominal import Nominal, as_guess
+from marsedl.papers.desensitized.tradeoff import Tradeoff, columns_in_norm, effort, norm, prepared
+from marsedl.replication.artifacts import quantity
+
+FRACTIONS = (0.01, 0.1, 1.0)  # of the radius error of Table 3, flown either way
+DIFFERENCE = 1e-3  # of that error, half the distance of differences of flights
+NEIGHBOUR = 1e-3  # relative distance of the weights between which a slope is taken
+STATE_DIFFERENCE = 1e-8  # of the scales of the states, half the distance of differences of the discrete flow
+NEWTON_STEPS = 4  # with a matrix that is off by the difference only, each gains some digits
+LONGITUDE_SHIFT = 1.0  # rad
+MIRRORED = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])  # signs of the states of a flight seen in a mirror
+EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
+
+STUDIED = ("cases", "schemes", "meshes")
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """What the solutions are worth.
+
+    Errors are of the final altitude, crossrange and downrange. Sensitivities are metric, in metres per metre. Cases:
+    the nominal, then the row of the largest finite weight. What a solver could not solve has its status and NaN.
+    """
+
+    weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity")
+    scheme: np.ndarray = quantity("1", ("schemes",), "transcription", "str")
+    intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64")
+
+    mesh_status: np.ndarray = quantity("1", STUDIED, "how the solver ended", "str")
+    mesh_iterations: np.ndarray = quantity("1", STUDIED, "iterations from the solution on a mesh beside it", "int64")
+    mesh_effort: np.ndarray = quantity("deg^2/s^3", STUDIED, "control energy J0", allow_nan=True)
+    mesh_cumulative: np.ndarray = quantity(
+        "rad/s", STUDIED, "integral of the absolute bank acceleration", allow_nan=True
+    )
+    mesh_bank_change: np.ndarray = quantity(
+        "rad", STUDIED, "largest difference of the bank angle to the inputs' mesh", allow_nan=True
+    )
+    mesh_error: np.ndarray = quantity(
+        "m", (*STUDIED, 3), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
+    )
+    mesh_flown_error: np.ndarray = quantity(
+        "m", (*STUDIED, 3), "the same by central differences of flights of these controls", allow_nan=True
+    )
+    mesh_miss: np.ndarray = quantity(
+        "m", (*STUDIED, 3), "by which such a flight without error misses the target", allow_nan=True
+    )
+    miss_order: np.ndarray = quantity(
+        "1", ("cases", "schemes", "refinements"), "order of the miss from mesh to mesh", allow_nan=True
+    )
+    error_order: np.ndarray = quantity(
+        "1", ("cases", "schemes", "refinements"), "order of the error's difference to flights", allow_nan=True
+    )
+
+    mesh_longitude_deviation: np.ndarray = quantity(
+        "m/m", STUDIED, "largest deviation of the longitude column from its unit vector, all nodes", allow_nan=True
+    )
+    mesh_crossrange_deviation: np.ndarray = quantity(
+        "m/m", STUDIED, "of the final crossrange column from that of a turned flight", allow_nan=True
+    )
+    mesh_solver_deviation: np.ndarray = quantity(
+        "1", STUDIED, "relative, of the solver's radius column from the recursion; NaN without weight", allow_nan=True
+    )
+    flow_deviation: np.ndarray = quantity(
+        "1",
+        ("cases", "schemes"),
+        "relative, of the sensitivity on the inputs' mesh from differences of the discrete flow",
+        allow_nan=True,
+    )
+
+    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight of the rows of Table 3")
+    row_longitude_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes, for the rows of Table 3")
+    row_crossrange_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes")
+    row_solver_deviation: np.ndarray = quantity("1", ("rows",), "as of the meshes, all nodes")
+    row_adjoint_deviation: np.ndarray = quantity("m/m", ("rows",), "largest difference of adjoint and forward")
+    row_frobenius_deviation: np.ndarray = quantity(
+        "1", ("rows",), "relative, of the squared norm of all columns from that of the radius column and the turn"
+    )
+    row_defect: np.ndarray = quantity("1", ("rows",), "largest defect of an interval in the scales of the states")
+    mirrored_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight seen in a mirror")
+    shifted_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight moved in longitude")
+    mirrored_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error in the mirror")
+    shifted_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error when moved")
+
+    slope_weight: np.ndarray = quantity("deg^2/s^3", ("slopes",), "weights at which the slope of the curve is taken")
+    slope_deviation: np.ndarray = quantity(
+        "1", ("slopes",), "relative deviation of dJ0/d(norm), by differences, from minus the weight", allow_nan=True
+    )
+
+    variant: np.ndarray = quantity("1", ("variants",), "derivatives and how the equations are traced", "str")
+    variant_status: np.ndarray = quantity("1", ("cases", "variants"), "how the solver ended", "str")
+    variant_iterations: np.ndarray = quantity(
+        "1", ("cases", "variants"), "iterations from one and the same start", "int64"
+    )
+    variant_effort: np.ndarray = quantity("deg^2/s^3", ("cases", "variants"), "control energy J0 of the last iterate")
+    variant_reversals: np.ndarray = quantity("1", ("cases", "variants"), "its bank reversals", "int64")
+
+    radius_error: np.ndarray = quantity("m", ("sizes",), "radius errors at entry")
+    linear_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors by the sensitivity")
+    flown_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors as flown", allow_nan=True)
+
+
+class Case(NamedTuple):
+    """A solution that is studied: its weight, and the solution on the inputs' mesh."""
+
+    weight: float
+    guess: Guess
+
+
+class Trajectory(NamedTuple):
+    """What the equations of a mesh are about."""
+
+    time: np.ndarray
+    state: np.ndarray  # (N + 1, 8)
+    bank_acceleration: np.ndarray  # (N,)
+
+
+def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Certificates:
+    """Study both cases on meshes, in flights and by other derivatives, and the rows of Table 3 by their identities."""
+    last = last_finite_row(tradeoff)
+    cases = [Case(0.0, as_guess(nominal)), Case(float(tradeoff.weight[last]), row_guess(tradeoff, last))]
+    numbers = np.array(inputs.studied_intervals, dtype=int)
+    runs = [[refined(inputs, case, scheme) for scheme in SCHEMES] for case in cases]
+    studied = _stacked([[meshes(inputs, run, numbers) for run in by_scheme] for by_scheme in runs])
+    rows = [_row(inputs, tradeoff, number) for number in range(len(tradeoff.weight))]
+    finite = [n for n in range(len(tradeoff.weight)) if np.isfinite(tradeoff.printed_weight[n]) and tradeoff.weight[n]]
+    variants = [variants_from_profile(inputs), variants_from_row(inputs, tradeoff, last)]
+    sizes = inputs.tabulated_error * np.array([sign * size for size in FRACTIONS for sign in (1.0, -1.0)])
+    flights = [against_flights(inputs, case, sizes) for case in cases]
+    return Certificates(
+        weight=np.array([case.weight for case in cases]),
+        scheme=np.array(SCHEMES),
+        intervals=numbers,
+        **{f"mesh_{name}": values for name, values in studied.items()},
+        miss_order=orders(studied["miss"], numbers),
+        error_order=orders(studied["error"] - studied["flown_error"], numbers),
+        flow_deviation=np.array([[flow_deviation(inputs, run[inputs.intervals]) for run in row] for row in runs]),
+        row_weight=tradeoff.weight,
+        **{name: np.array([row[name] for row in rows]) for name in rows[0]},
+        slope_weight=tradeoff.weight[finite],
+        slope_deviation=slopes(inputs, tradeoff, finite),
+        variant=np.array(VARIANTS),
+        variant_status=np.array([[s.status for s in row] for row in variants]),
+        variant_iterations=np.array([[s.iterations for s in row] for row in variants]),
+        variant_effort=np.array([[effort(s) for s in row] for row in variants]),
+        variant_reversals=np.array([[entry_problem.reversals(s.state("bank")) for s in row] for row in variants]),
+        radius_error=sizes,
+        linear_error=np.array([linear for linear, _ in flights]),
+        flown_error=np.array([flown for _, flown in flights]),
+    )
+
+
+def _stacked(found):
+    """Fields of nested lists of dictionaries as arrays."""
+    if isinstance(found, dict):
+        return found
+    inner = [_stacked(item) for item in found]
+    return {name: np.array([item[name] for item in inner]) for name in inner[0]}
+
+
+def row_guess(tradeoff: Tradeoff, row) -> Guess:
+    """A row of Table 3 as a guess for the solver."""
+    time, control = tradeoff.time[row], tradeoff.bank_acceleration[row]
+    return Guess(tradeoff.state[row], control[:, np.newaxis], float(time[-1]))
+
+
+# ---- meshes ----------------------------------------------------------------------------------------------------------
+
+
+def declared(inputs, weight) -> tuple[Desensitized | None, Problem]:
+    """The problem of a case, and what extends guesses for it; without weight no sensitivity is solved for."""
+    if weight == 0.0:
+        return None, entry_problem.problem(inputs)
+    channels = columns_in_norm(inputs)
+    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, name) for name in channels])
+    return extended, entry_problem.weighted(inputs, extended, channels)
+
+
+def refined(inputs, case: Case, scheme) -> dict[int, Solution]:
+    """What a case comes to by a scheme, by the number of intervals: on the inputs' mesh and on those studied.
+
+    From the inputs' mesh outwards, each from the one before: from meshes far away the solver does not converge.
+    """
+    extended, problem = declared(inputs, case.weight)
+
+    def solved(intervals, guess):
+        start = Guess(guess.states[:, : len(STATES)], guess.controls, guess.final_time)
+        start = extended.guess(start, entry_problem.given()) if extended else start
+        return attempt(inputs, entry_problem.program(inputs, problem, intervals, scheme), start, case.weight)
+
+    own, studied = inputs.intervals, [int(number) for number in inputs.studied_intervals]
+    found = {own: solved(own, case.guess)}
+    for numbers in ([n for n in studied if n > own], [n for n in reversed(studied) if n < own]):
+        last = found[own]
+        for number in numbers:
+            found[number] = solved(number, last.guess(number))
+            if found[number].status == SOLVED:
+                last = found[number]
+    return found
+
+
+def attempt(inputs, transcribed, guess, weight, **options) -> Solution:
+    """A solution, or the last iterate of a solve that came to none; its status says which."""
+    options = {"barrier": WARM, "tolerance": inputs.solver_tolerance, "iterations": inputs.solver_iterations} | options
+    try:
+        return transcribed.solve(guess, entry_problem.given(weight), **options)
+    except NotConvergedError as error:
+        return error.solution
+
+
+def meshes(inputs, run, numbers):
+    """The fields of the studied meshes, stacked."""
+    return _stacked([_mesh(inputs, run[number], run[inputs.intervals]) for number in numbers])
+
+
+def trajectory(solution: Solution) -> Trajectory:
+    """A solution without its columns."""
+    return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
+
+
+def _mesh(inputs, solution, on_own_mesh):
+    """The fields of one mesh."""
+    found = {"status": solution.status, "iterations": solution.iterations}
+    if solution.status != SOLVED:
+        numbers = ("effort", "cumulative", "bank_change", "longitude_deviation", "crossrange_deviation")
+        unknown = dict.fromkeys((*numbers, "solver_deviation"), np.nan)
+        return found | unknown | dict.fromkeys(("error", "flown_error", "miss"), np.full(3, np.nan))
+    along = trajectory(solution)
+    sensitivity = sensitivities(inputs, solution.scheme, along)[0]
+    share = on_own_mesh.time / on_own_mesh.final_time
+    bank = np.interp(share, solution.time / solution.final_time, solution.state("bank"))
+    miss, flown_error = flown(inputs, along)
+    return found | {
+        "effort": effort(solution),
+        "cumulative": entry_problem.cumulative(along.time, along.bank_acceleration),
+        "bank_change": np.abs(bank - on_own_mesh.state("bank")).max(),
+        "error": final_position(inputs, sensitivity)[:, 0] * inputs.tabulated_error,
+        "flown_error": flown_error,
+        "miss": miss,
+        "longitude_deviation": longitude_deviation(inputs, sensitivity),
+        "crossrange_deviation": crossrange_deviation(inputs, along, sensitivity),
+        "solver_deviation": solver_deviation(solution, sensitivity),
+    }
+
+
+def flown(inputs, along: Trajectory):
+    """Miss of the target, and final error for the radius error of Table 3 by central differences; (3,) each, m.
+
+    The step of the flights is that of `substeps` on the finest mesh, so that their errors are the same on all meshes;
+    the look-up of the density leaves about 1e-5 m.
+    """
+    finest = max(inputs.intervals, *inputs.studied_intervals)
+    step = DIFFERENCE * inputs.tabulated_error
+    reference = flight.Reference(along.state[0], along.bank_acceleration, float(along.time[-1]))
+    starts = environment.displaced(inputs, along.state[0], environment.along_channel(0, [0.0, step, -step]))
+    trials = flight.fly(
+        *environment.surroundings(inputs),
+        reference,
+        np.zeros(len(STATES)),
+        starts,
+        substeps=ceil(inputs.substeps * finest / len(along.bank_acceleration)),
+        every=len(along.bank_acceleration),
+    )
+    final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
+    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
+    miss = flight.position_errors(final[0], target, inputs.planet_radius)
+    change = flight.position_errors(final[1], final[2], inputs.planet_radius)
+    return miss, change * (inputs.tabulated_error / (2.0 * step))
+
+
+def orders(errors, intervals):
+    """Orders of convergence of vectors (..., meshes, 3) from mesh to mesh: (..., meshes - 1)."""
+    size = np.linalg.norm(errors, axis=-1)
+    return np.log(size[..., :-1] / size[..., 1:]) / np.log(intervals[1:] / intervals[:-1])
+
+
+# ---- the discrete flow and its derivative ----------------------------------------------------------------------------
+
+
+def motion(inputs, states, bank_acceleration):
+    """Rates of states (..., 8) by numpy, beside those that the solver has traced: (..., 8)."""
+    log_density = density.profile(inputs)(states[..., 0])[0]
+    rates = velocity_component_entry_rates(
+        *np.moveaxis(states, -1, 0),
+        bank_acceleration,
+        np.exp(log_density),
+        inputs.ballistic_coefficient,
+        inputs.lift_to_drag,
+        inputs.gravitational_parameter,
+        inputs.planet_radius,
+    )
+    return np.stack(np.broadcast_arrays(*rates), axis=-1)
+
+
+def change(inputs, scheme, start, end, bank_acceleration, step):
+    """What a scheme takes for the change of the state over an interval; all (..., 8), (...) and (..., 1)."""
+
+    def rates(states):
+        return motion(inputs, states, bank_acceleration)
+
+    if scheme == "midpoint":
+        return step * rates((start + end) / 2.0)
+    first, last = rates(start), rates(end)
+    if scheme == "trapezoid":
+        return step * (first + last) / 2.0
+    middle = (start + end) / 2.0 + step * (first - last) / 8.0
+    return step * (first + 4.0 * rates(middle) + last) / 6.0
+
+
+def change_derivatives(inputs, scheme, along: Trajectory):
+    """Derivatives of `change` with respect to start and end of all intervals, (N, 8, 8) each."""
+    control = along.bank_acceleration
+    step = np.diff(along.time)[:, np.newaxis, np.newaxis]
+    start, end = along.state[:-1], along.state[1:]
+
+    def matrix(states):
+        parameters = list(entry_problem.given().values())
+        return linearize(entry_problem.rates(inputs), states, control[:, np.newaxis], parameters).state_matrix
+
+    if scheme == "midpoint":
+        half = step / 2.0 * matrix((start + end) / 2.0)
+        return half, half
+    first, last = matrix(start), matrix(end)
+    if scheme == "trapezoid":
+        return step / 2.0 * first, step / 2.0 * last
+    slope = motion(inputs, start, control) - motion(inputs, end, control)
+    middle = matrix((start + end) / 2.0 + step[:, :, 0] * slope / 8.0)
+    half = np.eye(len(STATES)) / 2.0
+    return (
+        step / 6.0 * (first + 4.0 * middle @ (half + step / 8.0 * first)),
+        step / 6.0 * (last + 4.0 * middle @ (half - step / 8.0 * last)),
+    )
+
+
+def sensitivities(inputs, scheme, along: Trajectory):
+    """Sensitivity at the nodes to the state at entry (N + 1, 8, 8), transitions, and d change / d end, (N, 8, 8) each.
+
+    Exact for the equations of the scheme; for the midpoint rule the recursion of Sec. 4.2. As differences from the
+    unit matrix the transitions keep the column of an ignorable state to the last bit.
+    """
+    before, after = change_derivatives(inputs, scheme, along)
+    transitions = np.eye(len(STATES)) + np.linalg.solve(np.eye(len(STATES)) - after, before + after)
+    return propagate_columns(transitions, np.eye(len(STATES))), transitions, after
+
+
+def flow_deviation(inputs, solution: Solution):
+    """Largest difference, relative to the largest entry, of the sensitivity from differences of the discrete flow.
+
+    The equations of every interval are solved again for perturbed starts, by Newton steps with the matrix of the
+    unperturbed interval. States are counted in the scales of the gains.
+    """
+    if solution.status != SOLVED:
+        return np.nan
+    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(inputs)
+    sensitivity, _, after = sensitivities(inputs, solution.scheme, along)
+    apart = STATE_DIFFERENCE * np.diag(scale)
+    moved = along.state[0] + np.concatenate([apart, -apart])
+    for k, step in enumerate(np.diff(along.time)):
+        start, moved = moved, moved + along.state[k + 1] - along.state[k]
+        for _ in range(NEWTON_STEPS):
+            changed = change(inputs, solution.scheme, start, moved, along.bank_acceleration[k], step)
+            moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - changed).T).T
+    found = (moved[:size] - moved[size:]).T / (2.0 * STATE_DIFFERENCE) / scale[:, np.newaxis]
+    expected = sensitivity[-1] * scale / scale[:, np.newaxis]
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+# ---- identities ------------------------------------------------------------------------------------------------------
+
+
+def final_position(inputs, sensitivity):
+    """Final radius, crossrange and downrange per metre at entry, (3, 3)."""
+    return position_rows(inputs) @ sensitivity[-1] @ position_columns(inputs)
+
+
+def turned_flight(inputs, along: Trajectory):
+    """Final position per metre of crossrange at entry, exact for the equations of motion, (3,).
+
+    Another latitude at entry turns the whole flight about the axis in the equator a quarter turn west of its start:
+
+        (0, cos(theta_f - theta_0), tan(phi_f) sin(theta_f - theta_0))
+    """
+    latitude, travelled = along.state[-1, 1], along.state[-1, 2] - along.state[0, 2]
+    return np.array([0.0, np.cos(travelled), np.tan(latitude) * np.sin(travelled)])
+
+
+def longitude_deviation(inputs, sensitivity):
+    """Largest deviation of the longitude column from a unit vector at any node, states in the scales of the gains."""
+    scale, longitude = entry_problem.state_scale(inputs), STATES.index("longitude")
+    column = sensitivity[:, :, longitude] / scale * scale[longitude]
+    return np.abs(column - np.eye(len(STATES))[longitude]).max()
+
+
+def crossrange_deviation(inputs, along: Trajectory, sensitivity):
+    """Largest deviation of the final crossrange column from that of the turned flight."""
+    return np.abs(final_position(inputs, sensitivity)[:, 1] - turned_flight(inputs, along)).max()
+
+
+def solver_deviation(solution: Solution, sensitivity):
+    """`column_deviation` of the radius column that a solver found; NaN for a problem without columns."""
+    names = [variable.name for variable in solution.problem.states]
+    rows = [row for row, state in enumerate(STATES) if column(state, CHANNELS[0]) in names]
+    found = [names.index(column(STATES[row], CHANNELS[0])) for row in rows]
+    return column_deviation(solution.states[:, found], sensitivity[:, rows]) if rows else np.nan
+
+
+def column_deviation(found, sensitivity):
+    """Largest difference of a radius column (N + 1, n) to the sensitivity's, relative to the largest of each state."""
+    expected = sensitivity[:, :, 0]
+    largest = np.abs(expected).max(axis=0)
+    reached = largest > 0.0
+    return (np.abs(found - expected).max(axis=0)[reached] / largest[reached]).max()
+
+
+def defect(inputs, scheme, along: Trajectory):
+    """Largest defect of the equations of an interval, in the scales of the states."""
+    scale = [variable.scale for variable in entry_problem.problem(inputs).states]
+    start, end, step = along.state[:-1], along.state[1:], np.diff(along.time)[:, np.newaxis]
+    return np.abs((end - start - change(inputs, scheme, start, end, along.bank_acceleration, step)) / scale).max()
+
+
+def _row(inputs, tradeoff, number):
+    """The fields of one row of Table 3."""
+    scheme = inputs.scheme
+    along = Trajectory(tradeoff.time[number], tradeoff.state[number], tradeoff.bank_acceleration[number])
+    mirrored = along._replace(state=along.state * MIRRORED, bank_acceleration=-along.bank_acceleration)
+    moved = np.zeros(len(STATES))
+    moved[STATES.index("longitude")] = LONGITUDE_SHIFT
+    shifted = along._replace(state=along.state + moved)
+    sensitivity, transitions, _ = sensitivities(inputs, scheme, along)
+    position = final_position(inputs, sensitivity)
+    backward = adjoint_rows(transitions, position_rows(inputs))[0] @ position_columns(inputs)
+    expected = np.sum(position[:, 0] ** 2) + 1.0 + np.sum(turned_flight(inputs, along) ** 2)
+
+    def error(other):
+        return final_position(inputs, sensitivities(inputs, scheme, other)[0])[:, 0] * inputs.tabulated_error
+
+    own = position[:, 0] * inputs.tabulated_error
+    return {
+        "row_longitude_deviation": longitude_deviation(inputs, sensitivity),
+        "row_crossrange_deviation": crossrange_deviation(inputs, along, sensitivity),
+        "row_solver_deviation": column_deviation(tradeoff.column[number], sensitivity),
+        "row_adjoint_deviation": np.abs(backward - position).max(),
+        "row_frobenius_deviation": abs(np.sum(position**2) / expected - 1.0),
+        "row_defect": defect(inputs, scheme, along),
+        "mirrored_defect": defect(inputs, scheme, mirrored),
+        "shifted_defect": defect(inputs, scheme, shifted),
+        "mirrored_error_deviation": np.abs(error(mirrored) * MIRRORED[:3] - own).max(),
+        "shifted_error_deviation": np.abs(error(shifted) - own).max(),
+    }
+
+
+# ---- stationarity, other derivatives, flights ------------------------------------------------------------------------
+
+
+def slopes(inputs, tradeoff, rows):
+    """Relative deviation of dJ0/d(norm) from minus the weight at rows of Table 3, by solves at weights beside them."""
+    extended, transcribed = prepared(inputs)
+    found = []
+    for row in rows:
+        start, weight = extended.guess(row_guess(tradeoff, row), entry_problem.given()), tradeoff.weight[row]
+        beside = [attempt(inputs, transcribed, start, weight * (1.0 + sign * NEIGHBOUR)) for sign in (-1.0, 1.0)]
+        efforts, norms = [effort(s) for s in beside], [norm(inputs, extended, s) for s in beside]
+        solved = all(s.status == SOLVED for s in beside)
+        found.append(np.diff(efforts)[0] / np.diff(norms)[0] / -weight - 1.0 if solved else np.nan)
+    return np.array(found)
+
+
+def variants_from_profile(inputs) -> list[Solution]:
+    """The nominal from the guess of the inputs, by every variant."""
+    guess = entry_problem.profile_guess(inputs, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time)
+    return _variants(inputs, entry_problem.problem(inputs), guess, 0.0, barrier=None)
+
+
+def variants_from_row(inputs, tradeoff, row) -> list[Solution]:
+    """A row of Table 3 from the row before it, by every variant."""
+    extended, problem = declared(inputs, tradeoff.weight[row])
+    guess = extended.guess(row_guess(tradeoff, row - 1), entry_problem.given())
+    return _variants(inputs, problem, guess, tradeoff.weight[row])
+
+
+def _variants(inputs, problem, guess, weight, **options):
+    """Solutions by every variant; where second derivatives are approximated, an acceptable level is all that is met."""
+    expand = inputs.density_profile != "table"  # splines cannot be expanded
+    programs = {
+        EXACT: Program(problem, inputs.intervals, inputs.scheme, expand=expand),
+        UNEXPANDED: Program(problem, inputs.intervals, inputs.scheme, expand=False),
+        APPROXIMATED: Program(problem, inputs.intervals, inputs.scheme, expand=expand, hessian="limited-memory"),
+    }
+    accept = {"accept": (SOLVED, ACCEPTABLE)}
+    return [attempt(inputs, programs[variant], guess, weight, **options, **accept) for variant in VARIANTS]
+
+
+def against_flights(inputs, case: Case, sizes):
+    """Final errors for radius errors at entry, by the sensitivity and as flown; (sizes, 3) each, m."""
+    states, controls, final_time = case.guess.states, case.guess.controls[:, 0], case.guess.final_time
+    along = Trajectory(np.linspace(0.0, final_time, len(states)), states, controls)
+    position = final_position(inputs, sensitivities(inputs, inputs.scheme, along)[0])
+    flown_errors = environment.final_errors(
+        inputs,
+        environment.surroundings(inputs),
+        flight.Reference(states[0], controls, final_time),
+        np.zeros(len(STATES)),
+        environment.along_channel(0, sizes),
+    )
+    return sizes[:, np.newaxis] * position[:, 0], flown_errors

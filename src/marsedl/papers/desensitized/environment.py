@@ -1,0 +1,39 @@
+"""What flights of this paper know: constants, the table of the density, and the nominals they fly beside."""
+
+import numpy as np
+
+from marsedl.models import atmosphere
+from marsedl.papers.density import profile
+from marsedl.papers.desensitized import entry_problem, flight
+
+
+def surroundings(inputs):
+    """Constants of the flights and the cells of their density table, as `flight.fly` takes them first."""
+    nodes = atmosphere.uniform_nodes(profile(inputs))
+    cells = atmosphere.uniform_cells(nodes.log_density, nodes.slope, nodes.spacing)
+    return flight.settings(inputs, nodes), cells
+
+
+def displaced(inputs, state, errors):
+    """States at entry with position errors (trials, 3) of radius, crossrange and downrange, m: (trials, 8)."""
+    states = np.tile(np.asarray(state, dtype=float), (len(errors), 1))
+    states[:, :3] += np.asarray(errors) / np.array([1.0, inputs.planet_radius, inputs.planet_radius])
+    return states
+
+
+def along_channel(channel, errors):
+    """Errors of one channel, by its number, as position errors (errors, 3)."""
+    positions = np.zeros((len(errors), len(entry_problem.CHANNELS)))
+    positions[:, channel] = errors
+    return positions
+
+
+def final_errors(inputs, air, reference, gain, errors, **options):
+    """Flown final radius, crossrange and downrange errors, m, of position errors at entry: both (trials, 3).
+
+    air: see `surroundings`. reference, gain, options: as of `flight.fly`. Trials that crash or are not finite have NaN.
+    """
+    states = displaced(inputs, reference.initial_state, np.vstack([np.zeros(3), errors]))
+    flown = flight.fly(*air, reference, gain, states, substeps=inputs.substeps, **options)
+    final = np.where(flown.outcome == 0, flown.final_state[: flight.STATES], np.nan).T
+    return flight.position_errors(final[1:], final[:1], inputs.planet_radius)

@@ -1,0 +1,390 @@
+"""Flights of perturbed entries beside the nominal (Eqs. 1 and 2, with the feedback of Sec. 3).
+
+The nominal's bank acceleration is constant on equal intervals. The nominal is integrated along with every trial, by
+the same steps: the feedback answers the difference to it at every stage, and a trial without perturbation is the
+nominal to the last bit.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates_from_sines
+from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE, Trajectories, new_trajectories, pad_to_groups
+from marsedl.montecarlo.integrators import runge_kutta_4
+from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+
+# The state, what is stored of it over time and at the end, and the nominal's state, which is integrated behind it.
+ALTITUDE, LATITUDE, LONGITUDE, RADIAL_VELOCITY, NORTH_VELOCITY, EAST_VELOCITY, BANK, BANK_RATE = range(8)
+STATES = 8
+CUMULATIVE = 8  # integral of the magnitude of the flown bank acceleration
+STORED = 9
+INTEGRATED = STORED + STATES
+
+BANK_ACCELERATION, COMMAND_MAGNITUDE = range(2)  # as flown; as commanded
+OBSERVED = 2
+
+LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
+ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
+
+_SETTINGS = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            *("gravitational_parameter", "planet_radius", "ballistic_coefficient", "lift_to_drag"),
+            *("bank_acceleration_bound", "bottom", "cells_per_metre"),
+        )
+    ]
+)
+
+
+class Reference(NamedTuple):
+    """The nominal that is flown: its start, and its bank acceleration on equal intervals of time."""
+
+    initial_state: np.ndarray  # (8,), SI and rad
+    bank_acceleration: np.ndarray  # (N,), rad/s^2, within its bound
+    final_time: float  # s, end of all flights
+
+
+# ---- set-up ----------------------------------------------------------------------------------------------------------
+
+
+def settings(inputs, nodes):
+    """The constants of a flight as a record that compiled code reads by name.
+
+    Args:
+        inputs: has gravitational_parameter (m^3/s^2), planet_radius (m), ballistic_coefficient (kg/m^2), lift_to_drag
+            (1) and bank_acceleration_bound (rad/s^2).
+        nodes: altitudes of the density table, with bottom (m) and spacing (m), see `atmosphere.uniform_nodes`.
+
+    Returns:
+        Structured array of shape (1,).
+
+    Raises:
+        ValueError: if the bound or the spacing is not positive.
+    """
+    if not inputs.bank_acceleration_bound > 0.0:
+        raise ValueError(f"bank_acceleration_bound must be positive, got {inputs.bank_acceleration_bound}")
+    if not nodes.spacing > 0.0:
+        raise ValueError(f"the spacing of the nodes must be positive, got {nodes.spacing}")
+    values = {"bottom": nodes.bottom, "cells_per_metre": 1.0 / nodes.spacing}
+    return np.array(
+        [tuple(values[name] if name in values else getattr(inputs, name) for name in _SETTINGS.names)], dtype=_SETTINGS
+    )
+
+
+def _checked_reference(reference, bound):
+    """Initial state, bank acceleration and final time as compiled code takes them; ValueError if they are none."""
+    # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
+    initial_state = np.array(reference.initial_state, dtype=float)
+    control = np.array(reference.bank_acceleration, dtype=float)
+    if initial_state.shape != (STATES,) or control.ndim != 1 or not len(control):
+        raise ValueError(
+            f"initial_state and bank_acceleration of the reference must have shapes ({STATES},) and (intervals,), got "
+            f"{initial_state.shape} and {control.shape}"
+        )
+    if not (np.isfinite(initial_state).all() and np.isfinite(control).all()):
+        raise ValueError("initial_state and bank_acceleration of the reference must be finite")
+    if not 0.0 < reference.final_time < np.inf:
+        raise ValueError(f"final_time of the reference must be positive, got {reference.final_time}")
+    largest = int(np.argmax(np.abs(control)))
+    if abs(control[largest]) > (1.0 + ROUNDING) * bound:
+        raise ValueError(
+            f"the reference's bank acceleration on interval {largest}, {control[largest]:g} rad/s^2, is beyond its "
+            f"bound, {bound:g}"
+        )
+    # What an optimiser leaves beyond the bound must not make a difference between the nominal and a trial.
+    return initial_state, np.clip(control, -bound, bound), float(reference.final_time)
+
+
+def _checked_arguments(cells, gain, initial_states, density_factor):
+    """Arrays for the kernel from what describes the air and the trials; ValueError if shapes or values do not fit."""
+    cells = np.array(cells, dtype=float, order="C")
+    if cells.ndim != 2 or cells.shape[0] < 3 or cells.shape[1] != 4:
+        raise ValueError(f"cells must have shape (nodes + 1, 4), see atmosphere.uniform_cells, got {cells.shape}")
+    gain = np.array(gain, dtype=float)
+    if gain.shape != (STATES,) or not np.isfinite(gain).all():
+        raise ValueError(f"gain must be {STATES} finite numbers, one per state, got {gain}")
+    states = np.asarray(initial_states, dtype=float)
+    if states.ndim != 2 or states.shape[1] != STATES or not len(states):
+        raise ValueError(f"initial_states must have shape (trials, {STATES}), got {states.shape}")
+    factor = np.asarray(density_factor, dtype=float)
+    if factor.shape not in ((), (len(states),)) or not (factor >= 0.0).all():
+        raise ValueError(
+            f"density_factor must be a number or one per trial, ({len(states)},), none negative or NaN, got shape "
+            f"{factor.shape}"
+        )
+    return cells, gain, states, np.broadcast_to(factor, len(states))
+
+
+def _whole(number, name, divided=None):
+    """A count as an integer; ValueError unless it is whole and positive and divides `divided`."""
+    if number != int(number) or number < 1:
+        raise ValueError(f"{name} must be a whole number from 1 on, got {number}")
+    if divided is not None and divided % int(number):
+        raise ValueError(f"{name} ({number}) must divide the {divided} intervals, so that the end is stored")
+    return int(number)
+
+
+# ---- compiled --------------------------------------------------------------------------------------------------------
+
+
+@inline_njit
+def _log_density(altitude, cells, constants):
+    """ln of the density: cubics between uniform nodes, and a cell more before the first node and behind the last."""
+    position = (altitude - constants.bottom) * constants.cells_per_metre + 1.0
+    last = np.float64(cells.shape[0] - 1)
+    inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
+    inside = inside if inside < last else last
+    cell = np.int32(inside)
+    rest = position - cell
+    found = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
+    found = LEAST_LOG_DENSITY if found < LEAST_LOG_DENSITY else found  # NaN stays NaN
+    return LARGEST_LOG_DENSITY if found > LARGEST_LOG_DENSITY else found
+
+
+@inline_njit
+def _command(state, nominal_control, gain, command):
+    """Bank acceleration u = u* + k (y - y*) before its bound, command (1, LANES)."""
+    for lane in range(LANES):
+        command[0, lane] = nominal_control
+    # To a length, not to a constant: the loop would be unrolled, which doubles the time to compile.
+    for row in range(len(gain)):
+        factor = gain[row]
+        for lane in range(LANES):
+            command[0, lane] += factor * (state[row, lane] - state[STORED + row, lane])
+
+
+@inline_njit
+def _bounded(command, constants):
+    bound = constants.bank_acceleration_bound
+    limited = -bound if command < -bound else command
+    return bound if limited > bound else limited
+
+
+@inline_njit
+def _drift(half_index, state, noise, parameters, out):
+    cells, density_factor, nominal_control, gain, command, flown, log_density, constants = parameters
+    # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
+    for lane in range(LANES):
+        log_density[0, lane] = _log_density(state[ALTITUDE, lane], cells, constants)
+        log_density[1, lane] = _log_density(state[STORED + ALTITUDE, lane], cells, constants)
+    _command(state, nominal_control, gain, command)
+    for lane in range(LANES):
+        flown[0, lane], flown[1, lane] = _bounded(command[0, lane], constants), nominal_control
+        out[CUMULATIVE, lane] = abs(flown[0, lane])
+    # The trial and the nominal, by the same code.
+    for vehicle in range(2):
+        first = vehicle * STORED
+        for lane in range(LANES):
+            sin_latitude, cos_latitude = sine_cosine(state[first + LATITUDE, lane])
+            sin_bank, cos_bank = sine_cosine(state[first + BANK, lane])
+            (
+                out[first + ALTITUDE, lane],
+                out[first + LATITUDE, lane],
+                out[first + LONGITUDE, lane],
+                out[first + RADIAL_VELOCITY, lane],
+                out[first + NORTH_VELOCITY, lane],
+                out[first + EAST_VELOCITY, lane],
+                out[first + BANK, lane],
+                out[first + BANK_RATE, lane],
+            ) = velocity_component_entry_rates_from_sines(
+                state[first + ALTITUDE, lane],
+                sin_latitude,
+                cos_latitude,
+                state[first + RADIAL_VELOCITY, lane],
+                state[first + NORTH_VELOCITY, lane],
+                state[first + EAST_VELOCITY, lane],
+                sin_bank,
+                cos_bank,
+                state[first + BANK_RATE, lane],
+                flown[vehicle, lane],
+                exponential(log_density[vehicle, lane]) * density_factor[vehicle, lane],
+                constants.ballistic_coefficient,
+                constants.lift_to_drag,
+                constants.gravitational_parameter,
+                constants.planet_radius,
+            )
+
+
+_advance = runge_kutta_4(_drift)
+
+
+@inline_njit
+def _record(row, state, command, constants, history, observed):
+    for component in range(history.shape[1]):
+        for lane in range(LANES):
+            history[row, component, lane] = state[component, lane]
+    for lane in range(LANES):
+        observed[row, BANK_ACCELERATION, lane] = _bounded(command[0, lane], constants)
+        observed[row, COMMAND_MAGNITUDE, lane] = abs(command[0, lane])
+
+
+@inline_njit
+def _update_largest(command, flying, constants, largest):
+    for lane in range(LANES):
+        if flying[lane]:
+            # np.maximum keeps NaN, so a trial that went wrong shows it.
+            flown = _bounded(command[0, lane], constants)
+            largest[BANK_ACCELERATION, lane] = np.maximum(largest[BANK_ACCELERATION, lane], flown)
+            largest[COMMAND_MAGNITUDE, lane] = np.maximum(largest[COMMAND_MAGNITUDE, lane], abs(command[0, lane]))
+
+
+@inline_njit
+def _finish(lane, state, final):
+    for row in range(final.shape[0]):
+        final[row, lane] = state[row, lane]
+
+
+@njit(error_model="numpy")
+def _fly_group(
+    settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor, history, observed,
+    largest, length, final,
+):  # fmt: skip
+    """Fly LANES trials. final: (9, LANES), the initial state, replaced by the final one; the others are filled."""
+    constants = settings[0]
+    command, flown, log_density, noise = lane_array(1), lane_array(2), lane_array(2), lane_array(0)
+    state = lane_array(INTEGRATED)
+    for row in range(final.shape[0]):
+        for lane in range(LANES):
+            state[row, lane] = final[row, lane]
+    for row in range(len(nominal_state)):
+        for lane in range(LANES):
+            state[STORED + row, lane] = nominal_state[row]
+    work = (lane_array(INTEGRATED), lane_array(INTEGRATED), lane_array(INTEGRATED))
+    factor = lane_array(2)
+    for lane in range(LANES):
+        factor[0, lane], factor[1, lane] = density_factor[lane], 1.0
+    flying = np.ones(LANES, np.bool_)
+    remaining, row = LANES, 0
+    for interval in range(len(control)):
+        parameters = (cells, factor, control[interval], gain, command, flown, log_density, constants)
+        for substep in range(substeps):
+            _command(state, control[interval], gain, command)
+            _update_largest(command, flying, constants, largest)
+            if substep == 0 and interval % every == 0:
+                _record(row, state, command, constants, history, observed)
+                row += 1
+            _advance(0, time_step, state, noise, parameters, work)
+            for lane in range(LANES):
+                if flying[lane] and state[ALTITUDE, lane] < 0.0:
+                    _finish(lane, state, final)
+                    length[lane] = row
+                    flying[lane] = False
+                    remaining -= 1
+            if remaining == 0:
+                return
+    _command(state, control[len(control) - 1], gain, command)
+    _update_largest(command, flying, constants, largest)
+    _record(row, state, command, constants, history, observed)
+    for lane in range(LANES):
+        if flying[lane]:
+            _finish(lane, state, final)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _fly(
+    settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor, history, observed,
+    largest, length, final,
+):  # fmt: skip
+    for group in prange(final.shape[1] // LANES):
+        lanes = slice(group * LANES, (group + 1) * LANES)
+        _fly_group(
+            settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor[lanes],
+            history[:, :, lanes], observed[:, :, lanes], largest[:, lanes], length[lanes], final[:, lanes],
+        )  # fmt: skip
+
+
+# ---- flights ---------------------------------------------------------------------------------------------------------
+
+
+def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0, substeps, every=1) -> Trajectories:
+    """Fly perturbed entries to the nominal's final time (Eqs. 1 and 2) by the feedback law of Sec. 3.
+
+        u = u* + K (y - y*), within its bound
+
+    u* is the nominal's bank acceleration, constant on N intervals of equal length; y* is the nominal as integrated
+    here, not as an optimiser discretised it. Classical Runge-Kutta steps; the feedback acts at every stage. Nothing
+    keeps the bank rate within a bound.
+
+    Args:
+        constants: see `settings`.
+        cells: (nodes + 1, 4), ln of the density (kg/m^3), see `atmosphere.uniform_cells`.
+        reference: `Reference`, the nominal.
+        gain: (8,), K, rad/s^2 per unit of each state; zeros for a flight without feedback.
+        initial_states: (trials, 8): altitude (m), latitude, longitude (rad), radial, north and east velocity (m/s),
+            bank (rad), bank rate (rad/s).
+        density_factor: scalar or (trials,), by which the density around the trial, not the nominal, is multiplied.
+        substeps: integration steps per interval.
+        every: intervals between stored states; divides N.
+
+    Returns:
+        `Trajectories` with N / every + 1 times, start and end included. What is stored, and the final state, are the 8
+        states and the integral of |u| (rad/s). Observed are the bank acceleration flown (rad/s^2) and the magnitude of
+        the one commanded, before its bound, both for the interval that begins then, and at the end for the last one.
+        Their maxima are over the starts of all steps and the end. Outcomes: CRASHED below altitude zero, where a trial
+        ends and after which nothing is stored (NaN); NON_FINITE.
+
+    Raises:
+        ValueError: for shapes that do not fit, gains or a reference that are not finite, a reference beyond the bound
+            on the bank acceleration, negative density factors, or numbers of steps that are not whole.
+    """
+    bound = float(constants["bank_acceleration_bound"][0])
+    nominal_state, control, final_time = _checked_reference(reference, bound)
+    cells, gain, states, factor = _checked_arguments(cells, gain, initial_states, density_factor)
+    substeps, every = _whole(substeps, "substeps"), _whole(every, "every", len(control))
+    start = np.vstack([states.T, np.zeros(len(states))])
+    flown = new_trajectories(start, len(control) // every + 1, OBSERVED)
+    _fly(
+        constants, cells, nominal_state, control, gain, final_time / len(control) / substeps, substeps, every,
+        pad_to_groups(factor), flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state,
+    )  # fmt: skip
+    flown = flown.first(len(states))
+    flown.outcome[flown.final_state[ALTITUDE] < 0.0] = CRASHED
+    finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
+    flown.outcome[~finite] = NON_FINITE
+    ended = np.arange(len(flown.history))[:, np.newaxis, np.newaxis] >= flown.length
+    for stored in (flown.history, flown.observed):
+        np.copyto(stored, np.nan, where=ended)
+    return flown
+
+
+def fly_nominal(constants, cells, reference, substeps):
+    """The nominal as `fly` integrates it, the y* of its feedback: states at the ends of all intervals.
+
+    Args:
+        constants, cells, reference, substeps: as of `fly`.
+
+    Returns:
+        (N + 1, 8), states in their order there.
+
+    Raises:
+        ValueError: as `fly`, or if the nominal comes below altitude zero or is not finite.
+    """
+    flown = fly(constants, cells, reference, np.zeros(STATES), [reference.initial_state], substeps=substeps)
+    if flown.outcome[0] != COMPLETED:
+        end = "comes below altitude zero" if flown.outcome[0] == CRASHED else "is not finite"
+        raise ValueError(f"the nominal {end} on interval {flown.length[0] - 1} of {len(reference.bank_acceleration)}")
+    return flown.history[:, :STATES, 0].copy()
+
+
+def position_errors(states, nominal_states, planet_radius):
+    """Position errors in metres, as the paper's figures show them (Sec. 4).
+
+        (delta h, r_m delta phi, r_m delta theta)
+
+    With one radius r_m from start to end, a downrange error without feedback stays what it is.
+
+    Args:
+        states: (..., n), altitude (m), latitude and longitude (rad) first; `Trajectories` have the trial last, so move
+            their dimension 1 to the end.
+        nominal_states: (..., n), likewise, broadcast against them.
+        planet_radius: r_m, m.
+
+    Returns:
+        (..., 3), errors in radius, crossrange (north) and downrange (east), m.
+    """
+    position, nominal = (np.asarray(part, dtype=float)[..., : LONGITUDE + 1] for part in (states, nominal_states))
+    return (position - nominal) * np.array([1.0, planet_radius, planet_radius])

@@ -1,0 +1,338 @@
+"""Density, entry velocity and flight path angle beside the position at entry: the next step that Sec. 4.3 announces.
+
+Density is a factor on the whole profile. In the norm that is made small its error counts like the radius error of
+Table 3, so that weights compare: the norm is the final position error for `density_error` over `tabulated_error`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods import sensitivity_gains
+from marsedl.methods.desensitization import Perturbation, column
+from marsedl.methods.linearization import linearize
+from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.papers.desensitized import entry_problem, environment, flight
+from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM
+from marsedl.papers.desensitized.gains import GAIN_UNIT, gain_problem, gain_vector, reference
+from marsedl.papers.desensitized.linearization import position_columns, position_rows
+from marsedl.papers.desensitized.nominal import Nominal, as_guess
+from marsedl.papers.desensitized.tradeoff import Point, Tradeoff, effort, final_error, follow
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
+
+PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
+ALL = tuple(range(len(PERTURBATIONS)))
+DENSITY, RADIUS = PERTURBATIONS.index("density"), PERTURBATIONS.index("radius")
+NO_FEEDBACK, NULL, BOTH_NULL, TUNED, BOTH_TUNED = LAWS = (
+    *("no feedback", "density null", "density and radius null"),
+    *("density tuned", "density and radius tuned"),
+)
+DENSITY_FRACTIONS = (0.02, 0.2, 1.0, 2.0)  # of the density error, flown either way under every law
+RADIUS_FRACTIONS = TUNED_FRACTIONS = (0.2, 1.0)  # likewise of the radius error; of the density error when tuning
+BOTH_WAYS = np.array([1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class FurtherPerturbations:
+    """Sensitivity to further perturbations, a nominal desensitized against density, and feedback against it.
+
+    Errors are of the final altitude, crossrange and downrange. Perturbations: density, velocity along its direction,
+    flight path angle, radius, crossrange, downrange. Linear errors are by the midpoint rule. Flown errors are those of
+    the perturbation either way, first the positive one; NaN: below the ground before the end. Designs are the nominal
+    and the solutions at the wanted weights on density.
+    """
+
+    perturbation: np.ndarray = quantity("1", (6,), "name", "str")
+    size: np.ndarray = quantity("1, m/s, rad, m, m, m", (6,), "size")
+    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the radius of the rows of Table 3")
+    row_linear_error: np.ndarray = quantity("m", ("rows", 6, 3), "by the sensitivity, rows of Table 3")
+    row_flown_error: np.ndarray = quantity("m", ("rows", 6, 2, 3), "as flown, rows of Table 3", allow_nan=True)
+
+    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity to density")
+    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
+    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
+    path_error: np.ndarray = quantity("m", ("steps", 3), "for the density error, by the columns of the solver")
+    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
+    path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
+    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
+    path_end: str = quantity("1", (), "why the path ends where it does", "str")
+
+    design_weight: np.ndarray = quantity("deg^2/s^3", ("designs",), "weight on the sensitivity to density")
+    design_time: np.ndarray = quantity("s", ("designs", "time"), "nodes")
+    design_bank: np.ndarray = quantity("rad", ("designs", "time"), "bank angle")
+    design_bank_acceleration: np.ndarray = quantity("rad/s^2", ("designs", "intervals"), "on each interval")
+    design_effort: np.ndarray = quantity("deg^2/s^3", ("designs",), "control energy J0")
+    design_cumulative: np.ndarray = quantity("rad/s", ("designs",), "integral of the absolute bank acceleration")
+    design_propellant: np.ndarray = quantity("kg", ("designs",), "propellant of the reaction control system")
+    design_branch: np.ndarray = quantity("1", ("designs",), "number of the branch", "int64")
+    design_linear_error: np.ndarray = quantity("m", ("designs", 6, 3), "by the sensitivity")
+    design_flown_error: np.ndarray = quantity("m", ("designs", 6, 2, 3), "as flown", allow_nan=True)
+
+    law: np.ndarray = quantity("1", ("laws",), "feedback on the nominal", "str")
+    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
+    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
+    converged: np.ndarray = quantity("1", ("laws",), "whether the search for them converged", "bool")
+    ended: np.ndarray = quantity("1", ("laws",), "how it ended", "str")
+    law_linear_error: np.ndarray = quantity(
+        "m", ("laws", 2, 3), "by the sensitivity, for density and radius error", allow_nan=True
+    )
+    density_error: np.ndarray = quantity("1", ("densities",), "relative errors of the density under every law")
+    density_flown_error: np.ndarray = quantity("m", ("laws", "densities", 3), "as flown", allow_nan=True)
+    radius_error: np.ndarray = quantity("m", ("radii",), "radius errors under every law")
+    radius_flown_error: np.ndarray = quantity("m", ("laws", "radii", 3), "as flown", allow_nan=True)
+
+
+class Model(NamedTuple):
+    """Linear model of a trajectory in the middle of its intervals, the first fields as in `Linearization`."""
+
+    time: np.ndarray  # (N + 1,)
+    state_matrix: np.ndarray  # (N, 8, 8)
+    control_matrix: np.ndarray  # (N, 8)
+    density_matrix: np.ndarray  # (N, 8), per density factor
+
+
+class Trajectory(NamedTuple):
+    """What a flight follows."""
+
+    time: np.ndarray
+    state: np.ndarray  # (N + 1, 8)
+    bank_acceleration: np.ndarray  # (N,)
+
+
+class Law(NamedTuple):
+    """Gains and how the search for them ended."""
+
+    scaled_gain: np.ndarray
+    converged: bool
+    ended: str
+
+
+def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> FurtherPerturbations:
+    """Perturb the rows of Table 3 in other ways, desensitize the nominal against density, and feed back against it."""
+    air = environment.surroundings(inputs)
+    rows = [Trajectory(*row) for row in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True)]
+    points, designs, path_end, extended = density_path(inputs, nominal)
+    plain = Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
+    laws = list(density_feedback(inputs, plain, air))
+    densities = inputs.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS)
+    radii = inputs.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS)
+    under_laws = [under_law(inputs, air, plain, law, densities, radii) for law in laws]
+    solutions = [point.solution for point in points]
+    designed = [trajectory(point.solution) for point in designs]
+    totals = [entry_problem.cumulative(t.time, t.bank_acceleration) for t in designed]
+    firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
+    return FurtherPerturbations(
+        perturbation=np.array(PERTURBATIONS),
+        size=sizes(inputs),
+        row_weight=tradeoff.weight,
+        row_linear_error=np.array([linear_errors(inputs, row) for row in rows]),
+        row_flown_error=np.array([flown_errors(inputs, air, row) for row in rows]),
+        path_weight=np.array([s.given["weight"] for s in solutions]),
+        path_effort=np.array([effort(s) for s in solutions]),
+        path_cumulative=np.array([entry_problem.cumulative(s.time, s.controls[:, 0]) for s in solutions]),
+        path_error=np.array([final_error(inputs, extended, s) for s in solutions]),
+        path_reversals=np.array([entry_problem.reversals(s.state("bank")) for s in solutions]),
+        path_branch=np.array([point.branch for point in points]),
+        branch=np.array([entry_problem.branch_name(point.solution.state("bank")) for point in firsts]),
+        path_end=path_end,
+        design_weight=np.array([point.solution.given["weight"] for point in designs]),
+        design_time=np.array([t.time for t in designed]),
+        design_bank=np.array([t.state[:, BANK] for t in designed]),
+        design_bank_acceleration=np.array([t.bank_acceleration for t in designed]),
+        design_effort=np.array([effort(point.solution) for point in designs]),
+        design_cumulative=np.array(totals),
+        design_propellant=np.array([entry_problem.propellant(inputs, total) for total in totals]),
+        design_branch=np.array([point.branch for point in designs]),
+        design_linear_error=np.array([linear_errors(inputs, t) for t in designed]),
+        design_flown_error=np.array([flown_errors(inputs, air, t) for t in designed]),
+        law=np.array(LAWS),
+        scaled_gain=np.array([law.scaled_gain for law in laws]),
+        gain=np.array([gain_vector(inputs, law.scaled_gain) for law in laws]),
+        converged=np.array([law.converged for law in laws]),
+        ended=np.array([law.ended for law in laws]),
+        density_error=densities,
+        radius_error=radii,
+        **{name: np.array([of_law[name] for of_law in under_laws]) for name in under_laws[0]},
+    )
+
+
+# ---- perturbations ---------------------------------------------------------------------------------------------------
+
+
+def sizes(inputs):
+    """Sizes of the perturbations, (6,)."""
+    position = [inputs.tabulated_error] * 3
+    return np.array([inputs.density_error, inputs.velocity_error, inputs.path_angle_error, *position])
+
+
+def directions(inputs):
+    """Change of the state at entry per unit of the perturbations, (8, 6); that of the density changes none."""
+    speed, climb, heading = inputs.entry_velocity, inputs.entry_flight_path_angle, inputs.entry_azimuth
+    towards = np.array([np.cos(heading), np.sin(heading)])  # north, east
+    found = np.zeros((len(STATES), len(PERTURBATIONS)))
+    velocity = slice(STATES.index("radial_velocity"), STATES.index("east_velocity") + 1)
+    found[velocity, 1] = [np.sin(climb), *np.cos(climb) * towards]
+    found[velocity, 2] = [speed * np.cos(climb), *-speed * np.sin(climb) * towards]
+    found[:, RADIUS:] = position_columns(inputs)
+    return found
+
+
+def model(inputs, along: Trajectory) -> Model:
+    """Linear model about a trajectory, with the density factor as a further control."""
+    middle = (along.state[1:] + along.state[:-1]) / 2.0
+    given = np.tile(list(entry_problem.given().values()), (len(middle), 1))
+    found = linearize(entry_problem.rates(inputs), middle, np.column_stack([along.bank_acceleration, given]))
+    return Model(along.time, found.state_matrix, found.control_matrix[:, :, 0], found.control_matrix[:, :, -1])
+
+
+def closed_loop(inputs, along: Trajectory, perturbations):
+    """Final errors as a function of gains, for perturbations by their numbers.
+
+    The unit of a perturbation is its size over the radius error of Table 3, so that all count alike.
+    """
+    of, unit = model(inputs, along), sizes(inputs) / inputs.tabulated_error
+    forcing = np.zeros((*of.density_matrix.shape, len(PERTURBATIONS)))
+    forcing[:, :, DENSITY] = of.density_matrix
+    return gain_problem(
+        inputs, of, (directions(inputs) * unit)[:, perturbations], (forcing * unit)[:, :, perturbations]
+    )
+
+
+def linear_errors(inputs, along: Trajectory, scaled_gain=0.0, perturbations=ALL):
+    """Final errors for perturbations by their sensitivity, (perturbations, 3); NaN where it overflows."""
+    found = sensitivity_gains.final_errors(closed_loop(inputs, along, perturbations), scaled_gain)
+    return np.where(np.isfinite(found), found, np.nan).T * inputs.tabulated_error
+
+
+def flown_errors(inputs, air, along: Trajectory):
+    """Final errors for the perturbations as flown without feedback, either way, (6, 2, 3)."""
+    changes = BOTH_WAYS[:, np.newaxis] * sizes(inputs)[:, np.newaxis, np.newaxis]
+    deviations = (directions(inputs).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
+    factors = np.ones((len(PERTURBATIONS), len(BOTH_WAYS)))
+    factors[DENSITY] += BOTH_WAYS * inputs.density_error
+    found = flown(inputs, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
+    return found.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
+
+
+def flown(inputs, air, along: Trajectory, gain, deviations, density_factors):
+    """Final errors of flights with deviations (trials, 8) of the state at entry and density factors (trials,).
+
+    (trials, 3), m, against the flight without either; NaN for what came below the ground.
+    """
+    trials = flight.fly(
+        *air,
+        reference(along),
+        gain,
+        along.state[0] + np.vstack([np.zeros(len(STATES)), deviations]),
+        density_factor=np.concatenate([[1.0], density_factors]),
+        substeps=inputs.substeps,
+        every=len(along.bank_acceleration),
+    )
+    final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
+    return flight.position_errors(final[1:], final[:1], inputs.planet_radius)
+
+
+# ---- a nominal desensitized against density --------------------------------------------------------------------------
+
+
+def density_path(inputs, nominal: Nominal):
+    """Solutions of least J0 + c |density column| over the wanted weights, from the nominal on.
+
+    Returns all points of the path, those of the wanted weights, why it ends, and the extended problem.
+    """
+    unit = inputs.density_error / inputs.tabulated_error
+    extended = entry_problem.desensitized(inputs, [Perturbation("density", parameters={"density_factor": unit})])
+    lengths = position_rows(inputs).diagonal()
+
+    def end_cost(start, end, parameters):
+        parts = [(length * end[column(name, "density")]) ** 2 for length, name in zip(lengths, POSITIONS, strict=True)]
+        return parameters["weight"] * np.sqrt(sum(parts) + inputs.norm_smoothing)
+
+    transcribed = entry_problem.program(inputs, replace(extended.problem, end_cost=end_cost))
+    guess = extended.guess(as_guess(nominal), entry_problem.given())
+    points = [Point(entry_problem.solve(inputs, "no weight on density", transcribed, guess, barrier=WARM), 0)]
+    designs, path_end = [points[0]], "at the largest weight wanted"
+    for weight in np.sort(inputs.density_weights):
+        last = points[-1]
+        try:
+            further = follow(inputs, transcribed, last.solution, [weight])[0]
+        except MarsedlError:
+            path_end = f"no solution was found between the weights {last.solution.given['weight']:g} and {weight:g}"
+            break
+        points += [Point(point.solution, last.branch + point.branch) for point in further[1:]]
+        designs.append(points[-1])
+    return points, designs, path_end, extended
+
+
+def trajectory(solution) -> Trajectory:
+    """A solution without its columns."""
+    return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
+
+
+# ---- feedback against density ----------------------------------------------------------------------------------------
+
+
+def density_feedback(inputs, along: Trajectory, air):
+    """Gains on the nominal, one `Law` after the other in the order of `LAWS`.
+
+    Null: least gains that null the density column, or that of the density and that of the radius. Tuned: least squares
+    of flown errors, divided by their sizes, from no feedback.
+    """
+    none = np.zeros(len(MEASURED))
+    yield Law(none, True, "no feedback")
+    yield null(inputs, closed_loop(inputs, along, [DENSITY]), none)
+    both = closed_loop(inputs, along, [DENSITY, RADIUS])
+    least = sensitivity_gains.regularized(both, inputs.all_columns_regularization)[-1]
+    found = null(inputs, both, np.ravel(least.k))
+    if not found.converged:
+        # Where no null is found the last gains mean nothing; those of the least squares do.
+        weight = inputs.all_columns_regularization[-1]
+        found = Law(np.ravel(least.k), False, f"regularized by {weight:g} instead, for {found.ended}")
+    yield found
+    yield tuned(inputs, along, air, [])
+    yield tuned(inputs, along, air, [inputs.tabulated_error])
+
+
+def null(inputs, problem, start) -> Law:
+    """Least gains that null the columns of a problem."""
+    found = sensitivity_gains.minimum_norm(
+        problem,
+        start,
+        step_limit=inputs.gain_step_limit,
+        tolerance=inputs.gain_tolerance,
+        iterations=inputs.gain_iterations,
+    )
+    return Law(np.ravel(found.k), bool(found.converged), found.reason)
+
+
+def tuned(inputs, along: Trajectory, air, radii) -> Law:
+    """Gains tuned to flights with density errors, and with radius errors of these sizes, from no feedback."""
+    fractions = np.kron(TUNED_FRACTIONS, BOTH_WAYS)
+    radii = np.kron(radii, BOTH_WAYS)
+    weight = np.concatenate([np.abs(fractions) * inputs.tabulated_error, np.abs(radii)])
+    factors = np.concatenate([1.0 + fractions * inputs.density_error, np.ones(len(radii))])
+    deviations = np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(inputs)[:, RADIUS]
+
+    def errors(scaled_gain):
+        found = flown(inputs, air, along, gain_vector(inputs, np.ravel(scaled_gain)), deviations, factors)
+        return (found / weight[:, np.newaxis]).ravel()
+
+    start = np.zeros(len(MEASURED))
+    if not np.isfinite(errors(start)).all():
+        return Law(start, False, "flights without feedback come below the ground, so there is nothing to start from")
+    found = sensitivity_gains.tune(errors, start, iterations=inputs.gain_iterations)
+    return Law(found.k, bool(found.converged), found.reason)
+
+
+def under_law(inputs, air, along: Trajectory, law: Law, densities, radii):
+    """Linear and flown errors under a law, by field."""
+    deviations = np.concatenate([np.zeros(len(densities)), radii])[:, np.newaxis] * directions(inputs)[:, RADIUS]
+    factors = np.concatenate([1.0 + densities, np.ones(len(radii))])
+    found = flown(inputs, air, along, gain_vector(inputs, law.scaled_gain), deviations, factors)
+    return {
+        "law_linear_error": linear_errors(inputs, along, law.scaled_gain, [DENSITY, RADIUS]),
+        "density_flown_error": found[: len(densities)],
+        "radius_flown_error": found[len(densities) :],
+    }

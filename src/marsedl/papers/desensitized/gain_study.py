@@ -1,0 +1,181 @@
+"""Other gains that meet the paper's problem as well: what it leaves open, ranked by flown errors.
+
+All candidates but the tuned ones make the final position insensitive to first order. What tells them apart is how far
+from the nominal that holds.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods import sensitivity_gains
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.desensitized import environment
+from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED
+from marsedl.papers.desensitized.gains import (
+    ALL_COLUMNS,
+    Gains,
+    flown_law,
+    gain_problem,
+    gain_vector,
+    least_gains,
+    simulated_errors,
+    tuned,
+)
+from marsedl.papers.desensitized.linearization import Linearization, position_columns
+from marsedl.replication.artifacts import quantity
+
+START_STREAM = 2
+LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
+SAME = 1e-3  # scaled gains nearer to each other than this are one candidate
+
+
+@dataclass(frozen=True)
+class GainStudy:
+    """Candidates of every channel in the order of their flown errors, and gains for all channels at once."""
+
+    channel: np.ndarray = quantity("1", ("candidates",), "radius, crossrange or downrange, as a number", "int64")
+    method: np.ndarray = quantity("1", ("candidates",), "how the gains were found", "str")
+    found: np.ndarray = quantity("1", ("candidates",), "starts that led there", "int64")
+    rank: np.ndarray = quantity("1", ("candidates",), "place among the channel's candidates, 0 the best", "int64")
+    scaled_gain: np.ndarray = quantity("rad/s^2", ("candidates", 6), "gains on position and velocity by their scales")
+    linear_error: np.ndarray = quantity(
+        "m/m", ("candidates", 3), "final radius, crossrange and downrange by the linear sensitivity"
+    )
+    flown_norm: np.ndarray = quantity("1", ("candidates",), "root mean square of the flown errors per initial error")
+    tuning_error: np.ndarray = quantity("m", ("sizes",), "initial errors flown")
+    flown_error: np.ndarray = quantity(
+        "m", ("candidates", "sizes"), "norm of the final error they lead to", allow_nan=True
+    )
+    least_starts: np.ndarray = quantity("1", (3,), "random starts of the least gains, by channel", "int64")
+    least_failed: np.ndarray = quantity("1", (3,), "those that did not converge", "int64")
+    all_sizes: np.ndarray = quantity(
+        "m", ("all_sizes",), "initial errors of every channel, flown with one set of gains"
+    )
+    all_scaled_gain: np.ndarray = quantity("rad/s^2", (2, 6), "one set of gains: of the linear problem, and tuned")
+    all_flown_error: np.ndarray = quantity(
+        "m", (2, 3, "all_sizes"), "norm of the final error that they lead to, by channel", allow_nan=True
+    )
+    all_tuned: bool = quantity("1", (), "whether the tuning of the one set came to an end")
+
+
+class Candidate(NamedTuple):
+    """Gains of a channel, how they were found, and from how many starts."""
+
+    method: str
+    scaled_gain: np.ndarray
+    found: int = 1
+
+
+def compute(inputs, linearization: Linearization, gains: Gains) -> GainStudy:
+    """Collect candidates for every channel, and rank them by the errors at which gains are tuned."""
+    reference, _ = flown_law(gains, 0)
+    rows, failed, sizes = [], [], inputs.tuning_errors
+    air = environment.surroundings(inputs)
+    for number, channel in enumerate(CHANNELS):
+        problem = gain_problem(inputs, linearization, position_columns(inputs)[:, [number]])
+        simulate = simulated_errors(inputs, reference, number)
+        candidates, lost = collected(inputs, linearization, problem, reference, number, channel)
+        failed.append(lost)
+        ranking = sensitivity_gains.rank([c.scaled_gain for c in candidates], simulate)
+        for place, index in enumerate(ranking.order):
+            candidate = candidates[index]
+            flown = environment.final_errors(
+                inputs,
+                air,
+                reference,
+                gain_vector(inputs, candidate.scaled_gain),
+                environment.along_channel(number, sizes),
+            )
+            norm = float(ranking.norms[index]) / np.sqrt(len(sizes))
+            rows.append(
+                {
+                    "channel": number,
+                    "method": candidate.method,
+                    "found": candidate.found,
+                    "rank": place,
+                    "scaled_gain": candidate.scaled_gain,
+                    "linear_error": sensitivity_gains.final_errors(problem, candidate.scaled_gain[np.newaxis])[:, 0],
+                    "flown_norm": norm if np.isfinite(norm) else LOST,
+                    "flown_error": np.linalg.norm(flown, axis=1),
+                }
+            )
+    return GainStudy(
+        **{name: np.array([row[name] for row in rows]) for name in rows[0]},
+        tuning_error=sizes,
+        least_starts=np.full(3, starts_of(inputs)),
+        least_failed=np.array(failed),
+        **for_all(inputs, gains),
+    )
+
+
+def starts_of(inputs):
+    """Random starts of the least gains in each channel."""
+    return 10 * inputs.tuning_starts
+
+
+def collected(inputs, linearization, problem, reference, number, channel):
+    """Candidates of a channel, and the number of random starts that led to none."""
+    least = least_gains(inputs, linearization, problem.columns, channel)
+    candidates = [Candidate("least gains", np.ravel(least.k))]
+    draws = normals(inputs.seed, START_STREAM + number, np.arange(starts_of(inputs)), len(MEASURED))
+    lost = 0
+    for start in draws:
+        found = sensitivity_gains.minimum_norm(
+            problem,
+            start[np.newaxis],
+            step_limit=inputs.gain_step_limit,
+            tolerance=inputs.gain_tolerance,
+            iterations=inputs.gain_iterations,
+        )
+        if not found.converged:
+            lost += 1
+            continue
+        keep(candidates, "least gains, another start", found.k)
+    weights = inputs.all_columns_regularization
+    keep(candidates, "regularised least squares", sensitivity_gains.regularized(problem, weights)[-1].k)
+    for result in tuned(inputs, reference, number, least.k):
+        keep(candidates, "tuned to flown errors", result.k)
+    return candidates, lost
+
+
+def keep(candidates, method, scaled_gain):
+    """Add a candidate to the list, or count it to the one that it equals."""
+    gain = np.ravel(scaled_gain)
+    for k, known in enumerate(candidates):
+        if np.linalg.norm(known.scaled_gain - gain) < SAME * np.linalg.norm(gain):
+            candidates[k] = known._replace(found=known.found + 1)
+            return
+    candidates.append(Candidate(method, gain))
+
+
+def for_all(inputs, gains: Gains):
+    """One set of gains for all channels, as solved for and tuned to flown errors of the smallest size, by field."""
+    number = list(gains.law).index(ALL_COLUMNS)
+    reference, _ = flown_law(gains, number)
+    air = environment.surroundings(inputs)
+    sizes = np.unique(np.abs(inputs.tuning_errors))
+    every = np.sort(np.concatenate([-sizes, sizes]))
+
+    def flown(scaled_gain, errors):
+        """Final errors (3, errors, 3) of the errors of every channel, all in one call."""
+        gain = gain_vector(inputs, np.ravel(scaled_gain))
+        positions = np.vstack([environment.along_channel(channel, errors) for channel in range(len(CHANNELS))])
+        final = environment.final_errors(inputs, air, reference, gain, positions)
+        return final.reshape(len(CHANNELS), len(errors), len(CHANNELS))
+
+    def residual(scaled_gain):
+        return np.ravel(flown(scaled_gain, sizes[0] * np.array([-1.0, 1.0])) / sizes[0])
+
+    start = gains.scaled_gain[number]
+    both, ended = [start, start], False
+    if np.isfinite(residual(start)).all():
+        result = sensitivity_gains.tune(residual, start, iterations=inputs.gain_iterations)
+        both, ended = [start, np.ravel(result.k)], bool(result.converged)
+    return {
+        "all_sizes": every,
+        "all_scaled_gain": np.array(both),
+        "all_flown_error": np.array([np.linalg.norm(flown(k, every), axis=2) for k in both]),
+        "all_tuned": ended,
+    }

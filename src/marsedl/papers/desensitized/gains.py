@@ -1,0 +1,260 @@
+"""Constant feedback gains, one set per channel, and the laws that are flown (Secs. 4.1 to 4.3).
+
+The control energy does not depend on the gains, and three numbers are to vanish by six gains: the nominal stays, and
+the least gains are a choice that does not depend on a solver's path.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods import sensitivity_gains
+from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
+from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.desensitized import entry_problem, environment, flight
+from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATE_UNIT, STATES, WARM
+from marsedl.papers.desensitized.linearization import Linearization, along, position_columns, position_rows
+from marsedl.papers.desensitized.nominal import Nominal, as_guess
+from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import SolverError
+
+NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
+LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
+MOST_ITERATIONS = 200  # of one solve for all columns, several times what it takes where there is a solution
+TUNING_STREAM = 1  # of the random numbers; flights use others
+GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What is flown: nominals without feedback, and with gains designed for one channel or for all.
+
+    Laws: no_doc; reshaped, the row c1 = 1 of Table 3 without feedback; then those with feedback. A law with feedback
+    flies the nominal, but for those that were solved for together with a trajectory.
+    """
+
+    law: np.ndarray = quantity("1", ("laws",), "name", "str")
+    time: np.ndarray = quantity("s", ("laws", "time"), "nodes of the trajectory that the law follows")
+    state: np.ndarray = quantity(STATE_UNIT, ("laws", "time", 8), "states there")
+    bank_acceleration: np.ndarray = quantity("rad/s^2", ("laws", "intervals"), "bank acceleration on each interval")
+    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
+    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
+    final: np.ndarray = quantity(
+        "m/m", ("laws", 3, 3), "final radius, crossrange and downrange against those at entry, closed loop"
+    )
+    effort: np.ndarray = quantity("deg^2/s^3", ("laws",), "control energy of the trajectory")
+    iterations: np.ndarray = quantity("1", ("laws",), "iterations of the gains", "int64")
+    converged: np.ndarray = quantity("1", ("laws",), "whether they converged", "bool")
+    ended: np.ndarray = quantity("1", ("laws",), "how their search ended", "str")
+
+
+class Law(NamedTuple):
+    """A trajectory to follow and the gains to do it with."""
+
+    time: np.ndarray
+    state: np.ndarray
+    bank_acceleration: np.ndarray
+    scaled_gain: np.ndarray = np.zeros(len(MEASURED))
+    iterations: int = 0
+    converged: bool = True
+    ended: str = "no feedback"
+
+
+def gain_scale(inputs):
+    """Deviations of the measured states that count as one, (6,)."""
+    return entry_problem.state_scale(inputs)[: len(MEASURED)]
+
+
+def gain_vector(inputs, scaled_gain):
+    """Gains on all states, (8,), from those on the scaled measured states."""
+    return np.concatenate([np.asarray(scaled_gain) / gain_scale(inputs), [0.0, 0.0]])
+
+
+def gain_problem(inputs, linearization: Linearization, columns, forcing=None):
+    """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry."""
+    return sensitivity_gains.GainProblem(
+        state_matrix=linearization.state_matrix,
+        control_matrix=linearization.control_matrix[:, :, np.newaxis],
+        step=np.diff(linearization.time),
+        columns=columns,
+        outputs=position_rows(inputs),
+        fed_back=np.arange(len(MEASURED)),
+        state_scale=gain_scale(inputs),
+        forcing=forcing,
+    )
+
+
+def compute(inputs, nominal: Nominal, tradeoff: Tradeoff, linearization: Linearization) -> Gains:
+    """Design the gains of every law as the inputs say."""
+    columns = position_columns(inputs)
+    plain = Law(nominal.time, nominal.state, nominal.bank_acceleration)
+    row = last_finite_row(tradeoff)
+    laws = [plain, Law(tradeoff.time[row], tradeoff.state[row], tradeoff.bank_acceleration[row])]
+    for number, channel in enumerate(CHANNELS):
+        if inputs.gain_design == "unregularized":
+            laws.append(together(inputs, nominal, channel))
+            continue
+        found = least_gains(inputs, linearization, columns[:, [number]], channel)
+        if inputs.gain_design == "tuned":
+            lost = found._replace(converged=False, reason="no start of the tuning flies all errors to the end")
+            found = next(iter(tuned(inputs, reference(plain), number, found.k)), lost)
+        laws.append(with_gains(plain, found))
+    laws.append(for_all_columns(inputs, nominal, linearization))
+    return described(inputs, laws)
+
+
+def last_finite_row(tradeoff: Tradeoff) -> int:
+    """The row of the largest finite weight of Table 3."""
+    return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
+
+
+def least_gains(inputs, linearization, columns, channel=""):
+    """Least gains that null the final position of some columns, a `sensitivity_gains.GainDesign`."""
+    start = inputs.downrange_gain_start if channel == "downrange" else np.zeros(len(MEASURED))
+    return sensitivity_gains.minimum_norm(
+        gain_problem(inputs, linearization, columns),
+        start[np.newaxis],
+        step_limit=inputs.gain_step_limit,
+        tolerance=inputs.gain_tolerance,
+        iterations=inputs.gain_iterations,
+    )
+
+
+def with_gains(law: Law, found) -> Law:
+    """A law with the gains that a search found."""
+    return law._replace(
+        scaled_gain=np.ravel(found.k), iterations=found.iterations, converged=bool(found.converged), ended=found.reason
+    )
+
+
+def reference(law: Law) -> flight.Reference:
+    """A law's trajectory as flights take it."""
+    return flight.Reference(law.state[0], law.bank_acceleration, float(law.time[-1]))
+
+
+def simulated_errors(inputs, nominal_reference, channel):
+    """Function of scaled gains: flown final errors at the tuning errors of a channel, each divided by its size."""
+    air = environment.surroundings(inputs)
+    sizes = inputs.tuning_errors
+    errors = environment.along_channel(channel, sizes)
+
+    def of_gains(scaled_gain):
+        gain = gain_vector(inputs, np.ravel(scaled_gain))
+        flown = environment.final_errors(inputs, air, nominal_reference, gain, errors)
+        return (flown / np.abs(sizes)[:, np.newaxis]).ravel()
+
+    return of_gains
+
+
+def tuned(inputs, nominal_reference, channel, least):
+    """Gains tuned to flown errors from the least gains and from random changes of them, best first.
+
+    Starts under which a flight is lost are left out, so that there may be none.
+    """
+    simulate = simulated_errors(inputs, nominal_reference, channel)
+    changes = normals(inputs.seed, TUNING_STREAM, np.arange(1, inputs.tuning_starts), np.size(least))
+    starts = [np.ravel(least), *(np.ravel(least) + inputs.tuning_spread * changes)]
+    found = [
+        sensitivity_gains.tune(simulate, start, iterations=inputs.gain_iterations)
+        for start in starts
+        if np.isfinite(simulate(start)).all()
+    ]
+    ranking = sensitivity_gains.rank([result.k for result in found], simulate)
+    return [found[number] for number in ranking.order]
+
+
+def together(inputs, nominal: Nominal, channel) -> Law:
+    """Trajectory and gains of Eq. 6 in one problem, from the nominal and gains of zero, without regularisation.
+
+    The gains are not determined, and the norm has no derivative where it vanishes: the solve is ended after the
+    iterations that the inputs allow, and how it ended is the result.
+    """
+    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, channel)], gains=True)
+    transcribed = entry_problem.program(inputs, entry_problem.weighted(inputs, extended, [channel]))
+    guess = extended.guess(as_guess(nominal), entry_problem.given())
+    weight, most = entry_problem.given(inputs.feedback_weight), inputs.unregularized_iterations
+    try:
+        solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=inputs.solver_tolerance, iterations=most)
+    except NotConvergedError as error:
+        solution = error.solution
+    return solved_law(inputs, extended, solution)
+
+
+def for_all_columns(inputs, nominal: Nominal, linearization: Linearization) -> Law:
+    """One set of gains against all three position errors: J0 + |S_p|^2 + w |k|^2 in trajectory and gains, w falling.
+
+    Six gains cannot null nine numbers on a given nominal; together with the trajectory they nearly do. The squared norm
+    has derivatives everywhere, and the first, large w keeps the trajectory near the nominal. From gains that are not
+    the best ones of the nominal the solver would leave it for a trajectory that depends on rounding.
+    """
+    weights = inputs.all_columns_regularization
+    problem = gain_problem(inputs, linearization, position_columns(inputs))
+    fixed = sensitivity_gains.regularized(problem, weights[:1], inputs.downrange_gain_start[np.newaxis])[0].k.ravel()
+    extended = entry_problem.desensitized(
+        inputs, [entry_problem.position_error(inputs, name) for name in CHANNELS], gains=True
+    )
+    gains = [gain.parameter for gain in extended.gains]
+
+    def end_cost(start, end, parameters):
+        size = sum(parameters[name] ** 2 for name in gains)
+        return entry_problem.squared_norm(inputs, end, CHANNELS) + parameters["weight"] * size
+
+    transcribed = entry_problem.program(inputs, replace(extended.problem, end_cost=end_cost))
+    free = dict(zip(gains, fixed, strict=True))
+    last = extended.guess(as_guess(nominal)._replace(free=free), entry_problem.given())
+    for weight in weights:
+        try:
+            last = entry_problem.solve(
+                inputs, "all columns", transcribed, last, weight=weight, barrier=WARM, iterations=MOST_ITERATIONS
+            )
+        except SolverError as error:
+            # A set of gains beside the paper's; what stands so far is flown, and the artifact says how it ended.
+            ended = f"stopped at a regularisation of {weight:g}: {error}"
+            if isinstance(last, Solution):
+                return solved_law(inputs, extended, last)._replace(converged=False, ended=ended)
+            return Law(nominal.time, nominal.state, nominal.bank_acceleration, fixed, 0, False, ended)
+    return solved_law(inputs, extended, last)
+
+
+def solved_law(inputs, extended, solution: Solution) -> Law:
+    """The law of a solution with gains among its free parameters."""
+    scaled_gain = np.array([solution.free[gain.parameter] for gain in extended.gains])
+    bound = inputs.bank_acceleration_bound
+    return Law(
+        solution.time,
+        solution.states[:, : len(STATES)],
+        np.clip(solution.controls[:, 0], -bound, bound),  # an unfinished solve may lie beyond it
+        scaled_gain,
+        solution.iterations,
+        solution.status == SOLVED,
+        solution.status,
+    )
+
+
+def described(inputs, laws) -> Gains:
+    """Laws as an artifact, with the sensitivity that their gains leave."""
+    columns, rows, final = position_columns(inputs), position_rows(inputs), []
+    for law in laws:
+        matrix, control = along(inputs, law.time, law.state, law.bank_acceleration)
+        closed = closed_loop(matrix, control, gain_vector(inputs, law.scaled_gain)[np.newaxis])
+        final.append(rows @ propagate_columns(midpoint_transitions(closed, np.diff(law.time)), columns)[-1])
+
+    def stacked(name):
+        return np.array([getattr(law, name) for law in laws])
+
+    return Gains(
+        law=np.array(LAWS),
+        gain=np.array([gain_vector(inputs, law.scaled_gain) for law in laws]),
+        final=np.array(final),
+        effort=np.array([entry_problem.effort(law.time, law.bank_acceleration) for law in laws]),
+        **{name: stacked(name) for name in Law._fields},
+    )
+
+
+def flown_law(gains: Gains, number) -> tuple[flight.Reference, np.ndarray]:
+    """Trajectory and gains of a law, by its number, as flights take them."""
+    time, state, control = gains.time[number], gains.state[number], gains.bank_acceleration[number]
+    return flight.Reference(state[0], control, float(time[-1])), gains.gain[number]

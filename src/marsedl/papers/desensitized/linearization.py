@@ -1,0 +1,75 @@
+"""Sensitivity of the flight to its start, without feedback (Eqs. 5 and 7, Sec. 4.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.linearization import linearize
+from marsedl.methods.sensitivity import adjoint_rows, midpoint_transitions, propagate_columns
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.entry_problem import STATES
+from marsedl.papers.desensitized.nominal import Nominal
+from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.replication.artifacts import quantity
+
+COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Linear model along the nominal, and sensitivities of it and of the rows of Table 3.
+
+    Columns are those of the radius, crossrange and downrange at entry, per metre.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the nominal")
+    state_matrix: np.ndarray = quantity("SI", ("intervals", 8, 8), "df/dy in the middle of each interval")
+    control_matrix: np.ndarray = quantity("SI", ("intervals", 8), "df/du there")
+    sensitivity: np.ndarray = quantity(COLUMN_UNIT, ("time", 8, 3), "states against position at entry, nominal")
+    adjoint: np.ndarray = quantity("SI", ("time", 3, 8), "final position (m, angles times radius) against the states")
+    final: np.ndarray = quantity(
+        "m/m", ("rows", 3, 3), "final radius, crossrange and downrange against those at entry, rows of Table 3"
+    )
+    printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
+
+
+def along(inputs, time, states, bank_acceleration):
+    """Linear model in the middle of the intervals: df/dy (N, 8, 8) and df/du (N, 8, 1)."""
+    middle = (states[1:] + states[:-1]) / 2.0
+    parameters = list(entry_problem.given().values())
+    model = linearize(entry_problem.rates(inputs), middle, bank_acceleration[:, np.newaxis], parameters)
+    return model.state_matrix, model.control_matrix
+
+
+def position_columns(inputs):
+    """Position errors of one metre at entry as columns of the state, (8, 3)."""
+    columns = np.zeros((len(STATES), 3))
+    for number, channel in enumerate(entry_problem.CHANNELS):
+        for name, value in entry_problem.position_error(inputs, channel).states.items():
+            columns[STATES.index(name), number] = value
+    return columns
+
+
+def position_rows(inputs):
+    """Rows that make radius, crossrange and downrange in metres of a deviation of the state, (3, 8)."""
+    return np.diag([1.0, inputs.planet_radius, inputs.planet_radius]) @ np.eye(3, len(STATES))
+
+
+def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
+    """Linearise about the nominal, and propagate the position columns along it and along the rows of Table 3."""
+    columns, rows = position_columns(inputs), position_rows(inputs)
+    matrix, control = along(inputs, nominal.time, nominal.state, nominal.bank_acceleration)
+    transitions = midpoint_transitions(matrix, np.diff(nominal.time))
+    final = []
+    for time, state, acceleration in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True):
+        steps = midpoint_transitions(along(inputs, time, state, acceleration)[0], np.diff(time))
+        final.append(rows @ propagate_columns(steps, columns)[-1])
+    return Linearization(
+        time=nominal.time,
+        state_matrix=matrix,
+        control_matrix=control[:, :, 0],
+        sensitivity=propagate_columns(transitions, columns),
+        adjoint=adjoint_rows(transitions, rows),
+        final=np.array(final),
+        printed_weight=tradeoff.printed_weight,
+    )

@@ -1,0 +1,174 @@
+"""Monte Carlo flights with random position errors at entry, under every law; the paper flies single errors only."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.desensitized import environment, flight
+from marsedl.papers.desensitized.gains import Gains, flown_law
+from marsedl.replication.artifacts import quantity
+
+STATE = "m, rad, rad, m/s, m/s, m/s, rad, rad/s, rad/s"
+ERROR_STREAM = 0
+OUTCOMES = {0: "flown to the final time", 1: "below the ground", 3: "not finite"}
+BINS = 40
+OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are not a multiple
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What chunks and ensembles have in common, by law in the order of the gains.
+
+    State: altitude, latitude, longitude, radial, north and east velocity, bank, bank rate, integral of the absolute
+    bank acceleration. Observed: bank acceleration flown, magnitude of the one commanded.
+    """
+
+    histogram: np.ndarray = quantity(
+        "1", ("laws", "time", 2, "bins"), "trials by observed; the first and last bin: beyond the edges", "int64"
+    )
+    histogram_edges: np.ndarray = quantity("rad/s^2", ("laws", 2, "edges"), "edges of the inner bins")
+    maximum_over_trials: np.ndarray = quantity(
+        "rad/s^2", ("laws", "time", 2), "largest observed values over the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity(STATE, ("laws", "trials", 9), "state at the end", allow_nan=True)
+    observed_maximum: np.ndarray = quantity("rad/s^2", ("laws", "trials", 2), "largest observed values", allow_nan=True)
+    outcome: np.ndarray = quantity(
+        "1", ("laws", "trials"), "0 flown to the end, 1 below the ground, 3 not finite", "int8"
+    )
+    kept_history: np.ndarray = quantity(STATE, ("laws", "kept", "time", 9), "states of the kept trials", allow_nan=True)
+    kept_observed: np.ndarray = quantity(
+        "rad/s^2", ("laws", "kept", "time", 2), "observed of the kept trials", allow_nan=True
+    )
+
+
+@dataclass(frozen=True)
+class FlightChunk(Flights):
+    """Reduced trials of one chunk, block by block."""
+
+    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
+    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
+    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity(STATE, ("laws", "blocks", "time", 9), "mean state of each block")
+    block_second_moment: np.ndarray = quantity("SI", ("laws", "blocks", "time", 9, 9), "second moment about that mean")
+    block_observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "blocks", "time", 2), "mean of the observed")
+
+
+@dataclass(frozen=True)
+class FlightEnsemble(Flights):
+    """All trials under all laws, every law with the same errors at entry."""
+
+    law: np.ndarray = quantity("1", ("laws",), "name, as in the gains", "str")
+    time: np.ndarray = quantity("s", ("laws", "time"), "times of the moments")
+    nominal: np.ndarray = quantity(STATE, ("laws", "time", 9), "the flight without errors", allow_nan=True)
+    flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
+    count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
+    excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
+    mean: np.ndarray = quantity(STATE, ("laws", "time", 9), "mean state", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("laws", "time", 9, 9), "sample covariance", allow_nan=True)
+    observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "time", 2), "mean of the observed", allow_nan=True)
+    final_error: np.ndarray = quantity(
+        "m", ("laws", "trials", 3), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
+    )
+
+
+def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
+    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
+    options = {"case": case, "trials": trials, "block_size": block_size}
+    return gather(inputs, gains, [simulate(inputs, gains, chunk=0, chunks=1, **options)])
+
+
+def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int) -> FlightChunk:
+    """Fly one chunk of the trials under every law.
+
+    case: "entry_errors". trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials
+    in a block.
+    """
+    first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
+    bound = inputs.bank_acceleration_bound
+    edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
+    reduced = [
+        ensembles.run_blocks(
+            block_simulator(inputs, gains, case, number),
+            first,
+            last,
+            block_size=block_size,
+            histogram_edges=edges,
+            kept=min(inputs.drawn_trials, trials),
+        )
+        for number in range(len(gains.law))
+    ]
+    return FlightChunk(**_by_law(reduced))
+
+
+def _by_law(parts):
+    """The fields of one `Chunk` or `Ensemble` per law, stacked."""
+    return {
+        field.name: ensembles.without_infinities(np.array([getattr(part, field.name) for part in parts]))
+        for field in fields(parts[0])
+    }
+
+
+def block_simulator(inputs, gains: Gains, case, number=0):
+    """Return the function `simulate_block(first, last)` under a law, by its number; it also replays single trials."""
+    air = environment.surroundings(inputs)
+    reference, gain = flown_law(gains, number)
+
+    def simulate_block(first, last):
+        errors = normals(inputs.seed, ERROR_STREAM, np.arange(first, last), 3) * inputs.initial_deviations
+        states = environment.displaced(inputs, reference.initial_state, errors)
+        every = output_step(len(reference.bank_acceleration))
+        return flight.fly(*air, reference, gain, states, substeps=inputs.substeps, every=every)
+
+    return simulate_block
+
+
+def output_step(intervals):
+    """Intervals between stored states: a divisor of all of them that makes `OUTPUTS` times or a few more."""
+    longest = max(1, intervals // OUTPUTS)
+    return max(step for step in range(1, longest + 1) if intervals % step == 0)
+
+
+def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
+    """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
+    laws = range(len(gains.law))
+    names = [field.name for field in fields(ensembles.Chunk)]
+    merged = [
+        ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name)[number] for name in names}) for chunk in chunks])
+        for number in laws
+    ]
+    step = output_step(gains.bank_acceleration.shape[1])
+    air, nominals = environment.surroundings(inputs), []
+    for number in laws:
+        reference, gain = flown_law(gains, number)
+        start = reference.initial_state[np.newaxis]
+        flown = flight.fly(*air, reference, gain, start, substeps=inputs.substeps, every=step)
+        nominals.append(flown.history[:, :, 0])
+    nominal, joined = np.array(nominals), _by_law(merged)
+    ends = np.where(joined["outcome"][:, :, np.newaxis] == ensembles.COMPLETED, joined["final_state"], np.nan)
+    return FlightEnsemble(
+        law=gains.law,
+        time=gains.time[:, ::step],
+        nominal=nominal,
+        final_error=flight.position_errors(ends, nominal[:, -1:], inputs.planet_radius),
+        **joined,
+    )
+
+
+def replay(inputs, gains: Gains, *, case: str, number: int, ensemble: FlightEnsemble | None = None) -> str:
+    """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is given."""
+    lines = []
+    for law_number, name in enumerate(gains.law):
+        trial = ensembles.replay(block_simulator(inputs, gains, case, law_number), number)
+        end = trial.final_state[:, 0]
+        lines.append(f"trial {number}, law {name}: {OUTCOMES[int(trial.outcome[0])]}")
+        parts = zip(("altitude (m)", "latitude (rad)", "longitude (rad)"), end[:3], strict=True)
+        lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
+        if ensemble is not None:
+            same = np.array_equal(end, ensemble.final_state[law_number, number], equal_nan=True)
+            lines.append(
+                "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
+            )
+    return "\n".join(lines)

@@ -1,0 +1,283 @@
+"""Reshaping without feedback: control energy against sensitivity to the radius at entry (Sec. 4.1, Table 3, Fig. 2).
+
+The weight on the sensitivity is raised step by step from the nominal. Where the branch of solutions ends, the solver
+finds the next one, and the path goes on there. The rows of Table 3 are points of this path.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
+from marsedl.methods.desensitization import Desensitized
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATE_UNIT, STATES, WARM
+from marsedl.papers.desensitized.nominal import Nominal, as_guess
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError, SolverError
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
+
+    Errors are those that the sensitivity gives for the radius error of Table 3. Rows are those of c1 = 0, of the
+    printed weights, and of the weights that stand for an infinite one.
+    """
+
+    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity")
+    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
+    path_norm: np.ndarray = quantity("1", ("steps",), "norm of the sensitivity in the objective")
+    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
+    path_error: np.ndarray = quantity("m", ("steps", 3), "final altitude, crossrange and downrange error")
+    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
+    path_status: np.ndarray = quantity("1", ("steps",), "how the solver ended", "str")
+    path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
+    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
+    fold_weight: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "last weight on a branch, first beyond it")
+    fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "control energy there")
+    fold_error: np.ndarray = quantity("m", ("folds", 2), "norm of the final position error there")
+    printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
+    weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity")
+    time: np.ndarray = quantity("s", ("rows", "time"), "nodes")
+    state: np.ndarray = quantity(STATE_UNIT, ("rows", "time", 8), "states as in the nominal")
+    bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows", "intervals"), "bank acceleration on each interval")
+    column: np.ndarray = quantity(
+        "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)",
+        ("rows", "time", 8),
+        "sensitivity of the states to the radius at entry",
+    )
+    effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "control energy J0")
+    cumulative: np.ndarray = quantity("rad/s", ("rows",), "integral of the absolute bank acceleration")
+    propellant: np.ndarray = quantity("kg", ("rows",), "propellant of the reaction control system")
+    error: np.ndarray = quantity("m", ("rows", 3), "final altitude, crossrange and downrange error")
+    norm: np.ndarray = quantity("1", ("rows",), "norm of the sensitivity in the objective")
+    reversals: np.ndarray = quantity("1", ("rows",), "bank reversals", "int64")
+    row_branch: np.ndarray = quantity("1", ("rows",), "number of the branch", "int64")
+    largest_bank_rate: np.ndarray = quantity("rad/s", ("rows",), "largest bank rate, either way")
+    largest_bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows",), "largest bank acceleration, either way")
+    miss: np.ndarray = quantity("m", ("rows", 3), "altitude, crossrange and downrange missed when flown again")
+    status: np.ndarray = quantity("1", ("rows",), "how the solver ended", "str")
+    iterations: np.ndarray = quantity("1", ("rows",), "iterations of the solver", "int64")
+    solves: int = quantity("1", (), "solves on the path and for the rows")
+
+
+SHORTEST = 5e-3  # share of a step between two weights at which a branch is taken to end
+# Along flat directions of the objective the solver may stop at its second, acceptable level; the artifact says where.
+ACCEPTED = (SOLVED, ACCEPTABLE)
+MATCHED = 1e-4  # relative, to which a control energy must be met
+
+
+class Point(NamedTuple):
+    """A solution on the path."""
+
+    solution: Solution
+    branch: int
+
+
+class Fold(NamedTuple):
+    """Where a branch ends: the last solution on it, and the first one that the solver found beyond."""
+
+    before: Solution
+    beyond: Solution
+
+
+def columns_in_norm(inputs):
+    """Channels whose columns are in the objective."""
+    return CHANNELS if inputs.sensitivity_columns == "all" else CHANNELS[:1]
+
+
+def prepared(inputs, channels=None, **options) -> tuple[Desensitized, Program]:
+    """The problem of Eq. 6, and its transcription."""
+    channels = channels or columns_in_norm(inputs)
+    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, name) for name in channels])
+    declared = entry_problem.weighted(inputs, extended, channels)
+    return extended, entry_problem.program(inputs, declared, **options)
+
+
+def compute(inputs, nominal: Nominal) -> Tradeoff:
+    """Follow the solutions over the weight, and find the rows of Table 3 among them."""
+    extended, transcribed = prepared(inputs)
+    first = entry_problem.solve(
+        inputs, "no weight", transcribed, extended.guess(as_guess(nominal), entry_problem.given()), barrier=WARM
+    )
+    wanted = {*inputs.weight_path, *inputs.infinite_weights}
+    if inputs.weight_rule == "proportional":
+        wanted |= set(inputs.weight_factor * inputs.printed_weights)
+    points, folds = follow(inputs, transcribed, first, sorted(wanted))
+    rows = [points[0], *chosen(inputs, transcribed, points), *(at_weight(points, c) for c in inputs.infinite_weights)]
+    return described(inputs, extended, points, folds, rows)
+
+
+def follow(inputs, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
+    """Continue a solution through increasing weights; at the end of a branch go on from what the solver then finds."""
+    points, folds = [Point(first, 0)], []
+    tolerance = inputs.branch_tolerance
+
+    def same_branch(before, after):
+        return np.abs(after.state("bank") - before.state("bank")).max() < tolerance
+
+    def keep(solution):
+        points.append(Point(solution, len(folds)))
+
+    for weight in weights:
+        while points[-1].solution.given["weight"] < weight:
+            try:
+                transcribed.follow(
+                    points[-1].solution,
+                    "weight",
+                    [weight],
+                    same_branch=same_branch,
+                    smallest_step=SHORTEST,
+                    on_step=keep,
+                    barrier=WARM,
+                    tolerance=inputs.solver_tolerance,
+                    iterations=inputs.solver_iterations,
+                    accept=ACCEPTED,
+                )
+            except BranchEndError as end:
+                beyond = end.beyond or sought(inputs, transcribed, end)
+                folds.append(Fold(end.solution, beyond))
+                keep(beyond)
+    return points, folds
+
+
+def sought(inputs, transcribed, end: BranchEndError) -> Solution:
+    """A solution beyond the end of a branch, where careful steps find none: with ever larger barriers."""
+    for barrier in (1e-2, 1.0, None):
+        try:
+            return entry_problem.solve(
+                inputs,
+                "beyond a branch",
+                transcribed,
+                end.solution,
+                weight=end.wanted,
+                barrier=barrier,
+                accept=ACCEPTED,
+            )
+        except SolverError as error:
+            failed = error
+    raise SolverError(
+        f"the continuation in the weight stops at {end.reached:.6g}, and {end.wanted:.6g} {failed}; give a weight_path "
+        "with smaller steps there",
+        failed.iterate,
+    )
+
+
+def chosen(inputs, transcribed, points) -> list[Point]:
+    """The rows of the printed weights between zero and infinity."""
+    if inputs.weight_rule == "proportional":
+        return [at_weight(points, weight) for weight in inputs.weight_factor * inputs.printed_weights]
+    return [at_effort(inputs, transcribed, points, effort) for effort in inputs.matched_efforts]
+
+
+def at_weight(points, weight) -> Point:
+    """The point of the path at a weight that it was led through."""
+    return next(point for point in reversed(points) if point.solution.given["weight"] == weight)
+
+
+def at_effort(inputs, transcribed, points, wanted) -> Point:
+    """The first point on the path that has a control energy, by solves between two neighbours on one branch."""
+    from scipy.optimize import brentq
+
+    efforts = np.array([effort(point.solution) for point in points])
+    for k in range(len(points) - 1):
+        if points[k].branch == points[k + 1].branch and (efforts[k] - wanted) * (efforts[k + 1] - wanted) <= 0.0:
+            break
+    else:
+        raise MarsedlError(
+            f"no solution on the path has the control energy {wanted:g} deg^2/s^3 of matched_efforts; it goes from "
+            f"{efforts.min():.4g} to {efforts.max():.4g} in {points[-1].branch + 1} branches: change matched_efforts, "
+            "or extend weight_path"
+        )
+    known = {point.solution.given["weight"]: point.solution for point in points[k : k + 2]}
+
+    def excess(weight):
+        if weight not in known:
+            nearest = known[min(known, key=lambda other: abs(other - weight))]
+            case = f"control energy {wanted:g}"
+            known[weight] = entry_problem.solve(
+                inputs, case, transcribed, nearest, weight=weight, barrier=WARM, accept=ACCEPTED
+            )
+        return effort(known[weight]) - wanted
+
+    weight = brentq(excess, *known, xtol=1e-12, rtol=1e-9)
+    if abs(excess(weight)) > MATCHED * wanted:
+        raise MarsedlError(
+            f"the solutions jump past the control energy {wanted:g} deg^2/s^3 of matched_efforts at the weight "
+            f"{weight:.6g}, to {effort(known[weight]):.4g}: give a smaller branch_tolerance, or smaller steps of "
+            f"weight_path between {min(known):g} and {max(known):g}"
+        )
+    return Point(known[weight], points[k].branch)
+
+
+def effort(solution: Solution):
+    """Control energy of a solution, deg^2/s^3."""
+    return entry_problem.effort(solution.time, solution.controls[:, 0])
+
+
+def final_error(inputs, extended, solution: Solution, channel=0):
+    """Final altitude, crossrange and downrange error for the tabulated error of a channel, (3,), m."""
+    return entry_problem.metric(inputs, extended.columns(solution)[-1])[:, channel] * inputs.tabulated_error
+
+
+def norm(inputs, extended, solution: Solution):
+    """Norm of the sensitivity in the objective."""
+    names = [variable.name for variable in solution.problem.states]
+    end = dict(zip(names, solution.states[-1], strict=True))
+    return float(np.sqrt(entry_problem.squared_norm(inputs, end, [p.name for p in extended.perturbations])))
+
+
+def described(inputs, extended, points, folds, rows) -> Tradeoff:
+    """Path, folds and rows as an artifact."""
+    path = [point.solution for point in points]
+    found = [row.solution for row in rows]
+
+    def bank(solution):
+        return solution.states[:, BANK]
+
+    def cumulative(solution):
+        return entry_problem.cumulative(solution.time, solution.controls[:, 0])
+
+    def errors(solution):
+        return final_error(inputs, extended, solution)
+
+    firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
+    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
+    lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
+    ends = [(fold.before, fold.beyond) for fold in folds]
+    size = len(STATES)
+    return Tradeoff(
+        path_weight=np.array([s.given["weight"] for s in path]),
+        path_effort=np.array([effort(s) for s in path]),
+        path_norm=np.array([norm(inputs, extended, s) for s in path]),
+        path_cumulative=np.array([cumulative(s) for s in path]),
+        path_error=np.array([errors(s) for s in path]),
+        path_reversals=np.array([entry_problem.reversals(bank(s)) for s in path]),
+        path_status=np.array([s.status for s in path]),
+        path_branch=np.array([point.branch for point in points]),
+        branch=np.array([entry_problem.branch_name(bank(p.solution)) for p in firsts]),
+        fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
+        fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
+        fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
+        printed_weight=np.array([0.0, *inputs.printed_weights, *np.full(len(inputs.infinite_weights), np.nan)]),
+        weight=np.array([s.given["weight"] for s in found]),
+        time=np.array([s.time for s in found]),
+        state=np.array([s.states[:, :size] for s in found]),
+        bank_acceleration=np.array([s.controls[:, 0] for s in found]),
+        column=np.array([extended.columns(s)[:, :, 0] for s in found]),
+        effort=np.array([effort(s) for s in found]),
+        cumulative=np.array([cumulative(s) for s in found]),
+        propellant=np.array([entry_problem.propellant(inputs, cumulative(s)) for s in found]),
+        error=np.array([errors(s) for s in found]),
+        norm=np.array([norm(inputs, extended, s) for s in found]),
+        reversals=np.array([entry_problem.reversals(bank(s)) for s in found]),
+        row_branch=np.array([row.branch for row in rows]),
+        largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in found]),
+        largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in found]),
+        miss=np.array([(resimulate(s)[-1, :3] - target) * lengths for s in found]),
+        status=np.array([s.status for s in found]),
+        iterations=np.array([s.iterations for s in found]),
+        solves=len(points) + len(rows),
+    )

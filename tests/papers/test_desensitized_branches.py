@@ -1,0 +1,552 @@
+"""Other solutions of the entry problem, and least fuel: local minima, folds, conditions, comparisons, thrust."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import null_space
+from scipy.optimize import linprog
+
+from marsedl.methods.collocation import SOLVED, Condition, Guess
+from marsedl.methods.linearization import linearize
+from marsedl.methods.sensitivity import adjoint_rows, midpoint_responses, midpoint_transitions
+from marsedl.papers.desensitized import branches as stage
+from marsedl.papers.desensitized import entry_problem, minimum_fuel, tradeoff
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, WARM
+from marsedl.replication import artifacts
+
+# A coarse mesh and few weights: the same branches and fold, in seconds.
+SMALL = {
+    "intervals": 40,
+    "search_starts": 3,
+    "weight_rule": "proportional",
+    "weight_factor": 1.0,
+    "printed_weights": np.array([0.02, 0.589, 5.0, 40.0]),
+    "infinite_weights": np.array([50.0, 60.0]),
+    "weight_path": np.array([0.04, 0.06, 0.2, 1.5, 15.0]),
+}
+MIDDLE, FINER = 60, (120, 200)  # intervals on which least fuel is sought
+
+
+@pytest.fixture(scope="module")
+def inputs(desensitized):
+    return desensitized.inputs("corrected", desensitized.model.model_fields, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def nominal(desensitized):
+    return desensitized.nominal("corrected", **SMALL)
+
+
+@pytest.fixture(scope="module")
+def path(desensitized):
+    return desensitized.tradeoff("corrected", **SMALL)
+
+
+@pytest.fixture(scope="module")
+def found(desensitized):
+    return desensitized.branches("corrected", **SMALL)
+
+
+@pytest.fixture(scope="module")
+def catalogue(inputs, nominal, path):
+    return stage.catalogue(inputs, nominal, path)
+
+
+@pytest.fixture(scope="module")
+def held(inputs):
+    return stage.error_program(inputs)
+
+
+def stationarity(program, guess, given):
+    """Norm of the gradient that multipliers cannot balance, and the least curvature where constraints do not bind."""
+    import casadi
+
+    nlp, values = program._program, program._packed(guess)
+    multipliers = casadi.MX.sym("multipliers", nlp["g"].numel())
+    lagrangian = nlp["f"] + casadi.dot(multipliers, nlp["g"])
+    derivatives = casadi.Function(
+        "derivatives",
+        [nlp["x"], nlp["p"], multipliers],
+        [
+            casadi.gradient(nlp["f"], nlp["x"]),
+            casadi.jacobian(nlp["g"], nlp["x"]),
+            casadi.hessian(lagrangian, nlp["x"])[0],
+        ],
+    )
+    parameters = [given[name] for name in program.problem.given]
+    gradient, jacobian, _ = (m.full() for m in derivatives(values, parameters, np.zeros(multipliers.numel())))
+    loose = (values > program._lower + 1e-5) & (values < program._upper - 1e-5)
+    balance, *_ = np.linalg.lstsq(jacobian[:, loose].T, -gradient[loose, 0], rcond=None)
+    rest = gradient[loose, 0] + jacobian[:, loose].T @ balance
+    hessian = derivatives(values, parameters, balance)[2].full()[np.ix_(loose, loose)]
+    directions = null_space(jacobian[:, loose])
+    return np.linalg.norm(rest), np.linalg.eigvalsh(directions.T @ hessian @ directions)[0]
+
+
+# ---- local minima ----------------------------------------------------------------------------------------------------
+
+
+def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(found, nominal):
+    assert found.name[found.nominal] == nominal.branch == "2 reversals"
+    assert found.effort[found.nominal] == pytest.approx(nominal.effort, rel=1e-7)
+    assert list(found.name) == ["1 reversal", "2 reversals", "360 deg roll", "720 deg roll"]
+    assert (np.diff(found.effort) > 0.0).all()
+    assert found.effort[0] < 0.5 * nominal.effort
+    assert list(found.rolls) == [0, 0, 1, 2]
+    assert found.found.sum() + found.failed_starts == found.starts == 3
+
+
+def test_every_solution_is_stationary_and_a_minimum(inputs, catalogue):
+    program = entry_problem.program(inputs, entry_problem.problem(inputs))
+    for solution in catalogue.solutions:
+        rest, curvature = stationarity(program, solution.guess(), entry_problem.given())
+        assert rest < 1e-5
+        assert curvature > 0.0
+
+
+def test_shaken_solutions_come_back(catalogue, inputs):
+    assert max(catalogue.returned) < 1e-6
+    assert np.abs(stage.normals(inputs.seed, stage.SHAKE_STREAM, range(4), 3)).min() > 1e-3  # they were shaken
+
+
+def mirrored(guess, turns):
+    states = guess.states * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])
+    states[:, BANK] += 2.0 * np.pi * turns
+    return guess._replace(states=states, controls=-guess.controls)
+
+
+def test_the_mirror_image_is_a_solution_and_counts_as_the_same(inputs, catalogue):
+    program = entry_problem.program(inputs, entry_problem.problem(inputs))
+    north = SimpleNamespace(**vars(inputs) | {"final_latitude": 1e-3})
+    for solution in catalogue.solutions:
+        guess = mirrored(solution.guess(), 2)
+        other = stage.attempt(inputs, program, guess, barrier=WARM)
+        assert other.status == SOLVED
+        assert tradeoff.effort(other) == pytest.approx(tradeoff.effort(solution), rel=1e-8)
+        assert stage.alike(inputs, solution, other)
+        assert not stage.alike(north, solution, other)
+        back = stage.oriented(inputs, guess)
+        np.testing.assert_allclose(back.states, solution.states, atol=1e-8)
+        np.testing.assert_array_equal(back.controls, solution.controls)
+        assert stage.oriented(north, guess).states[0, BANK] == pytest.approx(-solution.states[0, BANK])
+
+
+def test_different_solutions_are_not_alike(inputs, catalogue):
+    for number, solution in enumerate(catalogue.solutions):
+        for other in catalogue.solutions[:number]:
+            assert not stage.alike(inputs, solution, other)
+
+
+def test_no_mirror_without_symmetry(inputs):
+    assert stage.symmetric(inputs)
+    for change in ({"entry_latitude": 1e-3}, {"entry_azimuth": 1.57}, {"initial_bank": 0.1}, {"final_bank_rate": 0.1}):
+        assert not stage.symmetric(SimpleNamespace(**vars(inputs) | change))
+    assert stage.symmetric(SimpleNamespace(**vars(inputs) | {"initial_bank": 0.0}))
+
+
+def test_random_profiles_belong_to_their_start(inputs):
+    few, many = (
+        list(stage.random_profiles(SimpleNamespace(seed=inputs.seed, search_starts=number), 250.0))
+        for number in (3, 200)
+    )
+    for (banks, times), (same, same_times) in zip(few, many, strict=False):
+        np.testing.assert_array_equal(banks, same)
+        np.testing.assert_array_equal(times, same_times)
+    assert {len(times) for _, times in many} == {1, 2, 3, 4}
+    assert all(len(banks) == len(times) + 1 and (np.diff(times) > 0.0).all() for banks, times in many)
+    banks = np.concatenate([banks for banks, _ in many])
+    assert np.abs(banks).max() < np.pi
+    assert abs(banks.mean()) < 4.0 * np.pi / np.sqrt(3.0 * len(banks))
+
+
+def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
+    banks, times = np.radians([-60.0, 70.0, 20.0]), [80.0, 150.0]
+    guess = stage.descent(inputs, banks, times, 100)
+    assert guess.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
+    apart = []
+    for intervals in (100, 200):
+        finer = SimpleNamespace(**vars(inputs) | {"intervals": intervals})
+        flown = entry_problem.profile_guess(finer, banks, times, guess.final_time)
+        apart.append(np.abs(flown.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
+        same = stage.descent(inputs, banks, times, intervals)
+        np.testing.assert_allclose(same.controls, flown.controls, atol=1e-5 * np.abs(flown.controls).max())
+        np.testing.assert_allclose(same.states[:, BANK], flown.states[:, BANK], atol=3e-3)
+    # Held controls fly the profile up to the square of the interval.
+    assert apart[0].max() < 2e-2
+    assert np.linalg.norm(apart[0]) / np.linalg.norm(apart[1]) == pytest.approx(4.0, rel=0.15)
+
+
+def test_a_descent_that_is_short_or_never_comes_down_is_a_guess_all_the_same(inputs):
+    earliest, latest = inputs.final_time_bounds
+    diving = stage.descent(inputs, np.radians([180.0, 180.0]), [50.0], 40)
+    assert diving.final_time == earliest
+    assert diving.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
+    climbing = SimpleNamespace(**vars(inputs) | {"entry_flight_path_angle": 0.1})
+    skipped = stage.descent(climbing, np.zeros(2), [50.0], 40)
+    assert skipped.final_time == latest
+    assert np.isfinite(skipped.states).all()
+
+
+def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
+    monkeypatch.setattr(stage, "SEARCH_ITERATIONS", 2)
+    failed = stage.catalogue(inputs, nominal, path)
+    assert failed.failed_starts == inputs.search_starts
+    assert failed.roll_status == ["Maximum_Iterations_Exceeded"] * 2
+    assert [entry_problem.branch_name(s.states[:, BANK]) for s in failed.solutions] == ["1 reversal", "2 reversals"]
+    assert failed.found == [0, 0]
+
+
+# ---- conditions on the bank ------------------------------------------------------------------------------------------
+
+
+def test_a_further_condition_costs(found, nominal):
+    own = found.set_fixed.tolist().index([False, True, False, False])
+    assert found.set_effort[own] == pytest.approx(nominal.effort, rel=1e-7)
+    assert found.set_cumulative[own] == pytest.approx(nominal.cumulative, rel=1e-5)
+    assert len({tuple(choice) for choice in found.set_fixed.tolist()}) == 16
+    compared = 0
+    for a, looser in enumerate(found.set_fixed):
+        for b, tighter in enumerate(found.set_fixed):
+            if (looser <= tighter).all() and a != b and found.set_reversals[a] == found.set_reversals[b]:
+                assert found.set_effort[a] <= found.set_effort[b] * (1.0 + 1e-7)
+                compared += 1
+    assert compared > 20
+
+
+def test_conditions_are_at_the_values_given(inputs, nominal):
+    fixed = SimpleNamespace(**vars(inputs) | {"initial_bank": float(nominal.state[0, BANK])})
+    found = stage.bank_conditions(fixed, nominal)
+    same = found["set_fixed"].tolist().index([True, True, False, False])
+    assert found["set_effort"][same] == pytest.approx(nominal.effort, rel=1e-6)
+
+
+# ---- through the fold ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def beside_the_fold(inputs, held, catalogue, found):
+    """Points of the curve well before its fold and at its end."""
+    first = stage.held_at_own_error(inputs, held, catalogue.solutions[catalogue.nominal])
+    errors = np.array([found.curve_error[5], found.fold_error, found.curve_error[-1]])
+    points = stage.followed(inputs, held.program, first, "norm", errors / inputs.tabulated_error)
+    assert stage.given_error(inputs, points[-1]) == pytest.approx(errors[-1])
+    return min(points, key=lambda point: abs(stage.given_error(inputs, point) - errors[0])), points[-1]
+
+
+def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(found, path):
+    before, beyond = path.fold_weight[0]
+    assert before <= found.fold_weight <= beyond
+    assert found.curve_weight.max() == found.fold_weight
+    # The top of a parabola through points around it.
+    near = np.abs(found.curve_error - found.fold_error) < 15.0
+    a, b, c = np.polyfit(found.curve_error[near] - found.fold_error, found.curve_weight[near], 2)
+    assert np.count_nonzero(near) >= 5
+    assert -b / (2.0 * a) == pytest.approx(0.0, abs=2.0)
+    assert c - b * b / (4.0 * a) == pytest.approx(found.fold_weight, rel=2e-4)
+    assert found.curve_error[-1] < found.fold_error - 10.0  # it goes on beyond
+    assert found.curve_weight[-1] < 0.95 * found.fold_weight
+
+
+def test_the_weight_is_the_slope_of_the_curve(found, inputs):
+    norm = found.curve_error / inputs.tabulated_error
+    assert (np.diff(norm) < 0.0).all()
+    mean = (found.curve_weight[1:] + found.curve_weight[:-1]) / 2.0
+    np.testing.assert_allclose(np.diff(found.curve_effort)[:9], -(mean * np.diff(norm))[:9], rtol=0.02)
+    assert found.curve_weight[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_path_over_the_weight_lies_on_the_curve(found, path, inputs):
+    errors, order = np.linalg.norm(path.path_error, axis=1), np.argsort(found.curve_error)
+    curve = CubicHermiteSpline(
+        found.curve_error[order], found.curve_effort[order], -found.curve_weight[order] / inputs.tabulated_error
+    )
+    there = path.path_branch == 0
+    assert np.count_nonzero(there) > 4
+    np.testing.assert_allclose(curve(errors[there]), path.path_effort[there], rtol=2e-5)
+
+
+def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, found):
+    """Each point is stationary for its weight; before the fold it is a minimum of that sum, beyond it a saddle."""
+    _, weighted = tradeoff.prepared(inputs)
+    width = len(weighted.problem.states)
+    signs = []
+    for point in beside_the_fold:
+        guess = Guess(point.states[:, :width], point.controls, point.final_time)
+        given = entry_problem.given(stage.weight_at_error(point))
+        rest, curvature = stationarity(weighted, guess, given)
+        assert rest < 1e-5
+        signs.append(np.sign(curvature))
+    before, beyond = (stage.given_error(inputs, point) for point in beside_the_fold)
+    assert before > found.fold_error + 10.0 > found.fold_error - 10.0 > beyond
+    assert signs == [1.0, -1.0]
+
+
+def test_points_on_both_sides_of_the_fold_are_minima_at_their_error(held, beside_the_fold):
+    for point in beside_the_fold:
+        assert stationarity(held.program, point.guess(), point.given)[1] > 0.0
+
+
+def test_a_curve_without_a_fold_has_none(inputs, held):
+    points = [
+        SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
+        for norm in (8.0, 7.9, 7.8)
+    ]
+    kept, top = stage.with_fold(inputs, held, points)
+    assert np.isnan(top).all()
+    assert len(kept) == 3
+
+
+# ---- other branches, comparison --------------------------------------------------------------------------------------
+
+
+def test_continued_branches_trade_energy_for_error(found, path, inputs):
+    for number in set(found.continued_solution):
+        here = found.continued_solution == number
+        error = np.linalg.norm(found.continued_error[here], axis=1)
+        assert found.continued_effort[here][0] == pytest.approx(found.effort[number], rel=1e-6)
+        assert error[0] == pytest.approx(np.linalg.norm(found.error[number]), rel=1e-6)
+        assert (np.diff(found.continued_weight[here]) > 0.0).all()
+        assert (np.diff(found.continued_effort[here]) > -1e-9).all()
+        assert (np.diff(error) < 0.0).all()
+        assert found.continued_weight[here][-1] == pytest.approx(40.0)
+    assert found.nominal not in found.continued_solution
+    # Beyond the fold the path over the weight is on the branch of one reversal.
+    last = np.flatnonzero(found.continued_solution == 0)[-1]
+    assert found.continued_effort[last] == pytest.approx(path.effort[4], rel=1e-6)
+
+
+def test_the_least_energy_at_a_rows_error_by_an_inequality(inputs, found, catalogue):
+    """The same by J0 under a bound of the squared error, which is another program."""
+    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, "radius")])
+    dominated = np.flatnonzero(found.least_solution >= 0)
+    assert list(dominated) == [0, 1, 4]
+    assert list(found.name[found.least_solution[dominated]]) == ["1 reversal", "1 reversal", "360 deg roll"]
+    for row in dominated[:2]:
+        most = (found.row_error[row] / inputs.tabulated_error) ** 2
+        bound = Condition("square", lambda start, end: stage.radius_norm(inputs, end) ** 2, -np.inf, most)
+        declared = replace(extended.problem, boundary=(*extended.problem.boundary, bound))
+        program = entry_problem.program(inputs, declared)
+        guess = extended.guess(catalogue.solutions[found.least_solution[row]])
+        least = stage.attempt(inputs, program, guess, barrier=WARM)
+        assert least.status == SOLVED
+        assert found.least_effort[row] == pytest.approx(tradeoff.effort(least), rel=1e-5)
+    assert found.least_effort[4] == pytest.approx(found.effort[2], rel=1e-6)  # the roll has it without any weight
+    np.testing.assert_array_equal(found.least_effort[2:4], found.row_effort[2:4])
+
+
+def test_dominance_needs_less_energy_at_no_larger_error():
+    rows = SimpleNamespace(
+        printed_weight=np.array([0.0, 1.0, np.nan]),
+        error=np.array([[8000.0, 0.0, 0.0], [0.0, 6000.0, 0.0], [1.0, 0.0, 0.0]]),
+        effort=np.array([1.0, 2.0, 9.0]),
+    )
+    candidates = [stage.Candidate(3, 0.9, 7999.0), stage.Candidate(4, 0.1, 8001.0), stage.Candidate(5, 1.99999, 6000.0)]
+    fields = stage.dominance(rows, candidates)
+    assert list(fields["least_solution"]) == [3, -1]
+    assert list(fields["least_effort"]) == [0.9, 2.0]
+    assert list(fields["row_weight"]) == [0.0, 1.0]
+
+
+def test_the_artifact_can_be_stored(found, tmp_path):
+    artifacts.save(tmp_path / "branches.h5", found, paper="desensitized", reading="corrected", provenance={})
+
+
+# ---- least fuel ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fuel_inputs(desensitized):
+    return desensitized.inputs("corrected", desensitized.model.model_fields, intervals=MIDDLE)
+
+
+@pytest.fixture(scope="module")
+def fuel_nominal(desensitized):
+    return desensitized.nominal("corrected", intervals=MIDDLE)
+
+
+@pytest.fixture(scope="module")
+def way(fuel_inputs, fuel_nominal):
+    """From energy to fuel under the smaller bound, at which thrust lasts longer than an interval."""
+    bound = fuel_inputs.fuel_bounds[1]
+    program = minimum_fuel.fuel_program(fuel_inputs, fuel_nominal, bound)
+    guess = minimum_fuel.split(fuel_nominal)
+    first = stage.attempt(fuel_inputs, program, guess, minimum_fuel.share(0.0), barrier=WARM)
+    return minimum_fuel.to_fuel(fuel_inputs, program, first)
+
+
+def fuel_fields(inputs, solution):
+    return minimum_fuel.described(inputs, inputs.fuel_bounds[1], solution, True)
+
+
+def test_least_fuel_is_bang_coast_bang(fuel_inputs, way):
+    bound, solution = fuel_inputs.fuel_bounds[1], way.last
+    assert solution.status == SOLVED
+    assert solution.given["weight"] == 1.0
+    fields = fuel_fields(fuel_inputs, solution)
+    between = 1.0 - fields["coasting"] - fields["at_bound"]
+    assert fields["bursts"] == 2
+    assert fields["at_bound"] > 0.05
+    assert between * fuel_inputs.intervals <= 2 * fields["bursts"] + 1e-9  # the intervals at the ends of bursts
+    function = -solution.costates[:, BANK_RATE] * DEGREE
+    assert minimum_fuel.violation(function, minimum_fuel.thrust(solution), bound) < 1e-6
+    # Not both signs at once, so that the objective is the integral of |u|.
+    assert solution.controls.min(axis=1).max() < 1e-6 * bound
+    assert solution.objective == pytest.approx(fields["cumulative"] / DEGREE, rel=1e-5)
+
+
+def test_the_nominals_branch_ends_on_the_way_to_least_fuel(fuel_inputs, fuel_nominal, way):
+    before, after = fuel_fields(fuel_inputs, way.on_branch), fuel_fields(fuel_inputs, way.last)
+    assert 0.8 < way.on_branch.given["weight"] < 1.0
+    assert before["reversals"] == fuel_nominal.reversals == 2
+    assert after["reversals"] == 1
+    assert after["cumulative"] < 0.7 * before["cumulative"] < before["cumulative"] < fuel_nominal.cumulative
+
+
+def test_the_switching_function_obeys_the_adjoint_equations(fuel_inputs, way):
+    """Between intervals, L_k (I - h/2 A_k) = L_k+1 (I + h/2 A_k+1), and nothing holds bank and its rate at the end."""
+    solution = way.last
+    matrix, step = linear_model(fuel_inputs, solution)[0], np.diff(solution.time)[0]
+    costate, eye = solution.costates, np.eye(8)
+    for k in range(len(costate) - 1):
+        before = costate[k] @ (eye - 0.5 * step * matrix[k])
+        after = costate[k + 1] @ (eye + 0.5 * step * matrix[k + 1])
+        assert np.abs(before - after).max() < 1e-6 * np.abs(costate).max()
+    at_end = costate[-1] @ (eye - 0.5 * step * matrix[-1])
+    np.testing.assert_allclose(at_end[[BANK, BANK_RATE]] * DEGREE, 0.0, atol=1e-6)
+
+
+def linear_model(inputs, solution):
+    middle = (solution.states[1:] + solution.states[:-1]) / 2.0
+    control = minimum_fuel.thrust(solution)[:, np.newaxis]
+    model = linearize(entry_problem.rates(inputs), middle, control, list(entry_problem.given().values()))
+    return model.state_matrix, model.control_matrix
+
+
+def test_a_linear_program_finds_no_less_fuel(fuel_inputs, way):
+    """Least integral of |u| with the end conditions linearised, in controls, initial bank and final time."""
+    solution, bound = way.last, fuel_inputs.fuel_bounds[1]
+    matrix, control_matrix = linear_model(fuel_inputs, solution)
+    steps, count = np.diff(solution.time), len(solution.controls)
+    end = solution.states[-1]
+    rows = np.zeros((4, 8))
+    rows[:3, :3] = np.diag([1.0 / 1e5, 10.0, 10.0])
+    rows[3, 3:6] = 2.0 * end[3:6] / fuel_inputs.final_velocity**2
+    adjoint = adjoint_rows(midpoint_transitions(matrix, steps), rows)
+    of_control = (adjoint[1:] @ midpoint_responses(matrix, control_matrix, steps))[:, :, 0].T
+    slope = np.diff(solution.states, axis=0) / steps[:, np.newaxis]
+    of_time = (adjoint[1:] @ midpoint_responses(matrix, slope[:, :, np.newaxis], np.ones(count) * steps))[:, :, 0]
+    of_time = of_time.sum(axis=0) / solution.final_time
+    jacobian = np.column_stack([of_control, -of_control, adjoint[0, :, BANK], of_time])
+    now = np.concatenate([solution.controls.T.ravel(), [solution.states[0, BANK], solution.final_time]])
+    bank, time = now[-2:]
+    fuel = np.concatenate([np.repeat(steps[0], 2 * count), [0.0, now[: 2 * count].sum() / count]])
+    limits = [*[(0.0, bound)] * (2 * count), (bank - 0.05, bank + 0.05), (time - 1.0, time + 1.0)]
+    best = linprog(fuel, A_eq=jacobian, b_eq=jacobian @ now, bounds=limits)
+    assert best.status == 0
+    assert best.fun == pytest.approx(fuel @ now, rel=1e-6)
+
+
+def test_finer_meshes_confirm_the_bursts(fuel_inputs, fuel_nominal, way):
+    bound, solutions = fuel_inputs.fuel_bounds[1], [way.last]
+    for intervals in FINER:
+        program = minimum_fuel.fuel_program(fuel_inputs, fuel_nominal, bound, intervals=intervals)
+        guess = solutions[-1].guess(intervals)
+        near = stage.attempt(fuel_inputs, program, guess, minimum_fuel.share(0.99), barrier=WARM)
+        solutions.append(stage.attempt(fuel_inputs, program, near, minimum_fuel.share(1.0), barrier=1e-6))
+        assert solutions[-1].status == SOLVED
+    found = [fuel_fields(fuel_inputs, solution) for solution in solutions]
+    assert [fields["bursts"] for fields in found] == [2, 2, 2]
+    assert [fields["reversals"] for fields in found] == [1, 1, 1]
+    # The fuel converges with the square of the interval, as the midpoint rule does.
+    fuel, square = np.array([[f["cumulative"], 1.0 / len(f["bank_acceleration"]) ** 2] for f in found]).T
+    slopes = np.diff(fuel) / np.diff(square)
+    assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
+    assert abs(slopes[0] * square[0]) < 0.01 * fuel[0]
+    # Thrust is short of the bound at the ends of bursts only: less and less, the finer the mesh.
+    for fields in found:
+        between = 1.0 - fields["coasting"] - fields["at_bound"]
+        assert between <= 2.0 * fields["bursts"] / len(fields["bank_acceleration"]) + 1e-9
+    starts = []
+    for solution in solutions:
+        on = np.abs(minimum_fuel.thrust(solution)) > 0.5 * bound
+        starts.append(solution.time[:-1][on & ~np.concatenate([[False], on[:-1]])])
+    np.testing.assert_allclose(starts[0], starts[-1], atol=way.last.time[1])
+
+
+def test_where_bursts_are_shorter_than_an_interval_none_comes_to_the_bound(desensitized, nominal, inputs):
+    wide = desensitized.minimum_fuel("corrected", **SMALL)
+    assert set(wide.status.ravel()) == {SOLVED}
+    step = np.diff(wide.time[0, 1])[0]
+    assert wide.cumulative[0, 1] / wide.bound[0] < step  # all thrust at the bound would not fill an interval
+    assert wide.at_bound[0, 1] == 0.0
+    assert 1.0 - wide.coasting[0, 1] <= 2.0 * wide.bursts[0, 1] / inputs.intervals
+    assert wide.bursts[:, 1].tolist() == [2, 2]
+    # Each is the least of what it minimises, and the bound costs.
+    assert (wide.cumulative[:, 1] < wide.cumulative[:, 2]).all()
+    assert (wide.effort[:, 2] < wide.effort[:, 1]).all()
+    assert wide.cumulative[0, 1] <= wide.cumulative[1, 1]
+    np.testing.assert_allclose(wide.effort[:, 0], nominal.effort, rtol=1e-5)
+    assert (wide.switching_violation < 1e-5).all()
+    # So coarse a mesh holds the nominal's branch all the way.
+    assert wide.branch_share.tolist() == [1.0, 1.0]
+    assert wide.reversals.tolist() == [[2, 2, 2], [2, 2, 2]]
+    np.testing.assert_array_equal(wide.branch_cumulative, wide.cumulative[:, 1])
+    np.testing.assert_allclose(wide.effort[:, 2], nominal.effort, rtol=1e-5)
+
+
+def test_thrust_within_a_bound_below_the_nominals(inputs, nominal):
+    bound = 0.8 * nominal.largest_bank_acceleration
+    tight = SimpleNamespace(**vars(inputs) | {"fuel_bounds": np.array([1.0, bound])})
+    found = minimum_fuel.under_bound(tight, nominal, bound)
+    assert np.abs(found["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
+    assert found["effort"][0] > nominal.effort
+
+
+def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
+    hopeless = SimpleNamespace(**vars(inputs) | {"solver_iterations": 2})
+    found = minimum_fuel.compute(hopeless, nominal)
+    assert set(found.status.ravel()) == {"Maximum_Iterations_Exceeded"}
+    assert np.isnan(found.cumulative).all()
+    assert (found.bursts == -1).all()
+    assert np.isnan(found.branch_share).all()
+    artifacts.save(tmp_path / "fuel.h5", found, paper="desensitized", reading="corrected", provenance={})
+
+
+def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
+    monkeypatch.setattr(minimum_fuel, "STEP_ITERATIONS", 1)
+    found = minimum_fuel.under_bound(inputs, nominal, inputs.fuel_bounds[0])
+    assert found["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
+    assert np.isnan(found["cumulative"]).tolist() == [False, True, True]
+    assert np.isnan(found["switching_violation"])
+    assert found["branch_share"] == 0.0
+
+
+def test_shares_of_the_intervals(inputs):
+    controls = np.array([[1.0, 0.0], [0.5, 0.0], [0.0, 0.0], [0.0, 0.9995], [0.0, 0.3]])
+    solution = SimpleNamespace(time=np.arange(6.0), states=np.zeros((6, 8)), controls=controls)
+    fields = minimum_fuel.described(inputs, 1.0, solution, True)
+    assert (fields["coasting"], fields["at_bound"], fields["bursts"]) == pytest.approx((0.2, 0.4, 2))
+    assert fields["cumulative"] == pytest.approx(2.7995)
+
+
+def test_bursts_are_counted_by_beginning_and_sign():
+    assert minimum_fuel.bursts(np.array([1.0, 1.0, 0.0, 0.5, 0.0, -1.0, 1.0]), 1.0) == 4
+    assert minimum_fuel.bursts(np.array([0.0, 1e-4, -1e-4]), 1.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("function", "thrust", "expected"),
+    [
+        ([0.5, -0.9], [0.0, 0.0], 0.0),
+        ([1.2, 0.0], [0.0, 0.0], 0.2),
+        ([1.5, -1.0], [1.0, -1.0], 0.0),
+        ([0.7, -1.0], [1.0, -1.0], 0.3),
+        ([1.0, -1.4], [0.5, -0.5], 0.4),
+        ([-1.5, 0.0], [1.0, 0.0], 2.5),
+    ],
+)
+def test_thrust_against_its_switching_function(function, thrust, expected):
+    assert minimum_fuel.violation(np.array(function), np.array(thrust), 1.0) == pytest.approx(expected)

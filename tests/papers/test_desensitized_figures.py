@@ -1,0 +1,563 @@
+"""The figures of the desensitized-landing paper hold the right curves; nothing here looks at pixels.
+
+What they are drawn from is mostly invented: artifacts of the right shapes in which no two numbers are equal, so that
+a curve that is drawn from the wrong place is found out.
+"""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+
+from marsedl.papers.desensitized import figures
+from marsedl.papers.desensitized.branches import Branches
+from marsedl.papers.desensitized.certificates import Certificates
+from marsedl.papers.desensitized.further_perturbations import FurtherPerturbations
+from marsedl.papers.desensitized.gain_study import GainStudy
+from marsedl.papers.desensitized.gains import LAWS, Gains
+from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS, MinimumFuel
+from marsedl.papers.desensitized.montecarlo import FlightEnsemble
+from marsedl.papers.desensitized.responses import Responses
+from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, VERMILION, save_figure
+from marsedl.replication import artifacts
+from marsedl.replication.jobs import Slice
+
+DEGREE = np.pi / 180
+RADIUS, CROSSRANGE, DOWNRANGE = range(3)
+CHANNELS = ("radius", "crossrange", "downrange")
+SWEEPS = {
+    "fig03a": (RADIUS, "wide", 2),
+    "fig03b": (RADIUS, "narrow", 2),
+    "fig06a": (DOWNRANGE, "wide", 1),
+    "fig06b": (DOWNRANGE, "narrow", 1),
+    "fig09": (CROSSRANGE, "wide", 1),
+}
+HISTORIES = {"fig04": (RADIUS, 2), "fig08": (DOWNRANGE, 1), "fig11": (CROSSRANGE, 1)}
+RATES = {"fig05a": RADIUS, "fig07a": DOWNRANGE, "fig10a": CROSSRANGE}
+ANGLES = {"fig05b": RADIUS, "fig07b": DOWNRANGE, "fig10b": CROSSRANGE}
+OF_LAWS = (*SWEEPS, *HISTORIES, *RATES, *ANGLES)
+# A coarse mesh, few weights, and the branch that such a mesh finds.
+SMALL = {
+    "intervals": 20,
+    "weight_path": np.array([5.0]),
+    "infinite_weights": np.array([60.0, 100.0]),
+    "weight_rule": "proportional",
+    "weight_factor": 50.0,
+    "unregularized_iterations": 3,
+    "gain_iterations": 5,
+    "all_columns_regularization": np.array([0.1]),
+    "guess_banks": np.radians([-60.0, 60.0]),
+    "guess_switch_times": np.array([100.0]),
+    "guess_final_time": 240.0,
+    "nominal_reversals": 1,
+}
+
+
+def invented(kind, extents=None, **known):
+    """An artifact of a type, of random numbers between 1 and 2 but for what is known; its names are numbered."""
+    random, sizes = np.random.default_rng(7), {"time": 12, "intervals": 11} | (extents or {})
+    fields = {}
+    for name, declared in artifacts.quantities(kind).items():
+        shape = tuple(sizes.get(extent, 3) if isinstance(extent, str) else extent for extent in declared.dims)
+        if declared.dtype == "str":
+            values = np.array([f"{name} {k}" for k in range(int(np.prod(shape)))]).reshape(shape)
+        elif declared.dtype == "bool":
+            values = np.ones(shape, bool)
+        elif declared.dtype == "float64":
+            values = 1.0 + random.random(shape)
+        else:
+            values = np.zeros(shape, np.dtype(declared.dtype))
+        fields[name] = known.get(name, values if shape else values.item())
+    return kind(**fields)
+
+
+@pytest.fixture(scope="module")
+def gains():
+    return invented(Gains, {"laws": 6}, law=np.array(LAWS))
+
+
+@pytest.fixture(scope="module")
+def responses():
+    time = np.linspace(0.0, 200.0, 12) + np.arange(6)[:, np.newaxis]
+    sweep = np.array([np.linspace(-size, size, 9) for size in (2000.0, 1000.0, 500.0)])
+    made = invented(Responses, {"laws": 6, "points": 9}, law=np.array(LAWS), time=time, wide=sweep, narrow=0.1 * sweep)
+    bank = made.nominal.copy()
+    bank[:, :, 6] = np.linspace(-1.0, 1.0, 12) + 0.1 * np.arange(6)[:, np.newaxis]
+    return replace(made, nominal=bank, drawn_error=np.array([200.0, 1000.0, 300.0]))
+
+
+@pytest.fixture(scope="module")
+def tradeoff():
+    return invented(
+        Tradeoff,
+        {"rows": 7, "steps": 8, "branches": 2, "folds": 1},
+        printed_weight=np.array([0.0, 1e-3, 1e-2, 0.1, 1.0, np.nan, np.nan]),
+        weight=np.array([0.0, 0.03, 0.6, 5.3, 45.0, 1e6, 2.5e7]),
+        path_branch=np.array([0, 0, 0, 1, 1, 1, 1, 1]),
+        reversals=np.array([2, 2, 2, 3, 1, 2, 0]),
+        branch=np.array(["2 reversals", "1 reversal"]),
+    )
+
+
+@pytest.fixture(scope="module")
+def minima():
+    return invented(
+        Branches,
+        {"solutions": 4, "points": 5, "continued": 6},
+        name=np.array(["1 reversal", "2 reversals", "360 deg roll", "720 deg roll"]),
+        rolls=np.array([0, 0, 1, 2]),
+        nominal=1,
+        found=np.array([5, 4, 3, 2]),
+        starts=20,
+        continued_solution=np.array([0, 0, 2, 2, 3, 3]),
+    )
+
+
+@pytest.fixture
+def draw(gains, responses, tradeoff):
+    """Draw a figure of the laws, from changed artifacts on demand."""
+
+    def drawn(stem, changed_gains=None, changed_responses=None):
+        return getattr(figures, stem)(Slice({}), changed_gains or gains, changed_responses or responses)
+
+    return drawn
+
+
+def curves(axes, color=None, style=None, least=3):
+    """Lines with data (those of a legend have none), of a colour and a style if given."""
+    lines = [line for line in axes.lines if len(line.get_xdata()) >= least]
+    return [
+        line
+        for line in lines
+        if (color is None or same_color(line.get_color(), color)) and style in (None, line.get_linestyle())
+    ]
+
+
+def labels(figure):
+    """All labels of a figure's legends."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def law(name):
+    """Number of a law."""
+    return LAWS.index(name)
+
+
+def drawn_laws(channel, compared):
+    """Names of the laws in a figure of a channel: so many without feedback, and its own."""
+    return (*("no_doc", "reshaped")[:compared], CHANNELS[channel])
+
+
+# --- the nominal, and reshaping ---------------------------------------------------------------------------------------
+
+
+def test_fig01_shows_the_nominal_in_degrees(desensitized):
+    nominal = desensitized.nominal("one_reversal")
+    bounds = Slice({"bank_rate_bound": 0.3, "bank_acceleration_bound": 0.09})
+    rate, acceleration = figures.fig01a(bounds, nominal).axes
+    np.testing.assert_allclose(curves(rate)[0].get_ydata(), nominal.state[:, 7] * 180 / np.pi)
+    np.testing.assert_allclose(acceleration.patches[0].get_data().values, nominal.bank_acceleration * 180 / np.pi)
+    assert f"bound {0.3 * 180 / np.pi:g} deg/s" in rate.get_title(loc="right")
+    assert not [line for line in rate.lines if line.get_linestyle() == "--"]  # a bound far away is not drawn
+    (axes,) = figures.fig01b(Slice({}), nominal).axes
+    (angle,) = curves(axes)
+    np.testing.assert_allclose(angle.get_ydata(), nominal.state[:, 6] * 180 / np.pi)
+    (mark,) = [line for line in axes.lines if line.get_marker() == "o"]
+    # The mark is where the curve passes zero.
+    assert np.interp(mark.get_xdata()[0], *angle.get_data()) == pytest.approx(0.0, abs=1e-9)
+    assert axes.get_title() == "1 reversal"
+
+
+def test_fig01_draws_a_bound_that_is_near(desensitized):
+    nominal = desensitized.nominal("one_reversal")
+    bounds = Slice({"bank_rate_bound": 1.1 * nominal.largest_bank_rate, "bank_acceleration_bound": 9.0})
+    rate, acceleration = figures.fig01a(bounds, nominal).axes
+    levels = sorted(line.get_ydata()[0] for line in rate.lines if line.get_linestyle() == "--")
+    np.testing.assert_allclose(levels, np.array([-1.1, 1.1]) * nominal.largest_bank_rate / DEGREE)
+    assert not acceleration.lines
+
+
+def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff):
+    figure = figures.fig02(Slice({}), tradeoff)
+    lines = curves(figure.axes[0])
+    assert len(lines) == 7
+    for number, line in enumerate(lines):
+        np.testing.assert_array_equal(line.get_xdata(), tradeoff.time[number])
+        np.testing.assert_allclose(line.get_ydata(), tradeoff.state[number, :, 6] / DEGREE)
+    assert [line.get_linestyle() for line in lines] == ["-"] * 5 + ["--", ":"]
+    shown = labels(figure)
+    assert shown[0] == "$c_1$ = 0: 2 reversals" and shown[4] == "$c_1$ = 1: 1 reversal"
+    assert shown[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in shown[6]
+
+
+# --- errors at entry --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stem", SWEEPS)
+def test_sweeps_show_the_norm_of_the_final_error(draw, responses, stem):
+    channel, kind, compared = SWEEPS[stem]
+    (axes,) = draw(stem).axes
+    names = (
+        ("no_doc", "reshaped", CHANNELS[channel])[-compared - 1 :] if compared == 2 else ("no_doc", CHANNELS[channel])
+    )
+    lines = curves(axes)
+    assert len(lines) == compared + 1
+    for name, line in zip(names, lines, strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), getattr(responses, kind)[channel])
+        error = getattr(responses, f"{kind}_error")[law(name), channel]
+        np.testing.assert_allclose(line.get_ydata(), np.sqrt((error**2).sum(axis=1)))
+    assert same_color(lines[-1].get_color(), VERMILION) and lines[-1].get_linestyle() == "-"
+    assert axes.get_xlabel() == f"{CHANNELS[channel]} error at entry (m)" and axes.get_ylabel().endswith("(m)")
+
+
+@pytest.mark.parametrize("stem", HISTORIES)
+def test_histories_show_three_errors_of_the_flights(draw, responses, stem):
+    channel, compared = HISTORIES[stem]
+    figure = draw(stem)
+    names = drawn_laws(channel, compared)
+    for component, axes in enumerate(figure.axes):
+        lines = curves(axes)
+        assert len(lines) == len(names)
+        for name, line in zip(names, lines, strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), responses.time[law(name)])
+            np.testing.assert_array_equal(line.get_ydata(), responses.error[law(name), channel, :, component])
+        assert axes.get_ylabel() == f"{CHANNELS[component]} error (m)"
+    assert f"{responses.drawn_error[channel]:+g} m" in figure.axes[0].get_title()
+    assert labels(figure) == [*("no DOC", "DOC without feedback")[:compared], "DOC with feedback"]
+
+
+@pytest.mark.parametrize("stem", RATES)
+def test_bank_rates_are_those_of_the_law_of_the_channel(draw, responses, stem):
+    channel = RATES[stem]
+    number = law(CHANNELS[channel])
+    rate, acceleration = draw(stem).axes
+    for axes, nominal, perturbed in (
+        (rate, responses.nominal[number, :, 7], responses.state[number, channel, :, 7]),
+        (acceleration, responses.nominal_acceleration[number], responses.acceleration[number, channel]),
+    ):
+        (dashed,), (solid,) = curves(axes, BLACK, "--"), curves(axes, VERMILION, "-")
+        np.testing.assert_allclose(dashed.get_ydata(), nominal / DEGREE)
+        np.testing.assert_allclose(solid.get_ydata(), perturbed / DEGREE)
+    assert "deg/s)" in rate.get_ylabel() and "deg/s$^2$" in acceleration.get_ylabel()
+
+
+@pytest.mark.parametrize("stem", ANGLES)
+def test_bank_angles_their_difference_and_the_reversals_of_the_nominal(draw, responses, stem):
+    channel = ANGLES[stem]
+    number = law(CHANNELS[channel])
+    angle, difference = draw(stem).axes
+    (nominal,), (perturbed,) = curves(angle, BLACK, "--"), curves(angle, VERMILION)
+    np.testing.assert_allclose(nominal.get_ydata(), responses.nominal[number, :, 6] / DEGREE)
+    np.testing.assert_allclose(perturbed.get_ydata(), responses.state[number, channel, :, 6] / DEGREE)
+    (apart,) = curves(difference)
+    np.testing.assert_allclose(apart.get_ydata(), perturbed.get_ydata() - nominal.get_ydata())
+    for axes in (angle, difference):
+        (mark,) = [line for line in axes.lines if line.get_linestyle() == ":"]
+        # The invented bank angle is a line from -1 + 0.1 n to 1 + 0.1 n over 200 s.
+        assert mark.get_xdata()[0] == pytest.approx(number + 200.0 * (1.0 - 0.1 * number) / 2.0)
+
+
+@pytest.mark.parametrize("stem", OF_LAWS)
+def test_what_was_lost_or_not_found_is_said(draw, gains, responses, stem):
+    lost = replace(
+        responses,
+        **{
+            name: np.full_like(getattr(responses, name), np.nan)
+            for name in ("state", "acceleration", "error", "wide_error", "narrow_error")
+        },
+    )
+    unfinished = replace(gains, converged=np.array([True, True, False, False, False, True]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = draw(stem, unfinished, lost)
+        figure.draw_without_rendering()
+    shown = labels(figure)
+    assert any("gains not converged" in label for label in shown)
+    if stem in SWEEPS:
+        assert any("9 of 9 flights lost" in label for label in shown)
+    if stem in RATES or stem in ANGLES:
+        assert any(label.endswith(", lost") for label in shown)
+
+
+def test_feedback_that_fails_does_not_hide_the_rest(draw, responses):
+    wild = responses.wide_error.copy()
+    wild[law("radius")] *= 1e6
+    (axes,) = draw("fig03a", changed_responses=replace(responses, wide_error=wild)).axes
+    plain = max(line.get_ydata().max() for line in curves(axes)[:2])
+    assert plain < axes.get_ylim()[1] < 3.0 * plain
+    errors = responses.error.copy()
+    errors[law("radius")] *= -1e6
+    for axes in draw("fig04", changed_responses=replace(responses, error=errors)).axes:
+        assert -10.0 < axes.get_ylim()[0] < 0.0
+
+
+def test_one_surviving_flight_is_seen(draw, responses):
+    errors = responses.narrow_error.copy()
+    errors[law("radius"), RADIUS, [0, 1, 2, 4, 5, 6, 7, 8]] = np.nan
+    (axes,) = draw("fig03b", changed_responses=replace(responses, narrow_error=errors)).axes
+    assert [line.get_marker() for line in curves(axes)] == ["None", "None", "."]
+
+
+# --- beyond the paper -------------------------------------------------------------------------------------------------
+
+
+def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, minima, desensitized_published):
+    inputs = Slice({"tabulated_error": 1000.0})
+    figure = figures.pareto(inputs, tradeoff, minima, desensitized_published)
+    axes, weight = figure.axes
+    assert axes.get_yscale() == "log" and "1000 m" in axes.get_xlabel()
+    error = np.linalg.norm(tradeoff.path_error, axis=1)
+    for color, part in ((BLACK, slice(0, 3)), (BLUE, slice(3, 8))):
+        (path,) = curves(axes, color, "-")
+        np.testing.assert_allclose(path.get_xdata(), error[part])
+        np.testing.assert_array_equal(path.get_ydata(), tradeoff.path_effort[part])
+    (jump,) = [line for line in axes.lines if line.get_linestyle() == ":"]
+    np.testing.assert_array_equal(jump.get_xydata(), np.transpose([tradeoff.fold_error[0], tradeoff.fold_effort[0]]))
+    (rows,) = [line for line in axes.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(rows.get_xdata(), np.linalg.norm(tradeoff.error, axis=1))
+    np.testing.assert_array_equal(rows.get_ydata(), tradeoff.effort)
+    (printed,) = [line for line in axes.lines if line.get_marker() == "x"]
+    np.testing.assert_array_equal(printed.get_xdata(), [8039, 7959, 7372, 6472, 6172, 5939])
+    np.testing.assert_array_equal(printed.get_ydata(), [0.1374, 0.14, 0.3078, 1.5603, 5.1812, 586.8673])
+    given, *starts = [line for line in axes.lines if line.get_linestyle() == "None" and line.get_marker() == "."]
+    np.testing.assert_array_equal(given.get_xydata(), np.transpose([minima.curve_error, minima.curve_effort]))
+    assert [line.get_label().split("from ")[1] for line in starts] == ["1 reversal", "360 deg roll", "720 deg roll"]
+    np.testing.assert_array_equal(starts[1].get_ydata(), minima.continued_effort[2:4])
+    (curve,) = curves(weight, style="--")
+    np.testing.assert_array_equal(curve.get_xdata(), minima.curve_error)
+    np.testing.assert_array_equal(curve.get_ydata(), minima.curve_weight)
+    assert f"{minima.fold_weight:.4g}" in weight.get_title()
+
+
+def test_pareto_labels_crowded_rows_together(tradeoff, minima):
+    error = np.zeros((7, 3))
+    error[:, 2] = [8000.0, 7990.0, 7000.0, 6995.0, 6300.0, 6000.0, 6000.5]
+    effort = np.array([0.1, 0.1001, 0.3, 3.0, 4.0, 500.0, 6500.0])
+    (axes, _) = figures.pareto(
+        Slice({"tabulated_error": 1000.0}), replace(tradeoff, error=error, effort=effort), minima
+    ).axes
+    shown = [text.get_text() for text in axes.texts]
+    assert shown == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
+
+
+def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
+    plain = replace(
+        tradeoff,
+        path_branch=np.zeros(8, int),
+        branch=np.array(["2 reversals"]),
+        **{name: np.empty((0, 2)) for name in ("fold_weight", "fold_effort", "fold_error")},
+    )
+    none = {f"curve_{name}": np.empty(0) for name in ("error", "effort", "weight", "final_bank")}
+    none |= {"continued_solution": np.empty(0, int), "continued_error": np.empty((0, 3))}
+    bare = replace(minima, **none, fold_weight=np.nan, fold_error=np.nan)
+    (axes,) = figures.pareto(Slice({"tabulated_error": 1000.0}), plain, bare).axes
+    assert not [line for line in axes.lines if line.get_linestyle() == ":" or line.get_marker() == "x"]
+    figure = figures.pareto(Slice({"tabulated_error": 1000.0}), plain, replace(minima, fold_weight=np.nan))
+    assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
+
+
+def test_branches_are_drawn_with_their_energy_and_rolls_apart(minima):
+    figure = figures.branches(Slice({}), minima)
+    plain, rolling = figure.axes
+    for axes, numbers in ((plain, (0, 1)), (rolling, (2, 3))):
+        for number, line in zip(numbers, curves(axes), strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), minima.time[number])
+            np.testing.assert_allclose(line.get_ydata(), minima.bank[number] / DEGREE)
+            assert (line.get_linestyle() == "-") == (number == 1)
+            assert f"{minima.effort[number]:.4g}" in line.get_label()
+            assert f"from {minima.found[number]} of 20" in line.get_label()
+    no_rolls = replace(minima, rolls=np.zeros(4, int))
+    assert len(figures.branches(Slice({}), no_rolls).axes) == 1
+
+
+def test_gain_candidates_are_drawn_against_flights_without_feedback(gains):
+    sizes = np.array([-1000.0, -200.0, 200.0, 1000.0])
+    study = invented(
+        GainStudy,
+        {"candidates": 5, "sizes": 4, "all_sizes": 4},
+        channel=np.array([0, 0, 1, 2, 2]),
+        rank=np.array([1, 0, 0, 1, 0]),
+        tuning_error=sizes[[1, 0, 3, 2]],
+        all_sizes=sizes,
+    )
+    study.flown_error[3, 1] = np.nan
+    *panels, together = figures.gain_candidates(Slice({}), gains, study).axes
+    for channel, (axes, numbers) in enumerate(zip(panels, ((1, 0), (2,), (4, 3)), strict=True)):
+        plain, *lines = curves(axes)
+        np.testing.assert_array_equal(plain.get_xdata(), sizes)
+        np.testing.assert_allclose(plain.get_ydata(), np.abs(sizes) * np.linalg.norm(gains.final[0, :, channel]))
+        for number, line in zip(numbers, lines, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), study.flown_error[number, [1, 0, 3, 2]])
+            assert f"{np.linalg.norm(study.scaled_gain[number]):.3g}" in line.get_label()
+    for number, line in enumerate(curves(together)):
+        np.testing.assert_array_equal(line.get_ydata(), study.all_flown_error[number // 3, number % 3])
+        assert line.get_label().startswith(CHANNELS[number % 3])
+
+
+def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
+    deviations, trials = np.array([200.0, 1000.0, 300.0]), 4000
+    errors = np.random.default_rng(3).standard_normal((trials, 3)) * deviations
+    final = np.einsum("lij,nj->lni", gains.final, errors)
+    final[2, :7], final[3] = np.nan, np.nan
+    ensemble = invented(FlightEnsemble, {"laws": 6}, final_error=final)
+    figure = figures.dispersion(Slice({"initial_deviations": deviations}), gains, ensemble)
+    for number, axes in enumerate(figure.axes):
+        (dots,) = curves(axes, SKY, least=100)
+        np.testing.assert_allclose(dots.get_xdata(), final[number, :2000, DOWNRANGE] / 1e3)
+        np.testing.assert_allclose(dots.get_ydata(), final[number, :2000, CROSSRANGE] / 1e3)
+        (curve,) = curves(axes, VERMILION)
+        sampled = np.cov(final[number, 7:][:, [DOWNRANGE, CROSSRANGE]].T / 1e3)
+        if number != 3:
+            distance = np.einsum("ki,ij,kj->k", curve.get_xydata(), np.linalg.inv(sampled), curve.get_xydata())
+            np.testing.assert_allclose(distance, 9.0, rtol=0.25)  # three standard deviations, twice squared
+            assert "linear" in axes.get_title()
+    assert "7 lost" in figure.axes[2].get_title() and "4,000 lost" in figure.axes[3].get_title()
+    assert "2,000 of 4,000 flights" in labels(figure)
+
+
+def test_dispersion_with_a_single_error_is_a_line(gains):
+    ensemble = invented(FlightEnsemble, {"laws": 6, "trials": 5})
+    figure = figures.dispersion(Slice({"initial_deviations": np.array([0.0, 1000.0, 0.0])}), gains, ensemble)
+    for number, axes in enumerate(figure.axes):
+        (curve,) = curves(axes, VERMILION)
+        column = gains.final[number, [DOWNRANGE, CROSSRANGE], CROSSRANGE]
+        reach = 3.0 * np.linalg.norm(column)  # km
+        assert np.linalg.norm(curve.get_xydata(), axis=1).max() == pytest.approx(reach, rel=1e-3)
+        np.testing.assert_allclose(curve.get_xdata() * column[1], curve.get_ydata() * column[0], atol=1e-9)
+
+
+def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
+    intervals = np.array([50, 100, 200, 400])
+    falling = np.array([[[4.0], [2.0], [4.0]]]) * -np.log(intervals / 50.0)
+    miss = np.exp(falling)[..., np.newaxis] * np.array([3.0, 4.0, 0.0]) * np.array([1.0, 2.0]).reshape(2, 1, 1, 1)
+    made = invented(
+        Certificates,
+        {"cases": 2, "schemes": 3, "meshes": 4},
+        scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
+        intervals=intervals,
+        mesh_miss=miss,
+        weight=np.array([0.0, 45.0]),
+    )
+    made.mesh_flown_error[1, 2, 3] = np.nan
+    figure = figures.discretisation(Slice({"intervals": 100, "tabulated_error": 1000.0}), made)
+    missed, wrong = figure.axes
+    lines = [line for line in curves(missed) if line.get_marker() == "o"]
+    assert len(lines) == 6
+    for number, line in enumerate(lines):
+        np.testing.assert_allclose(line.get_ydata(), 5.0 * (1 + number // 3) * np.exp(falling[0, number % 3]))
+    apart = made.mesh_error - made.mesh_flown_error
+    lines = [line for line in curves(wrong) if line.get_marker() == "o"]
+    np.testing.assert_allclose(lines[5].get_ydata(), np.linalg.norm(apart[1, 2], axis=-1))
+    slopes = [
+        np.diff(np.log(line.get_ydata()))[0] / np.diff(np.log(line.get_xdata()))[0] for line in curves(missed, GREY)
+    ]
+    np.testing.assert_allclose(slopes, [-2.0, -4.0])
+    assert "Hermite-Simpson, nominal" in labels(figure) and "midpoint, $c$ = 45" in labels(figure)
+
+
+def test_minimum_fuel_shows_three_solutions_under_each_bound():
+    time = np.linspace(0.0, 200.0, 12) + np.arange(6).reshape(2, 3, 1)
+    made = invented(
+        MinimumFuel,
+        {"bounds": 2, "solutions": 3},
+        solution=np.array(SOLUTIONS),
+        bound=np.array([5.0, 0.1]) * np.pi / 180,
+        time=time,
+    )
+    figure = figures.minimum_fuel(Slice({}), made)
+    panels = np.reshape(figure.axes, (3, 2))
+    for bound, (acceleration, angle, switching) in enumerate(panels.T):
+        for place, (stairs, line) in enumerate(zip(acceleration.patches, curves(angle), strict=True)):
+            np.testing.assert_array_equal(stairs.get_data().edges, time[bound, place])
+            np.testing.assert_allclose(stairs.get_data().values, made.bank_acceleration[bound, place] / DEGREE)
+            np.testing.assert_allclose(line.get_ydata(), made.bank[bound, place] / DEGREE)
+        (function,) = curves(switching)
+        np.testing.assert_array_equal(function.get_ydata(), made.switching[bound])
+        np.testing.assert_allclose(function.get_xdata(), (time[bound, 1, 1:] + time[bound, 1, :-1]) / 2)
+        assert f"bound {(5, 0.1)[bound]:g} deg/s" in acceleration.get_title()
+        assert all(f"{mass:.3g}" in acceleration.get_title() for mass in made.propellant[bound])
+
+
+def test_minimum_fuel_that_was_not_found_is_left_out():
+    made = invented(MinimumFuel, {"bounds": 2, "solutions": 3}, solution=np.array(SOLUTIONS))
+    for name in ("time", "bank", "bank_acceleration", "propellant"):
+        getattr(made, name)[:, 1:] = np.nan
+    made.switching[:] = np.nan
+    figure = figures.minimum_fuel(Slice({}), made)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure.draw_without_rendering()
+    assert len(figure.axes[0].patches) == 1
+    assert figure.axes[0].get_title().count("not solved") == 2
+
+
+def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
+    laws = np.array(["no feedback", "density null", "density and radius null", "density tuned", "both tuned"])
+    made = invented(
+        FurtherPerturbations,
+        {"rows": 7, "steps": 6, "branches": 2, "laws": 5, "densities": 4},
+        perturbation=np.array(["density", "velocity", "flight path angle", *CHANNELS]),
+        path_branch=np.array([0, 0, 0, 1, 1, 1]),
+        law=laws,
+        converged=np.array([True, True, False, True, True]),
+        density_error=np.array([0.01, -0.01, 0.05, -0.05]),
+    )
+    made.density_flown_error[1, 2] = np.nan
+    figure = figures.further_perturbations(Slice({"density_error": 0.05}), tradeoff, made)
+    over_rows, energy, density, radius = figure.axes
+    norms = np.linalg.norm(made.row_linear_error, axis=-1)
+    for number, line in enumerate(curves(over_rows)):
+        np.testing.assert_allclose(line.get_ydata(), norms[:, number] / norms[0, number])
+        assert line.get_label() == made.perturbation[number]
+    assert [text.get_text() for text in over_rows.get_xticklabels()][:2] == ["0", "0.001"]
+    path = np.linalg.norm(made.path_error, axis=1)
+    np.testing.assert_allclose(curves(energy, BLUE)[0].get_xdata(), path[3:])
+    np.testing.assert_array_equal(curves(energy, BLUE)[0].get_ydata(), made.path_effort[3:])
+    (rows,) = curves(energy, VERMILION)
+    np.testing.assert_allclose(rows.get_xdata(), norms[:, 0])
+    np.testing.assert_array_equal(rows.get_ydata(), tradeoff.effort)
+    assert "5 % of density" in energy.get_xlabel()
+    for number, line in enumerate(curves(density)):
+        np.testing.assert_allclose(line.get_xdata(), [-5.0, -1.0, 1.0, 5.0])
+        flown = np.linalg.norm(made.density_flown_error[number, [3, 1, 0, 2]], axis=-1) / 1e3
+        np.testing.assert_allclose(line.get_ydata(), flown)
+    assert len(curves(radius)) == 5
+    assert "density and radius null (not converged)" in labels(figure)
+
+
+# --- readings ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reading", ["corrected", "printed"])
+def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, tmp_path, reading):
+    """From a coarse mesh, with gains that have not converged and flights that are lost."""
+    nominal, tradeoff, gains, responses = (
+        desensitized.stage(name, reading, **SMALL) for name in ("nominal", "tradeoff", "gains", "responses")
+    )
+    assert not gains.converged.all()
+    bounds = desensitized.inputs(reading, ("bank_rate_bound", "bank_acceleration_bound"))
+    drawn = {
+        "fig01a": figures.fig01a(bounds, nominal),
+        "fig01b": figures.fig01b(Slice({}), nominal),
+        "fig02": figures.fig02(Slice({}), tradeoff),
+        **{stem: getattr(figures, stem)(Slice({}), gains, responses) for stem in OF_LAWS},
+        "dispersion": figures.dispersion(
+            desensitized.inputs(reading, ("initial_deviations",)),
+            gains,
+            desensitized.ensemble(reading, "entry_errors", 40, **SMALL),
+        ),
+    }
+    for figure in drawn.values():
+        assert isinstance(figure, Figure)
+        for axes in figure.axes:
+            assert axes.has_data()
+        assert figure.axes[0].get_ylabel() and figure.axes[-1].get_xlabel()
+    for stem in ("fig03a", "fig05b", "dispersion"):
+        save_figure(drawn[stem], tmp_path / f"{stem}.png", tmp_path / f"{stem}.pdf")
+        assert 10_000 < (tmp_path / f"{stem}.png").stat().st_size < 400_000
+        assert (tmp_path / f"{stem}.pdf").stat().st_size > 5_000

@@ -1,0 +1,582 @@
+"""The flights beside the nominal: against plain numpy, other equations and adaptive steps, symmetries, ends."""
+
+from functools import partial
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+
+from marsedl.models import atmosphere
+from marsedl.models.dynamics.entry import entry_rates
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.desensitized import flight
+
+RADIUS, MU = 3397e3, 4.282837e13
+INTERVALS, FINAL_TIME = 100, 265.0
+STEP = FINAL_TIME / INTERVALS
+INPUTS = SimpleNamespace(
+    gravitational_parameter=MU,
+    planet_radius=RADIUS,
+    ballistic_coefficient=115.0,
+    lift_to_drag=0.18,
+    bank_acceleration_bound=np.radians(5.0),
+)
+SCALES = np.array([RADIUS, 1.0, 1.0, RADIUS / 20, RADIUS / 20, RADIUS / 20, 1.0, 1.0])
+GAIN = np.array([-0.06, -0.02, 0.055, -0.03, 0.03, 0.08, 0.0, 0.0]) / SCALES  # keeps trials near the nominal
+NARROW = 3.69e-3  # a bound that the nominal keeps and about half the trials reach
+# Deviations and density factors (within a tenth of 1) for these.
+SPREAD = np.array([100.0, 3e-5, 3e-5, 1.0, 1.0, 1.0, 0.01, 1e-5])
+NODES = atmosphere.uniform_nodes(atmosphere.temperature_pressure_fit)
+CELLS = atmosphere.uniform_cells(NODES.log_density, NODES.slope, NODES.spacing)
+
+
+def bank_profile(time):
+    """Smooth steps between three bank angles; the angle, its rate and its acceleration."""
+    levels = np.radians([-85.5, 38.1, -63.3])
+    bank, rate, acceleration = levels[0], 0.0, 0.0
+    for rise, switch in zip(np.diff(levels), (61.0, 211.0), strict=True):
+        x = np.tanh((time - switch) / 15.0)
+        bank = bank + 0.5 * rise * (1.0 + x)
+        rate = rate + 0.5 * rise / 15.0 * (1.0 - x**2)
+        acceleration = acceleration - rise / 15.0**2 * x * (1.0 - x**2)
+    return bank, rate, acceleration
+
+
+def entry_state(flight_path_angle):
+    """On the equator, due east; the angle in degrees."""
+    angle = np.radians(flight_path_angle)
+    velocity = 6750.0 * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    return np.array([126.1e3, 0.0, 0.0, *velocity, *bank_profile(0.0)[:2]])
+
+
+ENTRY, STEEP = entry_state(-15.2), entry_state(-40.0)
+MIDDLES = STEP * (np.arange(INTERVALS) + 0.5)
+REFERENCE = flight.Reference(ENTRY, bank_profile(MIDDLES)[2], FINAL_TIME)
+OPEN = np.zeros(8)
+
+
+def perturbed(trials, seed=0, spread=SPREAD):
+    return ENTRY + np.random.default_rng(seed).uniform(-1.0, 1.0, (trials, 8)) * spread
+
+
+def with_bound(bound):
+    return SimpleNamespace(**vars(INPUTS) | {"bank_acceleration_bound": bound})
+
+
+def fly(initial, gain=OPEN, reference=REFERENCE, inputs=INPUTS, cells=CELLS, nodes=NODES, **options):
+    constants = flight.settings(inputs, nodes)
+    initial = np.atleast_2d(initial)
+    return flight.fly(constants, cells, reference, gain, initial, **{"substeps": 5} | options)
+
+
+def fly_nominal(reference=REFERENCE, substeps=5, inputs=INPUTS):
+    return flight.fly_nominal(flight.settings(inputs, NODES), CELLS, reference, substeps)
+
+
+def assert_identical(first, second, trials=slice(None), leave_out=()):
+    """Every array of both, where trials picks those of the second that the first has."""
+    for name in {"history", "observed", "observed_maximum", "final_state", "outcome", "length"} - set(leave_out):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name)[..., trials], err_msg=name)
+
+
+# ---- the oracle ------------------------------------------------------------------------------------------------------
+
+
+def _mean_density():
+    nodes = NODES.bottom + NODES.spacing * np.arange(len(NODES.log_density))
+    curve = CubicHermiteSpline(nodes, NODES.log_density, NODES.slope)
+    return lambda altitude: np.exp(curve(altitude))
+
+
+mean_density = _mean_density()
+
+
+def vehicle_rates(y, u, factor=1.0):
+    """Eqs. 1 and 2 by vectors: y (8, ...), u (...)."""
+    h, phi, _, *v, xi, w = y
+    v = np.array(v)  # radial, north, east
+    r, speed = RADIUS + h, np.sqrt((v**2).sum(axis=0))
+    ahead = v / speed
+    up = np.array([np.ones_like(h), 0.0 * h, 0.0 * h]) - ahead[0] * ahead
+    up = up / np.sqrt((up**2).sum(axis=0))
+    # Ahead x up; (radial, north, east) is left-handed.
+    right = -np.cross(ahead, up, axis=0)
+    drag = factor * mean_density(h) * speed**2 / (2 * 115.0)
+    v_r, v_n, v_e = v
+    a_r, a_n, a_e = -drag * ahead + 0.18 * drag * (np.cos(xi) * up + np.sin(xi) * right)
+    return np.array(
+        [
+            v_r,
+            v_n / r,
+            v_e / (r * np.cos(phi)),
+            -MU / r**2 + (v_n**2 + v_e**2) / r + a_r,
+            -(v_r * v_n + v_e**2 * np.tan(phi)) / r + a_n,
+            -(v_r * v_e - v_n * v_e * np.tan(phi)) / r + a_e,
+            w,
+            u + 0.0 * h,
+        ]
+    )
+
+
+def pair_rates(_, z, nominal_control, gain, bound, factor=1.0):
+    """Of the trial, its integral of |u| and the nominal: z (17, ...)."""
+    y, nominal = z[:8], z[9:]
+    u = np.clip(nominal_control + np.tensordot(gain, y - nominal, 1), -bound, bound)
+    return np.concatenate([vehicle_rates(y, u, factor), [np.abs(u)], vehicle_rates(nominal, nominal_control)])
+
+
+def pairs(initial):
+    """Initial z (17, trials) of initial states (trials, 8)."""
+    start = np.broadcast_to(REFERENCE.initial_state[:, np.newaxis], (8, len(initial)))
+    return np.concatenate([initial.T, np.zeros((1, len(initial))), start])
+
+
+def oracle(initial, gain, bound, factor, substeps):
+    """z at the ends of all intervals, (intervals + 1, 17, trials), by the same steps in plain numpy."""
+    z, h = pairs(initial), STEP / substeps
+    found = [z]
+    for u in REFERENCE.bank_acceleration:
+        rates = partial(pair_rates, 0.0, nominal_control=u, gain=gain, bound=bound, factor=factor)
+        for _ in range(substeps):
+            k1 = rates(z)
+            k2 = rates(z + h / 2 * k1)
+            k3 = rates(z + h / 2 * k2)
+            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(z + h * k3))
+        found.append(z)
+    return np.array(found)
+
+
+# Relative to these, agreement of states and of the integral is asked.
+SIZE = np.array([1e4, 0.01, 0.1, 100.0, 100.0, 100.0, 1.0, 0.01, 0.1])[:, np.newaxis]
+
+
+# ---- against other formulations --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
+def test_flights_are_those_of_plain_numpy(bound):
+    initial, factor = perturbed(130), np.random.default_rng(1).uniform(0.9, 1.1, 130)
+    flown = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor)
+    expected = oracle(initial, GAIN, bound, factor, substeps=5)
+    np.testing.assert_allclose(flown.history / SIZE, expected[:, :9] / SIZE, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(flown.final_state, flown.history[-1])
+    nominal = fly_nominal(inputs=with_bound(bound))
+    np.testing.assert_allclose(nominal.T / SIZE[:8], expected[:, 9:, 0].T / SIZE[:8], rtol=0, atol=1e-11)
+    assert (flown.outcome == COMPLETED).all() and (flown.length == 101).all()
+    clipped = (flown.observed[:, flight.COMMAND_MAGNITUDE] > bound).any(axis=0).mean()
+    assert (0.2 < clipped < 0.8) if bound == NARROW else clipped == 0.0
+
+
+def test_observed_are_the_command_and_what_is_flown_of_it():
+    bound, initial = NARROW, perturbed(70, spread=10.0 * SPREAD)
+    flown = fly(initial, GAIN, inputs=with_bound(bound))
+    control = np.append(REFERENCE.bank_acceleration, REFERENCE.bank_acceleration[-1])
+    deviation = flown.history[:, :8] - fly_nominal(inputs=with_bound(bound))[..., np.newaxis]
+    command = control[:, np.newaxis] + np.tensordot(deviation, GAIN, (1, 0))
+    acceleration, magnitude = flown.observed.swapaxes(0, 1)
+    np.testing.assert_allclose(acceleration, np.clip(command, -bound, bound), rtol=0, atol=1e-17)
+    np.testing.assert_allclose(magnitude, np.abs(command), rtol=0, atol=1e-17)
+    assert (flown.observed_maximum >= flown.observed.max(axis=0)).all()
+    assert (flown.observed_maximum[flight.COMMAND_MAGNITUDE] > flown.observed[:, 1].max(axis=0)).any()  # between
+    np.testing.assert_allclose(flown.observed_maximum, flown.observed.max(axis=0), rtol=0.02)
+    assert flown.observed_maximum[flight.BANK_ACCELERATION].max() == bound < magnitude.max()
+
+
+@pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
+def test_flights_are_those_of_an_adaptive_method(bound):
+    """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
+    initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
+    flown = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
+    reached = flown.observed_maximum[flight.COMMAND_MAGNITUDE] > bound
+    np.testing.assert_array_equal(reached, bound == NARROW)
+    for trial in range(3):
+        z = pairs(initial[trial : trial + 1])[:, 0]
+        for u in REFERENCE.bank_acceleration:
+            arguments = (u, GAIN, bound, factor[trial])
+            options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+            z = solve_ivp(pair_rates, (0.0, STEP), z, args=arguments, **options).y[:, -1]
+        np.testing.assert_allclose(flown.final_state[:, trial] / SIZE[:, 0], z[:9] / SIZE[:, 0], rtol=0, atol=1e-9)
+
+
+def test_flights_without_feedback_are_those_of_speed_and_angles():
+    """The same motion in radius, speed, flight path angle and azimuth, by another set of equations."""
+    initial = perturbed(3)
+    flown = fly(initial, substeps=40)
+
+    def rates(_, x, u):
+        r, theta, phi, speed, gamma, psi, xi, w = x
+        density = mean_density(r - RADIUS)
+        factors = (1.0 / 230.0, 0.18 / 230.0, MU, 0.0, 1.0)
+        return (*entry_rates(r, theta, phi, speed, gamma, psi, xi, density, *factors), w, u)
+
+    for trial, (h, phi, theta, v_r, v_n, v_e, xi, w) in enumerate(initial):
+        horizontal = np.hypot(v_n, v_e)
+        speed = np.hypot(horizontal, v_r)
+        x = np.array([RADIUS + h, theta, phi, speed, np.arctan2(v_r, horizontal), np.arctan2(v_e, v_n), xi, w])
+        for u in REFERENCE.bank_acceleration:
+            x = solve_ivp(rates, (0.0, STEP), x, "DOP853", args=(u,), rtol=1e-12, atol=1e-14).y[:, -1]
+        r, theta, phi, speed, gamma, psi, xi, w = x
+        horizontal = speed * np.cos(gamma)
+        velocity = speed * np.sin(gamma), horizontal * np.cos(psi), horizontal * np.sin(psi)
+        expected = np.array([r - RADIUS, phi, theta, *velocity, xi, w]) / SIZE[:8, 0]
+        np.testing.assert_allclose(flown.final_state[:8, trial] / SIZE[:8, 0], expected, rtol=0, atol=1e-9)
+
+
+def test_flights_are_of_fourth_order_in_the_step():
+    """In an exponential atmosphere of one cell, which is smooth everywhere."""
+    altitude = np.array([0.0, 200e3])
+    nodes = atmosphere.UniformNodes(0.0, 200e3, np.log(0.015) - altitude / 9.5e3, np.full(2, -1.0 / 9.5e3))
+    cells = atmosphere.uniform_cells(nodes.log_density, nodes.slope, nodes.spacing)
+    initial = perturbed(2)
+    substeps = (1, 2, 4, 8)
+    exact, *final = (
+        fly(initial, GAIN, cells=cells, nodes=nodes, substeps=number).final_state for number in (64, *substeps)
+    )
+    for coarse, fine in pairwise(np.abs(state - exact) for state in final):
+        np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.25)
+
+
+def test_in_vacuum_energy_and_angular_momentum_stay():
+    vacuum = atmosphere.uniform_cells(np.full(311, -2000.0), np.zeros(311), 1e3)
+    initial = perturbed(3)
+    initial[:, flight.RADIAL_VELOCITY] = 500.0  # up, so that it stays above the ground
+    flown = fly(initial, cells=vacuum, substeps=10)
+    h, phi, theta, v_r, v_n, v_e = np.moveaxis(flown.history, 1, 0)[:6]
+    assert np.ptp(h) > 50e3 and (flown.outcome == COMPLETED).all()
+    up = np.array([np.cos(phi) * np.cos(theta), np.cos(phi) * np.sin(theta), np.sin(phi)])
+    north = np.array([-np.sin(phi) * np.cos(theta), -np.sin(phi) * np.sin(theta), np.cos(phi)])
+    east = np.array([-np.sin(theta), np.cos(theta), 0.0 * theta])
+    velocity = v_r * up + v_n * north + v_e * east
+    momentum = np.cross((RADIUS + h) * up, velocity, axis=0)
+    energy = (velocity**2).sum(axis=0) / 2 - MU / (RADIUS + h)
+    np.testing.assert_allclose(energy, np.broadcast_to(energy[0], energy.shape), rtol=1e-13)
+    size = np.linalg.norm(momentum[:, 0], axis=0)
+    np.testing.assert_allclose((momentum - momentum[:, :1]) / size, 0.0, atol=1e-13)
+
+
+# ---- the nominal -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gain", [OPEN, GAIN, 1e6 * np.random.default_rng(2).standard_normal(8)])
+@pytest.mark.parametrize("start", [ENTRY, perturbed(1)[0]])
+def test_without_perturbation_every_gain_flies_the_nominal_to_the_last_bit(gain, start):
+    reference = REFERENCE._replace(initial_state=start)
+    nominal = fly_nominal(reference)
+    flown = fly(np.tile(start, (70, 1)), gain, reference)
+    np.testing.assert_array_equal(flown.history[:, :8], np.repeat(nominal[..., np.newaxis], 70, axis=2))
+    control = np.append(reference.bank_acceleration, reference.bank_acceleration[-1])
+    np.testing.assert_array_equal(flown.observed[:, flight.BANK_ACCELERATION], np.repeat(control[:, np.newaxis], 70, 1))
+    total = np.abs(reference.bank_acceleration).sum() * STEP
+    np.testing.assert_allclose(flown.final_state[flight.CUMULATIVE], total, rtol=1e-13)
+
+
+def test_the_bank_of_the_nominal_is_the_integral_of_its_acceleration():
+    nominal = fly_nominal()
+    time = STEP * np.arange(INTERVALS + 1)
+    u = REFERENCE.bank_acceleration
+    rate = ENTRY[flight.BANK_RATE] + STEP * np.append(0.0, np.cumsum(u))
+    bank = ENTRY[flight.BANK] + np.append(0.0, np.cumsum(STEP * rate[:-1] + 0.5 * STEP**2 * u))
+    np.testing.assert_allclose(nominal[:, flight.BANK_RATE], rate, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(nominal[:, flight.BANK], bank, rtol=0, atol=1e-13)
+    assert np.abs(bank - bank_profile(time)[0]).max() < 0.01  # so it flies what the profile says
+
+
+def test_a_nominal_at_its_bound_is_flown_and_one_beyond_is_refused():
+    """An optimiser leaves bounds by its tolerance, which must not turn into a difference to the nominal."""
+    bound = np.abs(REFERENCE.bank_acceleration).max() / (1.0 + 1e-8)
+    nominal = fly_nominal(inputs=with_bound(bound))
+    flown = fly(ENTRY, 1e3 * GAIN, inputs=with_bound(bound))
+    np.testing.assert_array_equal(flown.history[:, :8, 0], nominal)
+    assert flown.observed_maximum[flight.COMMAND_MAGNITUDE, 0] == bound
+    worst = np.argmax(np.abs(REFERENCE.bank_acceleration))
+    with pytest.raises(ValueError, match=f"bank acceleration on interval {worst}.*beyond its bound"):
+        fly(ENTRY, inputs=with_bound(0.999 * bound))
+
+
+def test_a_nominal_that_does_not_arrive_is_refused():
+    steep = REFERENCE._replace(initial_state=STEEP)
+    length = fly(steep.initial_state).length[0]
+    with pytest.raises(ValueError, match=f"the nominal comes below altitude zero on interval {length - 1} of 100"):
+        fly_nominal(steep)
+    still = REFERENCE._replace(initial_state=ENTRY * [1, 1, 1, 0, 0, 0, 1, 1])
+    with pytest.raises(ValueError, match="the nominal is not finite"):
+        fly_nominal(still)
+
+
+# ---- shifts, symmetries, densities -----------------------------------------------------------------------------------
+
+
+def other_controls(seed):
+    """A nominal that rolls about, to a time at which it is still above the ground."""
+    control = np.random.default_rng(seed).uniform(-1.0, 1.0, INTERVALS) * 0.01
+    return REFERENCE._replace(bank_acceleration=control, final_time=200.0)
+
+
+@pytest.mark.parametrize("reference", [REFERENCE, other_controls(0), other_controls(1)])
+@pytest.mark.parametrize("distance", [200.0, -1000.0])
+def test_a_downrange_error_without_feedback_stays_what_it_is(reference, distance):
+    nominal = fly_nominal(reference)
+    shifted = ENTRY.copy()
+    shifted[flight.LONGITUDE] += distance / RADIUS
+    states = fly(shifted, reference=reference).history[:, :8, 0]
+    others = np.arange(8) != flight.LONGITUDE
+    np.testing.assert_array_equal(states[:, others], nominal[:, others])
+    errors = flight.position_errors(states, nominal, RADIUS)
+    # Rounding of 500 steps.
+    np.testing.assert_allclose(errors, np.broadcast_to([0.0, 0.0, distance], errors.shape), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("reference", [REFERENCE, other_controls(0), other_controls(1)])
+def test_a_crossrange_error_without_feedback_turns_the_trajectory(reference):
+    """About the axis on the equator 90 degrees away: a rotation, of which the crossrange sees the cosine."""
+    nominal = fly_nominal(reference, substeps=20)
+
+    def position(state):
+        h, phi, theta = np.moveaxis(np.asarray(state), -1, 0)[:3]
+        up = [np.cos(phi) * np.cos(theta), np.cos(phi) * np.sin(theta), np.sin(phi)]
+        return (RADIUS + h) * np.array(up)
+
+    for distance in (1.0, 1e3, 100e3):
+        angle = distance / RADIUS
+        shifted = ENTRY.copy()
+        shifted[flight.LATITUDE] += angle
+        states = fly(shifted, reference=reference, substeps=20).history[:, :8, 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        turned = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]]) @ position(nominal)
+        np.testing.assert_allclose(position(states), turned, rtol=0, atol=1e-6)
+        if distance <= 1e3:
+            errors = flight.position_errors(states[-1], nominal[-1], RADIUS)
+            longitude = nominal[-1, flight.LONGITUDE]
+            np.testing.assert_allclose(errors[1], distance * np.cos(longitude), rtol=1e-6)
+            assert abs(errors[0]) < 1e-5 and abs(errors[2]) < 2e-3 * distance
+    assert 0.15 < nominal[-1, flight.LONGITUDE] < 0.3
+
+
+def test_the_mirror_image_flies_the_mirror_image():
+    odd = np.isin(np.arange(8), (flight.LATITUDE, flight.NORTH_VELOCITY, flight.BANK, flight.BANK_RATE))
+    sign = np.where(odd, -1.0, 1.0)
+    mirrored = flight.Reference(sign * ENTRY, -REFERENCE.bank_acceleration, FINAL_TIME)
+    initial, factor = perturbed(70), np.random.default_rng(1).uniform(0.9, 1.1, 70)
+    options = {"inputs": with_bound(NARROW), "density_factor": factor}
+    flown = fly(initial, GAIN, **options)
+    other = fly(sign * initial, -sign * GAIN, mirrored, **options)
+    np.testing.assert_array_equal(other.history, np.append(sign, 1.0)[:, np.newaxis] * flown.history)
+    np.testing.assert_array_equal(other.observed, [[-1.0], [1.0]] * flown.observed)
+
+
+def test_a_density_factor_of_one_changes_nothing():
+    initial = perturbed(70)
+    assert_identical(fly(initial, GAIN, density_factor=1.0), fly(initial, GAIN))
+    assert_identical(fly(initial, GAIN, density_factor=np.ones(70)), fly(initial, GAIN))
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_density_factor_is_another_atmosphere_around_the_trial(factor):
+    initial = perturbed(70)
+    denser = CELLS + np.log(factor) * np.array([1.0, 0.0, 0.0, 0.0])
+    flown = fly(initial, density_factor=factor)
+    np.testing.assert_allclose(flown.history / SIZE, fly(initial, cells=denser).history / SIZE, rtol=0, atol=1e-12)
+    assert np.abs(flown.final_state[0] - fly(initial).final_state[0]).min() > 100.0
+    # The nominal stays in the air that it is designed for: the feedback answers the deviation from there.
+    closed = fly(ENTRY, GAIN, density_factor=factor)
+    deviation = closed.history[:, :8, 0] - fly_nominal()
+    control = np.append(REFERENCE.bank_acceleration, REFERENCE.bank_acceleration[-1])
+    np.testing.assert_allclose(closed.observed[:, 0, 0], control + deviation @ GAIN, rtol=0, atol=1e-17)
+    assert np.abs(deviation @ GAIN).max() > 1e-5
+
+
+def test_no_air_around_the_trial():
+    """A factor of zero is a vacuum."""
+    initial = perturbed(3)
+    vacuum = atmosphere.uniform_cells(np.full(311, -2000.0), np.zeros(311), 1e3)
+    assert_identical(fly(initial, density_factor=0.0), fly(initial, cells=vacuum))
+
+
+def test_the_cumulative_acceleration_is_that_of_a_quadrature():
+    """Simpson's rule on the nodes and middles of intervals, of u* plus the feedback, which is continuous."""
+    initial = perturbed(70, spread=3.0 * SPREAD)
+    halves = REFERENCE._replace(bank_acceleration=np.repeat(REFERENCE.bank_acceleration, 2))
+    flown = fly(initial, GAIN, halves, with_bound(NARROW))
+    deviation = flown.history[:, :8] - fly_nominal(halves)[..., np.newaxis]
+    feedback = np.tensordot(deviation, GAIN, (1, 0))
+    control = REFERENCE.bank_acceleration[:, np.newaxis]
+    ends, middles = (np.abs(np.clip(control + part, -NARROW, NARROW)) for part in (feedback[:-1:2], feedback[1::2]))
+    later = np.abs(np.clip(control + feedback[2::2], -NARROW, NARROW))
+    expected = np.cumsum(STEP / 6.0 * (ends + 4.0 * middles + later), axis=0)
+    # Not closer for the corners where the sign changes and where the bound is reached.
+    np.testing.assert_allclose(flown.history[2::2, flight.CUMULATIVE], expected, rtol=1e-5)
+    assert np.abs(expected[-1] / (STEP * np.abs(control).sum()) - 1.0).max() > 1e-3  # the feedback does count
+
+
+# ---- nothing depends on how it is run --------------------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_the_number_of_threads():
+    initial, factor = perturbed(200), np.random.default_rng(1).uniform(0.9, 1.1, 200)
+    before = numba.get_num_threads()
+    try:
+        results = []
+        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
+            numba.set_num_threads(threads)
+            results.append(fly(initial, GAIN, density_factor=factor))
+    finally:
+        numba.set_num_threads(before)
+    for result in results[1:]:
+        assert_identical(results[0], result)
+
+
+@pytest.mark.parametrize("first", [0, 5, 64, 199])
+def test_a_trial_alone_is_that_of_the_block(first):
+    initial, factor = perturbed(200), np.random.default_rng(1).uniform(0.9, 1.1, 200)
+    block = fly(initial, GAIN, density_factor=factor)
+    for count in (1, 70):
+        trials = slice(first, min(first + count, 200))
+        assert_identical(fly(initial[trials], GAIN, density_factor=factor[trials]), block, trials)
+
+
+def test_states_do_not_depend_on_how_many_are_stored():
+    initial = perturbed(3)
+    everything = fly(initial, GAIN)
+    for every in (4, 100):
+        flown = fly(initial, GAIN, every=every)
+        np.testing.assert_array_equal(flown.history, everything.history[::every])
+        np.testing.assert_array_equal(flown.observed, everything.observed[::every])
+        assert_identical(flown, everything, leave_out=("history", "observed", "length"))
+        assert (flown.length == 100 // every + 1).all()
+
+
+def test_read_only_arrays_need_no_other_kernel():
+    expected, compiled = fly(perturbed(3), GAIN), len(flight._fly.signatures)
+    arrays = [np.array(part) for part in (CELLS, GAIN, REFERENCE.initial_state, REFERENCE.bank_acceleration)]
+    for array in arrays:
+        array.setflags(write=False)
+    cells, gain, *start = arrays
+    assert_identical(fly(perturbed(3), gain, flight.Reference(*start, 265), cells=cells, substeps=5.0), expected)
+    assert len(flight._fly.signatures) == compiled
+
+
+# ---- bad ends and bad input ------------------------------------------------------------------------------------------
+
+
+def test_trials_end_below_the_ground_and_leave_the_others_alone():
+    initial = perturbed(70)
+    steep = np.arange(70) % 3 == 1
+    initial[steep] = STEEP
+    gentle = initial.copy()
+    gentle[steep] = ENTRY
+    mixed, healthy = fly(initial, GAIN), fly(gentle, GAIN)
+    np.testing.assert_array_equal(mixed.outcome, np.where(steep, CRASHED, COMPLETED))
+    for name in ("history", "observed", "observed_maximum", "final_state", "length"):
+        np.testing.assert_array_equal(getattr(mixed, name)[..., ~steep], getattr(healthy, name)[..., ~steep])
+    final = mixed.final_state[:, steep]
+    assert (final[flight.ALTITUDE] < 0.0).all() and np.isfinite(final).all()
+    assert np.isfinite(mixed.observed_maximum).all()
+    trial = np.flatnonzero(steep)[0]
+    length, stored = mixed.length[trial], mixed.history[:, :, trial]
+    assert 1 < length < 101 and (stored[:length, flight.ALTITUDE] >= 0.0).all()
+    assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
+    assert np.isnan(mixed.observed[length:, :, trial]).all()
+    # It is frozen where it came below: within a step of the surface, not an interval.
+    depth = -final[flight.ALTITUDE, 0]
+    assert depth < STEP / 5 * -final[flight.RADIAL_VELOCITY, 0]
+    few = fly(initial, GAIN, every=10)
+    np.testing.assert_array_equal(few.final_state, mixed.final_state)
+    np.testing.assert_array_equal(few.length, (10 * np.arange(11)[:, np.newaxis] < mixed.length).sum(axis=0))
+
+
+def test_a_crash_in_the_last_step_is_one():
+    whole = fly([STEEP, ENTRY], GAIN, substeps=1).first(1)
+    intervals = int(whole.length[0])
+    for number, outcome in ((intervals - 1, COMPLETED), (intervals, CRASHED)):
+        control = REFERENCE.bank_acceleration[:number]
+        flown = fly(STEEP, GAIN, flight.Reference(ENTRY, control, number * STEP), substeps=1)
+        assert flown.outcome[0] == outcome and flown.length[0] == intervals
+        assert (flown.final_state[flight.ALTITUDE, 0] < 0.0) == (outcome == CRASHED)
+    np.testing.assert_allclose(flown.final_state / SIZE, whole.final_state / SIZE, rtol=0, atol=1e-12)
+    # In the group that flies on, nothing of what the trial would do below the ground counts.
+    np.testing.assert_allclose(flown.observed_maximum, whole.observed_maximum, rtol=1e-12)
+
+
+def test_the_largest_command_may_be_the_last():
+    flown = fly(perturbed(70), GAIN, flight.Reference(ENTRY, np.zeros(30), 30 * STEP), substeps=1)
+    magnitude = flown.observed[:, flight.COMMAND_MAGNITUDE]
+    assert (magnitude.argmax(axis=0) == 30).mean() > 0.5
+    np.testing.assert_array_equal(flown.observed_maximum, flown.observed.max(axis=0))  # with one step per interval
+
+
+def test_a_group_that_crashes_as_a_whole_ends_there():
+    flown = fly(np.tile(STEEP, (64, 1)))
+    assert (flown.outcome == CRASHED).all() and (flown.length < 60).all()
+    assert np.isnan(flown.history[60:]).all() and np.isfinite(flown.history[0]).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(bad):
+    initial = perturbed(70)
+    healthy = fly(initial, GAIN)
+    for component in range(8):
+        spoiled = initial.copy()
+        spoiled[[3, 66], component] = bad
+        flown = fly(spoiled, GAIN)
+        assert (flown.outcome[[3, 66]] == NON_FINITE).all()
+        others = np.delete(np.arange(70), [3, 66])
+        for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
+            np.testing.assert_array_equal(getattr(flown, name)[..., others], getattr(healthy, name)[..., others])
+
+
+def test_huge_gains_fly_at_the_bound():
+    initial = perturbed(70)
+    flown = fly(initial, 1e12 * GAIN)
+    assert np.isin(flown.outcome, (COMPLETED, CRASHED)).all()
+    bound = INPUTS.bank_acceleration_bound
+    assert np.nanmax(np.abs(flown.observed[:, 0])) == bound and flown.observed_maximum[1].min() > 1e5
+
+
+def test_errors_are_in_metres_of_one_radius():
+    nominal = np.array([10e3, 0.1, 0.2, 1.0, 2.0, 3.0, 4.0, 5.0])
+    states = nominal + np.array([[[3.0, 0.0, 0.0]], [[0.0, 1e-3, -2e-3]]]) @ np.eye(3, 8)
+    found = flight.position_errors(states, nominal, 3e6)
+    assert found.shape == (2, 1, 3)
+    np.testing.assert_allclose(found[:, 0], [[3.0, 0.0, 0.0], [0.0, 3e3, -6e3]], rtol=0, atol=1e-8)
+    flown = fly(perturbed(3))
+    errors = flight.position_errors(np.moveaxis(flown.history, 1, -1), fly_nominal()[:, np.newaxis], RADIUS)
+    assert errors.shape == (101, 3, 3)
+    np.testing.assert_allclose(errors[0], (perturbed(3) - ENTRY)[:, :3] * [1.0, RADIUS, RADIUS], rtol=0, atol=1e-8)
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match=r"initial_states must have shape \(trials, 8\), got \(4, 7\)"):
+        fly(np.zeros((4, 7)))
+    with pytest.raises(ValueError, match="gain must be 8 finite numbers"):
+        fly(ENTRY, GAIN[:6])
+    with pytest.raises(ValueError, match="gain must be 8 finite numbers"):
+        fly(ENTRY, np.full(8, np.nan))
+    with pytest.raises(ValueError, match=r"density_factor must be a number or one per trial, \(3,\)"):
+        fly(perturbed(3), density_factor=np.ones(2))
+    for bad in (-0.1, np.nan):
+        with pytest.raises(ValueError, match="density_factor"):
+            fly(perturbed(3), density_factor=bad)
+    with pytest.raises(ValueError, match=r"every \(3\) must divide the 100 intervals"):
+        fly(ENTRY, every=3)
+    for bad in (0, 2.5):
+        with pytest.raises(ValueError, match="substeps must be a whole number from 1 on"):
+            fly(ENTRY, substeps=bad)
+    with pytest.raises(ValueError, match="every must be a whole number from 1 on"):
+        fly(ENTRY, every=0)
+    with pytest.raises(ValueError, match=r"cells must have shape \(nodes \+ 1, 4\)"):
+        fly(ENTRY, cells=CELLS[:, :3])
+    with pytest.raises(ValueError, match=r"must have shapes \(8,\) and \(intervals,\), got \(7,\)"):
+        fly(ENTRY, reference=REFERENCE._replace(initial_state=ENTRY[:7]))
+    with pytest.raises(ValueError, match="reference must be finite"):
+        fly(ENTRY, reference=REFERENCE._replace(bank_acceleration=np.full(100, np.nan)))
+    for bad in (0.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="final_time of the reference must be positive"):
+            fly(ENTRY, reference=REFERENCE._replace(final_time=bad))
+    with pytest.raises(ValueError, match="bank_acceleration_bound must be positive"):
+        flight.settings(with_bound(0.0), NODES)
+    with pytest.raises(ValueError, match="spacing of the nodes must be positive"):
+        flight.settings(INPUTS, NODES._replace(spacing=0.0))

@@ -1,0 +1,355 @@
+"""Bad input of the desensitized-landing paper: one clear message each, that names key or case, and the remedy."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.methods.collocation import NotConvergedError
+from marsedl.papers.desensitized import entry_problem, tradeoff
+from marsedl.papers.desensitized.entry_problem import STATES
+from marsedl.papers.desensitized.inputs import MODEL
+from marsedl.papers.desensitized.nominal import zero_crossings
+from marsedl.replication.errors import InputError, MarsedlError, SolverError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "configs" / "desensitized.yaml"
+ONE_REVERSAL = {
+    "guess_banks": np.radians([-60.0, 60.0]),
+    "guess_switch_times": np.array([100.0]),
+    "guess_final_time": 240.0,
+    "nominal_reversals": 1,
+}
+
+
+def reading_of(based_on="corrected", **inputs):
+    """A user's own reading."""
+    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
+    overlay = {"readings": {"mine": {"based_on": based_on, "inputs": own}}}
+    return load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "fragments"),
+    [
+        ({"final_time_bounds": [600.0, 100.0]}, ["final_time_bounds", "wrong way round"]),
+        ({"final_time_bounds": [100.0, 100.0]}, ["final_time_bounds", "wrong way round"]),
+        ({"final_time_bounds": [0.0, 100.0]}, ["final_time_bounds", "greater than 0"]),
+        ({"guess_switch_times": [61.0]}, ["guess_switch_times has 1 values for 3 guess_banks", "one less"]),
+        ({"guess_banks_deg": []}, ["guess_banks"]),
+        ({"guess_switch_times": [211.0, 61.0]}, ["guess_switch_times does not increase: 211, 61"]),
+        ({"guess_width": 0.0}, ["guess_width", "greater than 0"]),
+        ({"printed_weights": [0.001, 0.1, 0.01, 1.0]}, ["printed_weights does not increase"]),
+        ({"printed_weights": [0.001, 0.01, 0.1]}, ["printed_weights"]),
+        ({"matched_efforts": [0.3, 0.2, 1.0, 5.0]}, ["matched_efforts does not increase: 0.3, 0.2, 1, 5"]),
+        ({"infinite_weights": [1e7, 1e6]}, ["infinite_weights does not increase: 1e+07, 1e+06"]),
+        ({"weight_path": [0.1, 0.1]}, ["weight_path does not increase: 0.1, 0.1"]),
+        ({"weight_path": []}, ["weight_path"]),
+        ({"initial_bank_rate_deg_s": -21.0}, ["initial_bank_rate lies beyond bank_rate_bound"]),
+        ({"final_bank_rate_deg_s": 21.0}, ["final_bank_rate lies beyond bank_rate_bound"]),
+        ({"final_altitude_km": 127.0}, ["final_altitude is not below entry_altitude"]),
+        ({"studied_intervals": [50, 120]}, ["studied_intervals", "multiple"]),
+        ({"studied_intervals": [100, 100]}, ["studied_intervals", "larger"]),
+        ({"studied_intervals": [100, 50]}, ["studied_intervals", "multiple"]),
+        ({"studied_intervals": [100]}, ["studied_intervals"]),
+        ({"tuning_errors": [0.0, 200.0]}, ["tuning_errors has a zero", "leave it out"]),
+        ({"intervals": 5}, ["intervals", "greater than or equal to 10"]),
+        ({"intervals": 100.0}, ["intervals", "integer"]),
+        ({"substeps": 0}, ["substeps", "greater than 0"]),
+        ({"sweep_points": 2}, ["sweep_points", "greater than or equal to 3"]),
+        ({"scheme": "euler"}, ["scheme", "midpoint", "hermite_simpson"]),
+        ({"weight_rule": "printed"}, ["weight_rule", "matched", "proportional"]),
+        ({"gain_design": "lqr"}, ["gain_design", "minimum_norm", "unregularized", "tuned"]),
+        ({"sensitivity_columns": "first"}, ["sensitivity_columns", "radius", "all"]),
+        ({"nominal_reversals": -1}, ["nominal_reversals", "greater than or equal to 0"]),
+        ({"norm_smoothing": -1e-9}, ["norm_smoothing", "greater than or equal to 0"]),
+        ({"bank_acceleration_bound": 0.1}, ["needs its unit in its name", "bank_acceleration_bound_deg_s2"]),
+        ({"bank_acceleration_bound_deg_s": 5.0}, ["wrong unit suffix '_deg_s'", "bank_acceleration_bound_deg_s2"]),
+        ({"bank_acceleration_bound_deg_s2": None}, ["bank_acceleration_bound", "number"]),
+        ({"final_velocity": None}, ["final_velocity", "number"]),
+        ({"density_profile": "table"}, ["density_table names none"]),
+        ({"downrange_gain_start": [0.0, 0.0, 0.0]}, ["downrange_gain_start"]),
+        ({"initial_deviations": [200.0, -1.0, 200.0]}, ["initial_deviations", "greater than or equal to 0"]),
+        ({"inital_bank_deg": 0.0}, ["inital_bank_deg", "did you mean 'initial_bank_deg'"]),
+    ],
+    ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
+)
+def test_inputs_that_contradict_are_refused(inputs, fragments):
+    with pytest.raises(InputError) as error:
+        reading_of(**inputs)
+    said = str(error.value)
+    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    for fragment in fragments:
+        assert fragment in said
+
+
+def test_bank_conditions_are_free_or_values_in_degrees():
+    """Every one may be freed or fixed; those of `corrected` are free but for the rate at entry."""
+    mine = reading_of(initial_bank_rate_deg_s=None, final_bank_deg=-90.0, final_bank_rate_deg_s=20.0).inputs
+    assert mine.initial_bank is mine.initial_bank_rate is None
+    assert (mine.final_bank, mine.final_bank_rate) == pytest.approx((-np.pi / 2, np.pi / 9))
+    plain = reading_of().inputs
+    assert plain.initial_bank_rate == 0.0 and plain.initial_bank is plain.final_bank is plain.final_bank_rate is None
+    declared = entry_problem.problem(mine)
+    assert "bank" not in declared.initial and "bank_rate" not in declared.initial
+    assert declared.final["bank"] == mine.final_bank and declared.final["bank_rate"] == mine.final_bank_rate
+
+
+def test_the_frozen_reading_is_a_base_for_what_ifs(desensitized):
+    printed = desensitized.study.readings["printed"]
+    assert printed.frozen and printed.inputs.initial_bank_rate is None
+    mine = reading_of("printed", intervals=50).inputs
+    assert mine.intervals == 50 and mine.initial_bank_rate is None
+    assert mine.bank_acceleration_bound == pytest.approx(np.radians(5.0), rel=1e-15)
+
+
+# --- refusals of the stages -------------------------------------------------------------------------------------------
+
+
+def refused(desensitized, reading="corrected", kind=MarsedlError, **changes):
+    """The one line with which a nominal is refused."""
+    with pytest.raises(kind) as error:
+        desensitized.nominal(reading, **changes)
+    assert type(error.value) is kind
+    said = str(error.value)
+    assert "\n" not in said
+    return said, error.value
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"final_longitude": np.radians(40.0)}, {"final_velocity": 50.0}, {"bank_rate_bound": np.radians(1.0)}],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_target_out_of_reach_names_the_worst_constraint(desensitized, changes):
+    """By far more than the tolerance; the last iterate is there to look at."""
+    said, error = refused(desensitized, kind=SolverError, solver_iterations=60, **changes)
+    where = r"the equation of \w+ on interval \d+ at \S+ s|square of the final velocity at the boundary"
+    assert re.search(
+        rf"^nominal: the solver ended with \w+ after \d+ iterations, .*worst constraint is ({where}), ", said
+    )
+    assert float(re.search(r"off by ([\d.e+]+)$", said)[1]) > 1e-2
+    assert list(error.iterate) == ["time", *STATES, "bank_acceleration"]
+    lengths = {len(column) for column in error.iterate.values()}
+    assert lengths == {101} and all(np.isfinite(column).all() for column in error.iterate.values())
+    assert error.iterate["altitude"][0] == pytest.approx(126.1e3)
+    assert error.iterate["bank_acceleration"][-1] == error.iterate["bank_acceleration"][-2]  # of the last interval
+    np.testing.assert_allclose(np.diff(error.iterate["time"]), error.iterate["time"][-1] / 100, rtol=1e-9)
+
+
+def test_too_few_iterations_say_so(desensitized):
+    said, _ = refused(desensitized, kind=SolverError, solver_iterations=3)
+    assert "Maximum_Iterations_Exceeded after 3 iterations" in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"nominal_reversals": 3}, "2 reversals, not the 3"),
+        ({"nominal_reversals": 0}, "2 reversals, not the 0"),
+        ({"lift_to_drag": 0.19}, "1 reversal, not the 2"),  # no such branch: it is narrow in the vehicle
+        ({"ballistic_coefficient": 120.0}, "1 reversal, not the 2"),
+    ],
+)
+def test_a_solution_on_another_branch_is_refused(desensitized, changes, found):
+    said, _ = refused(desensitized, **changes)
+    assert f"the nominal has {found} of nominal_reversals" in said
+    energy = float(re.search(r"at a control energy of ([\d.]+) deg\^2/s\^3", said)[1])
+    assert energy == pytest.approx(0.1378, abs=5e-5) if "2 reversals," in found else 0.06 < energy < 0.09
+    assert "guess_banks" in said and "set nominal_reversals to what was found" in said
+
+
+def test_what_is_refused_can_be_asked_for(desensitized):
+    found = desensitized.nominal("corrected", lift_to_drag=0.19, nominal_reversals=1)
+    assert found.reversals == len(found.reversal_times) == 1 and found.branch == "1 reversal"
+
+
+# --- other densities and guesses --------------------------------------------------------------------------------------
+
+
+def table():
+    """A density table as a reading of a user names it."""
+    mine = reading_of(
+        density_profile="table", density_table="data/atmosphere/mars_density.csv#marsgram_2021a_sample_daily_mean"
+    )
+    return {
+        "density_profile": "table",
+        "density_table": np.array(mine.slice(["density_table"])["density_table"]),
+    }
+
+
+def test_a_density_table_has_both_branches(desensitized):
+    """Splines cannot be expanded; the control flown again in the same air reaches the target as near as usual."""
+    for branch, reversals, usual in (
+        ({}, 2, desensitized.nominal()),
+        (ONE_REVERSAL, 1, desensitized.nominal("one_reversal")),
+    ):
+        found = desensitized.nominal("corrected", **table(), **branch)
+        assert found.reversals == reversals and found.status == "Solve_Succeeded"
+        assert np.linalg.norm(found.miss) < 2.0 * np.linalg.norm(usual.miss)
+        assert found.effort != pytest.approx(usual.effort, rel=1e-3)
+
+
+def test_a_table_of_the_closed_fit_gives_its_nominal(desensitized):
+    """Every kilometre: the transcription sees the same air to 1e-8."""
+    altitude = np.arange(-1e3, 160e3, 1e3)
+    temperature = 205.3645 - 1.245e-3 * altitude - 8.85e-9 * altitude**2 + 1.4e-13 * altitude**3
+    density = 559.351005946503 * np.exp(-1.05e-4 * altitude) / (188.95110711075 * temperature)
+    found = desensitized.nominal(
+        "corrected", density_profile="table", density_table=np.column_stack([altitude, density])
+    )
+    assert found.effort == pytest.approx(desensitized.nominal().effort, rel=1e-5)
+    np.testing.assert_allclose(found.state, desensitized.nominal().state, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("width", [1e-3, 15.0])
+def test_guesses_fly_their_bank_profile(desensitized, width):
+    """Steps of any steepness, without an overflow; the bank angle is the integral of the flown rates."""
+    inputs = desensitized.stage_inputs("corrected", "nominal", guess_width=width, intervals=400)
+    guess = entry_problem.profile_guess(inputs, np.radians([-80.0, 40.0, -60.0]), [61.2, 211.2], 265.0)
+    assert guess.states.shape == (401, 8) and guess.controls.shape == (400, 1) and guess.final_time == 265.0
+    bank, rate = guess.states[:, 6], guess.states[:, 7]
+    time = np.linspace(0.0, 265.0, 401)
+    np.testing.assert_allclose(np.diff(rate), guess.controls[:, 0] * 265.0 / 400, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(bank), (rate[1:] + rate[:-1]) / 2 * 265.0 / 400, rtol=0, atol=1e-9)
+    if width > 1.0:
+        smooth = np.tanh((time[:, np.newaxis] - [61.2, 211.2]) / width)
+        expected = np.radians(-80.0 + 60.0 * (1 + smooth[:, 0]) - 50.0 * (1 + smooth[:, 1]))
+        assert np.abs(bank - expected).max() < np.radians(0.1)  # of second order in the intervals
+
+
+# --- branches ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("bank", "reversals", "rolls", "name"),
+    [
+        ([-80, 40, -20, -140], 2, 0, "2 reversals"),
+        ([-80, 40], 1, 0, "1 reversal"),
+        ([10, 50, 20], 0, 0, "0 reversals"),
+        ([-80, 0.4, -0.4, 0.4, 80], 1, 0, "1 reversal"),  # level within half a degree
+        ([-0.4, 0.4], 0, 0, "0 reversals"),
+        ([100, 170, 190, 260], 0, 0, "0 reversals"),  # lift to the other side through down: no reversal
+        ([10, 100, 190, 280, 359, 371], 1, 1, "360 deg roll"),
+        (np.arange(-40, 700, 20), 2, 2, "720 deg roll"),
+    ],
+)
+def test_branches_are_told_apart_by_their_bank(bank, reversals, rolls, name):
+    bank = np.radians(np.asarray(bank, dtype=float))
+    for sign in (1.0, -1.0):
+        assert entry_problem.reversals(sign * bank) == reversals
+        assert entry_problem.full_rolls(sign * bank) == rolls
+        assert entry_problem.branch_name(sign * bank) == name
+
+
+def test_zero_crossings_are_interpolated():
+    time = np.array([0.0, 1.0, 3.0, 4.0])
+    np.testing.assert_allclose(zero_crossings(time, np.array([-1.0, 3.0, -1.0, -2.0])), [0.25, 2.5])
+    assert zero_crossings(time, np.ones(4)).shape == (0,)
+
+
+# --- the weight -------------------------------------------------------------------------------------------------------
+
+
+def path_of(efforts, branches, weights=None):
+    """Points of a path with these control energies, one interval of a second each."""
+    weights = weights or range(len(efforts))
+    return [
+        tradeoff.Point(
+            SimpleNamespace(
+                given={"weight": float(weight)},
+                time=np.array([0.0, 1.0]),
+                controls=np.array([[np.radians(np.sqrt(effort))]]),
+            ),
+            branch,
+        )
+        for effort, branch, weight in zip(efforts, branches, weights, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("wanted", [0.05, 0.15, 9.0])
+def test_control_energies_that_no_solution_has_are_refused(wanted):
+    """Below the first, in the gap between branches, above the last."""
+    points = path_of([0.1, 0.12, 0.2, 5.0], [0, 0, 1, 1])
+    with pytest.raises(MarsedlError) as error:
+        tradeoff.at_effort(None, None, points, wanted)
+    said = str(error.value)
+    assert f"the control energy {wanted:g} deg^2/s^3 of matched_efforts" in said
+    assert "from 0.1 to 5 in 2 branches" in said and "extend weight_path" in said
+
+
+def test_rows_are_the_first_points_with_their_energy(monkeypatch):
+    """By the bracket that comes first along the path, also where a later branch passes the energy again."""
+
+    def solved(inputs, case, transcribed, guess, weight, **options):
+        assert case == "control energy 1.5" and guess is not None
+        return path_of([1.0 + weight**2], [0], [weight])[0].solution
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
+    points = path_of([1.0, 2.0, 0.5, 3.0], [0, 0, 1, 1], [0.0, 1.0, 1.1, 2.0])
+    found = tradeoff.at_effort(None, None, points, 1.5)
+    assert found.branch == 0
+    assert found.solution.given["weight"] == pytest.approx(np.sqrt(0.5), rel=1e-8)
+
+
+def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):
+    """Where branches are not told apart, two neighbours may lie on different ones, and no solution between them."""
+    monkeypatch.setattr(
+        tradeoff.entry_problem,
+        "solve",
+        lambda inputs, case, transcribed, guess, weight, **options: (
+            path_of([0.14 if weight < 0.036 else 0.05], [0], [weight])[0].solution
+        ),
+    )
+    points = path_of([0.14, 0.05], [0, 0], [0.028, 0.0573])
+    with pytest.raises(
+        MarsedlError, match=r"jump past the control energy 0\.1 .* at the weight 0\.036.*weight_path between 0\.028 and"
+    ):
+        tradeoff.at_effort(None, None, points, 0.1)
+
+
+def test_a_path_that_ends_says_where(monkeypatch):
+    """Neither careful nor bold steps find a solution beyond."""
+
+    class Stuck:
+        def follow(self, start, name, values, **options):
+            raise tradeoff.BranchEndError(name, 0.5, 0.6, start, None)
+
+    tried = []
+
+    def solved(inputs, case, transcribed, guess, weight, barrier, **options):
+        tried.append(barrier)
+        raise SolverError(f"{case}: the solver ended with nothing", {"time": np.zeros(2)})
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
+    inputs = Slice({"branch_tolerance": 1.0, "solver_tolerance": 1e-8, "solver_iterations": 5})
+    first = path_of([0.1], [0])[0].solution
+    with pytest.raises(SolverError) as error:
+        tradeoff.follow(inputs, Stuck(), first, [1.0])
+    said = str(error.value)
+    assert "stops at 0.5, and 0.6 beyond a branch: the solver ended with nothing" in said
+    assert "weight_path with smaller steps" in said and list(error.value.iterate) == ["time"]
+    assert tried == [*sorted(tried[:-1]), None]
+
+
+def test_messages_hold_sensitivities_of_the_last_iterate(desensitized):
+    """A weighted solve that is cut short shows its columns too."""
+    inputs = desensitized.stage_inputs("corrected", "tradeoff", solver_iterations=1)
+    extended, transcribed = tradeoff.prepared(inputs)
+    nominal = desensitized.nominal()
+    guess = extended.guess(tradeoff.as_guess(nominal), entry_problem.given())
+    with pytest.raises(SolverError, match=r"^some weight: the solver ended with Maximum_Iterations") as error:
+        entry_problem.solve(inputs, "some weight", transcribed, guess, weight=10.0)
+    assert isinstance(error.value.__cause__, NotConvergedError)
+    assert {"altitude/radius", "bank_acceleration"} <= set(error.value.iterate)
+
+
+def test_inputs_of_a_stage_are_those_it_declared(desensitized):
+    inputs = desensitized.stage_inputs("corrected", "responses")
+    assert isinstance(inputs, Slice)
+    with pytest.raises(AttributeError, match="'weight_path' is not declared for this stage"):
+        _ = inputs.weight_path

@@ -1,0 +1,577 @@
+"""Flights of the desensitized laws with errors at entry: single ones, sweeps, and random ones by the thousand.
+
+Expected numbers are those of an independent study of the paper; half of the last digit is meant as their tolerance.
+"""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from marsedl.models.atmosphere import temperature_pressure_fit
+from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
+from marsedl.montecarlo.ensembles import COMPLETED, CRASHED
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.desensitized import environment, flight, montecarlo, responses
+from marsedl.papers.desensitized import gains as design
+from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS
+from marsedl.papers.desensitized.gains import LAWS, flown_law
+from marsedl.replication import artifacts
+
+RADIUS = 3397e3
+DEGREE = np.pi / 180.0
+LENGTHS = np.array([1.0, RADIUS, RADIUS])
+PLAIN, SHAPED, FIRST = 0, 1, 2  # no_doc, reshaped, and the law of the first channel
+TRIALS = 2000
+SIGMAS = 4.0
+DEVIATIONS = np.array([200.0, 1000.0, 200.0])
+UNITS = np.array([1.0, 1.0 / RADIUS, 1.0 / RADIUS, 0.1, 0.1, 0.1])  # of the covariances that are compared
+
+
+def norms(errors):
+    return np.linalg.norm(errors, axis=-1)
+
+
+def final(found, law, channel):
+    """Final errors of a drawn history."""
+    return found.error[law, CHANNELS.index(channel), -1]
+
+
+def flown(desensitized, law, channel, sizes, made=None, **options):
+    """Final errors (sizes, 3) of errors of one channel under a law, by its number."""
+    inputs = desensitized.stage_inputs("corrected", "responses")
+    return environment.final_errors(
+        inputs,
+        environment.surroundings(inputs),
+        *flown_law(made or desensitized.gains(), law),
+        environment.along_channel(CHANNELS.index(channel), sizes),
+        **options,
+    )
+
+
+# --- histories --------------------------------------------------------------------------------------------------------
+
+
+def test_the_nominals_are_flown_again(desensitized):
+    """Runge-Kutta steps of half a second against a method of order eight: millimetres."""
+    found, nominal = desensitized.responses(), desensitized.nominal()
+    assert list(found.law) == list(LAWS)
+    difference = found.nominal[PLAIN] - nominal.flown
+    assert np.abs(difference[:, :3] * LENGTHS).max() < 2e-3
+    assert np.abs(difference[:, 3:6]).max() < 1e-4 and np.abs(difference[:, 6:]).max() < 1e-9
+    assert found.nominal_cumulative[PLAIN] == pytest.approx(nominal.cumulative, rel=1e-9)
+    np.testing.assert_array_equal(found.nominal_acceleration[PLAIN, :-1], nominal.bank_acceleration)
+    np.testing.assert_array_equal(found.nominal_acceleration[PLAIN, -1], nominal.bank_acceleration[-1])
+    for law in range(FIRST, FIRST + 3):
+        np.testing.assert_array_equal(found.nominal[law], found.nominal[PLAIN])
+    # What is missed at 100 intervals is about what feedback leaves of an error.
+    target = np.array([10e3, 0.0, 12.2 * DEGREE])
+    np.testing.assert_allclose((found.nominal[PLAIN, -1, :3] - target) * LENGTHS, [-14.9, 24.1, 10.1], atol=0.051)
+
+
+def test_errors_are_against_the_flown_nominal(desensitized):
+    """Not against the target, nor against the transcription."""
+    found = desensitized.responses()
+    expected = (found.state[..., :3] - found.nominal[:, np.newaxis, :, :3]) * LENGTHS
+    np.testing.assert_array_equal(np.isnan(found.error), np.isnan(expected))
+    np.testing.assert_allclose(found.error, expected, rtol=0, atol=1e-6)
+    start = np.zeros((len(LAWS), 3, 3))
+    start[:, range(3), range(3)] = [200.0, 1000.0, 200.0]
+    np.testing.assert_allclose(found.error[:, :, 0], start, rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(found.drawn_error, [200.0, 1000.0, 200.0])
+
+
+def test_without_feedback_the_controls_are_the_nominals(desensitized):
+    """To the last bit, and so are bank angle and rate."""
+    found = desensitized.responses()
+    for law in (PLAIN, SHAPED):
+        for channel in range(3):
+            np.testing.assert_array_equal(found.acceleration[law, channel], found.nominal_acceleration[law])
+            np.testing.assert_array_equal(found.state[law, channel, :, BANK:], found.nominal[law, :, BANK:])
+        np.testing.assert_array_equal(found.cumulative[law], found.nominal_cumulative[law])
+        np.testing.assert_allclose(
+            found.largest_command[law], np.abs(found.nominal_acceleration[law]).max(), rtol=1e-15
+        )
+    assert (
+        np.nanmax(np.abs(found.acceleration[FIRST:5] - found.nominal_acceleration[FIRST:5, np.newaxis])) > 1e-5
+    ).all()
+
+
+def test_commands_are_the_gains_times_the_deviations(desensitized):
+    found, made = desensitized.responses(), desensitized.gains()
+    bound = 5.0 * DEGREE
+    for law in range(FIRST, len(LAWS)):
+        deviation = found.state[law] - found.nominal[law]
+        command = found.nominal_acceleration[law] + deviation @ made.gain[law]
+        flying = np.isfinite(command)
+        np.testing.assert_allclose(
+            found.acceleration[law][flying], np.clip(command, -bound, bound)[flying], rtol=0, atol=1e-9
+        )
+        held = np.nanmax(np.abs(command), axis=1)
+        assert (found.largest_command[law] >= held - 1e-9).all()
+
+
+def test_final_errors_of_the_figures(desensitized):
+    found = desensitized.responses()
+    np.testing.assert_allclose(final(found, PLAIN, "radius"), [105, -191, 1620], atol=0.51)
+    np.testing.assert_allclose(final(found, SHAPED, "radius"), [41, -5, 1232], atol=0.51)
+    for law, channel, expected, near in (
+        (PLAIN, "radius", 1635, 0.51),
+        (SHAPED, "radius", 1233, 0.51),
+        (FIRST, "radius", 128, 0.51),
+        (PLAIN, "crossrange", 977.4, 0.051),
+        (FIRST + 1, "crossrange", 31, 0.51),
+        (PLAIN, "downrange", 200.0, 0.051),
+        (FIRST + 2, "downrange", 5.6, 0.051),
+    ):
+        assert norms(final(found, law, channel)) == pytest.approx(expected, abs=near), (law, channel)
+
+
+def test_final_errors_of_the_tabulated_size(desensitized):
+    """Of 1000 m and -1000 m; one unit of the last digit at the largest, which lies between two of them."""
+    found = norms(desensitized.responses().tabulated_error)
+    for law, channel, expected, near in (
+        (PLAIN, 0, [8175.3, 8168.1], 0.1),
+        (SHAPED, 0, [6171, 6154], 0.51),
+        (FIRST, 0, [3016, 2612], 0.51),
+        (PLAIN, 1, [977.4, 977.4], 0.051),
+        (FIRST + 1, 1, [31, 32], 0.51),
+        (PLAIN, 2, [1000.0, 1000.0], 0.051),
+        (FIRST + 2, 2, [125, 108], 0.51),
+    ):
+        np.testing.assert_allclose(found[law, channel], expected, rtol=0, atol=near)
+
+
+def test_final_errors_of_small_sizes(desensitized):
+    for law, channel, expected, near in (
+        (FIRST, "radius", [128, 116], 0.51),
+        (FIRST + 1, "crossrange", [1.0, 1.5], 0.051),
+        (FIRST + 2, "downrange", [5.6, 3.8], 0.051),
+        (PLAIN, "crossrange", [195.5, 195.5], 0.051),
+    ):
+        errors = norms(flown(desensitized, law, channel, np.array([200.0, -200.0])))
+        np.testing.assert_allclose(errors, expected, rtol=0, atol=near)
+
+
+# Gains as the other study prints them, to four digits, which make its histories; scaled.
+PRINTED_GAINS = [
+    [-0.2133, -0.0658, 0.1844, -0.0925, 0.1047, 0.2645],
+    [-0.3058, 0.0117, 0.3281, -0.2054, 0.0893, -0.2161],
+    [-0.0474, 0.0547, -0.0260, -0.0980, 0.7903, -0.3436],
+]
+
+
+@pytest.fixture(scope="module")
+def printed(desensitized):
+    """The responses with the gains as they are printed."""
+    made = desensitized.gains()
+    gain = made.gain.copy()
+    inputs = desensitized.stage_inputs("corrected", "gains")
+    gain[FIRST : FIRST + 3] = [design.gain_vector(inputs, scaled) for scaled in PRINTED_GAINS]
+    return responses.compute(desensitized.stage_inputs("corrected", "responses"), replace(made, gain=gain))
+
+
+# Deviations of the bank angle (deg), at every tenth node.
+@pytest.mark.parametrize(
+    ("channel", "expected"),
+    [
+        ("radius", [0, -0.3, -1.0, -1.7, -0.6, 1.9, 5.5, 10.0, 15.1, 20.7, 26.1]),
+        ("downrange", [0, 0.0, -0.1, -0.2, -0.2, 0.3, 1.1, 2.0, 3.1, 4.0, 4.8]),
+        ("crossrange", [0, 0.1, 0.3, 0.6, 0.9, 1.3, 2.2, 4.0, 6.9, 10.7, 15.0]),
+    ],
+)
+def test_how_feedback_moves_the_bank_angle(desensitized, printed, channel, expected):
+    """1.045 and 3.045 are given as 1.1 and 3.1: rounded twice. More digits of the gains change a hundredth of it."""
+    number = CHANNELS.index(channel)
+    law = FIRST + number
+    moved, exact = (
+        (r.state[law, number] - r.nominal[law])[::10, BANK] / DEGREE for r in (printed, desensitized.responses())
+    )
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=0.0551)
+    np.testing.assert_allclose(exact, moved, rtol=0.01, atol=1e-3)
+
+
+# Radius, crossrange and downrange errors (m), at every fifth of the flight.
+@pytest.mark.parametrize(
+    ("channel", "expected"),
+    [
+        ("radius", [[200, 187, -54, -110, -319, -82], [0, -4, 300, 582, 447, -28], [0, 15, 564, 499, 245, -95]]),
+        ("downrange", [[0, 0, -11, -18, -55, -3], [0, 0, 52, 107, 82, -3], [200, 200, 167, 114, 56, -4]]),
+        ("crossrange", [[0, 1, 23, -44, -152, -14], [1000, 994, 858, 616, 325, -19], [0, 0, 73, 163, 102, -24]]),
+    ],
+)
+def test_how_the_errors_go(desensitized, printed, channel, expected):
+    """The digits of the gains that are left out come to metres at the end."""
+    number = CHANNELS.index(channel)
+    found = printed.error[FIRST + number, number, ::20].T
+    np.testing.assert_allclose(found, expected, rtol=0, atol=0.51)
+    exact = desensitized.responses().error[FIRST + number, number, ::20].T
+    assert 0.1 < np.abs(exact - found).max() < 5.0
+
+
+@pytest.mark.parametrize(("channel", "known"), [("radius", 4.976), ("downrange", 5.148), ("crossrange", 5.045)])
+def test_effort_of_the_drawn_flights(desensitized, channel, known):
+    """Known as sums of |u| at the starts of the intervals; flown is the integral, here by the mean of both ends."""
+    found, made, number = desensitized.responses(), desensitized.gains(), CHANNELS.index(channel)
+    law = FIRST + number
+    steps, acceleration = np.diff(found.time[law]), found.acceleration[law, number]
+    assert steps @ np.abs(acceleration[:-1]) / DEGREE == pytest.approx(known, abs=5.1e-4)
+    fed_back = (found.state[law, number] - found.nominal[law]) @ made.gain[law]
+    middle = made.bank_acceleration[law] + (fed_back[1:] + fed_back[:-1]) / 2.0
+    assert found.cumulative[law, number] == pytest.approx(steps @ np.abs(middle), rel=2e-5)
+    assert 0.0355 < np.abs(acceleration).max() / DEGREE < 0.0375
+    assert found.largest_command[law, number] / DEGREE < 0.04  # no bound near
+    assert found.largest_bank_rate[law, number] == np.abs(found.state[law, number, :, 7]).max() < 20.0 * DEGREE
+
+
+# --- what the flights obey --------------------------------------------------------------------------------------------
+
+
+def test_a_downrange_error_without_feedback_stays(desensitized):
+    """And with feedback that has no gain on longitude, whatever its other gains."""
+    sizes = np.array([-1000.0, 200.0, 5e4])
+    for law in (PLAIN, SHAPED):
+        errors = flown(desensitized, law, "downrange", sizes)
+        np.testing.assert_allclose(errors, sizes[:, np.newaxis] * [0.0, 0.0, 1.0], rtol=0, atol=1e-7)
+    made = desensitized.gains()
+    blind = made.gain.copy()
+    blind[:, 2] = 0.0
+    errors = flown(desensitized, FIRST, "downrange", sizes, replace(made, gain=blind))
+    np.testing.assert_allclose(errors, sizes[:, np.newaxis] * [0.0, 0.0, 1.0], rtol=0, atol=1e-7)
+
+
+def test_a_crossrange_error_without_feedback_turns_the_flight(desensitized):
+    """About an axis on the equator, 90 degrees from the entry, for any controls."""
+    found = desensitized.responses()
+    for law in (PLAIN, SHAPED):
+        longitude = found.nominal[law, -1, 2]
+        errors = flown(desensitized, law, "crossrange", np.array([1.0, 1000.0]))
+        np.testing.assert_allclose(errors[:, 1], np.array([1.0, 1000.0]) * np.cos(longitude), rtol=1e-6)
+        assert np.abs(errors[:, 0]).max() < 1e-3 and np.abs(errors[:, 2]).max() < 0.05
+
+
+def test_small_errors_are_those_of_the_linear_sensitivity(desensitized):
+    """10 m, times 100: within what the discretisation leaves, 0.05 and 0.13 per cent."""
+    for law, known, linear in ((PLAIN, 8172, desensitized.linearization().final[0]), (SHAPED, 6162, None)):
+        errors = flown(desensitized, law, "radius", np.array([10.0, -10.0]))
+        mean = 100.0 * (errors[0] - errors[1]) / 2.0
+        assert norms(mean) == pytest.approx(known, abs=0.51)
+        if linear is not None:
+            np.testing.assert_allclose(mean, 1000.0 * linear[:, 0], rtol=0, atol=0.001 * known)
+    assert norms(mean) == pytest.approx(norms(desensitized.linearization().final[4][:, 0]) * 1000.0, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("channel", "sizes"), [("radius", [10, 20, 40]), ("crossrange", [100, 200, 400]), ("downrange", [50, 100, 200])]
+)
+def test_feedback_leaves_errors_of_second_order(desensitized, channel, sizes):
+    """The even part of the final error; the odd one is due to the discretisation and the third order."""
+    law, sizes = FIRST + CHANNELS.index(channel), np.array(sizes, dtype=float)
+    up, down = (flown(desensitized, law, channel, sign * sizes) for sign in (1.0, -1.0))
+    even, odd = norms(up + down) / 2.0, norms(up - down) / 2.0
+    assert (even > 1e-3).all()
+    np.testing.assert_allclose(even[1:] / even[:-1], 4.0, rtol=0.1)
+    plain = norms(flown(desensitized, PLAIN, channel, sizes))
+    assert (odd / plain < 0.01).all()
+    # An error twenty times as large without any feedback is proportional.
+    np.testing.assert_allclose(plain / sizes, plain[0] / sizes[0], rtol=2e-3)
+
+
+def test_a_flight_with_feedback_by_adaptive_steps(desensitized):
+    """Nominal and perturbed entry together by DOP853, interval by interval; a bound that is not reached left out."""
+    made, inputs = desensitized.gains(), desensitized.stage_inputs("corrected", "nominal")
+    law = FIRST
+    reference, gain = flown_law(made, law)
+    planet = (inputs.ballistic_coefficient, inputs.lift_to_drag, inputs.gravitational_parameter, RADIUS)
+
+    def rates(y, u):
+        return np.array(velocity_component_entry_rates(*y, u, np.exp(temperature_pressure_fit(y[0])[0]), *planet))
+
+    both = np.concatenate([reference.initial_state + 200.0 * (np.arange(8) == 0), reference.initial_state])
+    step = reference.final_time / len(reference.bank_acceleration)
+    for u in reference.bank_acceleration:
+
+        def together(_, y, u=u):
+            return np.concatenate([rates(y[:8], u + gain @ (y[:8] - y[8:])), rates(y[8:], u)])
+
+        both = solve_ivp(together, (0.0, step), both, method="DOP853", rtol=1e-10, atol=1e-9).y[:, -1]
+    expected = (both[:3] - both[8:11]) * LENGTHS
+    np.testing.assert_allclose(final(desensitized.responses(), law, "radius"), expected, rtol=0, atol=5e-3)
+
+
+# --- sweeps -----------------------------------------------------------------------------------------------------------
+
+
+def test_sweeps_pass_through_the_other_flights(desensitized):
+    """No error leads to none; the same error leads to the same flight, to the last bit, wherever it stands."""
+    found = desensitized.responses()
+    assert found.wide.shape == found.narrow.shape == (3, 9)
+    np.testing.assert_array_equal(found.wide[0], np.linspace(-2000.0, 2000.0, 9))
+    np.testing.assert_array_equal(found.narrow[2], np.linspace(-200.0, 200.0, 9))
+    assert not found.wide_error[:, :, 4].any() and not found.narrow_error[:, :, 4].any()
+    np.testing.assert_array_equal(found.wide_error[:, :, [6, 2]], found.tabulated_error)
+    for channel, sweep, at in (
+        ("radius", "narrow_error", 8),
+        ("crossrange", "wide_error", 6),
+        ("downrange", "narrow_error", 8),
+    ):
+        number = CHANNELS.index(channel)
+        np.testing.assert_array_equal(getattr(found, sweep)[:, number, at], found.error[:, number, -1])
+
+
+def test_feedback_is_best_for_small_errors_only(desensitized):
+    """Its errors grow faster than in proportion, those without feedback in proportion."""
+    found = desensitized.responses()
+    for number in range(3):
+        law = FIRST + number
+        small, large = norms(found.narrow_error[law, number]), norms(found.wide_error[law, number])
+        plain = norms(found.narrow_error[PLAIN, number])
+        away = np.arange(9) != 4
+        assert (small[away] < 0.15 * plain[away]).all()
+        assert large[6] / small[8] > 1.4 * 1000.0 / 200.0 and large[2] / small[0] > 1.4 * 1000.0 / 200.0
+        np.testing.assert_allclose(plain, np.abs(np.linspace(-1, 1, 9)) * plain[8], rtol=1e-2, atol=1e-9)
+        reshaped = norms(found.narrow_error[SHAPED, number])
+        assert (reshaped[away] < plain[away]).all() if number == 0 else np.allclose(reshaped, plain, rtol=1e-4)
+
+
+def test_lost_flights_are_told(desensitized):
+    """An error that the law for another channel cannot bear: NaN from the node on at which it is below the ground."""
+    found = desensitized.responses()
+    lost = np.isnan(found.tabulated_error).any(axis=-1)
+    np.testing.assert_array_equal(lost, np.isnan(found.tabulated_error).all(axis=-1))
+    law = FIRST + 1
+    assert lost[law, 2, 0] and not lost[:2].any()
+    inputs = desensitized.stage_inputs("corrected", "responses", drawn_errors=np.array([200.0, 1000.0, 1000.0]))
+    size = np.full((3, 1), 1000.0)
+    one = responses.flown(inputs, *flown_law(desensitized.gains(), law), size, size)
+    gone = np.isnan(one["state"][2]).any(axis=1)
+    first = np.flatnonzero(gone)[0]
+    assert 50 < first < 100 and gone[first:].all() and not gone[:first].any()
+    assert (one["state"][2, :first, 0] > 0.0).all()
+    np.testing.assert_array_equal(np.isnan(one["error"][2]).any(axis=1), gone)
+    np.testing.assert_array_equal(np.isnan(one["acceleration"][2]), gone)
+    assert np.isnan(one["largest_bank_rate"][2]) and np.isfinite(one["largest_bank_rate"][:2]).all()
+    assert np.isfinite(one["state"][:2]).all()
+
+
+@pytest.fixture(scope="module")
+def doomed(desensitized):
+    """Laws of which one follows a trajectory that dives, as an unfinished solve may leave behind."""
+    made = desensitized.gains()
+    control, state = made.bank_acceleration.copy(), made.state.copy()
+    control[FIRST], state[FIRST, 0, BANK:] = 0.0, [np.pi, 0.0]
+    state[FIRST, 0, 3:6] = [-6000.0, 0.0, 3000.0]
+    return replace(made, bank_acceleration=control, state=state)
+
+
+def test_a_law_whose_own_nominal_is_lost_does_not_stop_the_others(desensitized, doomed, tmp_path):
+    inputs = desensitized.stage_inputs("corrected", "responses")
+    found = responses.compute(inputs, doomed)
+    assert np.isnan(found.nominal[FIRST, -1]).all() and np.isnan(found.wide_error[FIRST]).all()
+    assert np.isfinite(found.nominal_cumulative).all()
+    usual = desensitized.responses()
+    for law in (PLAIN, SHAPED, FIRST + 1):
+        np.testing.assert_array_equal(found.wide_error[law], usual.wide_error[law])
+    ensemble = desensitized.fly("corrected", doomed, trials=20)
+    assert np.isnan(ensemble.nominal[FIRST, -1]).all()
+    assert np.isnan(ensemble.final_error[FIRST]).all() and (ensemble.outcome[FIRST] == CRASHED).all()
+    for number, artifact in enumerate((found, ensemble)):
+        path = tmp_path / f"{number}.h5"
+        artifacts.save(path, artifact, paper="desensitized", reading="corrected", provenance={})
+        again = artifacts.load(path, type(artifact), paper="desensitized", reading="corrected")
+        np.testing.assert_array_equal(again.nominal, artifact.nominal)
+
+
+# --- Monte Carlo ------------------------------------------------------------------------------------------------------
+
+
+def assert_covariance(found, expected, trials):
+    """A sample covariance within its sampling error, entry by entry."""
+    variances = np.outer(np.diag(expected), np.diag(expected))
+    error = SIGMAS * np.sqrt((variances + expected**2) / trials)
+    np.testing.assert_array_less(np.abs(found - expected), error + 1e-12)
+
+
+def test_covariances_without_feedback_are_the_linear_ones(desensitized):
+    """S P S' at every stored time, of all states; the bank angle does not move."""
+    ensemble, linear = desensitized.ensemble(), desensitized.linearization()
+    assert ensemble.time.shape == (6, 21)
+    np.testing.assert_allclose(ensemble.time[PLAIN], linear.time[::5], rtol=1e-15)
+    for k in range(21):
+        columns = (linear.sensitivity[5 * k] * DEVIATIONS)[:6] / UNITS[:, np.newaxis]
+        found = ensemble.covariance[PLAIN, k][:6, :6] / np.outer(UNITS, UNITS)
+        assert_covariance(found, columns @ columns.T, TRIALS)
+    assert np.abs(ensemble.covariance[[PLAIN, SHAPED]][:, :, BANK:]).max() < 1e-20
+
+
+def test_final_covariances_in_metres(desensitized):
+    """By the sensitivities of the rows, of the nominal and of the reshaped trajectory; means vanish."""
+    ensemble, linear = desensitized.ensemble(), desensitized.linearization()
+    for law, row in ((PLAIN, 0), (SHAPED, 4)):
+        columns = linear.final[row] * DEVIATIONS
+        errors = ensemble.final_error[law]
+        assert_covariance(np.cov(errors.T), columns @ columns.T, TRIALS)
+        assert (np.abs(errors.mean(axis=0)) < SIGMAS * np.sqrt(np.diag(columns @ columns.T) / TRIALS) + 1.0).all()
+    spread = ensemble.final_error[PLAIN].std(axis=0)
+    assert spread[2] == pytest.approx(np.hypot(200 * 8.0957, 200.0), rel=SIGMAS / np.sqrt(2 * TRIALS))
+
+
+@pytest.fixture(scope="module")
+def flown_sensitivity(desensitized):
+    """Final positions against those at entry, (laws, 3, 3), by differences of flights that are 2 cm apart."""
+    size = np.array([0.01, -0.01])
+    return np.array(
+        [
+            np.transpose(
+                [
+                    flown(desensitized, law, channel, size)[0] - flown(desensitized, law, channel, size)[1]
+                    for channel in CHANNELS
+                ]
+            )
+            / 0.02
+            for law in range(len(LAWS))
+        ]
+    )
+
+
+def test_closed_loop_sensitivities_are_those_of_the_flights(desensitized, flown_sensitivity):
+    """But for the discretisation: hundredths, and thousandths without feedback.
+
+    Not so for the gains for all columns: large ones that make a column of 0.1 by cancellation, on 100 intervals only.
+    """
+    difference = np.abs(flown_sensitivity - desensitized.gains().final).max(axis=(1, 2))
+    assert (difference[:2] < 0.01).all() and (difference[FIRST : FIRST + 3] < 0.04).all()
+    assert 0.5 < difference[-1] < 1.5
+
+
+def test_small_errors_are_linear_under_every_law(desensitized, flown_sensitivity):
+    """Gains for one channel spoil the others, trial by trial as the sensitivities say, for errors of centimetres."""
+    made, small = desensitized.gains(), DEVIATIONS * 1e-4
+    ensemble = desensitized.fly("corrected", made, trials=500, initial_deviations=small)
+    assert (ensemble.outcome == COMPLETED).all()
+    inputs = desensitized.stage_inputs("corrected", "montecarlo")
+    errors = normals(inputs.seed, montecarlo.ERROR_STREAM, np.arange(500), 3) * small
+    for law in range(len(LAWS)):
+        expected = errors @ flown_sensitivity[law].T
+        np.testing.assert_allclose(ensemble.final_error[law], expected, rtol=0, atol=2e-3 * np.abs(expected).max())
+    own, plain = ensemble.final_error[FIRST], ensemble.final_error[PLAIN]
+    assert norms(own.std(axis=0)) > norms(plain.std(axis=0))
+
+
+def test_every_law_gets_the_same_errors(desensitized):
+    ensemble, made = desensitized.ensemble(), desensitized.gains()
+    inputs = desensitized.stage_inputs("corrected", "montecarlo")
+    errors = normals(inputs.seed, montecarlo.ERROR_STREAM, np.arange(12), 3) * DEVIATIONS
+    start = ensemble.kept_history[:, :, 0]
+    assert start.shape == (6, 12, 9)
+    for law in range(6):
+        moved = (start[law, :, :3] - made.state[law, 0, :3]) * LENGTHS
+        np.testing.assert_allclose(moved, errors, rtol=0, atol=1e-8)
+        np.testing.assert_array_equal(start[law, :, 3:8], np.tile(made.state[law, 0, 3:8], (12, 1)))
+    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 1.0
+
+
+def test_results_do_not_depend_on_chunks(desensitized):
+    made = desensitized.gains()
+    whole, scattered = (desensitized.fly("corrected", made, trials=250, chunks=n, block_size=50) for n in (1, 3))
+    for field in fields(whole):
+        np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
+    larger = desensitized.ensemble()
+    for name in ("final_state", "outcome", "final_error", "observed_maximum"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(larger, name)[:, :250], err_msg=name)
+    inputs = desensitized.stage_inputs("corrected", "montecarlo")
+    direct = montecarlo.compute(inputs, made, case="entry_errors", trials=250, block_size=50)
+    np.testing.assert_array_equal(direct.covariance, whole.covariance)
+
+
+def test_ensembles_hold_what_was_flown(desensitized):
+    """Moments and histograms of a run in blocks, from the trials themselves."""
+    ensemble = desensitized.fly("corrected", desensitized.gains(), trials=150, block_size=50)
+    for law in (PLAIN, FIRST):
+        trials = desensitized.simulator("entry_errors", changes={"number": law})(0, 150)
+        np.testing.assert_array_equal(ensemble.final_state[law], trials.final_state.T)
+        np.testing.assert_array_equal(ensemble.kept_history[law], trials.history[..., :12].transpose(2, 0, 1))
+        for k in (0, 7, 20):
+            history = trials.history[k]
+            np.testing.assert_allclose(ensemble.mean[law, k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
+            size = history.std(axis=1) + 1e-9
+            assert np.abs((ensemble.covariance[law, k] - np.cov(history)) / np.outer(size, size)).max() < 1e-6
+            counts = np.histogram(trials.observed[k, 0], ensemble.histogram_edges[law, 0])[0]
+            np.testing.assert_array_equal(ensemble.histogram[law, k, 0, 1:-1][1:-1], counts[1:-1])
+            assert ensemble.histogram[law, k, 0].sum() == 150
+        np.testing.assert_array_equal(ensemble.nominal[law, :, :8], desensitized.responses().nominal[law, ::5])
+    np.testing.assert_array_equal(ensemble.flying, 150)
+    expected = (ensemble.final_state[:, :, :3] - ensemble.nominal[:, -1:, :3]) * LENGTHS
+    np.testing.assert_allclose(ensemble.final_error, expected, rtol=0, atol=1e-6)
+
+
+def test_no_trial_is_dropped(desensitized):
+    """Each has an outcome and an end; those below the ground have no final error, and are left in the counts."""
+    ensemble = desensitized.ensemble()
+    assert ensemble.outcome.shape == (6, TRIALS) and ensemble.final_state.shape == (6, TRIALS, 9)
+    np.testing.assert_array_equal(ensemble.outcome == CRASHED, ensemble.final_state[:, :, 0] < 0.0)
+    completed = ensemble.outcome == COMPLETED
+    np.testing.assert_array_equal(np.isfinite(ensemble.final_error).all(axis=-1), completed)
+    np.testing.assert_array_equal(np.isfinite(ensemble.final_error).any(axis=-1), completed)
+    np.testing.assert_array_equal(ensemble.count + ensemble.excluded, TRIALS)
+    np.testing.assert_array_equal(ensemble.flying[:, -1], completed.sum(axis=1))
+    lost = (~completed).sum(axis=1)
+    assert lost[PLAIN] == lost[SHAPED] == 0 and 0 < lost[FIRST] < 20
+    assert np.isfinite(ensemble.covariance).all()
+
+
+def test_gains_for_one_channel_spoil_the_others(desensitized):
+    """All three errors at once: every law with feedback for one of them does worse than none."""
+    ensemble = desensitized.ensemble()
+    spread = np.array([np.nanmedian(norms(errors)) for errors in ensemble.final_error])
+    assert (spread[FIRST : FIRST + 3] > 1.2 * spread[PLAIN]).all() and spread[SHAPED] < spread[PLAIN]
+
+
+@pytest.mark.parametrize("number", [0, 1234])
+def test_a_trial_flown_alone_is_that_of_the_ensemble(desensitized, number):
+    made, ensemble = desensitized.gains(), desensitized.ensemble()
+    inputs = desensitized.stage_inputs("corrected", "montecarlo")
+    said = montecarlo.replay(inputs, made, case="entry_errors", number=number, ensemble=ensemble)
+    assert said.count("the same to the last bit") == 6 and "DIFFERS" not in said
+    for law, name in enumerate(LAWS):
+        assert f"trial {number}, law {name}: {montecarlo.OUTCOMES[int(ensemble.outcome[law, number])]}" in said
+    assert f"{ensemble.final_state[PLAIN, number, 0]:18.9f}" in said
+    other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
+    assert "DIFFERS" in montecarlo.replay(inputs, made, case="entry_errors", number=number, ensemble=other)
+    assert "bit" not in montecarlo.replay(inputs, made, case="entry_errors", number=number)
+
+
+def test_a_lost_trial_is_replayed_as_lost(desensitized):
+    ensemble = desensitized.ensemble()
+    number = int(np.flatnonzero(ensemble.outcome[FIRST] == CRASHED)[0])
+    inputs = desensitized.stage_inputs("corrected", "montecarlo")
+    said = montecarlo.replay(inputs, desensitized.gains(), case="entry_errors", number=number, ensemble=ensemble)
+    assert f"trial {number}, law radius: below the ground" in said and "DIFFERS" not in said
+
+
+@pytest.mark.parametrize(
+    ("intervals", "step"), [(10, 1), (19, 1), (20, 1), (50, 2), (97, 1), (100, 5), (105, 5), (400, 20)]
+)
+def test_stored_times_divide_the_intervals(intervals, step):
+    assert montecarlo.output_step(intervals) == step
+
+
+def test_a_finer_nominal_is_flown_as_well(desensitized):
+    """Any number of intervals: stored times are 21 or more, and the sensitivities are nearly the same."""
+    found = desensitized.nominal("corrected", intervals=50)
+    law = design.Law(found.time, found.state, found.bank_acceleration)
+    inputs = desensitized.stage_inputs("corrected", "gains", intervals=50)
+    made = design.described(inputs, [law] * len(LAWS))
+    ensemble = desensitized.fly("corrected", made, trials=10)
+    assert ensemble.time.shape == (6, 26) and ensemble.time[0, -1] == found.time[-1]
+    np.testing.assert_allclose(made.final[0], desensitized.gains().final[0], rtol=0, atol=0.05)
+    errors = flown(desensitized, PLAIN, "radius", np.array([100.0]), made)[0] / 100.0
+    np.testing.assert_allclose(errors, made.final[0][:, 0], rtol=0, atol=0.05)
+
+
+def test_flights_refuse_a_nominal_beyond_the_bound(desensitized):
+    made = desensitized.gains()
+    inputs = desensitized.stage_inputs("corrected", "responses", bank_acceleration_bound=0.03 * DEGREE)
+    with pytest.raises(ValueError, match=r"bank acceleration on interval \d+, .* is beyond its bound"):
+        flight.fly_nominal(*environment.surroundings(inputs), flown_law(made, PLAIN)[0], 5)
