@@ -222,6 +222,16 @@ def test_guesses_fly_their_bank_profile(desensitized, width):
         assert np.abs(bank - expected).max() < np.radians(0.1)  # of second order in the intervals
 
 
+def test_a_guess_that_cannot_be_flown_says_what_to_change(desensitized, monkeypatch):
+    def failed(*arguments, **options):
+        raise RuntimeError("flying the controls from 168 s on failed: the steps become ever shorter")
+
+    monkeypatch.setattr(entry_problem, "simulate", failed)
+    said, _ = refused(desensitized, guess_final_time=1200.0)
+    assert "the guess cannot be flown to its end" in said and "from 168 s on failed" in said
+    assert "guess_banks" in said and "guess_final_time" in said
+
+
 # --- branches ---------------------------------------------------------------------------------------------------------
 
 

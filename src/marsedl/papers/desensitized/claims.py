@@ -87,6 +87,14 @@ def evaluate(
 # ---- shared measures -------------------------------------------------------------------------------------------------
 
 
+def printed_rows(published):
+    """Rows of Table 3 as printed, by c1: control energy, cumulative bank rate, fuel and final error."""
+    last = (*published["tab03_cinf_effort"].printed, published["tab03_cinf_error"].printed)
+    finite = ("tab03_c0", "tab03_c0p001", "tab03_c0p01", "tab03_c0p1", "tab03_c1")
+    rows = (*(published[key].printed for key in finite), last)
+    return dict(zip(map(float, published["c1_values"].printed), rows, strict=True))
+
+
 def size(vectors):
     """Norms over the last dimension."""
     return np.linalg.norm(vectors, axis=-1)

@@ -6,6 +6,7 @@ from matplotlib.ticker import MultipleLocator
 
 from marsedl.papers.desensitized.branches import Branches
 from marsedl.papers.desensitized.certificates import Certificates
+from marsedl.papers.desensitized.claims import printed_rows
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS
 from marsedl.papers.desensitized.further_perturbations import DENSITY, FurtherPerturbations
 from marsedl.papers.desensitized.gain_study import GainStudy
@@ -14,7 +15,6 @@ from marsedl.papers.desensitized.minimum_fuel import MinimumFuel
 from marsedl.papers.desensitized.montecarlo import FlightEnsemble
 from marsedl.papers.desensitized.nominal import Nominal, zero_crossings
 from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tables import printed_rows
 from marsedl.papers.desensitized.tradeoff import Tradeoff
 from marsedl.plotting.ellipses import probability_inside
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure

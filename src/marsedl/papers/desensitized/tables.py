@@ -7,6 +7,7 @@ from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import flight
 from marsedl.papers.desensitized.branches import Branches
 from marsedl.papers.desensitized.certificates import EXACT, Certificates
+from marsedl.papers.desensitized.claims import printed_rows
 from marsedl.papers.desensitized.entry_problem import CHANNELS, DEGREE, propellant
 from marsedl.papers.desensitized.further_perturbations import FurtherPerturbations
 from marsedl.papers.desensitized.gain_study import LOST, GainStudy
@@ -102,14 +103,6 @@ def tab02(inputs, published):
         ("bank angle (not in the paper)", degrees(inputs.initial_bank), degrees(inputs.final_bank), "deg"),
         ("bank rate (not in the paper)", degrees(inputs.initial_bank_rate), degrees(inputs.final_bank_rate), "deg/s"),
     ]
-
-
-def printed_rows(published):
-    """Rows of Table 3 as printed, by c1: control energy, cumulative bank rate, fuel and final error."""
-    last = (*published["tab03_cinf_effort"].printed, published["tab03_cinf_error"].printed)
-    finite = ("tab03_c0", "tab03_c0p001", "tab03_c0p01", "tab03_c0p1", "tab03_c1")
-    rows = (*(published[key].printed for key in finite), last)
-    return dict(zip(map(float, published["c1_values"].printed), rows, strict=True))
 
 
 def _paper_row(printed, printed_weight):
