@@ -29,7 +29,8 @@ _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restor
 
 def paper_of(name: str) -> str:
     """The paper that a rule or a file is named after; none for those of all papers."""
-    return next((slug for slug in SLUGS if re.search(rf"(^|/){slug}[_/.]", name)), "")
+    parts = name.split("/")
+    return next((slug for part in parts for slug in SLUGS if re.match(rf"{slug}([_.]|$)", part)), "")
 
 
 @dataclass

@@ -397,6 +397,15 @@ def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(nam
     assert collect(published, declared, {"corrected": fine, "printed": {name: bad}})
 
 
+def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
+    declared = {"mass": Declaration("Here {value:.0f}, there {elsewhere[value][0]:.2f}.", ("E1",))}
+    given = {"corrected": {"mass": Evaluation(1355.0)}}
+    (row,) = collect([CLAIMS[0]], declared, given, left_out=["elsewhere"])
+    assert row["reason"] == "E1. Here 1355, there not built."
+    with pytest.raises(InputError, match="elsewhere"):
+        collect([CLAIMS[0]], declared, given)
+
+
 def test_a_close_verdict_says_why_its_tolerance_is_right():
     declared = {"mass": Declaration(close=Close("The step is not stated.", relative=0.02))}
     (row,) = collect([CLAIMS[0]], declared, {"corrected": {"mass": Evaluation(1355.0)}})

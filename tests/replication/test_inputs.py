@@ -163,6 +163,17 @@ def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone
         assert full[name].inputs.gravity == smoke[name].inputs.gravity
 
 
+def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tmp_path):
+    mine = {"readings": {"mine": {"based_on": "corrected"}}}
+    full, smoke = (
+        load_study("powered_descent", MODEL, CONFIG, overlay=mine, overlay_name="mine.yaml", size=size)
+        for size in ("full", "smoke")
+    )
+    assert set(full.compared) == set(full.readings) == set(smoke.readings)
+    assert {"printed", "corrected", "mine"} < set(smoke.compared) < set(full.compared)
+    assert "plus_sign" in set(full.compared) - set(smoke.compared)
+
+
 def test_slices_hold_what_is_asked_in_the_order_of_names():
     reading = load_study("powered_descent", MODEL, CONFIG).readings["corrected"]
     assert reading.slice(["trials", "gravity"]) == {"gravity": 3.71, "trials": 2000}
@@ -415,6 +426,9 @@ def test_missing_files_and_folders_are_refused(tmp_path):
         ("    trials: 200\n", "    trials: 0.5\n", ["sizes.smoke.trials", "whole number"]),
         ("    trials: 200\n", "    segment_durations: 3\n", ["sizes.smoke.segment_durations"]),
         ("    trials: 200\n", "    integrator: 3\n", ["sizes.smoke.integrator"]),
+        ("readings: [printed, ", "readings: [", ["sizes.smoke.readings", "with printed and corrected"]),
+        ("readings: [printed, ", "readings: [prnted, printed, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
+        ("    readings: [", "    reading: [", ["sizes.smoke", "unknown key 'reading'"]),
     ],
 )  # fmt: skip
 def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):

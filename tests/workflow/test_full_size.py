@@ -1,4 +1,4 @@
-"""The whole pipeline at full size: every product, every verdict with its reason, the numbers against committed ones."""
+"""Every artifact and claim at full size: every verdict with its reason, the numbers against committed ones."""
 
 import json
 import re
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from marsedl.papers import SLUGS, catalogue, input_model, rounding_noise
+from marsedl.papers import SLUGS, input_model, rounding_noise
 from marsedl.replication.artifacts import opened
 from marsedl.replication.claims import COUNTED_VERDICTS, LISTED_VERDICTS, UNEXPLAINED, load_published
 from marsedl.replication.inputs import load_study
@@ -79,23 +79,3 @@ def test_what_the_readings_reproduce(rows, slug, claim, reading, verdict):
     """The findings that the documentation rests on; any of them may only change together with it."""
     row = next(row for row in rows if (row["paper"], row["id"]) == (slug, claim))
     assert row["readings"][reading]["verdict"] == verdict
-
-
-def test_every_product_of_the_catalogue_is_there_and_not_empty(full):
-    for slug in SLUGS:
-        paper, folder = catalogue(slug), full / "figures" / slug
-        names = [f"{stem}.{kind}" for stem in paper.figures for kind in ("png", "pdf")]
-        tables = [*paper.tables, *paper.summaries, "claims"]
-        names += [f"{stem}.{kind}" for stem in tables for kind in ("csv", "md")]
-        assert {path.name for path in folder.glob("*.*")} == set(names)
-        assert all((folder / name).stat().st_size > 100 for name in names)
-
-
-def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(full, rows):
-    page = (full / "report" / "index.html").read_text(encoding="utf-8")
-    assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
-    assert str(full) not in page
-    names = {row["id"] for row in rows} | {name for row in rows for name in row["readings"]}
-    for slug in SLUGS:
-        names |= set(catalogue(slug).figures) | {erratum.id for erratum in catalogue(slug).errata}
-    assert all(name in page for name in names)

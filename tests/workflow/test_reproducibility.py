@@ -1,11 +1,13 @@
 """The smoke pipeline twice from nothing, in two folders, with other cores, chunks and hash seeds."""
 
+import json
 import os
+import re
 import shutil
 
 import pytest
 
-from marsedl.papers import SLUGS, input_model
+from marsedl.papers import SLUGS, catalogue, input_model
 
 pytestmark = pytest.mark.workflow
 
@@ -63,3 +65,24 @@ def test_a_tree_is_restored_whatever_was_done_to_it(built, tree):
     assert content() == before
     assert tree.state() == state
     assert not (figures / "new").exists()
+
+
+def test_every_product_of_the_catalogue_is_there_and_not_empty(tree):
+    for slug in SLUGS:
+        paper, folder = catalogue(slug), tree.path("figures") / slug
+        names = [f"{stem}.{kind}" for stem in paper.figures for kind in ("png", "pdf")]
+        tables = [*paper.tables, *paper.summaries, "claims"]
+        names += [f"{stem}.{kind}" for stem in tables for kind in ("csv", "md")]
+        assert {path.name for path in folder.glob("*.*")} == set(names)
+        assert all((folder / name).stat().st_size > 100 for name in names)
+
+
+def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(tree):
+    page = tree.path("report/index.html").read_text(encoding="utf-8")
+    rows = json.loads(tree.path("report/claims.json").read_text(encoding="utf-8"))
+    assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
+    assert str(tree.folder) not in page
+    names = {row["id"] for row in rows} | {name for row in rows for name in row["readings"]}
+    for slug in SLUGS:
+        names |= set(catalogue(slug).figures) | {erratum.id for erratum in catalogue(slug).errata}
+    assert all(name in page for name in names)

@@ -80,8 +80,8 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(tree, 
     assert plan.papers == {slug}
     assert plan.changed == set(edit["changed"])
     assert plan.rules == {*edit["rerun"], *PRODUCTS, *CLAIMS}
-    config = tree.path(f"configs/{slug}.yaml")
-    assert plan.readings == yaml.safe_load(config.read_text(encoding="utf-8"))["readings"].keys()
+    config = yaml.safe_load(tree.path(f"configs/{slug}.yaml").read_text(encoding="utf-8"))
+    assert plan.readings == set(config["sizes"]["smoke"]["readings"])
 
 
 @pytest.mark.parametrize(

@@ -31,12 +31,15 @@ for _paper in PAPERS:
             paper=_paper,
             artifacts={
                 reading: artifacts(_paper, reading)
-                for reading in STUDIES[_paper].readings
+                for reading in STUDIES[_paper].compared
             },
             inputs={
-                name: reading.slice(MODELS[_paper].model_fields)
-                for name, reading in STUDIES[_paper].readings.items()
+                name: STUDIES[_paper].readings[name].slice(MODELS[_paper].model_fields)
+                for name in STUDIES[_paper].compared
             },
+            left_out=sorted(
+                STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)
+            ),
             errata=[erratum.id for erratum in PAPERS[_paper].errata],
             summaries=list(PAPERS[_paper].summaries),
             code=claims_code(_paper),

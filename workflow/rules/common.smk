@@ -236,6 +236,6 @@ def cache(paper):
     """All artifacts of a paper that its claims use."""
     return [
         path
-        for reading in STUDIES[paper].readings
+        for reading in STUDIES[paper].compared
         for path in artifacts(paper, reading).values()
     ]

@@ -11,8 +11,14 @@ with guarded(snakemake) as job:
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
     evaluations = {name: module.evaluate(inputs, **items) for name, (inputs, items) in readings.items()}
-    errata = set(job.params.errata)
-    rows = claims.collect(published, module.DECLARATIONS, evaluations, known_errata=errata, require_reasons=False)
+    rows = claims.collect(
+        published,
+        module.DECLARATIONS,
+        evaluations,
+        known_errata=set(job.params.errata),
+        require_reasons=False,
+        left_out=job.params.left_out,
+    )
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)

@@ -199,6 +199,7 @@ def collect(
     default_reading: str = "corrected",
     known_errata: Collection[str] | None = None,
     require_reasons: bool = True,
+    left_out: Collection[str] = (),
 ) -> list[dict[str, Any]]:
     """Compare every printed claim with every reading.
 
@@ -211,6 +212,7 @@ def collect(
         known_errata: the paper's errata ids; when given, declarations may name no others.
         require_reasons: refuse an unexplained `differs` or `fails`; else its reason is `UNEXPLAINED`, as it must be for
             builds with changed inputs or of another size.
+        left_out: readings that this size does not build; their numbers in reasons read "not built".
 
     Returns:
         One plain dictionary per claim, in the order of `published`, ready for `write_claims`.
@@ -237,7 +239,7 @@ def collect(
         if verdict in ("differs", "fails") and not require_reasons and not _explains(declaration):
             reason = UNEXPLAINED
         else:
-            reason = _reason(claim, declaration, verdict, first, evaluations, judged)
+            reason = _reason(claim, declaration, verdict, first, evaluations, judged, left_out)
         close = declaration.close
         rows.append(
             {
@@ -393,7 +395,17 @@ def _explains(declaration) -> bool:
     return bool(declaration.reason.strip() and (declaration.errata or declaration.withheld))
 
 
-def _reason(claim, declaration, verdict, first, evaluations, judged) -> str:
+class _NotBuilt:
+    """Every number of a reading that was not built."""
+
+    def __getitem__(self, _):
+        return self
+
+    def __format__(self, _):
+        return "not built"
+
+
+def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     where = f"{claim.paper}: claim {claim.id}"
     if verdict in ("differs", "fails") and not _explains(declaration):
@@ -411,6 +423,7 @@ def _reason(claim, declaration, verdict, first, evaluations, judged) -> str:
         }
         for name, evaluation in evaluations.items()
     }
+    quotable |= dict.fromkeys(left_out, _NotBuilt())
     clash = quotable.keys() & quotable[first].keys()
     if clash:
         raise InputError(f"{where}: {sorted(clash)[0]!r} is the name of a reading and of a number")

@@ -148,11 +148,15 @@ class Reading:
 
 @dataclass(frozen=True)
 class Study:
-    """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case."""
+    """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case.
+
+    `compared` are the readings in which claims are evaluated; a smaller size may leave some out.
+    """
 
     paper: str
     readings: dict[str, Reading]
     chunks: dict[str, int]
+    compared: tuple[str, ...]
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -232,13 +236,15 @@ def load_study(
     sizes = _mapping(document.get("sizes", {}), str(path), "sizes")
     if size != "full" and size not in sizes:
         raise InputError(f"--config size={size}: {path} defines no such size; {nearest(size, ['full', *sizes])}")
-    limits = _limits(sizes[size], str(path), f"sizes.{size}", model) if size != "full" else {}
+    limits = dict(_mapping(sizes[size], str(path), f"sizes.{size}")) if size != "full" else {}
+    left_out = _left_out(limits.pop("readings", None), document["readings"], f"{path}: sizes.{size}.readings")
+    limits = _limits(limits, str(path), f"sizes.{size}", model)
     readings = {}
     for name in raw:
         _resolve(name, raw, readings, model, ())
     # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
     limited = {name: _limited(reading, limits, f"{path}: sizes.{size}") for name, reading in readings.items()}
-    return Study(paper, limited, chunks)
+    return Study(paper, limited, chunks, tuple(name for name in readings if name not in left_out))
 
 
 def load_studies(
@@ -270,6 +276,18 @@ def load_studies(
         )
         studies[slug] = study if chunks is None else replace(study, chunks=dict.fromkeys(study.chunks, chunks))
     return studies
+
+
+def _left_out(compared, known, where) -> set[str]:
+    """The readings that a size does not compare, of those which the paper's file defines."""
+    if compared is None:
+        return set()
+    if not isinstance(compared, list) or not {"printed", "corrected"} <= {str(name) for name in compared}:
+        raise InputError(f"{where}: {_shown(compared)} is not a list of readings with printed and corrected")
+    for name in compared:
+        if name not in known:
+            raise InputError(f"{where}: there is no reading '{name}'; {nearest(name, known)}")
+    return set(known) - set(compared)
 
 
 def _limits(limits, path, where, model) -> dict[str, int | float]:

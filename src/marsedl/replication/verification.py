@@ -89,8 +89,8 @@ def build_twice(root: Path) -> bool:
     return not unequal
 
 
-def fingerprints(root: Path, slug: str) -> dict[str, dict]:
-    """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of every artifact."""
+def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dict]:
+    """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of the artifacts."""
     from marsedl.replication.artifacts import opened
 
     found = {}
@@ -98,9 +98,6 @@ def fingerprints(root: Path, slug: str) -> dict[str, dict]:
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
-    # Those of this build: the cache may hold others, of a user's readings or of earlier versions.
-    products = json.loads(_product(root, "report/digests.json").read_text(encoding="utf-8"))
-    cached = [root / name for name in sorted(products) if name.startswith(f"data/cache/{slug}/")]
     for artifact in filter(Path.exists, cached):
         with opened(artifact) as file:
             for name, dataset in sorted(file.items()):
@@ -153,7 +150,11 @@ def write_reference(root: Path, slugs: Iterable[str]) -> list[Path]:
     written = []
     for slug in slugs:
         path = root / "data" / "reference" / f"{slug}.json"
-        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in fingerprints(root, slug).items()]
+        # Those of this build: the cache may hold others, of a user's readings or of earlier versions.
+        products = json.loads(_product(root, "report/digests.json").read_text(encoding="utf-8"))
+        cached = [root / name for name in sorted(products) if name.startswith(f"data/cache/{slug}/")]
+        found = fingerprints(root, slug, cached)
+        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in found.items()]
         write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
         written.append(path)
     return written
@@ -169,7 +170,9 @@ def compare_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Iter
         path = root / "data" / "reference" / f"{slug}.json"
         if not path.exists():
             raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
-        reference, found = json.loads(path.read_text(encoding="utf-8")), fingerprints(root, slug)
+        reference = json.loads(path.read_text(encoding="utf-8"))
+        stems = sorted({name.rpartition("/")[0] for name in reference if not name.startswith("claims/")})
+        found = fingerprints(root, slug, [root / "data" / "cache" / slug / f"{stem}.h5" for stem in stems])
         missing = sorted(reference.keys() - found.keys())
         patterns = tuple((noise or {}).get(slug, ()))
         margins, left_out = {}, 0
