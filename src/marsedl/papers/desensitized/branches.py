@@ -27,7 +27,7 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, POSITIONS, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM
 from marsedl.papers.desensitized.nominal import Nominal, as_guess
 from marsedl.papers.desensitized.tradeoff import Tradeoff, effort, final_error, prepared
 from marsedl.replication.artifacts import quantity
@@ -38,7 +38,6 @@ SWITCHES = 4  # most changes of the bank angle in a random guess
 SEARCH_ITERATIONS = 150  # a start that has not led to a solution by then seldom does
 SHAKE = 2.0 * entry_problem.DEGREE  # standard deviation of what is added to a bank angle to see whether it comes back
 CONDITIONS = ("initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
-MIRRORED = tuple(STATES.index(name) for name in ("latitude", "north_velocity", "bank", "bank_rate"))
 CURVE_POINTS = 12
 FOLD_TOLERANCE = 1e-4  # of the error at a fold; the weight there is known to the square of it
 SMALLEST_STEP = 0.05  # of the way to the next value; a branch that needs shorter steps ends
@@ -317,7 +316,7 @@ def oriented(inputs, guess: Guess) -> Guess:
     states[:, BANK] -= 2.0 * np.pi * np.round(states[0, BANK] / (2.0 * np.pi))
     clear = states[np.abs(states[:, BANK]) > LEVEL, BANK]
     if symmetric(inputs) and clear.size and clear[0] > 0.0:
-        states[:, MIRRORED] *= -1.0
+        states *= MIRROR
         controls = -controls
     return guess._replace(states=states, controls=controls)
 
@@ -353,7 +352,7 @@ def catalogue_error(inputs, solution: Solution):
     end = extended.guess(solution).states[-1]
     names = [variable.name for variable in extended.problem.states]
     final = np.array([end[names.index(column(name, "radius"))] for name in POSITIONS])
-    return final * np.array([1.0, inputs.planet_radius, inputs.planet_radius]) * inputs.tabulated_error
+    return final * entry_problem.lengths(inputs) * inputs.tabulated_error
 
 
 def described(inputs, found: Catalogue, errors):
@@ -455,8 +454,7 @@ def error_program(inputs) -> ErrorProgram:
 
 def radius_norm(inputs, end):
     """Norm of the final position in metres against the radius at entry, from states by name."""
-    lengths = (1.0, inputs.planet_radius, inputs.planet_radius)
-    parts = zip(POSITIONS, lengths, strict=True)
+    parts = zip(POSITIONS, entry_problem.lengths(inputs), strict=True)
     return np.sqrt(sum((length * end[column(name, "radius")]) ** 2 for name, length in parts))
 
 

@@ -26,7 +26,7 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.ensembles import COMPLETED
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import CHANNELS, MIRROR, STATES, WARM
 from marsedl.papers.desensitized.gains import last_finite_row
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import Nominal, as_guess
@@ -39,7 +39,6 @@ NEIGHBOUR = 1e-3  # relative distance of the weights between which a slope is ta
 STATE_DIFFERENCE = 1e-8  # of the scales of the states, half the distance of differences of the discrete flow
 NEWTON_STEPS = 4  # with a matrix that is off by the difference only, each gains some digits
 LONGITUDE_SHIFT = 1.0  # rad
-MIRRORED = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])  # signs of the states of a flight seen in a mirror
 EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
 
 STUDIED = ("cases", "schemes", "meshes")
@@ -453,7 +452,7 @@ def _row(inputs, tradeoff, number):
     """The fields of one row of Table 3."""
     scheme = inputs.scheme
     along = Trajectory(tradeoff.time[number], tradeoff.state[number], tradeoff.bank_acceleration[number])
-    mirrored = along._replace(state=along.state * MIRRORED, bank_acceleration=-along.bank_acceleration)
+    mirrored = along._replace(state=along.state * MIRROR, bank_acceleration=-along.bank_acceleration)
     moved = np.zeros(len(STATES))
     moved[STATES.index("longitude")] = LONGITUDE_SHIFT
     shifted = along._replace(state=along.state + moved)
@@ -475,7 +474,7 @@ def _row(inputs, tradeoff, number):
         "row_defect": defect(inputs, scheme, along),
         "mirrored_defect": defect(inputs, scheme, mirrored),
         "shifted_defect": defect(inputs, scheme, shifted),
-        "mirrored_error_deviation": np.abs(error(mirrored) * MIRRORED[:3] - own).max(),
+        "mirrored_error_deviation": np.abs(error(mirrored) * MIRROR[:3] - own).max(),
         "shifted_error_deviation": np.abs(error(shifted) - own).max(),
     }
 

@@ -29,6 +29,8 @@ STATE_UNIT = "m, rad, rad, m/s, m/s, m/s, rad, rad/s"
 POSITIONS, MEASURED = STATES[:3], STATES[:6]
 CHANNELS = ("radius", "crossrange", "downrange")
 BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")
+# Signs of the states of a flight seen in a mirror.
+MIRROR = np.array([-1.0 if name in ("latitude", "north_velocity", "bank", "bank_rate") else 1.0 for name in STATES])
 LEVEL = 0.5 * DEGREE  # a bank angle below it counts as none when reversals are counted
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby
 
@@ -289,7 +291,17 @@ def branch_name(bank):
     return f"{number} reversal{'' if number == 1 else 's'}"
 
 
+def lengths(inputs):
+    """Metres per unit of altitude, latitude and longitude."""
+    return np.array([1.0, inputs.planet_radius, inputs.planet_radius])
+
+
+def miss(inputs, end):
+    """Altitude, crossrange and downrange by which final states (..., 8) miss the target, m."""
+    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
+    return (end[..., :3] - target) * lengths(inputs)
+
+
 def metric(inputs, sensitivity):
     """Rows of altitude, latitude and longitude of a sensitivity (..., 8, m) as lengths, m per unit: (..., 3, m)."""
-    lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
-    return sensitivity[..., :3, :] * lengths[:, np.newaxis]
+    return sensitivity[..., :3, :] * lengths(inputs)[:, np.newaxis]

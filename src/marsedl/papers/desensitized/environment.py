@@ -17,7 +17,7 @@ def surroundings(inputs):
 def displaced(inputs, state, errors):
     """States at entry with position errors (trials, 3) of radius, crossrange and downrange, m: (trials, 8)."""
     states = np.tile(np.asarray(state, dtype=float), (len(errors), 1))
-    states[:, :3] += np.asarray(errors) / np.array([1.0, inputs.planet_radius, inputs.planet_radius])
+    states[:, :3] += np.asarray(errors) / entry_problem.lengths(inputs)
     return states
 
 

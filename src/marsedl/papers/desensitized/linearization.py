@@ -52,7 +52,7 @@ def position_columns(inputs):
 
 def position_rows(inputs):
     """Rows that make radius, crossrange and downrange in metres of a deviation of the state, (3, 8)."""
-    return np.diag([1.0, inputs.planet_radius, inputs.planet_radius]) @ np.eye(3, len(STATES))
+    return np.diag(entry_problem.lengths(inputs)) @ np.eye(3, len(STATES))
 
 
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:

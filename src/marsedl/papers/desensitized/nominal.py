@@ -59,8 +59,6 @@ def described(inputs, solution: Solution) -> Nominal:
     time, control = solution.time, solution.controls[:, 0]
     states = solution.states[:, : len(entry_problem.STATES)]
     flown = resimulate(solution)[:, : len(entry_problem.STATES)]
-    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
-    lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     total = entry_problem.cumulative(time, control)
     return Nominal(
         time=time,
@@ -75,7 +73,7 @@ def described(inputs, solution: Solution) -> Nominal:
         reversal_times=zero_crossings(time, states[:, BANK]),
         branch=entry_problem.branch_name(states[:, BANK]),
         flown=flown,
-        miss=(flown[-1, :3] - target) * lengths,
+        miss=entry_problem.miss(inputs, flown[-1]),
         costate=solution.costates[:, : len(entry_problem.STATES)],
         status=solution.status,
         iterations=solution.iterations,

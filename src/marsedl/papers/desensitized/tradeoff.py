@@ -244,8 +244,6 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
         return final_error(inputs, extended, solution)
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
-    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
-    lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     ends = [(fold.before, fold.beyond) for fold in folds]
     size = len(STATES)
     return Tradeoff(
@@ -276,7 +274,7 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
         row_branch=np.array([row.branch for row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in found]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in found]),
-        miss=np.array([(resimulate(s)[-1, :3] - target) * lengths for s in found]),
+        miss=np.array([entry_problem.miss(inputs, resimulate(s)[-1]) for s in found]),
         status=np.array([s.status for s in found]),
         iterations=np.array([s.iterations for s in found]),
         solves=len(points) + len(rows),
