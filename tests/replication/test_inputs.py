@@ -45,6 +45,9 @@ def refused(path, *fragments) -> str:
     return message
 
 
+SMOKE = "  smoke:\n    readings: [printed, "
+
+
 def project(tmp_path, old="", new="", count=1):
     """A folder of configurations with one edit in the paper's file."""
     text = CONFIG.read_text(encoding="utf-8")
@@ -426,9 +429,9 @@ def test_missing_files_and_folders_are_refused(tmp_path):
         ("    trials: 200\n", "    trials: 0.5\n", ["sizes.smoke.trials", "whole number"]),
         ("    trials: 200\n", "    segment_durations: 3\n", ["sizes.smoke.segment_durations"]),
         ("    trials: 200\n", "    integrator: 3\n", ["sizes.smoke.integrator"]),
-        ("readings: [printed, ", "readings: [", ["sizes.smoke.readings", "with printed and corrected"]),
-        ("readings: [printed, ", "readings: [prnted, printed, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
-        ("    readings: [", "    reading: [", ["sizes.smoke", "unknown key 'reading'"]),
+        (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
+        (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
+        (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "unknown key 'reading'"]),
     ],
 )  # fmt: skip
 def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):

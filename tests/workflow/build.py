@@ -1,6 +1,7 @@
 """Build a copy of the project beside the tests, at the lowest priority: `python build.py (smoke|full) folder`.
 
-The smoke size is built whole, twice; of the full size what claims need: its figures show no other code.
+The smoke size is built whole, twice; the full size in fewer readings (size `check`) and without figures, which show no
+other code. `marsedl verify` builds and compares all of it.
 
 Ends with 0 if all is well, with 3 if the two smoke builds differ, with another number if a build fails. Ends at once,
 with all that it started, when its standard input closes: it does not outlive the tests that wait for it.
@@ -23,7 +24,7 @@ def end_with_the_tests():
 def build(task: str, folder: Path) -> int:
     if task == "smoke":
         return 0 if build_twice(folder) else 3
-    done = snakemake(folder, "claims", "--cores", "2")
+    done = snakemake(folder, "claims", "--cores", "2", "--config", "size=check")
     print(done.stdout)
     return done.returncode
 

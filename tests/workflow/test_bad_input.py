@@ -89,7 +89,7 @@ def test_a_file_that_is_no_yaml_stops_snakemake_itself(tree, tmp_path, content):
 @pytest.mark.parametrize(
     ("setting", "fragments"),
     [
-        ("size=tiny", ["size=tiny", "valid names: full, smoke"]),
+        ("size=tiny", ["size=tiny", "valid names: check, full, smoke"]),
         ("chunks=0", ["chunks", "whole number"]),
         ("chunk=3", ["unknown key 'chunk'", "did you mean 'chunks'?"]),
         ("powered_descent=3", ["powered_descent", "keys with values"]),

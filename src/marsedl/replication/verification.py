@@ -160,10 +160,16 @@ def write_reference(root: Path, slugs: Iterable[str]) -> list[Path]:
     return written
 
 
-def compare_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Iterable[str]] | None = None) -> bool:
+def compare_reference(
+    root: Path,
+    slugs: Iterable[str],
+    noise: Mapping[str, Iterable[str]] | None = None,
+    readings: Mapping[str, Iterable[str]] | None = None,
+) -> bool:
     """Compare a full build with the stored numbers by tolerance; prints the worst margin of every paper.
 
-    noise: patterns of names, by paper, of which only the shape is compared. False, too, if a verdict is not explained.
+    noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
+    all of them if not given. False, too, if a verdict is not explained.
     """
     agree = True
     for slug in slugs:
@@ -171,6 +177,11 @@ def compare_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Iter
         if not path.exists():
             raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
         reference = json.loads(path.read_text(encoding="utf-8"))
+        if readings is not None:
+            built = set(readings[slug])
+            reference = {
+                name: entry for name, entry in reference.items() if built & {name.split("/")[i] for i in (0, 2)}
+            }
         stems = sorted({name.rpartition("/")[0] for name in reference if not name.startswith("claims/")})
         found = fingerprints(root, slug, [root / "data" / "cache" / slug / f"{stem}.h5" for stem in stems])
         missing = sorted(reference.keys() - found.keys())
