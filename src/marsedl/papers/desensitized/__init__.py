@@ -33,7 +33,8 @@ _SEARCHED = ("gain_step_limit", "gain_tolerance", "gain_iterations", "downrange_
 _TUNING = ("tuning_errors", "tuning_starts", "tuning_spread", "seed", "substeps")
 _GAINS = (
     *(*_PROBLEM, *_NORM, *_SEARCHED, *_TUNING),
-    *("gain_design", "all_columns_regularization", "feedback_weight", "unregularized_iterations"),
+    *("gain_design", "all_columns_regularization", "all_columns_iterations"),
+    *("feedback_weight", "unregularized_iterations"),
 )
 _MONTE_CARLO = (*_FLIGHT, "initial_deviations", "seed", "drawn_trials")
 

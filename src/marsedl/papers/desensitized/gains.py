@@ -23,7 +23,6 @@ from marsedl.replication.errors import SolverError
 
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
 LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
-MOST_ITERATIONS = 200  # of one solve for all columns, several times what it takes where there is a solution
 TUNING_STREAM = 1  # of the random numbers; flights use others
 GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"
 
@@ -207,8 +206,9 @@ def for_all_columns(inputs, nominal: Nominal, linearization: Linearization) -> L
     last = extended.guess(as_guess(nominal)._replace(free=free), entry_problem.given())
     for weight in weights:
         try:
+            most = inputs.all_columns_iterations
             last = entry_problem.solve(
-                inputs, "all columns", transcribed, last, weight=weight, barrier=WARM, iterations=MOST_ITERATIONS
+                inputs, "all columns", transcribed, last, weight=weight, barrier=WARM, iterations=most
             )
         except SolverError as error:
             # A set of gains beside the paper's; what stands so far is flown, and the artifact says how it ended.

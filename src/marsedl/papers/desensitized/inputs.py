@@ -109,6 +109,7 @@ class DesensitizedInputs(DensityInputs):
     all_columns_regularization: Weights = given("1", "weights on the squared gains, in turn, for all columns together")
     feedback_weight: Positive = given("1", "weight on the norm when trajectory and gains are solved for together")
     unregularized_iterations: Count = given("1", "iterations after which that solve is ended")
+    all_columns_iterations: Count = given("1", "iterations after which one for gains against all columns is given up")
     tuning_errors: Annotated[tuple[Number, ...], Field(min_length=2, max_length=50)] = given(
         "m", "initial errors whose flown final errors tuned gains make small"
     )
