@@ -17,6 +17,7 @@ FACTS = {
     for slug in SLUGS
 }
 CONFIG = "configs/powered_descent.yaml"
+COMPARED = {"printed", "printed_eq46", "corrected", "target4", "euler", "kilonewton_noise"}  # at smoke size
 PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
 FIGURES = f"{PACKAGE}/papers/powered_descent/figures.py"
@@ -179,8 +180,7 @@ def test_the_number_of_drawn_trials_reruns_the_flights(tree):
     tree.set_inputs("corrected", drawn_trials="15")
     plan = tree.plan("all")
     assert plan.rules == {*FLIGHTS, *PRODUCTS, *CLAIMS}
-    assert plan.readings.isdisjoint({"printed", "printed_eq46"})
-    assert len(plan.readings) == 9
+    assert plan.readings == COMPARED - {"printed", "printed_eq46"}
     assert plan.stages == {"montecarlo"}
     assert plan.figures == DRAWN_FROM_TRIALS
 

@@ -11,14 +11,8 @@ with guarded(snakemake) as job:
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
     evaluations = {name: module.evaluate(inputs, **items) for name, (inputs, items) in readings.items()}
-    rows = claims.collect(
-        published,
-        module.DECLARATIONS,
-        evaluations,
-        known_errata=set(job.params.errata),
-        require_reasons=False,
-        left_out=job.params.left_out,
-    )
+    said = {"known_errata": set(job.params.errata), "left_out": job.params.left_out}
+    rows = claims.collect(published, module.DECLARATIONS, evaluations, require_reasons=False, **said)
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)
