@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from marsedl.methods.covariance_steering.block_program import closed_loop
+from marsedl.methods.funnels import monte_carlo
 from marsedl.models import random_field
 from marsedl.montecarlo.streams import normals
 
@@ -30,7 +31,7 @@ def field_example():
 
 
 def test_every_example_is_tested():
-    assert len(EXAMPLES) == 3
+    assert len(EXAMPLES) == 4
 
 
 def test_closed_form_example_meets_its_targets():
@@ -113,3 +114,68 @@ def test_desensitized_example_does_what_the_readme_says():
     # What the sensitivity says of the miss, and what is flown, to first order.
     slope = robust.state(names["miss"])[-1]
     np.testing.assert_allclose(fly_sled(robust, gain, 0.0202) - fly_sled(robust, gain, 0.02), 2e-4 * slope, rtol=0.02)
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """The funnel example, its proven level at every node, and starts on the boundary of its first slice."""
+    names = run("proven_stages")
+    names["proven_level"] = np.concatenate([[names["first"]], *(stage.levels for stage in names["proven"])])
+    directions = monte_carlo.uniform_directions(np.random.Generator(np.random.Philox(7)), TRIALS, 2)
+    names["starts"] = monte_carlo.boundary_deviations(names["shapes"][0], names["first"], directions)
+    return names
+
+
+def highest(pendulum, wind):
+    """Largest V of flights at every node."""
+    return monte_carlo.fly(pendulum["loop"], pendulum["shapes"], pendulum["starts"], wind).max(axis=1)
+
+
+def swing(pendulum, start, wind):
+    """Final angle and rate of the pendulum under the feedback, by an integrator and a reference of their own."""
+    half, gains = np.linspace(0.0, 4.0, 401), pendulum["loop"].gains[:, 0]
+
+    def reference(time):
+        turn = np.pi * time / 4.0
+        return np.pi / 2 * (1.0 - np.cos(turn)), np.pi**2 / 8 * np.sin(turn)
+
+    def rates(time, state):
+        (angle, rate), (gain, damping) = reference(time), (np.interp(time, half, column) for column in gains.T)
+        torque = pendulum["upwards"](np.array([time]))[0, 0] + gain * (state[0] - angle) + damping * (state[1] - rate)
+        return [state[1], torque - 9.81 * np.sin(state[0]) + 0.3 * wind * np.cos(state[0])]
+
+    return solve_ivp(rates, (0.0, 4.0), start, rtol=1e-9, atol=1e-9).y[:, -1] - reference(4.0)
+
+
+def test_funnel_example_narrows_as_the_readme_says(pendulum):
+    np.testing.assert_allclose(np.degrees(pendulum["funnel"].half_widths[[0, -1], 0]), [24.0, 1.5], rtol=0.02)
+
+
+def test_flights_of_the_funnel_example_stay_within_proven_levels_only(pendulum):
+    funnel, slices, proven = pendulum["funnel"], pendulum["slices"], pendulum["proven_level"]
+    random = np.random.Generator(np.random.Philox(8))
+    steady = highest(pendulum, random.choice([-1.0, 1.0], (TRIALS, 1)))
+    assert 0.97 < steady[-1] / funnel.rho[-1] < 0.985
+    assert 1e-6 < (steady[slices[1:]] / funnel.rho[1:]).max() - 1.0 < 1e-5
+    changing = highest(pendulum, random.choice([-1.0, 1.0], (len(slices) - 1, TRIALS, 1)))
+    for flown in (steady, changing):
+        assert (flown[1:] <= proven[1:]).all()
+    excess = proven[slices[1:]] / funnel.rho[1:] - 1.0
+    assert excess.min() > 0.0
+    assert 0.0008 < excess.max() < 0.0012
+
+
+def test_funnel_example_bounds_the_pendulum_itself(pendulum):
+    corner = pendulum["starts"][:6]
+    ends = np.array([swing(pendulum, start, wind) for start, wind in zip(corner, [-1, 1] * 3, strict=True)])
+    observed = []
+    monte_carlo.fly(
+        pendulum["loop"],
+        pendulum["shapes"],
+        corner,
+        np.tile([[-1.0], [1.0]], (3, 1)),
+        observer=lambda node, deviation, disturbance: observed.append(deviation),
+    )
+    np.testing.assert_allclose(ends, observed[-1].T, atol=1e-6)
+    shape = pendulum["shapes"][-1]
+    assert (np.einsum("mi,ij,mj->m", ends, shape, ends) / 2 < pendulum["proven_level"][-1]).all()

@@ -1,0 +1,1 @@
+"""Invariant funnels of a closed loop around a reference trajectory."""

@@ -1,0 +1,209 @@
+"""One stage of a funnel: the polynomial whose maximum over the slice and the disturbances bounds the next slice."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from marsedl.methods.funnels.closed_loop import ClosedLoop
+from marsedl.methods.taylor import Series
+
+__all__ = ["FunnelStage", "cholesky_factor", "lyapunov_rate"]
+
+_CONDITIONS = ("flow", "euler")
+
+
+@dataclass(frozen=True, eq=False)
+class FunnelStage:
+    """Stage condition between two slices of a funnel (robust entry funnels, Eqs. 18, 22, 23, 26 and 28).
+
+    A point is (y, w), and stands for the deviation
+
+        xb = sqrt(2 rho_k) L_k^-T y,   P_k = L_k L_k'
+
+    so that |y| = 1 is the boundary of the slice, 1/2 xb'P_k xb = rho_k; |w| = 1 is the boundary of the disturbances.
+    The stage asks for the least s with s >= b(y, w) on both spheres; then rho_{k+1} = s rho_k. With c_i the part of
+    degree i of the Taylor polynomial in (xb, w) of the flow of the error over the stage, and f_i that of the error
+    rate at its beginning,
+
+        "flow":   b = 1/rho_k sum over i + j <= order + 1 of 1/2 c_i'P_{k+1} c_j
+        "euler":  b = 1/rho_k (1/2 xb'P_{k+1} xb + (t_{k+1} - t_k) (sum over i <= order of f_i)'P_k xb)
+
+    Both are polynomials of degree order + 1. "euler" is Eq. 22; it drops terms of second order in the step, so it does
+    not bound the step. "flow" bounds what the integrated equations of motion do, up to the terms left out.
+
+    Eq. 26, read literally, draws points x'x = 2 that know neither P_k nor rho_k: xb = sqrt(2) scale y, of which
+    |y| = 1 is not the boundary of the slice. `raw_scale` asks for it, in the units that it gives; s rho_k does not
+    depend on rho_k then.
+
+    Args:
+        loop: the closed loop about its reference.
+        first, last: fine steps at which the stage begins and ends.
+        shape: P_k, (nx, nx).
+        next_shape: P_{k+1}, (nx, nx).
+        rho: rho_k.
+        order: order of the Taylor polynomial, 1 or more.
+        condition: "flow" or "euler".
+        raw_scale: None, or the units of the components of x in Eq. 26, (nx,).
+
+    Raises:
+        ValueError: if a shape is not positive definite, or another argument is out of range.
+    """
+
+    loop: ClosedLoop
+    first: int
+    last: int
+    shape: np.ndarray
+    next_shape: np.ndarray
+    rho: float
+    order: int = 3
+    condition: str = "flow"
+    raw_scale: np.ndarray | None = None
+
+    def __post_init__(self):  # noqa: D105
+        if self.condition not in _CONDITIONS:
+            raise ValueError(f"condition must be one of {', '.join(_CONDITIONS)}, not {self.condition!r}")
+        if not 0 <= self.first < self.last <= self.loop.steps:
+            raise ValueError(
+                f"a stage from fine step {self.first} to {self.last} does not fit into the {self.loop.steps} fine "
+                "steps of the loop"
+            )
+        if self.order < 1:
+            raise ValueError(f"order must be 1 or more, not {self.order}")
+        if not (np.isfinite(self.rho) and self.rho > 0):
+            raise ValueError(f"rho must be positive and finite, not {self.rho}")
+        states = self.loop.dimension
+        for name, size in (("shape", (states, states)), ("next_shape", (states, states)), ("raw_scale", (states,))):
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != size:
+                raise ValueError(f"{name} must have shape {size}, not {np.shape(value)}")
+        if self.raw_scale is not None and not (np.asarray(self.raw_scale) > 0).all():
+            raise ValueError("raw_scale must be positive units")
+        # Both factors at once: an indefinite shape is refused here, not at the first value.
+        _ = self.spread, self.next_factor
+
+    @property
+    def degree(self):
+        """Degree of the polynomial b."""
+        return self.order + 1
+
+    @cached_property
+    def spread(self):
+        """Matrix S of xb = S y, (nx, nx): sqrt(2 rho_k) L_k^-T, or sqrt(2) diag(scale) of the literal samples."""
+        factor = cholesky_factor(self.shape, f"P at fine step {self.first}")
+        if self.raw_scale is not None:
+            return np.sqrt(2) * np.diag(np.asarray(self.raw_scale, dtype=float))
+        return np.sqrt(2 * self.rho) * np.linalg.inv(factor).T
+
+    @cached_property
+    def next_factor(self):
+        """L_{k+1}, (nx, nx)."""
+        return cholesky_factor(self.next_shape, f"P at fine step {self.last}")
+
+    def deviations(self, points):
+        """Deviations of points (m, nx + nw) from the reference at the beginning, (m, nx) in the units of the states."""
+        return self._split(points)[0].T
+
+    def values(self, points):
+        """Values of the polynomial b.
+
+        Args:
+            points: (y, w), (m, nx + nw); they need not lie on the spheres.
+
+        Returns:
+            b, (m,), relative to rho_k.
+        """
+        deviations, disturbances = self._split(points)
+        ray = [Series.along(0.0, component, self.order) for component in deviations]
+        pushed = [Series.along(0.0, component, self.order) for component in disturbances]
+        if self.condition == "euler":
+            step = self.loop.time[self.last] - self.loop.time[self.first]
+            rates = self._coefficients(self.loop.error_rates(2 * self.first, ray, pushed), deviations.shape).sum(axis=0)
+            grown = np.sum((self.next_factor.T @ deviations) ** 2, axis=0) / 2
+            return (grown + step * np.sum(rates * (self.shape @ deviations), axis=0)) / self.rho
+        moved = self.next_factor.T @ self._coefficients(
+            self.loop.flow(self.first, self.last, ray, pushed), deviations.shape
+        )
+        # Each c_i meets the sum of the c_j with j <= order + 1 - i.
+        parts = moved[1:]
+        return np.sum(parts * np.cumsum(parts, axis=0)[::-1], axis=(0, 1)) / (2 * self.rho)
+
+    def true_values(self, points):
+        """V_{k+1}/rho_k of the integrated error itself, with no series and no Euler step.
+
+        Args:
+            points: (y, w), (m, nx + nw).
+
+        Returns:
+            Array (m,); at most s on the slice if the stage bounds the motion.
+        """
+        deviations, disturbances = self._split(points)
+        moved = self.loop.flow(self.first, self.last, list(deviations), list(disturbances))
+        return np.sum((self.next_factor.T @ np.array(np.broadcast_arrays(*moved))) ** 2, axis=0) / (2 * self.rho)
+
+    def _split(self, points):
+        """Deviations (nx, m) and disturbances (nw, m) of points."""
+        points = np.asarray(points, dtype=float)
+        states = self.loop.dimension
+        if points.ndim != 2 or points.shape[1] != states + self.loop.disturbances:
+            raise ValueError(
+                f"points of {states} states and {self.loop.disturbances} disturbances have shape "
+                f"(m, {states + self.loop.disturbances}), not {points.shape}"
+            )
+        return self.spread @ points[:, :states].T, points[:, states:].T
+
+    def _coefficients(self, components, shape):
+        """Coefficients of the series of all components, (order + 1, nx, m); a rate of nothing is a plain zero."""
+        out = np.zeros((self.order + 1, *shape))
+        for i, component in enumerate(components):
+            if isinstance(component, Series):
+                out[:, i] = component.coefficients
+        return out
+
+
+def lyapunov_rate(loop, half_index, shape, shape_rate, deviations, disturbances):
+    """Rate of the Lyapunov function along the closed loop (robust entry funnels, Eqs. 15, 29 and Fig. 4).
+
+        V' = xb'P (f(x* + xb, u* + K xb, w) - f(x*, u*, 0)) + 1/2 xb'P' xb
+
+    Args:
+        loop: the closed loop about its reference.
+        half_index: index of the half-step grid, 0 ... 2 n.
+        shape: P, (nx, nx).
+        shape_rate: its rate P', (nx, nx).
+        deviations: xb, (m, nx).
+        disturbances: w, (m, nw).
+
+    Returns:
+        V', (m,), 1/s in the units of V.
+    """
+    deviations, disturbances = np.asarray(deviations), np.asarray(disturbances)
+    rates = loop.error_rates(half_index, list(deviations.T), list(disturbances.T))
+    forces = shape @ np.array(np.broadcast_arrays(*rates)) + shape_rate @ deviations.T / 2
+    return np.sum(forces * deviations.T, axis=0)
+
+
+def cholesky_factor(matrix, name="P"):
+    """Lower Cholesky factor L of a symmetric positive definite matrix, P = L L'.
+
+    Args:
+        matrix: P, (n, n).
+        name: what an error calls it.
+
+    Returns:
+        L, (n, n).
+
+    Raises:
+        ValueError: if the matrix is not finite, not symmetric or not positive definite, with its least eigenvalue.
+    """
+    matrix = np.asarray(matrix, dtype=float)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} is not finite")
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if (np.abs(matrix - matrix.T) > 1e-9 * np.outer(size, size)).any():
+        raise ValueError(f"{name} is not symmetric")
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError as error:
+        least = np.linalg.eigvalsh(matrix)[0]
+        raise ValueError(f"{name} is not positive definite: its least eigenvalue is {least:.3g}") from error

@@ -1,0 +1,1 @@
+"""Sums of squares on products of spheres: well chosen samples, semidefinite programs and their checks."""

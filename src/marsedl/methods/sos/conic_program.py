@@ -1,0 +1,148 @@
+"""The sampled sum-of-squares program by general cone solvers: a second opinion (robust entry funnels, Eqs. 24, 36)."""
+
+import numpy as np
+
+from marsedl.methods.sos.sampled_program import Certificate, certify
+
+__all__ = ["SOLVERS", "ConicProgram", "check_solver", "conic", "nearest_semidefinite", "run_solver"]
+
+SOLVERS = ("CLARABEL", "SCS")
+_MOST_ITERATIONS = 20_000  # of SCS
+
+
+class ConicProgram:
+    """The sampled program for one basis, compiled once for any values.
+
+        minimise s    subject to    s - b_i = n_i'Q n_i,   i = 1 ... M,   Q positive semidefinite
+
+    Each equation holds all of Q: the block of p (p + 1)/2 columns is dense, and that makes this form slow.
+
+    Args:
+        basis: n at the samples, (M, p).
+        solver: "CLARABEL" or "SCS".
+        tolerance: of the solver, relative to the range of the values.
+
+    Raises:
+        ValueError: for an unknown solver, or a basis that is not a finite matrix.
+    """
+
+    def __init__(self, basis, solver="CLARABEL", tolerance=1e-7):  # noqa: D107
+        import cvxpy
+
+        check_solver(solver)
+        self.basis = np.asarray(basis, dtype=float)
+        if self.basis.ndim != 2 or not np.isfinite(self.basis).all():
+            raise ValueError(f"the basis must be a finite matrix (M, p), its shape is {self.basis.shape}")
+        self.solver, self.tolerance = solver, tolerance
+        samples, size = self.basis.shape
+        products = np.einsum("mi,mj->mij", self.basis, self.basis).reshape(samples, -1)
+        self._values = cvxpy.Parameter(samples)
+        self._bound, self._gram = cvxpy.Variable(), cvxpy.Variable((size, size), PSD=True)
+        matching = self._bound - self._values == products @ cvxpy.vec(self._gram, order="C")
+        self._problem = cvxpy.Problem(cvxpy.Minimize(self._bound), [matching])
+
+    def solve(self, values):
+        """Least bound for values at the samples.
+
+        Args:
+            values: b, (M,).
+
+        Returns:
+            `Certificate`. Its Gram matrix is the semidefinite one nearest to the solver's; what that changes is in the
+            residual. Its status says what the solver says if that is not "optimal"; without any solution the bound is
+            infinite.
+
+        Raises:
+            ValueError: for values of another shape, or not finite.
+        """
+        samples, size = self.basis.shape
+        values = np.asarray(values, dtype=float)
+        if values.shape != (samples,) or not np.isfinite(values).all():
+            raise ValueError(f"expected {samples} finite values at the samples, not an array {values.shape}")
+        shift, scale = values.mean(), np.ptp(values) or 1.0
+        self._values.value = (values - shift) / scale
+        status, iterations = run_solver(self._problem, self.solver, self.tolerance)
+        multipliers = self._problem.constraints[0].dual_value
+        if self._gram.value is None or multipliers is None:
+            nothing = np.full((size, size), np.nan), np.full(samples, np.nan)
+            return Certificate(np.inf, *nothing, np.inf, np.inf, iterations, self.solver, status)
+        return certify(
+            values,
+            self.basis,
+            shift + scale * self._bound.value,
+            scale * nearest_semidefinite(self._gram.value),
+            multipliers,
+            iterations=iterations,
+            solver=self.solver,
+            status=status,
+        )
+
+
+def conic(values, basis, solver="CLARABEL", tolerance=1e-7):
+    """Solve the sampled program once; see `ConicProgram`.
+
+    Args:
+        values: b at the samples, (M,).
+        basis: n at the samples, (M, p).
+        solver: "CLARABEL" or "SCS".
+        tolerance: of the solver, relative to the range of the values.
+
+    Returns:
+        `Certificate`.
+
+    Raises:
+        ValueError: for an unknown solver, or values and basis that do not fit or are not finite.
+    """
+    return ConicProgram(basis, solver, tolerance).solve(values)
+
+
+def run_solver(problem, solver, tolerance):
+    """Solve a cvxpy problem from a cold start.
+
+    Args:
+        problem: of cvxpy; its variables and dual values are set, the variables to None if there is no solution.
+        solver: "CLARABEL" or "SCS".
+        tolerance: of gap and residuals.
+
+    Returns:
+        (status, iterations): "optimal", or a sentence with what the solver says.
+    """
+    import warnings
+
+    import cvxpy
+
+    if solver == "CLARABEL":
+        options = {"direct_solve_method": "qdldl", "tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
+        options["tol_feas"] = tolerance
+    else:
+        options = {"eps_abs": tolerance, "eps_rel": tolerance, "max_iters": _MOST_ITERATIONS}
+    for variable in problem.variables():
+        variable.value = None  # a failure must not leave the last solution
+    with warnings.catch_warnings():
+        # The status says it.
+        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+        try:
+            problem.solve(solver=solver, warm_start=False, **options)
+        except cvxpy.error.SolverError as error:
+            return f"{solver} failed: {error}", 0
+    status = problem.status if problem.status == "optimal" else f"{solver} says {problem.status.replace('_', ' ')}"
+    return status, int(problem.solver_stats.num_iters or 0)
+
+
+def check_solver(solver):
+    """ValueError unless the solver is one of ours."""
+    if solver not in SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, not {solver!r}")
+
+
+def nearest_semidefinite(matrix):
+    """The symmetric matrix without its negative eigenvalues.
+
+    Args:
+        matrix: (p, p).
+
+    Returns:
+        Matrix (p, p), the nearest positive semidefinite one.
+    """
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T

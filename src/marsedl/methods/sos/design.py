@@ -1,0 +1,204 @@
+"""Samples and polynomial basis of a sampled sum-of-squares program (robust entry funnels, Eq. 24).
+
+A sampled program equals the polynomial one only if the samples determine every product of two basis polynomials: the
+rank of the products at the samples must be the dimension of the polynomials of twice the degree. Fewer samples still
+give a program that solves, with a bound that is too small. The design does not depend on the polynomial that is
+bounded: in whitened coordinates one design serves every slice of a funnel.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from marsedl.methods.sos.variety import Spheres
+
+__all__ = ["Design", "condition_number", "hermite_values", "random_design", "rank_of_products", "well_chosen_design"]
+
+_BASES = ("orthonormal", "monomial", "hermite")
+# Random candidates per sample that the pivoted factorisation chooses from.
+_CANDIDATES_PER_SAMPLE = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Samples on a product of spheres and a polynomial basis evaluated there."""
+
+    spheres: Spheres
+    degree: int  # of the basis; the polynomials that are bounded have twice this degree
+    family: str  # "orthonormal", "monomial" or "hermite"
+    points: np.ndarray  # samples, (M, v)
+    basis: np.ndarray  # values of the basis at the samples, (M, p)
+    transform: np.ndarray  # from quotient monomials (Hermite products) to the basis, which is their values @ transform
+
+    def evaluate(self, points):
+        """Values of the same basis at other points.
+
+        Args:
+            points: (m, v).
+
+        Returns:
+            Values (m, p).
+        """
+        return _raw_values(self.spheres, self.degree, self.family, points) @ self.transform
+
+    @property
+    def needed(self):
+        """Number of samples that the equivalence needs."""
+        return self.spheres.sample_count(self.degree)
+
+    @property
+    def rank(self):
+        """Number of independent products of basis polynomials at the samples."""
+        return rank_of_products(self.basis)
+
+    def reduced(self):
+        """The design without redundant samples: as many as the rank, chosen by a pivoted factorisation.
+
+        The basis stays the same functions.
+        """
+        rank = self.rank
+        if rank == len(self.points):
+            return self
+        kept = np.sort(_pivots(_highest_values(self.spheres, self.degree, self.points))[:rank])
+        return replace(self, points=self.points[kept], basis=self.basis[kept])
+
+
+def well_chosen_design(spheres, seed, degree=2, basis="orthonormal"):
+    """The least number of samples, well placed: approximate Fekete points.
+
+    From six times as many random points, a column-pivoted QR factorisation of the (orthonormalised) polynomials of
+    twice the degree picks points one after the other, each the farthest from what those before determine.
+
+    Args:
+        spheres: `Spheres`.
+        seed: of the random candidates.
+        degree: of the basis.
+        basis: "orthonormal" (on the samples, basis'basis = M I), "monomial" (quotient monomials) or "hermite" (Hermite
+            products with the same exponents, of the coordinates scaled to variance one).
+
+    Returns:
+        `Design` with `spheres.sample_count(degree)` samples.
+
+    Raises:
+        ValueError: for an unknown basis, or if the samples do not determine the products.
+    """
+    needed = spheres.sample_count(degree)
+    candidates = spheres.random_points(_CANDIDATES_PER_SAMPLE * needed, _generator(seed))
+    chosen = _pivots(_highest_values(spheres, degree, candidates))[:needed]
+    return _design(spheres, degree, basis, candidates[chosen], allow_deficient=False)
+
+
+def random_design(spheres, count, seed, degree=2, basis="orthonormal", allow_deficient=False):
+    """Samples uniform on the spheres.
+
+    Args:
+        spheres: `Spheres`.
+        count: number of samples.
+        seed: of the samples.
+        degree: of the basis.
+        basis: as in `well_chosen_design`.
+        allow_deficient: accept samples that do not determine the products; bounds from them are too small.
+
+    Returns:
+        `Design` with `count` samples.
+
+    Raises:
+        ValueError: for an unknown basis, or if the samples do not determine the products and that is not allowed.
+    """
+    points = spheres.random_points(count, _generator(seed))
+    return _design(spheres, degree, basis, points, allow_deficient)
+
+
+def rank_of_products(basis):
+    """Rank of the matrices n_i n_i' of basis values over the samples (robust entry funnels, samples of Eq. 24).
+
+    Samples suffice if this rank is the largest that any samples can give.
+
+    Args:
+        basis: values of the basis at the samples, (M, p).
+
+    Returns:
+        Rank, at most M and p (p + 1) / 2.
+    """
+    rows, columns = np.triu_indices(basis.shape[1])
+    products = basis[:, rows] * basis[:, columns]
+    # Rows of unit length: the rank must not depend on the size of the basis at a sample.
+    return int(np.linalg.matrix_rank(products / np.linalg.norm(products, axis=1, keepdims=True)))
+
+
+def condition_number(values, rank=None):
+    """Largest over smallest singular value.
+
+    Args:
+        values: of a basis at samples, (M, p).
+        rank: number of singular values that count; all of them if not given. A full monomial basis is dependent on
+            spheres, and its rank smaller than p.
+
+    Returns:
+        Condition number.
+    """
+    singular = np.linalg.svd(values, compute_uv=False)
+    return float(singular[0] / singular[(rank or len(singular)) - 1])
+
+
+def hermite_values(exponents, points, scale=1.0):
+    """Values of products of Hermite polynomials He_a(scale x) / sqrt(a!), orthonormal for standard normal arguments.
+
+    Args:
+        exponents: degree in every variable, integers (count, variables).
+        points: (m, variables).
+        scale: factor of the coordinates, scalar or (variables,).
+
+    Returns:
+        Values (m, count).
+    """
+    scaled = np.asarray(points, dtype=float) * scale
+    table = [np.ones_like(scaled), scaled]
+    for degree in range(1, int(np.max(exponents))):
+        table.append(scaled * table[degree] - degree * table[degree - 1])
+    factorial = np.cumprod(np.concatenate([[1.0], np.arange(1.0, len(table))]))
+    table = np.array(table) / np.sqrt(factorial)[:, None, None]
+    return np.prod([table[powers, :, variable] for variable, powers in enumerate(np.asarray(exponents).T)], axis=0).T
+
+
+def _design(spheres, degree, family, points, allow_deficient):
+    if family not in _BASES:
+        raise ValueError(f"unknown basis {family!r}; choose from {', '.join(_BASES)}")
+    values = _raw_values(spheres, degree, family, points)
+    rank = np.linalg.matrix_rank(values)
+    if rank < values.shape[1]:
+        raise ValueError(f"the {len(points)} samples determine {rank} of {values.shape[1]} basis polynomials")
+    transform = np.eye(values.shape[1])
+    if family == "orthonormal":
+        triangle = np.linalg.qr(values, mode="r")
+        transform = solve_triangular(triangle, transform) * np.sqrt(len(points))
+    design = Design(spheres, degree, family, points, values @ transform, transform)
+    if not allow_deficient and design.rank < design.needed:
+        raise ValueError(
+            f"the {len(points)} samples determine {design.rank} of {design.needed} products of basis polynomials: "
+            "bounds from them would be too small"
+        )
+    return design
+
+
+def _raw_values(spheres, degree, family, points):
+    exponents = spheres.quotient_monomials(degree)
+    if family != "hermite":
+        return spheres.evaluate(exponents, points)
+    # A coordinate of the unit sphere in n dimensions has variance 1/n.
+    return hermite_values(exponents, points, np.repeat(np.sqrt(spheres.dimensions), spheres.dimensions))
+
+
+def _highest_values(spheres, degree, points):
+    """Orthonormal columns that span the polynomials of twice the degree at the points."""
+    return np.linalg.qr(spheres.evaluate(spheres.quotient_monomials(2 * degree), points))[0]
+
+
+def _pivots(values):
+    """Order in which column-pivoted QR of the transpose picks the rows."""
+    return qr(values.T, mode="r", pivoting=True)[1]
+
+
+def _generator(seed):
+    return np.random.Generator(np.random.Philox(seed))

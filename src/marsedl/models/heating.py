@@ -1,0 +1,24 @@
+"""Convective heating of a blunt body in hypersonic flight."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+__all__ = ["sutton_graves_heat_rate"]
+
+
+@register_jitable
+def sutton_graves_heat_rate(density, velocity, nose_radius, constant):
+    """Convective heat rate at the stagnation point by the law of Sutton and Graves.
+
+        q = k sqrt(rho / R_n) V^3
+
+    Args:
+        density: rho, kg/m^3.
+        velocity: V, m/s.
+        nose_radius: R_n, m.
+        constant: k of the gas, kg^(1/2)/m; 1.9027e-4 for the atmosphere of Mars.
+
+    Returns:
+        q, W/m^2.
+    """
+    return constant * np.sqrt(density / nose_radius) * (velocity * velocity * velocity)

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+
+from marsedl.methods.funnels.ascent import maximize
+
+
+def generator(seed):
+    return np.random.Generator(np.random.Philox(seed))
+
+
+def quadratic(seed, size):
+    matrix = generator(seed).standard_normal((size, size))
+    matrix = matrix + matrix.T
+    return matrix, lambda points: np.einsum("mi,ij,mj->m", points, matrix, points)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_quadratic_form_is_largest_at_the_eigenvector_of_its_largest_eigenvalue(seed):
+    matrix, function = quadratic(seed, 6)
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    value, point = maximize(function, (6,), seed)
+    assert value == pytest.approx(eigenvalues[-1], rel=1e-12)
+    assert abs(point @ vectors[:, -1]) == pytest.approx(1.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bilinear_form_of_two_spheres_is_largest_at_its_first_singular_value(seed):
+    matrix = generator(seed).standard_normal((6, 2))
+    value, _ = maximize(lambda x: np.einsum("mi,ij,mj->m", x[:, :6], matrix, x[:, 6:]), (6, 2), seed)
+    assert value == pytest.approx(np.linalg.norm(matrix, 2), rel=1e-12)
+
+
+def test_every_random_start_may_lose_and_the_highest_of_many_maxima_is_found():
+    # sum a_i x_i^4 has a local maximum at every +-e_i, the highest of them a_6.
+    weights = np.array([1.0, 1.02, 1.04, 1.06, 1.08, 1.1])
+    value, point = maximize(lambda x: x**4 @ weights, (6,), 3, polished=60)
+    assert value == pytest.approx(1.1, rel=1e-12)
+    np.testing.assert_allclose(np.abs(point), np.eye(6)[5], atol=1e-8)
+
+
+def test_the_value_is_that_at_the_point_and_the_point_is_in_the_set():
+    _, function = quadratic(7, 8)
+    value, point = maximize(function, (6, 2), 1, full_ball=(False, True))
+    assert value == function(point[None])[0]
+    assert np.linalg.norm(point[:6]) == pytest.approx(1.0, abs=1e-14)
+    assert np.linalg.norm(point[6:]) <= 1 + 1e-14
+
+
+def test_a_maximum_inside_a_ball_is_found_there_and_one_beyond_it_on_the_boundary():
+    def peak(center):
+        return lambda x: x[:, 0] - np.sum((x[:, 3:] - center) ** 2, axis=1)
+
+    inside, beyond = np.array([0.3, -0.2]), np.array([1.2, -0.9])
+    value, point = maximize(peak(inside), (3, 2), 1, full_ball=(False, True))
+    assert value == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(point, [1, 0, 0, *inside], atol=1e-7)
+    value, point = maximize(peak(beyond), (3, 2), 1, full_ball=(False, True))
+    assert value == pytest.approx(1 - 0.5**2, abs=1e-12)  # the centre is 1.5 away from the origin
+    np.testing.assert_allclose(point[3:], beyond / 1.5, atol=1e-7)
+    on_the_circle, _ = maximize(peak(inside), (3, 2), 1)
+    assert on_the_circle == pytest.approx(1 - (1 - np.hypot(0.3, 0.2)) ** 2, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_ascent_of_a_wavy_function_ends_where_nothing_rises(seed):
+    phases = generator(9).standard_normal(3)
+    _, point = maximize(
+        lambda x: np.cos(5 * x + phases).sum(axis=1), (3,), seed, (True,), starts=1, polished=1, iterations=60
+    )
+    gradient = -5 * np.sin(5 * point + phases)
+    if np.linalg.norm(point) > 1 - 1e-9:
+        assert gradient @ point >= 0
+        gradient -= (gradient @ point) * point
+    np.testing.assert_allclose(gradient, 0, atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_long_step_to_the_boundary_is_taken_back(seed):
+    # The first step sees a slope without curvature; the boundary is higher than the start, and the maximum before it.
+    value, point = maximize(
+        lambda x: x[:, 0] - np.exp(60 * (x[:, 0] - 0.97)) / 60, (1,), seed, (True,), starts=1, polished=1, iterations=60
+    )
+    assert value == pytest.approx(0.97 - 1 / 60, abs=1e-8)
+    assert point[0] == pytest.approx(0.97, abs=1e-4)
+
+
+@pytest.mark.parametrize("full_ball", [(False,), (True,)])
+def test_linear_and_constant_functions_are_no_trouble(full_ball):
+    slope = np.array([1.0, -2.0, 2.0])
+    assert maximize(lambda x: x @ slope, (3,), 1, full_ball)[0] == pytest.approx(3.0, rel=1e-12)
+    assert maximize(lambda x: np.full(len(x), 4.0), (3,), 1, full_ball)[0] == 4.0
+
+
+def test_newton_steps_converge_quadratically():
+    matrix, function = quadratic(2, 6)
+    largest = np.linalg.eigvalsh(matrix)[-1]
+    errors = [largest - maximize(function, (6,), 2, iterations=count, polished=1)[0] for count in range(4)]
+    # The error of the value is the square of that of the point, and that is cubed by each step on a quadratic form.
+    assert errors[0] > 1e-3 * largest
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[3] < 1e-12 * largest
+
+
+def test_random_points_alone_stay_below_a_quartic_maximum():
+    weights = generator(4).standard_normal((45, 45))
+
+    def quartic(points):
+        products = np.concatenate([np.ones((len(points), 1)), points], axis=1)
+        rows, columns = np.triu_indices(9)
+        products = products[:, rows] * products[:, columns]
+        return np.einsum("mi,ij,mj->m", products, weights, products)
+
+    sampled, _ = maximize(quartic, (6, 2), 1, iterations=0)
+    polished = [maximize(quartic, (6, 2), seed)[0] for seed in range(4)]
+    assert np.ptp(polished) < 1e-12 * polished[0]
+    assert 0.005 < 1 - sampled / polished[0] < 0.5
+
+
+def test_the_seed_decides_the_result():
+    _, function = quadratic(1, 5)
+    first, again = (maximize(function, (5,), 4, iterations=1) for _ in range(2))
+    assert first[0] == again[0]
+    np.testing.assert_array_equal(first[1], again[1])
+    assert maximize(function, (5,), 5, iterations=1)[0] != first[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"dimensions": (3, 0)}, "positive dimensions"),
+        ({"dimensions": ()}, "positive dimensions"),
+        ({"full_ball": (True, False)}, "one flag for each"),
+        ({"polished": 2000}, "polished <= starts"),
+        ({"function": lambda x: x}, "returns"),
+        ({"function": lambda x: np.where(x[:, 0] > 0, np.nan, 1.0)}, "not finite at"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        maximize(**{"function": lambda x: x[:, 0], "dimensions": (3,), "seed": 1} | arguments)

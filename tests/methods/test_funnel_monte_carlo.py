@@ -1,0 +1,255 @@
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
+from marsedl.methods.funnels.monte_carlo import (
+    boundary_deviations,
+    fly,
+    greedy_additive,
+    greedy_disturbance,
+    quadratic_values,
+    uniform_directions,
+)
+from marsedl.methods.tvlqr import at_half_steps, tvlqr
+from marsedl.models.dynamics.dubins_car import dubins_car_rates
+
+
+def generator(seed=1):
+    return np.random.Generator(np.random.Philox(seed))
+
+
+def around_zero(rates, time, dimension, disturbances):
+    """A loop without control around the origin."""
+    points = 2 * len(time) - 1
+    states, controls, gains = np.zeros((points, dimension)), np.zeros((points, 1)), np.zeros((points, 1, dimension))
+    return ClosedLoop(rates, time, states, controls, gains, disturbances)
+
+
+def decay(steps=20):
+    """x' = -x + w."""
+    return around_zero(lambda i, x, u, w: (w[0] - x[0],), np.linspace(0, 1, steps + 1), 1, 1)
+
+
+def oscillator(half_periods=4, steps=40):
+    """x'' = -x + w over half periods of pi."""
+    time = np.linspace(0, half_periods * np.pi, half_periods * steps + 1)
+    return around_zero(lambda i, x, u, w: (x[1], w[0] - x[0]), time, 2, 1)
+
+
+def car(steps=400, wind=0.03):
+    """The Dubins car of the paper's second figure with its regulator."""
+    time = np.linspace(0, 4.0, steps + 1)
+    states, controls = reference_on_half_steps(
+        lambda x, u: dubins_car_rates(*x, *u, 1.0),
+        time,
+        lambda t: 0.8 * np.sin(np.pi * t / 2)[:, None],
+        [0, 0, 0],
+    )
+    state_matrices, control_matrices = np.zeros((steps, 3, 3)), np.zeros((steps, 3, 1))
+    state_matrices[:, 0, 2], state_matrices[:, 1, 2] = -np.sin(states[1::2, 2]), np.cos(states[1::2, 2])
+    control_matrices[:, 2, 0] = 1.0
+    regulator = tvlqr(state_matrices, control_matrices, np.diff(time), np.eye(3), np.eye(1), 2 * np.eye(3))
+
+    def rates(half_index, state, control, disturbance):
+        x, y, turn = dubins_car_rates(*state, *control, 1.0)
+        return x + wind * disturbance[0], y + wind * disturbance[1], turn
+
+    return ClosedLoop(rates, time, states, controls, at_half_steps(regulator.gains), 2), regulator.values
+
+
+def test_directions_are_uniform_on_the_sphere():
+    directions = uniform_directions(generator(), 4000, 3)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-14)
+    # Archimedes: a coordinate of a uniform point of the sphere in space is uniform.
+    for axis in ([1, 0, 0], [0, 0, 1], np.ones(3) / np.sqrt(3)):
+        assert kstest(directions @ axis, "uniform", args=(-1, 2)).pvalue > 0.01
+    np.testing.assert_array_equal(directions, uniform_directions(generator(), 4000, 3))
+    angle = np.arctan2(*uniform_directions(generator(2), 4000, 2).T)
+    assert kstest(angle, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 0.01
+
+
+def test_boundary_deviations_lie_on_the_boundary():
+    factor = np.random.default_rng(1).standard_normal((6, 6)) * np.array([1e-3, 1e3, 1e3, 0.1, 100, 100])
+    value_matrix = factor.T @ factor
+    directions = uniform_directions(generator(), 300, 6)
+    deviations = boundary_deviations(value_matrix, 0.18, directions)
+    values = np.einsum("mi,ij,mj->m", deviations, value_matrix, deviations) / 2
+    np.testing.assert_allclose(values, 0.18, rtol=1e-12)
+    np.testing.assert_allclose(quadratic_values(value_matrix, deviations.T), 0.18, rtol=1e-12)
+    # A point for every direction of the whitened space, and back.
+    lower = np.linalg.cholesky(value_matrix)
+    np.testing.assert_allclose(deviations @ lower / np.sqrt(0.36), directions, rtol=0, atol=1e-12)
+
+
+def test_bad_ellipsoids_are_named():
+    with pytest.raises(ValueError, match="has the eigenvalue -1; all must be positive"):
+        boundary_deviations(np.diag([1.0, -1.0]), 1.0, np.eye(2))
+    with pytest.raises(ValueError, match=r"level of an ellipsoid must not be negative, but it is -0\.1"):
+        boundary_deviations(np.eye(2), -0.1, np.eye(2))
+
+
+def test_values_of_a_decay_under_a_constant_disturbance():
+    loop = decay()
+    start, wind = np.array([1.0, -0.5, 0.0]), np.array([0.0, 0.3, 1.0])
+    values = fly(loop, np.full((21, 1, 1), 3.0), start[:, None], wind[:, None])
+    fading = np.exp(-loop.time)[:, None]
+    np.testing.assert_allclose(values, 1.5 * (fading * start + (1 - fading) * wind) ** 2, rtol=0, atol=1e-6)
+
+
+def test_values_use_the_matrix_of_their_node():
+    loop = decay()
+    matrices = np.exp(2 * loop.time)[:, None, None]
+    np.testing.assert_allclose(fly(loop, matrices, [[0.7]], [[0.0]]), 0.245, rtol=1e-6)
+
+
+def test_a_disturbance_drawn_anew_is_held_over_its_segment():
+    loop = decay()
+    drawn = np.array([0.5, -1.0, 0.2, 0.0])[:, None, None]
+    values = fly(loop, np.full((21, 1, 1), 2.0), [[0.4]], drawn)
+    position, expected = 0.4, [0.16]
+    for wind in drawn.ravel():
+        fading = np.exp(-np.arange(1, 6) / 20)
+        expected += list((fading * position + (1 - fading) * wind) ** 2)
+        position = fading[-1] * position + (1 - fading[-1]) * wind
+    np.testing.assert_allclose(values[:, 0], expected, rtol=0, atol=1e-6)
+    same = np.tile(np.array([[0.3]]), (4, 1, 1))
+    matrices = np.ones((21, 1, 1))
+    np.testing.assert_array_equal(fly(loop, matrices, [[0.4]], same), fly(loop, matrices, [[0.4]], same[0]))
+
+
+def test_the_greedy_adversary_drives_an_oscillator_in_resonance():
+    # Pushing along the velocity adds 2 to the amplitude in each half period; a constant push cannot exceed 2 + 1.
+    loop = oscillator(half_periods=4)
+    matrices = np.tile(np.eye(2), (loop.steps + 1, 1, 1))
+    start = np.array([[1.0, 0.0]])
+    greedy = fly(loop, matrices, start, greedy_disturbance([[-1.0], [1.0]]))
+    # A push that turns one step late loses the square of the step.
+    late = 3 * (loop.time[1] - loop.time[0]) ** 2
+    assert 9 - late - 1e-4 < np.sqrt(2 * greedy[-1, 0]) < 9 + 1e-4
+    constant = fly(loop, matrices, np.repeat(start, 41, axis=0), np.linspace(-1, 1, 41)[:, None])
+    assert np.sqrt(2 * constant.max()) == pytest.approx(3.0, rel=1e-4)
+    drawn = generator().uniform(-1, 1, (40, 500, 1))
+    assert fly(loop, matrices, np.repeat(start, 500, axis=0), drawn).max() < 0.5 * greedy[-1, 0]
+
+
+def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
+    loop, matrices = car(steps=40)
+    deviation = boundary_deviations(matrices[7], 0.1, uniform_directions(generator(), 9, 3)).T
+    directions = uniform_directions(generator(2), 16, 2)
+    chosen = greedy_disturbance(directions)(loop, 7, matrices[7], deviation)
+    assert chosen.shape == (2, 9)
+    for x, w in zip(deviation.T, chosen.T, strict=True):
+        growth = [x @ matrices[7] @ loop.error_rates(14, x, direction) for direction in directions]
+        np.testing.assert_array_equal(w, directions[np.argmax(growth)])
+
+
+def test_the_greedy_adversary_judges_by_the_rates_of_the_node():
+    # The effect of w turns from one half step to the next.
+    points = np.zeros((5, 1))
+    loop = ClosedLoop(lambda i, x, u, w: ((-1.0) ** i * w[0],), [0, 1, 2], points, points, points[:, None], 1)
+    chosen = greedy_disturbance([[-1.0], [1.0]])(loop, 1, np.eye(1), np.array([[2.0, -3.0]]))
+    np.testing.assert_array_equal(chosen, [[1.0, -1.0]])
+
+
+def test_the_additive_adversary_takes_the_best_point_of_its_ellipsoid():
+    loop, matrices = car(steps=40)
+    amplitudes = np.array([0.03, 0.01, 0.002])
+    deviation = boundary_deviations(matrices[7], 0.1, uniform_directions(generator(), 5, 3)).T
+    chosen = greedy_additive(amplitudes)(loop, 7, matrices[7], deviation)
+    np.testing.assert_allclose(np.sum((chosen / amplitudes[:, None]) ** 2, axis=0), 1.0, rtol=1e-14)
+    others = (uniform_directions(generator(3), 20000, 3) * amplitudes) @ matrices[7] @ deviation
+    growth = np.einsum("im,ij,jm->m", chosen, matrices[7], deviation)
+    assert (others.max(axis=0) <= growth).all()
+    np.testing.assert_allclose(others.max(axis=0), growth, rtol=1e-3)
+    np.testing.assert_array_equal(greedy_additive(amplitudes)(loop, 7, matrices[7], np.zeros((3, 2))), 0.0)
+
+
+def test_additive_inputs_fly_along():
+    loop = decay()
+    matrices = np.full((21, 1, 1), 2.0)
+    # x' = -x + a from zero: constant, and always away from the origin.
+    constant = fly(loop, matrices, [[0.5], [0.5]], np.zeros((2, 1)), additive=[[0.3], [-0.3]])
+    pushed = fly(loop, matrices, [[0.5], [-0.5]], np.zeros((2, 1)), additive=greedy_additive([0.3]))
+    fading = np.exp(-loop.time)
+    np.testing.assert_allclose(constant[:, 1], (0.5 * fading - 0.3 * (1 - fading)) ** 2, rtol=0, atol=1e-6)
+    for i in range(2):
+        np.testing.assert_allclose(pushed[:, i], constant[:, 0], rtol=1e-14)
+
+
+def plain_flight(loop, start):
+    """State at the end, from the equations of motion and the law of control without any deviation."""
+
+    def rates(half, state):
+        control = loop.controls[half] + loop.gains[half] @ (state - loop.states[half])
+        return np.array(dubins_car_rates(*state, *control, 1.0))
+
+    state = loop.states[0] + start
+    for k, h in enumerate(np.diff(loop.time)):
+        one = rates(2 * k, state)
+        two = rates(2 * k + 1, state + h / 2 * one)
+        three = rates(2 * k + 1, state + h / 2 * two)
+        four = rates(2 * k + 2, state + h * three)
+        state = state + h / 6 * (one + 2 * two + 2 * three + four)
+    return state
+
+
+def test_a_car_without_wind_comes_back_to_its_path():
+    loop, matrices = car(wind=0.0)
+    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 1000, 3))
+    values = fly(loop, matrices, start, np.zeros((1000, 2)))
+    # Of the linear loop V falls by the running cost; at this size the car is still like it.
+    assert (np.diff(values.max(axis=1)) < 0).all()
+    end = plain_flight(loop, start[0]) - loop.states[-1]
+    assert values[-1, 0] == pytest.approx(end @ matrices[-1] @ end / 2, rel=1e-6)
+
+
+def test_a_trajectory_does_not_depend_on_the_others():
+    loop, matrices = car(steps=80)
+    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 23, 3))
+    wind = uniform_directions(generator(2), 23 * 4, 2).reshape(4, 23, 2)
+    together = fly(loop, matrices, start, wind)
+    for part in (slice(0, 7), slice(7, 8), slice(8, 23)):
+        np.testing.assert_array_equal(fly(loop, matrices, start[part], wind[:, part]), together[:, part])
+    adversary = greedy_disturbance(uniform_directions(generator(3), 8, 2))
+    together = fly(loop, matrices, start, adversary)
+    np.testing.assert_array_equal(fly(loop, matrices, start[5:6], adversary), together[:, 5:6])
+
+
+def test_an_observer_sees_every_node():
+    loop, matrices = car(steps=20)
+    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 4, 3))
+    wind = uniform_directions(generator(2), 4 * 5, 2).reshape(5, 4, 2)
+    seen = []
+    values = fly(loop, matrices, start, wind, observer=lambda *arguments: seen.append(arguments))
+    assert [node for node, _, _ in seen] == list(range(21))
+    for node, deviation, disturbance in seen:
+        np.testing.assert_array_equal(quadratic_values(matrices[node], deviation), values[node])
+        np.testing.assert_array_equal(disturbance.T, wind[min(node, 19) // 4])
+
+
+def test_a_diverging_trajectory_counts_as_outside_and_leaves_the_others_alone():
+    loop = around_zero(lambda i, x, u, w: (x[0] * x[0] * x[0],), np.linspace(0, 4, 81), 1, 0)
+    values = fly(loop, np.ones((81, 1, 1)), [[1.0], [0.1]], np.zeros((2, 0)))
+    # 1/x^2 = 1/x_0^2 - 2 t: the first ends at t = 1/2.
+    assert np.isfinite(values[:8]).all()
+    assert (values[40:, 0] == np.inf).all()
+    assert values[-1, 1] == pytest.approx(0.5 / (100 - 8), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"value_matrices": np.ones((20, 1, 1))}, r"value_matrices must have shape \(21, 1, 1\), not \(20, 1, 1\)"),
+        ({"deviations": np.ones((3, 2))}, r"deviations must be finite and of shape \(m, 1\); their shape is \(3, 2\)"),
+        ({"deviations": np.full((3, 1), np.nan)}, "deviations must be finite"),
+        ({"disturbance": np.ones((2, 1))}, r"disturbance must have shape \(\[segments,\] 3, 1\), not \(2, 1\)"),
+        ({"disturbance": np.ones((3, 3, 1))}, "disturbance has 3 segments, which do not divide the 20 fine steps"),
+        ({"disturbance": np.full((3, 1), np.inf)}, "disturbance must be finite"),
+        ({"additive": np.ones((3, 2))}, r"additive must have shape \(\[segments,\] 3, 1\), not \(3, 2\)"),
+    ],
+)
+def test_bad_input_is_named(changes, message):
+    inputs = {"value_matrices": np.ones((21, 1, 1)), "deviations": np.ones((3, 1)), "disturbance": np.ones((3, 1))}
+    with pytest.raises(ValueError, match=message):
+        fly(decay(), **inputs | changes)
