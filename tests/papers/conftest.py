@@ -1,11 +1,13 @@
 """The papers' stages as the tests use them: called directly, computed once, never through files."""
 
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.claims import load_published
 from marsedl.replication.inputs import load_study
@@ -43,6 +45,22 @@ REDUCED = {
         "sweep_points": 9,
         "tuning_starts": 1,
         "gain_iterations": 60,
+    },
+    "funnels": {
+        "drawn_trials": DRAWN_TRIALS,
+        "start_banks": np.radians([63.0]),
+        "start_final_times": np.array([200.0]),  # leads to the best of the optima
+        "check_points": 450,  # more than the 406 independent polynomials
+        "ascent_starts": 100,
+        "ascent_polished": 2,
+        "ascent_iterations": 6,
+        "tightness_starts": 60,
+        "tightness_polished": 2,
+        "tightness_iterations": 6,
+        "fig4_points": 33,
+        "dubins_steps_per_slice": 40,
+        "dubins_trials": TRIALS,
+        "dubins_wind_trials": TRIALS,
     },
 }
 
@@ -171,6 +189,50 @@ def desensitized():
     return Pipeline("desensitized")
 
 
+@pytest.fixture(scope="session")
+def funnels():
+    """The funnels paper's stages; samples, which take a third of a second to choose, are chosen once."""
+    with pytest.MonkeyPatch.context() as patch:
+        chosen = cache(well_chosen_design)
+        for name in ("funnel", "stage_study", "certificates", "proven", "dubins"):
+            patch.setattr(f"marsedl.papers.funnels.{name}.well_chosen_design", chosen)
+        yield Pipeline("funnels")
+
+
+# Eleven slices, by the Euler step, which is quick, and no more of the searches than it takes to run.
+FEW_SLICES = {
+    "steps_per_slice": 24,
+    "fig4_slice": 3,
+    "fig4_points": 9,
+    "condition": "euler",
+    "ascent_starts": 20,
+    "ascent_polished": 1,
+    "ascent_iterations": 1,
+    "tightness_starts": 4,
+    "tightness_polished": 1,
+    "tightness_iterations": 0,
+}
+
+
+@pytest.fixture(scope="session")
+def few_slices():
+    """What makes a funnel quick."""
+    return FEW_SLICES
+
+
+@pytest.fixture(scope="session")
+def coarse_funnel(funnels):
+    """The funnel of a reading on few slices, around the nominal of one of them, remembered."""
+
+    @cache
+    def of(reading):
+        gains = funnels.gains(shape="minimum_trace" if reading == "minkowski_shape" else "value_matrix")
+        inputs = funnels.stage_inputs(reading, "funnel", **FEW_SLICES)
+        return import_module("marsedl.papers.funnels.funnel").compute(inputs, funnels.linearization(), gains)
+
+    return of
+
+
 def published_of(slug):
     return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
 
@@ -197,6 +259,12 @@ def random_field_published():
 def desensitized_published():
     """The printed claims of the desensitized-landing paper, by id."""
     return published_of("desensitized")
+
+
+@pytest.fixture(scope="session")
+def funnels_published():
+    """The printed claims of the funnels paper, by id."""
+    return published_of("funnels")
 
 
 def node_of(artifact, time, after_switch=False):

@@ -19,6 +19,7 @@ from marsedl.replication.claims import (
     format_number,
     format_result,
     judge,
+    load_measured,
     load_published,
     read_claims,
     summary,
@@ -26,7 +27,8 @@ from marsedl.replication.claims import (
 )
 from marsedl.replication.errors import ArtifactError, InputError
 
-PUBLISHED = Path(__file__).parents[2] / "data" / "published"
+DATA = Path(__file__).parents[2] / "data"
+PUBLISHED = DATA / "published"
 
 
 def claim(**changes):
@@ -133,6 +135,52 @@ def test_a_repeated_id_is_refused(tmp_path):
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none.yaml"):
         load_published(tmp_path / "none.yaml")
+
+
+BENCHMARKS = """paper,quantity,value,unit,target,met
+one,"a solve, from nothing",0.25,s,< 1,yes
+other,"a solve, from nothing",4,s,,
+one,paper over ours,5.39e7,ratio,,
+"""
+
+
+def measured(tmp_path, text, paper="one"):
+    path = tmp_path / "benchmarks.csv"
+    path.write_text(text)
+    return load_measured(path, paper)
+
+
+def test_the_measured_rows_of_one_paper_load(tmp_path):
+    assert measured(tmp_path, BENCHMARKS) == {"a solve, from nothing": 0.25, "paper over ours": 5.39e7}
+    assert measured(tmp_path, BENCHMARKS, "other") == {"a solve, from nothing": 4.0}
+    assert measured(tmp_path, BENCHMARKS, "a third") == {}
+
+
+def test_the_committed_benchmarks_load():
+    rows = load_measured(DATA / "reference" / "benchmarks.csv", "powered_descent")
+    assert rows["the same in the paper"] == 691
+    assert len(rows) > 10
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("paper,", "slug,"),
+        ("quantity,", "what,"),
+        ("value,", "number,"),
+        ("0.25", "fast"),
+        ("0.25", ""),
+        (",0.25,s,< 1,yes", ""),
+    ],
+)
+def test_benchmarks_that_cannot_be_read_are_refused_by_file(tmp_path, old, new):
+    with pytest.raises(InputError, match=r"benchmarks\.csv.*make bench"):
+        measured(tmp_path, BENCHMARKS.replace(old, new, 1))
+
+
+def test_benchmarks_that_are_missing_are_refused_by_file(tmp_path):
+    with pytest.raises(InputError, match=r"none\.csv.*make bench"):
+        load_measured(tmp_path / "none.csv", "one")
 
 
 # ---------------------------------------------------------------------------------------------------- verdict rules

@@ -14,6 +14,7 @@ for _paper in PAPERS:
         input:
             cache(_paper),
             published=f"data/published/{_paper}.yaml",
+            measured=["data/reference/benchmarks.csv"] * PAPERS[_paper].measured,
         output:
             **{
                 stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]

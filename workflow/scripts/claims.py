@@ -10,7 +10,8 @@ with guarded(snakemake) as job:
     module = import_module(f"marsedl.papers.{job.paper}.claims")
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
-    evaluations = {name: module.evaluate(inputs, **items) for name, (inputs, items) in readings.items()}
+    measured = {"measured": claims.load_measured(path, job.paper) for path in snakemake.input.measured}
+    evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
     said = {"known_errata": set(job.params.errata), "left_out": job.params.left_out}
     rows = claims.collect(published, module.DECLARATIONS, evaluations, require_reasons=False, **said)
     claims.write_claims(rows, snakemake.output.claims)

@@ -8,7 +8,7 @@ from marsedl.replication.catalogue import Paper
 if TYPE_CHECKING:  # jobs import this package too, and need none of pydantic
     from marsedl.replication.inputs import Inputs
 
-SLUGS = ("powered_descent", "random_field", "desensitized", "stochastic_entry")
+SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
 
 def catalogue(slug: str) -> Paper:

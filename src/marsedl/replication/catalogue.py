@@ -49,7 +49,8 @@ class Paper:
 
     `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
     A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
-    numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same.
+    numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same. The claims
+    of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
     """
 
     slug: str
@@ -63,6 +64,7 @@ class Paper:
     errata: tuple[Erratum, ...] = ()
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()
+    measured: bool = False
 
     def entry(self, stage: str) -> str:
         """Return the stage's function as "package.module:function"."""

@@ -80,6 +80,19 @@ def load_published(path: str | Path) -> list[PublishedClaim]:
     return claims
 
 
+def load_measured(path: str | Path, paper: str) -> dict[str, float]:
+    """Read what the benchmarks of a paper measured, by what they are of; raises InputError naming the file."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as stream:
+            table = csv.DictReader(stream)
+            if not {"paper", "quantity", "value"} <= set(table.fieldnames or ()):
+                raise ValueError("its columns are not paper, quantity, value")
+            rows = [row for row in table if row["paper"] == paper]
+        return {row["quantity"]: float(row["value"]) for row in rows}
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
+
+
 def _published_claim(path: Path, position: int, entry: Any) -> PublishedClaim:
     if not isinstance(entry, dict):
         raise InputError(f"{path}: claim {position} is not a mapping")

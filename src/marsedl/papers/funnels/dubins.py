@@ -1,0 +1,365 @@
+"""Funnels of a Dubins car around a path of one sine (robust entry funnels, Sec. 4, Fig. 2).
+
+Nothing about the car is printed; its inputs are the same in all readings, and they do not look at those of the entry.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from marsedl.methods.funnels.ascent import maximize
+from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
+from marsedl.methods.funnels.linear import linear_exact, slice_jacobians
+from marsedl.methods.funnels.recursion import FunnelError, backward, forward
+from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
+from marsedl.methods.funnels.stage import FunnelStage
+from marsedl.methods.linearization import linearize
+from marsedl.methods.sos.design import well_chosen_design
+from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
+from marsedl.methods.sos.sampled_program import rank_one
+from marsedl.methods.sos.variety import Spheres
+from marsedl.methods.sos.verification import verify
+from marsedl.methods.tvlqr import at_half_steps, tvlqr
+from marsedl.models.dynamics.dubins_car import dubins_car_rates
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import SolverError
+
+STATE_UNIT = "m, m, rad"
+WIND = 2  # components
+# Funnels: what a stage bounds, and whether there is wind.
+FUNNELS = {"flow": ("flow", False), "euler": ("euler", False), "wind": ("flow", True)}
+PROVEN = ("flow", "wind")  # the others leave out a part of the motion anyway
+DEGREE = 2  # of the basis
+CHECK_POINTS = 400  # of every stage: more than the 85 polynomials of degree 4 that are independent on S^2 x S^1
+FIT_POINTS = 400  # more than the 126 coefficients of degree 4 in 5 variables
+BACKWARD_TOLERANCE = 1e-6
+
+PER_FUNNEL = ("funnels", "slices")
+PER_STAGE = ("funnels", "stages")
+
+
+@dataclass(frozen=True)
+class Dubins:
+    """Path, regulator and funnels of the car.
+
+    The state is x, y and heading. A slice is {1/2 xb'P xb <= rho} with P the cost-to-go of the regulator.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
+    state: np.ndarray = quantity(STATE_UNIT, ("half", 3), "nominal path: x, y and heading")
+    turn_rate: np.ndarray = quantity("1/s", ("half",), "nominal turn rate, radians per second")
+    gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("steps", 3), "feedback of the deviation on the turn rate")
+    half_gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("half", 3), "the same at nodes and half-way between")
+    shape: np.ndarray = quantity("SI", ("time", 3, 3), "cost-to-go of the regulator, shape P of the slices")
+
+    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
+    funnel: np.ndarray = quantity("1", ("funnels",), "flow and Euler condition without wind, flow with wind", "str")
+    level: np.ndarray = quantity("1", PER_FUNNEL, "level of the slice")
+    half_width: np.ndarray = quantity("m, m, rad", (*PER_FUNNEL, 3), "largest deviation of each state in the slice")
+    log_volume: np.ndarray = quantity("1", PER_FUNNEL, "logarithm of the volume of the slice, in m^2 rad")
+    bound: np.ndarray = quantity("1", PER_STAGE, "bound of V at the next slice by the program, relative to the level")
+    gap: np.ndarray = quantity("1", PER_STAGE, "its duality gap")
+    residual: np.ndarray = quantity("1", PER_STAGE, "largest violation of its equations at the samples")
+    iterations: np.ndarray = quantity("1", PER_STAGE, "iterations of the solver", "int64")
+    status: np.ndarray = quantity("1", PER_STAGE, "how the solver ended", "str")
+    identity_error: np.ndarray = quantity("1", PER_STAGE, "error of the Gram identity at fresh points, of the range")
+    least_value: np.ndarray = quantity("1", PER_STAGE, "least difference of bound and polynomial there, of the range")
+    least_eigenvalue: np.ndarray = quantity("1", PER_STAGE, "least eigenvalue of the Gram matrix")
+    rounding_margin: np.ndarray = quantity("1", PER_STAGE, "by how much it may be off")
+    sound: np.ndarray = quantity("1", PER_STAGE, "whether all of this is as it should be", "bool")
+
+    basis_size: np.ndarray = quantity("1", ("funnels",), "polynomials in the basis, rows of the Gram matrix", "int64")
+    samples: np.ndarray = quantity("1", ("funnels",), "samples", "int64")
+    rank: np.ndarray = quantity("1", ("funnels",), "products of the basis that they determine", "int64")
+
+
+@dataclass(frozen=True)
+class DubinsStudy:
+    """The same funnels by other programs, backwards, of linear dynamics, against the motion itself, and proven."""
+
+    funnel: np.ndarray = quantity("1", ("funnels",), "names, as in the funnels", "str")
+    true_maximum: np.ndarray = quantity("1", PER_STAGE, "largest V of the motion found at the next slice, relative")
+    violation: np.ndarray = quantity("1", PER_STAGE, "by how much it exceeds the bound, relative; negative if below")
+
+    multiplier_level: np.ndarray = quantity("1", PER_FUNNEL, "level by programs with multipliers and coefficients")
+    multiplier_status: np.ndarray = quantity("1", PER_STAGE, "how their solver ended", "str")
+    multiplier_difference: np.ndarray = quantity("1", ("funnels",), "largest relative difference to the samples' level")
+    fit_error: np.ndarray = quantity("1", ("funnels",), "largest error of the coefficients at the fitted points")
+
+    linear_level: np.ndarray = quantity("1", PER_FUNNEL, "level for linear dynamics, exact")
+    backward_level: np.ndarray = quantity("1", ("slices",), "level backwards from the end of the first funnel")
+    backward_programs: np.ndarray = quantity("1", ("stages",), "programs solved for the stage", "int64")
+    round_trip: float = quantity("1", (), "largest shortfall of the backward level, relative; never below zero")
+
+    proven_funnel: np.ndarray = quantity("1", ("proven",), "funnels whose levels are proven", "str")
+    proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
+    proven_polynomial: np.ndarray = quantity(
+        "1",
+        ("proven", "stages"),
+        "bound of the polynomial of the stage, relative, on the slice and for all of the disc",
+    )
+    proven_truncation: np.ndarray = quantity(
+        "1", ("proven", "stages"), "addition for the terms above its degree that are polynomials"
+    )
+    proven_remainder: np.ndarray = quantity("1", ("proven", "stages"), "addition for everything else")
+    proven_rise: np.ndarray = quantity(
+        "1", ("proven", "stages"), "addition for what the polynomial may be larger inside of the slice"
+    )
+
+
+# ---- the car ---------------------------------------------------------------------------------------------------------
+
+
+def car_rates(inputs):
+    """Motion of the car as a function of state, turn rate and wind (robust entry funnels, Fig. 2).
+
+        x' = v cos(theta) + c w_1,   y' = v sin(theta) + c w_2,   theta' = u
+
+    Returns:
+        Function `rates(half_index, state, control, disturbance)` for `ClosedLoop`; no disturbance, no wind.
+    """
+
+    def rates(_, state, control, disturbance):
+        x, y, heading = dubins_car_rates(*state, control[0], inputs.dubins_speed)
+        if len(disturbance):
+            x, y = (rate + inputs.dubins_wind * w for rate, w in zip((x, y), disturbance, strict=True))
+        return x, y, heading
+
+    return rates
+
+
+def closed_loop(inputs, dubins: Dubins, wind=False):
+    """The closed loop around the path.
+
+    Args:
+        inputs: speed, and the strongest wind if there is any.
+        dubins: artifact.
+        wind: whether a disturbance of two components acts, |w| <= 1.
+
+    Returns:
+        `ClosedLoop` of three states and the turn rate.
+    """
+    return _closed_loop(inputs, dubins.time, dubins.state, dubins.turn_rate, dubins.half_gain, wind)
+
+
+def _closed_loop(inputs, time, state, turn_rate, half_gain, wind):
+    return ClosedLoop(
+        rates=car_rates(inputs),
+        time=time,
+        states=state,
+        controls=turn_rate[:, np.newaxis],
+        gains=half_gain[:, np.newaxis],
+        disturbances=WIND if wind else 0,
+    )
+
+
+def spheres(wind):
+    """Where the samples are: the slice, and the boundary of the wind."""
+    return Spheres((3, WIND) if wind else (3,))
+
+
+# ---- funnels ---------------------------------------------------------------------------------------------------------
+
+
+def compute(inputs) -> Dubins:
+    """Follow the path, design the regulator, and propagate the level of every funnel.
+
+    Raises SolverError where a funnel does not exist.
+    """
+    time = np.linspace(0.0, inputs.dubins_duration, inputs.dubins_fine_steps + 1)
+    rates = car_rates(inputs)
+    frequency = 2.0 * np.pi / inputs.dubins_duration
+    state, control = reference_on_half_steps(
+        lambda state, control: rates(None, state, control, ()),
+        time,
+        lambda at: inputs.dubins_turn_rate * np.sin(frequency * at)[:, np.newaxis],
+        np.zeros(3),
+    )
+    model = linearize(lambda *arguments: rates(None, arguments[:3], arguments[3:], ()), state, control)
+    regulator = tvlqr(
+        model.state_matrix[1::2],
+        model.control_matrix[1::2],
+        np.diff(time),
+        np.diag(inputs.dubins_state_weight),
+        np.array([[inputs.dubins_control_weight]]),
+        np.diag(inputs.dubins_terminal_weight),
+    )
+    half_gain = at_half_steps(regulator.gains)[:, 0]
+    steps = np.arange(0, len(time), inputs.dubins_steps_per_slice)
+    designs = [well_chosen_design(spheres(wind), inputs.design_seed, DEGREE) for _, wind in FUNNELS.values()]
+    funnels = [
+        _propagated(
+            inputs,
+            name,
+            _closed_loop(inputs, time, state, control[:, 0], half_gain, wind),
+            regulator.values[steps],
+            steps,
+            design,
+            condition,
+        )
+        for (name, (condition, wind)), design in zip(FUNNELS.items(), designs, strict=True)
+    ]
+
+    def checked(name):
+        return np.array([[getattr(check, name) for check in funnel.verifications] for funnel in funnels])
+
+    return Dubins(
+        time=time,
+        half_time=np.interp(np.arange(len(state)) / 2.0, np.arange(len(time)), time),
+        state=state,
+        turn_rate=control[:, 0],
+        gain=regulator.gains[:, 0],
+        half_gain=half_gain,
+        shape=regulator.values,
+        slice_step=steps,
+        slice_time=time[steps],
+        funnel=np.array(list(FUNNELS)),
+        level=np.array([funnel.rho for funnel in funnels]),
+        half_width=np.array([funnel.half_widths for funnel in funnels]),
+        log_volume=np.array([funnel.log_volumes for funnel in funnels]),
+        bound=np.array([funnel.polynomial_bound for funnel in funnels]),
+        gap=np.array([funnel.gap for funnel in funnels]),
+        residual=np.array([funnel.residual for funnel in funnels]),
+        iterations=np.array([funnel.iterations for funnel in funnels]),
+        status=np.array([funnel.status for funnel in funnels]),
+        identity_error=checked("identity_error"),
+        least_value=checked("least_value"),
+        least_eigenvalue=checked("least_eigenvalue"),
+        rounding_margin=checked("rounding_margin"),
+        sound=checked("sound"),
+        basis_size=np.array([design.basis.shape[1] for design in designs]),
+        samples=np.array([len(design.points) for design in designs]),
+        rank=np.array([design.rank for design in designs]),
+    )
+
+
+def _propagated(inputs, name, loop, shapes, steps, design, condition):
+    """A funnel, its stages verified."""
+    try:
+        return forward(
+            loop,
+            shapes,
+            steps,
+            inputs.dubins_level,
+            design,
+            solver=partial(rank_one, tolerance=inputs.program_tolerance),
+            order=inputs.taylor_order,
+            condition=condition,
+            verify=partial(verify, seed=inputs.design_seed + 1, points=CHECK_POINTS),
+        )
+    except FunnelError as error:
+        raise _does_not_exist(f"funnel '{name}'", error) from error
+
+
+# ---- what else says the same, and what is proven ---------------------------------------------------------------------
+
+
+def study(inputs, dubins: Dubins) -> DubinsStudy:
+    """Compare the funnels with other ways to compute them, and prove what can be proven."""
+    found = np.array([largest_values(inputs, dubins, number) for number in range(len(FUNNELS))])
+    multiplier = [_multiplier_levels(inputs, dubins, number) for number in range(len(FUNNELS))]
+    multiplier_level = np.array([levels for levels, _, _ in multiplier])
+    returned = _backwards(inputs, dubins)
+    proven = [_proven_stages(inputs, dubins, name) for name in PROVEN]
+
+    def of_proven(name):
+        return np.array([[getattr(stage, name) for stage in stages] for stages in proven])
+
+    return DubinsStudy(
+        funnel=dubins.funnel,
+        true_maximum=found,
+        violation=found / dubins.bound - 1.0,
+        multiplier_level=multiplier_level,
+        multiplier_status=np.array([status for _, status, _ in multiplier]),
+        multiplier_difference=np.abs(multiplier_level / dubins.level - 1.0).max(axis=1),
+        fit_error=np.array([error for _, _, error in multiplier]),
+        linear_level=np.array([_linear_levels(inputs, dubins, wind) for _, wind in FUNNELS.values()]),
+        backward_level=returned.rho,
+        backward_programs=returned.programs,
+        round_trip=float((1.0 - returned.rho / dubins.level[0]).max()),
+        proven_funnel=np.array(PROVEN),
+        proven_level=np.array([[inputs.dubins_level, *(stage.levels[-1] for stage in stages)] for stages in proven]),
+        proven_polynomial=of_proven("polynomial_bound"),
+        proven_truncation=of_proven("truncation"),
+        proven_remainder=of_proven("remainder"),
+        proven_rise=of_proven("rise"),
+    )
+
+
+def stage_of(inputs, dubins, loop, condition, number, level):
+    """A stage of a funnel at any level of its first slice; number: of that slice, from 0."""
+    first, last = (int(step) for step in dubins.slice_step[number : number + 2])
+    shape, next_shape = dubins.shape[first], dubins.shape[last]
+    return FunnelStage(loop, first, last, shape, next_shape, float(level), inputs.taylor_order, condition)
+
+
+def largest_values(inputs, dubins, number):
+    """Largest value found of the motion, at every stage of a funnel; the wind anywhere in its disc."""
+    condition, wind = FUNNELS[dubins.funnel[number]]
+    loop, dimensions = closed_loop(inputs, dubins, wind), spheres(wind).dimensions
+    search = {
+        "seed": inputs.design_seed + 2,
+        "full_ball": (False, True)[: len(dimensions)],
+        "starts": inputs.ascent_starts,
+        "polished": inputs.ascent_polished,
+        "iterations": inputs.ascent_iterations,
+    }
+    stages = (stage_of(inputs, dubins, loop, condition, k, level) for k, level in enumerate(dubins.level[number][:-1]))
+    return [maximize(stage.true_values, dimensions, **search)[0] for stage in stages]
+
+
+def _multiplier_levels(inputs, dubins, number):
+    """Levels by programs that match coefficients, the words of their solver, and the largest error of the fits."""
+    condition, wind = FUNNELS[dubins.funnel[number]]
+    loop, program = closed_loop(inputs, dubins, wind), MultiplierProgram(spheres(wind).dimensions)
+    levels, states, errors = [inputs.dubins_level], [], []
+    for k in range(dubins.bound.shape[1]):
+        stage = stage_of(inputs, dubins, loop, condition, k, levels[-1])
+        coefficients, error = polynomial_coefficients(
+            stage.values, program.spheres.variables, 2 * DEGREE, inputs.design_seed + 3, points=FIT_POINTS
+        )
+        certificate = program.solve(coefficients)
+        levels.append(levels[-1] * certificate.safe_bound)
+        states.append(certificate.status)
+        errors.append(error)
+    return levels, states, max(errors)
+
+
+def _linear_levels(inputs, dubins, wind):
+    transitions, responses, _ = slice_jacobians(closed_loop(inputs, dubins, wind), dubins.slice_step)
+    return linear_exact(transitions, responses, dubins.shape[dubins.slice_step], inputs.dubins_level)
+
+
+def _backwards(inputs, dubins):
+    """The first funnel, backwards from its last level."""
+    condition, wind = FUNNELS[dubins.funnel[0]]
+    return backward(
+        closed_loop(inputs, dubins, wind),
+        dubins.shape[dubins.slice_step],
+        dubins.slice_step,
+        dubins.level[0, -1],
+        well_chosen_design(spheres(wind), inputs.design_seed, DEGREE),
+        solver=partial(rank_one, tolerance=inputs.program_tolerance),
+        order=inputs.taylor_order,
+        condition=condition,
+        tolerance=BACKWARD_TOLERANCE,
+    )
+
+
+def _proven_stages(inputs, dubins, name):
+    """Stages of a funnel, proven for the integrated motion from the whole first slice under any wind of the disc."""
+    _, wind = FUNNELS[name]
+    loop = closed_loop(inputs, dubins, wind)
+    design = well_chosen_design(covering_spheres(loop), inputs.design_seed, DEGREE)
+    stages = proven_stages(loop, dubins.shape, dubins.slice_step, inputs.dubins_level, design, inputs.taylor_order)
+    try:
+        return list(stages)
+    except FunnelError as error:
+        raise _does_not_exist(f"proof of funnel '{name}'", error) from error
+
+
+def _does_not_exist(what, error):
+    return SolverError(f"dubins, {what}: {error}; lower dubins_level or dubins_wind", {})

@@ -1,0 +1,397 @@
+"""The funnel of the entry: levels from slice to slice, how far each bound can be trusted, and what lies inside."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from marsedl.methods.funnels.ascent import maximize
+from marsedl.methods.funnels.linear import additive_growth, slice_jacobians
+from marsedl.methods.funnels.recursion import FunnelError, forward, largest_feedback
+from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
+from marsedl.methods.sos.design import well_chosen_design
+from marsedl.methods.sos.sampled_program import rank_one
+from marsedl.methods.sos.variety import Spheres
+from marsedl.methods.sos.verification import verify
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.gains import Gains
+from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.papers.funnels.linearization import Linearization
+from marsedl.replication.artifacts import quantity
+
+COMPLETE = "complete"
+BASIS_DEGREE = 2  # of the sums of squares: 43 polynomials, 406 samples
+SPHERES = Spheres((len(environment.STATES), environment.DISTURBANCES))
+TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
+# Streams of random numbers, all keyed by that of the design.
+CHECKS, TRUE_MAXIMUM, TIGHTNESS, SLICE_POINTS = range(1, 5)
+ANGLES = 2001  # around the slice, for the heat rate: its maximum is off by less than a millionth
+CIRCLE = 72  # points of the slice that are drawn in Fig. 4
+MEMORY_FACTOR = 10.0
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """Slices {1/2 xb'P xb <= rho} along the reference, the bounds that made them, and their checks.
+
+    A stage leads from a slice to the next; levels and bounds are NaN from where the funnel does not exist.
+    """
+
+    outcome: str = quantity("1", (), "complete, or why the funnel ends where it does", "str")
+    step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
+    time: np.ndarray = quantity("s", ("slices",), "its time")
+    shape: np.ndarray = quantity("SI", ("slices", 6, 6), "its shape P")
+    level: np.ndarray = quantity("1", ("slices",), "its level rho", allow_nan=True)
+    half_width: np.ndarray = quantity(
+        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
+    )
+    log_volume: np.ndarray = quantity(
+        "1", ("slices",), "natural logarithm of its volume, in the units of the states", allow_nan=True
+    )
+    feedback: np.ndarray = quantity("rad", ("slices",), "largest feedback bank angle in it", allow_nan=True)
+    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference")
+    heat_rate: np.ndarray = quantity(
+        "W/m^2", ("slices",), "largest heat rate in the slice with any disturbance of the density", allow_nan=True
+    )
+    rising: np.ndarray = quantity(
+        "1", ("slices",), "share of random points of its boundary where V grows under the worst w", allow_nan=True
+    )
+    rising_undisturbed: np.ndarray = quantity("1", ("slices",), "the same share under no disturbance", allow_nan=True)
+    literal_level: np.ndarray = quantity(
+        "1", ("slices", 2), "least and largest V/rho of the points of Eq. 26, in the units of raw_units", allow_nan=True
+    )
+    literal_level_si: np.ndarray = quantity(
+        "1", ("slices", 2), "the same with states in m, rad and m/s", allow_nan=True
+    )
+    bound: np.ndarray = quantity("1", ("stages",), "proven bound of the polynomial over the level", allow_nan=True)
+    growth: np.ndarray = quantity("1", ("stages",), "factor by which the stage raises the level", allow_nan=True)
+    additive_growth: np.ndarray = quantity(
+        "1", ("stages",), "V caused by disturbances that are added to the rates, which comes on top by its root"
+    )
+    true_maximum: np.ndarray = quantity(
+        "1", ("stages",), "largest value of the integrated motion that was found, over the level", allow_nan=True
+    )
+    violation: np.ndarray = quantity(
+        "1", ("stages",), "by how much that exceeds the bound, relative; negative if it does not", allow_nan=True
+    )
+    tightness: np.ndarray = quantity(
+        "1",
+        ("studied",),
+        "how far the largest value of the polynomial found is below its bound, relative",
+        allow_nan=True,
+    )
+    tightness_stage: np.ndarray = quantity("1", ("studied",), "number of that stage, from 1", "int64")
+    gap: np.ndarray = quantity("1", ("stages",), "duality gap of the program, over the bound", allow_nan=True)
+    residual: np.ndarray = quantity(
+        "1", ("stages",), "largest violation of its equations, over the bound", allow_nan=True
+    )
+    iterations: np.ndarray = quantity("1", ("stages",), "iterations of its solver; 0: not solved", "int64")
+    status: np.ndarray = quantity("1", ("stages",), "how the solver ended", "str")
+    identity_error: np.ndarray = quantity(
+        "1", ("stages",), "error of the sum of squares at fresh points, over the range of values", allow_nan=True
+    )
+    least_value: np.ndarray = quantity(
+        "1", ("stages",), "least distance from the polynomial to its bound there, over that range", allow_nan=True
+    )
+    least_eigenvalue: np.ndarray = quantity("1", ("stages",), "of the Gram matrix", allow_nan=True)
+    rounding_margin: np.ndarray = quantity("1", ("stages",), "what rounding may change of it", allow_nan=True)
+    stage_sound: np.ndarray = quantity("1", ("stages",), "whether these checks are passed", "bool")
+    sound: bool = quantity("1", (), "whether the funnel is complete and all stages are sound")
+    memory: float = quantity(
+        "1", (), "relative change of the second level when the first is ten times as large", allow_nan=True
+    )
+    samples: np.ndarray = quantity("1", ("samples", 8), "points (y, w) at which the programs are matched")
+    fig4_coordinate: np.ndarray = quantity("1", ("grid",), "whitened coordinates along both axes of Fig. 4")
+    fig4_rate: np.ndarray = quantity(
+        "1/s", ("grid", "grid"), "rate of V in that plane, without disturbance; rows: second coordinate", allow_nan=True
+    )
+    fig4_worst_rate: np.ndarray = quantity("1/s", ("grid", "grid"), "the same under the worst w", allow_nan=True)
+    fig4_circle: np.ndarray = quantity("1", ("circle", 2), "points of the slice in that plane")
+    fig4_circle_rate: np.ndarray = quantity("1/s", ("circle",), "rate of V there", allow_nan=True)
+    fig4_circle_worst_rate: np.ndarray = quantity("1/s", ("circle",), "the same under the worst w", allow_nan=True)
+
+
+def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
+    """Propagate the funnel from the initial set to the end, and check every stage of it."""
+    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
+    design = well_chosen_design(SPHERES, inputs.design_seed, BASIS_DEGREE)
+    steps = environment.slices(inputs)
+    shape = gains.shape[steps]
+    found, outcome = propagate(inputs, loop, gains, design)
+    stages = described_stages(found, len(steps) - 1)
+    level = _padded([gains.initial_level] if found is None else found.rho, len(steps))
+    with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
+        shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
+        slices = described_slices(inputs, loop, linearization, steps, shape, shape_rate, level)
+        plane = fig4(inputs, loop, steps, shape, shape_rate, level)
+    return Funnel(
+        outcome=outcome,
+        step=steps,
+        time=linearization.time[steps],
+        shape=shape,
+        level=level,
+        half_width=_padded(np.empty((0, 6)) if found is None else found.half_widths, len(steps)),
+        log_volume=_padded([] if found is None else found.log_volumes, len(steps)),
+        literal_level=literal_levels(inputs.raw_units, design, shape, level),
+        literal_level_si=literal_levels(np.ones(6), design, shape, level),
+        additive_growth=added_growth(inputs, loop, shape, steps),
+        sound=bool(outcome == COMPLETE and stages["stage_sound"].all()),
+        memory=memory(inputs, loop, gains, design),
+        samples=design.points,
+        **slices,
+        **stages,
+        **tightness(inputs, loop, steps, shape, level, stages["bound"]),
+        **plane,
+    )
+
+
+# ---- the recursion ---------------------------------------------------------------------------------------------------
+
+
+def propagate(inputs, loop, gains: Gains, design):
+    """Levels of all slices (robust entry funnels, Algorithm 1), or of those before the funnel fails.
+
+    Returns:
+        Library's `Funnel`, None if not even the first stage is passed, and the outcome, a text.
+    """
+    steps, reached = environment.slices(inputs), [1]
+
+    def until(count, progress=None):
+        chosen = steps[:count]
+        shape = gains.shape[chosen]
+        return forward(
+            loop,
+            shape,
+            chosen,
+            gains.initial_level,
+            design,
+            solver=_solver(inputs),
+            **_stage_options(inputs),
+            maximum=None if inputs.sampling == "raw" else true_maximum(inputs),
+            inflate=inputs.inflated,
+            additive=added_growth(inputs, loop, shape, chosen),
+            verify=partial(verify, seed=(inputs.design_seed, CHECKS), points=inputs.check_points),
+            limit=inputs.largest_level,
+            feedback_limit=inputs.largest_feedback,
+            progress=progress,
+        )
+
+    try:
+        return until(len(steps), lambda number, level: reached.append(number)), COMPLETE
+    except FunnelError as error:
+        return (until(reached[-1]) if reached[-1] > 1 else None), str(error)
+
+
+def _stage_options(inputs):
+    """What makes the polynomial of a stage."""
+    return {
+        "order": inputs.taylor_order,
+        "condition": inputs.condition,
+        "raw_scale": inputs.raw_units if inputs.sampling == "raw" else None,
+    }
+
+
+def _solver(inputs):
+    return partial(rank_one, tolerance=inputs.program_tolerance)
+
+
+def true_maximum(inputs):
+    """The search for the largest value of the integrated motion on a slice, under any disturbance of the unit disc."""
+
+    def search(stage, _):
+        try:
+            return maximize(
+                stage.true_values,
+                SPHERES.dimensions,
+                (inputs.design_seed, TRUE_MAXIMUM),
+                full_ball=(False, True),
+                starts=inputs.ascent_starts,
+                polished=inputs.ascent_polished,
+                iterations=inputs.ascent_iterations,
+            )[0]
+        except ValueError as error:
+            raise FunnelError(f"the motion from fine step {stage.first} on is not finite: {error}") from error
+
+    return search
+
+
+def added_growth(inputs, loop, shape, steps):
+    """Growth of V by disturbances that are added to the rates, (stages,); zero where a reading has none."""
+    if not inputs.additive:
+        return np.zeros(len(steps) - 1)
+    return additive_growth(slice_jacobians(loop, steps)[2], shape[1:], environment.additive_amplitudes(inputs))
+
+
+def memory(inputs, loop, gains: Gains, design):
+    """Relative change of the second level when the first is ten times as large; NaN if there is none then."""
+    steps = environment.slices(inputs)[:2]
+    options = {"solver": _solver(inputs), **_stage_options(inputs), "limit": np.inf}
+
+    def next_level(level):
+        return forward(loop, gains.shape[steps], steps, level, design, **options).rho[1]
+
+    try:
+        return float(next_level(MEMORY_FACTOR * gains.initial_level) / next_level(gains.initial_level) - 1.0)
+    except FunnelError:
+        return np.nan
+
+
+# ---- stages ----------------------------------------------------------------------------------------------------------
+
+
+def described_stages(found, count):
+    """Fields of all stages; NaN, and not sound, are those that the funnel does not reach."""
+    checks = () if found is None else found.verifications
+
+    def of_funnel(name, fill=np.nan):
+        return _padded([] if found is None else getattr(found, name), count, fill)
+
+    def of_checks(name, fill=np.nan):
+        return _padded([getattr(check, name) for check in checks], count, fill)
+
+    bound = of_funnel("polynomial_bound")
+    return {
+        "bound": bound,
+        **{name: of_funnel(name) for name in ("growth", "true_maximum", "violation")},
+        **{name: of_funnel(name) / bound for name in ("gap", "residual")},
+        "iterations": of_funnel("iterations", 0),
+        "status": np.array([*(() if found is None else found.status), *["not solved"] * count][:count]),
+        "stage_sound": of_checks("sound", False),
+        **{name: of_checks(name) for name in ("identity_error", "least_value", "least_eigenvalue", "rounding_margin")},
+    }
+
+
+def tightness(inputs, loop, steps, shape, level, bound):
+    """How far the polynomials of some stages stay below their bounds."""
+    count = len(steps) - 1
+    studied = np.unique(np.linspace(0, count - 1, TIGHTNESS_STAGES).round().astype(int))
+    below = np.full(len(studied), np.nan)
+    for i, k in enumerate(studied):
+        if np.isfinite(bound[k]):
+            stage = FunnelStage(
+                loop, int(steps[k]), int(steps[k + 1]), shape[k], shape[k + 1], level[k], **_stage_options(inputs)
+            )
+            below[i] = 1.0 - largest_polynomial(inputs, stage.values) / bound[k]
+    return {"tightness": below, "tightness_stage": studied + 1}
+
+
+def largest_polynomial(inputs, polynomial):
+    """Largest value found of the polynomial of a stage on slice and boundary of the disturbances."""
+    value, _ = maximize(
+        polynomial,
+        SPHERES.dimensions,
+        (inputs.design_seed, TIGHTNESS),
+        starts=inputs.tightness_starts,
+        polished=inputs.tightness_polished,
+        iterations=inputs.tightness_iterations,
+    )
+    return value
+
+
+# ---- slices ----------------------------------------------------------------------------------------------------------
+
+
+def described_slices(inputs, loop, linearization, steps, shape, shape_rate, level):
+    """Feedback, heat rate and rate of V on every slice."""
+    generator = np.random.Generator(np.random.Philox((inputs.design_seed, SLICE_POINTS)))
+    points = Spheres(SPHERES.dimensions[:1]).random_points(inputs.check_points, generator)
+    feedback, heat_rate, rising = [], [], []
+    for step, matrix, rate, rho in zip(steps, shape, shape_rate, level, strict=True):
+        gain = loop.gains[2 * step]
+        feedback.append(largest_feedback(gain, matrix, rho)[0])
+        heat_rate.append(largest_heat_rate(inputs, linearization.state[2 * step], matrix, rho))
+        rates = lyapunov_rates(inputs, loop, step, matrix, rate, rho, points)
+        rising.append([np.nan if np.isnan(values).any() else np.mean(values > 0.0) for values in rates])
+    undisturbed, worst = np.transpose(rising)
+    return {
+        "feedback": np.array(feedback),
+        "nominal_heat_rate": linearization.heat_rate[2 * steps],
+        "heat_rate": np.array(heat_rate),
+        "rising": worst,
+        "rising_undisturbed": undisturbed,
+    }
+
+
+def largest_heat_rate(inputs, state, shape, level):
+    """Largest heat rate (W/m^2) in a slice, under any disturbance of the density.
+
+        max ln q = max over (h, V) of 1/2 (a + b h + norm(a_1, b_1 h)) + 3 ln V + constant
+
+    Of the slice only its shadow on altitude and velocity matters, an ellipse, and as q grows with the velocity its
+    largest value is on the outline.
+    """
+    among = np.ix_([0, 3], [0, 3])
+    half_axes = np.linalg.cholesky(np.linalg.inv(shape)[among])
+    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
+    outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
+    altitude, velocity = state[[0, 3], np.newaxis] + outline
+    return _finite(environment.heat_rate(inputs, altitude, velocity, densest(inputs, altitude)).max())
+
+
+def densest(inputs, altitude):
+    """Disturbances of the unit disc with the largest density at given altitudes (m,), (2, m); negative: the least.
+
+    ln rho is affine in w, so both are at the ends of the diameter along (a_1, b_1 h).
+    """
+    direction = np.stack([np.full_like(altitude, inputs.density_amplitude), inputs.density_slope_amplitude * altitude])
+    length = np.linalg.norm(direction, axis=0)
+    return direction / np.where(length > 0.0, length, 1.0)
+
+
+def lyapunov_rates(inputs, loop, step, shape, shape_rate, level, points):
+    """Rate of V at whitened points (m, 6) of a slice, without disturbance and under the worst one, (2, m), 1/s.
+
+    The rates are affine in the density and w is in nothing else: V' is monotonic in ln rho, and the worst w makes the
+    density largest or least.
+    """
+    deviations = points @ (np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(shape)))
+    end = densest(inputs, loop.states[2 * step, 0] + deviations[:, 0]).T
+    still, most, least = (
+        lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
+    )
+    return np.array([_finite(still), _finite(np.maximum(most, least))])
+
+
+def literal_levels(units, design, shape, level):
+    """Least and largest V/rho of points with x'x = 2 (robust entry funnels, Eq. 26) on every slice, (slices, 2)."""
+    points = np.sqrt(2.0) * design.points[:, : len(units)] * units
+    values = np.einsum("mi,kij,mj->km", points, shape, points) / (2.0 * level[:, np.newaxis])
+    return np.stack([values.min(axis=1), values.max(axis=1)], axis=1)
+
+
+def fig4(inputs, loop, steps, shape, shape_rate, level):
+    """Rate of V in a plane of whitened coordinates through the slice of Fig. 4, on a grid and along the slice."""
+    k = inputs.fig4_slice - 1
+    first, second = (int(number) - 1 for number in inputs.fig4_coordinates)
+    axis = np.linspace(-inputs.fig4_extent, inputs.fig4_extent, inputs.fig4_points)
+    angle = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    def rates(coordinates):
+        points = np.zeros((len(coordinates), 6))
+        points[:, [first, second]] = coordinates
+        return lyapunov_rates(inputs, loop, steps[k], shape[k], shape_rate[k], level[k], points)
+
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1)
+    still, worst = rates(grid.reshape(-1, 2)).reshape(2, len(axis), len(axis))
+    circle_still, circle_worst = rates(circle)
+    return {
+        "fig4_coordinate": axis,
+        "fig4_rate": still,
+        "fig4_worst_rate": worst,
+        "fig4_circle": circle,
+        "fig4_circle_rate": circle_still,
+        "fig4_circle_worst_rate": circle_worst,
+    }
+
+
+def _padded(values, length, fill=np.nan):
+    """Values with as many more at the end as are missing."""
+    values = np.asarray(values)
+    missing = np.full((length - len(values), *values.shape[1:]), fill)
+    return np.concatenate([values.astype(missing.dtype), missing])
+
+
+def _finite(values):
+    """NaN in place of infinities, which artifacts cannot hold."""
+    return np.where(np.isfinite(values), values, np.nan)[()]

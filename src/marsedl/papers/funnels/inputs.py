@@ -1,0 +1,234 @@
+"""Typed inputs of the funnels paper; their values and sources are in `configs/funnels.yaml`."""
+
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, Strict, model_validator
+
+from marsedl.replication.inputs import Count, Inputs, NonNegative, Number, Positive, Seed, given, vector
+
+Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
+FineSteps = Annotated[int, Strict(), Field(ge=2, le=5000)]
+Few = Annotated[int, Strict(), Field(gt=0, le=10_000)]
+Order = Annotated[int, Strict(), Field(ge=1, le=3)]
+Exponent = Annotated[int, Strict(), Field(ge=0, le=10)]
+Flag = Annotated[bool, Strict()]
+Coordinate = Annotated[int, Strict(), Field(ge=1, le=6)]
+Points = Annotated[int, Strict(), Field(ge=3, le=2001)]
+Starts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50)]
+
+Slices = Annotated[tuple[Few, ...], Field(min_length=1, max_length=10)]
+Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10)]
+Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
+Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6)]
+
+STATE_UNIT = "m, rad, rad, m/s, rad, rad"
+
+
+class FunnelsInputs(Inputs):
+    """Everything that the funnels depend on."""
+
+    CASES: ClassVar[dict[str, str]] = {
+        "constant": "trials",
+        "redrawn": "redrawn_trials",
+        "adversarial": "adversarial_trials",
+    }
+
+    # The planet, its air and the vehicle.
+    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
+    rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
+    planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances on the ground")
+    log_density_at_surface: Number = given("1", "a in ln rho = a + b h, rho in kg/m^3")
+    log_density_slope: Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)] = given("1/m", "b in the same")
+    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
+    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
+    nose_radius: Positive = given("m", "nose radius in the law of Sutton and Graves for the heat rate")
+    heat_rate_constant: Positive = given("kg^0.5/m", "constant of that law")
+
+    # The nominal trajectory.
+    entry_altitude: Positive = given("m", "altitude at entry")
+    entry_longitude: Number = given("rad", "longitude at entry")
+    entry_latitude: Number = given("rad", "latitude at entry")
+    entry_velocity: Positive = given("m/s", "planet-relative velocity at entry")
+    entry_flight_path_angle: Number = given("rad", "flight path angle at entry, positive while climbing")
+    entry_heading: Number = given("rad", "heading at entry, counter-clockwise from east")
+    final_altitude: Positive = given("m", "altitude at parachute deployment, where the flight ends")
+    final_downrange: Positive = given(
+        "m", "distance flown to the east, over the planet's radius the change of longitude"
+    )
+    final_velocity_bounds: vector(2, Positive) = given("m/s", "between which the final velocity must lie")
+    least_velocity: Positive = given("m/s", "velocity below which the solver does not look")
+    bank_bounds: vector(2) = given("rad", "between which the bank angle must lie")
+    heat_rate_limit: Positive = given("W/m^2", "largest heat rate, imposed at the nodes")
+    intervals: Intervals = given("1", "intervals of constant bank rate, one less than the nodes")
+    scheme: Literal["midpoint", "trapezoid", "hermite_simpson"] = given("1", "transcription of the equations of motion")
+    final_time_bounds: vector(2, Positive) = given("s", "between which the solver looks for the final time")
+    nominal_tolerance: Positive = given("1", "tolerance of the solver on scaled equations and optimality")
+    nominal_iterations: Few = given("1", "largest number of iterations of a solve")
+    guess_bank: Positive = given("rad", "constant bank angle of the guess")
+    guess_final_time: Positive = given("s", "final time of the guess")
+    start_banks: Starts = given("rad", "constant bank angles of the further starts")
+    start_final_times: Starts = given("s", "final times of the further starts, each with every bank angle")
+    nominal_choice: Literal["guess", "best_of_starts"] = given(
+        "1", "which of the optima found is flown: the one that the guess leads to, or that of least bank rate"
+    )
+    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
+        "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
+    )
+
+    # The regulator.
+    scale_lengths: vector(3, Positive) = given(
+        "m", "altitude, downrange and crossrange that cost as much as one another"
+    )
+    scale_velocity: Positive = given("m/s", "velocity that costs as much")
+    scale_angles: vector(2, Positive) = given("rad", "flight path angle and heading that cost as much")
+    scale_bank: Positive = given("rad", "bank angle that costs as much, as feedback")
+    state_cost_time: Positive = given("s", "time over which such a state costs as much as it does at the end")
+    control_cost_time: Positive = given("s", "time over which such a bank angle does")
+    terminal_weight: Positive = given("1", "factor of the cost at the end")
+    fine_steps: FineSteps = given("1", "integration steps of reference, regulator and flights")
+    steps_per_slice: Few = given("1", "fine steps from one slice of the funnel to the next")
+
+    # Initial set and disturbances.
+    initial_lengths: vector(3, Positive) = given("m", "semi-axes of the initial set: altitude, downrange, crossrange")
+    initial_velocity: Positive = given("m/s", "its semi-axis of velocity")
+    initial_angles: vector(2, Positive) = given("rad", "its semi-axes of flight path angle and heading")
+    density_amplitude: NonNegative = given("1", "largest change of ln rho at all altitudes")
+    density_slope_amplitude: NonNegative = given("1/m", "largest change of the slope of ln rho")
+    additive: Flag = given("1", "whether disturbances are added to all rates as well")
+    additive_velocities: vector(3, Positive) = given("m/s", "largest of them: altitude, downrange, crossrange")
+    additive_acceleration: Positive = given("m/s^2", "largest of them: velocity")
+    additive_turn_rates: vector(2, Positive) = given("1/s", "largest of them: flight path angle and heading, rad per s")
+
+    # The funnel.
+    shape: Literal["value_matrix", "minimum_trace"] = given(
+        "1", "shape of the slices: that of the regulator's cost, or of least trace around what linear dynamics reach"
+    )
+    condition: Literal["flow", "euler"] = given("1", "what a stage bounds: the integrated motion, or the Euler step")
+    sampling: Literal["whitened", "raw"] = given(
+        "1", "what the points of Eq. 26 are: on the slice, or on a sphere of the state itself, as printed"
+    )
+    raw_units: vector(6, Positive) = given(STATE_UNIT, "of raw: units in which the state is taken")
+    taylor_order: Order = given("1", "order of the expansion of the motion in deviation and disturbance together")
+    exponent_d: Exponent = given(
+        "1", "exponent d of the factor (x'x)^d in Eq. 24; enters no stage: the factor is one number at all samples"
+    )
+    design_seed: Seed = given("1", "key of the random points from which the samples are chosen")
+    program_tolerance: Positive = given("1", "tolerance of the semidefinite programs, relative to the range of values")
+    largest_level: Positive = given("1", "level above which a funnel is said to diverge")
+    largest_feedback: Positive | None = given(
+        "rad", "feedback bank on a slice above which the expansion is not trusted; empty: any"
+    )
+    inflated: Flag = given("1", "whether a level is raised to the largest value found of the motion itself")
+    ascent_starts: Few = given("1", "random points among which that value is sought")
+    ascent_polished: Few = given("1", "how many of them, the best, are improved")
+    ascent_iterations: Few = given("1", "steps of improvement")
+    check_points: Few = given("1", "fresh points on which every certificate is checked")
+    tightness_starts: Few = given("1", "the same three numbers for the largest value of the polynomial:")
+    tightness_polished: Few = given("1", "points improved, of the polynomial")
+    tightness_iterations: Few = given("1", "steps of improvement, of the polynomial")
+    benchmark_slice: Few = given("1", "slice, counted from 1, whose stage is solved in all forms")
+    benchmark_level: Positive = given("1", "level rho of that slice then")
+    studied_slices: Slices = given("1", "slices, counted from 1, of stages studied with linear motion and over levels")
+    studied_levels: Levels = given("1", "levels rho of these slices then")
+    studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20)] = given(
+        "1", "numbers of random samples from which that stage is bounded"
+    )
+    stationary_slice: Few = given("1", "slice, counted from 1, where stationary disturbances are sought")
+    stationary_level: Positive = given("1", "level rho of that slice then")
+    stationary_points: Few = given("1", "deviations for which they are sought")
+    studied_spacings: Annotated[tuple[Few, ...], Field(min_length=2, max_length=6)] = given(
+        "1", "fine steps between the slices in the study of their number"
+    )
+    studied_bank_factors: Factors = given("1", "factors of scale_bank in the study of what makes a funnel diverge")
+    studied_density_factors: Factors = given("1", "factors of the disturbances of the density in the same")
+    studied_initial_factors: Factors = given("1", "factors of the initial set in the same")
+    studied_trials: Few = given("1", "flights in each of these cases")
+    backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
+    backward_steps_per_slice: Few = given("1", "fine steps between its slices")
+
+    # The Dubins car.
+    dubins_speed: Positive = given("m/s", "speed of the Dubins car")
+    dubins_duration: Positive = given("s", "duration of its path")
+    dubins_turn_rate: Positive = given("1/s", "amplitude of its turn rate, one sine over the path, radians per second")
+    dubins_state_weight: vector(3, Positive) = given("1", "weights on x, y and heading, SI units")
+    dubins_control_weight: Positive = given("1", "weight on the turn rate, SI units")
+    dubins_terminal_weight: vector(3, Positive) = given("1", "weights at the end")
+    dubins_fine_steps: FineSteps = given("1", "integration steps of its path")
+    dubins_steps_per_slice: Few = given("1", "fine steps from one of its slices to the next")
+    dubins_level: Positive = given("1", "level rho of the first of them")
+    dubins_wind: Positive = given("m/s", "largest wind on it, in any direction")
+
+    # Monte Carlo.
+    seed: Seed = given("1", "key of the random numbers")
+    trials: Count = given("1", "flights with constant disturbance")
+    redrawn_trials: Count = given("1", "flights whose disturbance is drawn again and again")
+    redraw_steps: Few = given("1", "fine steps after which it is")
+    adversarial_trials: Count = given("1", "flights against the disturbance that raises V fastest")
+    adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
+        "1", "directions among which that is chosen"
+    )
+    dubins_trials: Count = given("1", "runs of the Dubins car")
+    dubins_wind_trials: Count = given("1", "runs of the Dubins car in constant wind")
+    drawn_trials: Count = given("1", "flights drawn in the figures")
+
+    # What is drawn and judged.
+    fig4_slice: Few = given("1", "slice of Fig. 4, counted from 1")
+    fig4_coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2)] = given(
+        "1", "whitened coordinates that span its plane, counted from 1"
+    )
+    fig4_extent: Positive = given("1", "largest coordinate in it; the slice is the unit circle")
+    fig4_points: Points = given("1", "grid points along each of its axes")
+    goal_lengths: vector(2, Positive) = given("m", "half widths of the goal region: downrange and crossrange")
+
+    @model_validator(mode="after")
+    def _fits_together(self):
+        for name in ("final_velocity_bounds", "bank_bounds", "final_time_bounds"):
+            lower, upper = getattr(self, name)
+            if lower >= upper:
+                raise ValueError(f"{name} are the wrong way round: write the smaller one first")
+        if self.final_altitude >= self.entry_altitude:
+            raise ValueError("final_altitude is not below entry_altitude: exchange them")
+        if self.least_velocity > self.final_velocity_bounds[0]:
+            raise ValueError("least_velocity lies above the first of final_velocity_bounds: lower it")
+        for name, value, bounds in (
+            *(("start_banks", bank, self.bank_bounds) for bank in self.start_banks),
+            *(("start_final_times", time, self.final_time_bounds) for time in self.start_final_times),
+            ("guess_bank", self.guess_bank, self.bank_bounds),
+            ("guess_final_time", self.guess_final_time, self.final_time_bounds),
+        ):
+            if not bounds[0] <= value <= bounds[1]:
+                raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
+        if any(later % first or later <= first for first, later in pairwise(self.studied_intervals)):
+            raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
+        for steps, per_slice in (
+            ("fine_steps", "steps_per_slice"),
+            ("fine_steps", "backward_steps_per_slice"),
+            ("fine_steps", "redraw_steps"),
+            ("dubins_fine_steps", "dubins_steps_per_slice"),
+        ):
+            if getattr(self, steps) % getattr(self, per_slice):
+                raise ValueError(
+                    f"{steps} ({getattr(self, steps)}) is not a multiple of {per_slice} ({getattr(self, per_slice)})"
+                )
+        for spacing in self.studied_spacings:
+            if self.fine_steps % spacing:
+                raise ValueError(f"studied_spacings: fine_steps ({self.fine_steps}) is not a multiple of {spacing}")
+        slices = self.fine_steps // self.steps_per_slice + 1
+        for name, number in (
+            *((name, getattr(self, name)) for name in ("fig4_slice", "benchmark_slice", "stationary_slice")),
+            *(("studied_slices", number) for number in self.studied_slices),
+        ):
+            if number >= slices:
+                raise ValueError(f"{name}: no stage begins at slice {number}, as there are {slices}")
+        if len(self.studied_levels) != len(self.studied_slices):
+            raise ValueError("studied_levels: give one level for each of studied_slices")
+        if self.fig4_coordinates[0] == self.fig4_coordinates[1]:
+            raise ValueError("fig4_coordinates: two different ones span a plane")
+        for polished, starts in (("ascent_polished", "ascent_starts"), ("tightness_polished", "tightness_starts")):
+            if getattr(self, polished) > getattr(self, starts):
+                raise ValueError(f"{polished} ({getattr(self, polished)}) is above {starts} ({getattr(self, starts)})")
+        return self
+
+
+MODEL = FunnelsInputs

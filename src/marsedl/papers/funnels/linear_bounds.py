@@ -1,0 +1,164 @@
+"""What linear dynamics say of the same flights: levels, an ellipsoid of start and disturbance together, and a shape.
+
+The paper compares its funnel with linear ellipsoidal ones (robust entry funnels, Sec. 5). None of these is a bound of
+the entry: terms beyond the first order are left out. The disturbance is that of the density, in all readings.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from marsedl.methods.funnels.linear import (
+    joint_ellipsoid,
+    linear_exact,
+    linear_triangle,
+    minkowski_shape,
+    slice_jacobians,
+)
+from marsedl.methods.funnels.monte_carlo import fly, quadratic_values
+from marsedl.montecarlo.streams import normals, uniforms
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.gains import Gains
+from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.papers.funnels.linearization import Linearization
+from marsedl.replication.artifacts import quantity
+
+FLIGHTS = 2000  # a share of them is known to about a per cent
+DIRECTION_STREAM, RADIUS_STREAM = 8, 9  # of the random numbers; the Monte Carlo flights use others
+# Start and disturbance may both be at their limits: then the sum of squares that the joint ellipsoid holds at 1 is 2.
+BOTH_LIMITS = 2.0
+
+
+@dataclass(frozen=True)
+class LinearBounds:
+    """Levels, sets and shapes of the linearised closed loop.
+
+    The value of a flight in the joint ellipsoid is 1 on its surface. Linear flights stay below 2, whose start is in the
+    initial set and whose disturbance is in its own. NaN: of flights that are not finite.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
+
+    exact_level: np.ndarray = quantity("1", ("slices",), "level, exact for linear dynamics")
+    triangle_level: np.ndarray = quantity("1", ("slices",), "level by the triangle inequality")
+    undisturbed_level: np.ndarray = quantity("1", ("slices",), "level without disturbance, exact for linear dynamics")
+    exact_half_width: np.ndarray = quantity(
+        STATE_UNIT, ("slices", 6), "largest deviation of each state within the level of the first kind"
+    )
+
+    joint_half_width: np.ndarray = quantity(
+        STATE_UNIT, ("time", 6), "largest deviation within the joint ellipsoid of start and constant disturbance"
+    )
+    joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
+    flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
+    lost: int = quantity("1", (), "flights that are not finite")
+    flown_half_width: np.ndarray = quantity(STATE_UNIT, ("time", 6), "largest deviation of them", allow_nan=True)
+    largest_value: np.ndarray = quantity("1", ("time",), "their largest value", allow_nan=True)
+    largest_linear_value: np.ndarray = quantity("1", ("time",), "the same if they were linear")
+    share_outside: float = quantity("1", (), "share of the flights whose value exceeds 1 at some time")
+    linear_share_outside: float = quantity("1", (), "the same if they were linear")
+    share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
+
+    reachable_half_width: np.ndarray = quantity(
+        STATE_UNIT, ("time", 6), "largest deviation in the ellipsoid of least trace around what linear dynamics reach"
+    )
+    reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
+
+
+def compute(inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
+    """Propagate everything that follows from the Jacobians, and fly to see what they leave out."""
+    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
+    steps = environment.slices(inputs)
+    transitions, responses, _ = slice_jacobians(loop, np.arange(len(loop.time)))
+    across, pushed = between_slices(transitions, responses, steps)
+    shapes, scale = gains.shape[steps], environment.state_scale(inputs)
+    exact = linear_exact(across, pushed, shapes, gains.initial_level)
+    first_set = environment.initial_set(inputs)
+    ellipsoids = joint_ellipsoid(transitions, responses, first_set)
+    reachable = minkowski_shape(transitions, responses, first_set, scale)
+    value_matrices = 2.0 * _inverse(ellipsoids, scale)
+
+    deviations, disturbances = starts(inputs)
+    flown = []
+    values = fly(
+        loop, value_matrices, deviations, disturbances, observer=lambda _, at, __: flown.append(np.abs(at).max(axis=1))
+    )
+    linear_values = linear_flights(transitions, responses, value_matrices, deviations, disturbances)
+    return LinearBounds(
+        time=loop.time,
+        slice_step=steps,
+        slice_time=loop.time[steps],
+        exact_level=exact,
+        triangle_level=linear_triangle(across, pushed, shapes, gains.initial_level),
+        undisturbed_level=linear_exact(across, pushed[:, :, :0], shapes, gains.initial_level),
+        exact_half_width=_half_widths(2.0 * exact[:, np.newaxis, np.newaxis] * _inverse(shapes, 1.0 / scale)),
+        joint_half_width=_half_widths(ellipsoids),
+        joint_condition=np.linalg.cond(ellipsoids / np.outer(scale, scale)),
+        flights=FLIGHTS,
+        lost=int(np.count_nonzero(~np.isfinite(values).all(axis=0))),
+        flown_half_width=_finite(np.array(flown)),
+        largest_value=_finite(values.max(axis=1)),
+        largest_linear_value=linear_values.max(axis=1),
+        share_outside=_share(values, 1.0),
+        linear_share_outside=_share(linear_values, 1.0),
+        share_beyond=_share(values, BOTH_LIMITS),
+        reachable_half_width=_half_widths(2.0 * _inverse(reachable, 1.0 / scale)),
+        reachable_level=linear_exact(across, pushed, reachable[steps], 1.0),
+    )
+
+
+def between_slices(transitions, responses, steps):
+    """Jacobians from slice to slice, from those of the fine steps in between, at a constant disturbance."""
+    across, pushed = [], []
+    for first, last in pairwise(steps):
+        transition, response = transitions[first], responses[first]
+        for k in range(first + 1, last):
+            transition, response = transitions[k] @ transition, transitions[k] @ response + responses[k]
+        across.append(transition)
+        pushed.append(response)
+    return np.array(across), np.array(pushed)
+
+
+def starts(inputs):
+    """Deviations uniform in the volume of the initial set (m, 6), and disturbances uniform at their limit (m, 2)."""
+    states, trials = len(environment.STATES), np.arange(FLIGHTS)
+    drawn = normals(inputs.seed, DIRECTION_STREAM, trials, states + environment.DISTURBANCES)
+    direction, disturbance = np.split(drawn, [states], axis=1)
+    radius = uniforms(inputs.seed, RADIUS_STREAM, trials, 1) ** (1.0 / states)
+    return radius * _unit(direction) * environment.initial_semi_axes(inputs), _unit(disturbance)
+
+
+def linear_flights(transitions, responses, value_matrices, deviations, disturbances):
+    """Values of flights of the linear dynamics at every node, (time, m); the arguments are those of `fly`."""
+    deviation, pushed = deviations.T, disturbances.T
+    values = [quadratic_values(value_matrices[0], deviation)]
+    for transition, response, value_matrix in zip(transitions, responses, value_matrices[1:], strict=True):
+        deviation = transition @ deviation + response @ pushed
+        values.append(quadratic_values(value_matrix, deviation))
+    return np.array(values)
+
+
+def _unit(rows):
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+
+def _inverse(matrices, scale):
+    """Inverses of symmetric matrices whose rows have the units of a scale."""
+    units = np.outer(scale, scale)
+    return np.linalg.inv(matrices / units) / units
+
+
+def _half_widths(ellipsoids):
+    """Largest components in {x'E^-1 x <= 1}."""
+    return np.sqrt(np.diagonal(ellipsoids, axis1=1, axis2=2))
+
+
+def _share(values, limit):
+    return float((values.max(axis=0) > limit).mean())
+
+
+def _finite(values):
+    return np.where(np.isfinite(values), values, np.nan)

@@ -1,0 +1,61 @@
+"""The reference on the fine grid and the linear model about it (robust entry funnels, Sec. 4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.funnels.closed_loop import reference_on_half_steps
+from marsedl.methods.linearization import linearize
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.papers.funnels.nominal import Nominal
+from marsedl.replication.artifacts import quantity
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Reference and Jacobians of Eq. 37 at the nodes of the fine grid and half-way between."""
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
+    state: np.ndarray = quantity(
+        STATE_UNIT, ("half", 6), "reference: altitude, longitude, latitude, velocity, path angle and heading"
+    )
+    bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference")
+    state_matrix: np.ndarray = quantity("SI", ("half", 6, 6), "derivative of the rates by the state")
+    control_matrix: np.ndarray = quantity("SI", ("half", 6), "by the bank angle")
+    disturbance_matrix: np.ndarray = quantity("SI", ("half", 6, 2), "by the disturbance of the density")
+    heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference")
+    deceleration: np.ndarray = quantity("m/s^2", ("half",), "deceleration of the reference")
+    drift: np.ndarray = quantity(STATE_UNIT, (6,), "final state of the reference, less that of the nominal")
+
+
+def compute(inputs, nominal: Nominal) -> Linearization:
+    """Fly the nominal's bank angle on the fine grid, and linearise at every half step."""
+    rates = environment.entry_rates(inputs)
+    still = np.zeros(environment.DISTURBANCES)
+    time = np.linspace(0.0, nominal.time[-1], inputs.fine_steps + 1)
+    state, control = reference_on_half_steps(
+        lambda state, control: rates(None, state, control, still),
+        time,
+        lambda at: np.interp(at, nominal.time, nominal.bank)[:, np.newaxis],
+        nominal.state[0],
+    )
+    model = linearize(
+        lambda *arguments: rates(None, arguments[:6], arguments[6:7], arguments[7:]),
+        state,
+        np.hstack([control, np.broadcast_to(still, (len(state), len(still)))]),
+    )
+    moved = np.array(np.broadcast_arrays(*rates(None, state.T, control.T, still)))
+    return Linearization(
+        time=time,
+        half_time=np.interp(np.arange(len(state)) / 2.0, np.arange(len(time)), time),
+        state=state,
+        bank=control[:, 0],
+        state_matrix=model.state_matrix,
+        control_matrix=model.control_matrix[:, :, 0],
+        disturbance_matrix=model.control_matrix[:, :, 1:],
+        heat_rate=environment.heat_rate(inputs, state[:, 0], state[:, 3]),
+        deceleration=-moved[3],
+        drift=state[-1] - nominal.state[-1],
+    )

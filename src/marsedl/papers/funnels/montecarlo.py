@@ -1,0 +1,222 @@
+"""Monte Carlo flights around the reference, held against the funnel (robust entry funnels, Sec. 4, Fig. 3).
+
+Flights of the entry are the paper's Monte Carlo cases; runs of the Dubins car are stages of their own, which do not
+depend on the entry.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from marsedl.montecarlo import ensembles
+from marsedl.papers.funnels import flight
+from marsedl.papers.funnels.dubins import Dubins
+from marsedl.papers.funnels.funnel import Funnel
+from marsedl.papers.funnels.gains import Gains
+from marsedl.papers.funnels.linearization import Linearization
+from marsedl.replication.artifacts import quantity
+
+REPEATS = 10
+OUTCOMES = {0: "flown to the end", 3: "not finite"}
+OBSERVED_UNIT = "1, SI, W/m^2"
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What chunks and ensembles have in common.
+
+    A deviation is the state less that of the reference. Observed: V, magnitude of the feedback (rad; rad/s of the
+    car), and heat rate, which the car has not.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    level: np.ndarray = quantity(
+        "1", ("time",), "level rho of the funnel, linear between slices; NaN where there is none", allow_nan=True
+    )
+    observed_name: np.ndarray = quantity("1", ("observed",), "what is observed", "str")
+    maximum_over_trials: np.ndarray = quantity(
+        OBSERVED_UNIT, ("time", "observed"), "largest observed values over the trials", allow_nan=True
+    )
+    repeat_maximum: np.ndarray = quantity(
+        OBSERVED_UNIT, ("repeats", "time", "observed"), "the same of ten parts of the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity(
+        "SI", ("trials", "final"), "deviation at the end; largest V/rho at slices, and between them", allow_nan=True
+    )
+    observed_maximum: np.ndarray = quantity(
+        OBSERVED_UNIT, ("trials", "observed"), "largest observed values", allow_nan=True
+    )
+    outcome: np.ndarray = quantity("1", ("trials",), "0 flown to the end, 3 not finite", "int8")
+    kept_history: np.ndarray = quantity(
+        "SI", ("kept", "time", "states"), "deviations of the kept trials", allow_nan=True
+    )
+    kept_observed: np.ndarray = quantity(
+        OBSERVED_UNIT, ("kept", "time", "observed"), "observed of the kept trials", allow_nan=True
+    )
+
+
+@dataclass(frozen=True)
+class FlightChunk(Flights):
+    """Reduced trials of one chunk, block by block."""
+
+    first_trial: int = quantity("1", (), "number of the first trial")
+    block_size: int = quantity("1", (), "trials in a block")
+    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity("SI", ("blocks", "time", "states"), "mean deviation of each block")
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("blocks", "time", "states", "states"), "second moment about that mean"
+    )
+    block_observed_mean: np.ndarray = quantity(OBSERVED_UNIT, ("blocks", "time", "observed"), "mean of the observed")
+    histogram: np.ndarray = quantity("1", ("time", "observed", 3), "trials below 0, within 0 and 1, above", "int64")
+    histogram_edges: np.ndarray = quantity(OBSERVED_UNIT, ("observed", 2), "0 and 1")
+
+
+@dataclass(frozen=True)
+class FlightEnsemble(Flights):
+    """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
+
+    count: int = quantity("1", (), "finite trials")
+    excluded: int = quantity("1", (), "trials that are not finite")
+    mean: np.ndarray = quantity("SI", ("time", "states"), "mean deviation", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("time", "states", "states"), "sample covariance", allow_nan=True)
+    outside_at_slices: int = quantity("1", (), "trials outside of the funnel at a slice after the first")
+    outside_between: int = quantity("1", (), "trials outside of the funnel at a node between slices")
+    largest_ratio: float = quantity("1", (), "largest V/rho of the finite trials after the start", allow_nan=True)
+
+
+def compute(
+    inputs,
+    linearization: Linearization,
+    gains: Gains,
+    funnel: Funnel,
+    *,
+    case: str,
+    trials: int,
+    block_size: int,
+) -> FlightEnsemble:
+    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
+    options = {"case": case, "trials": trials, "block_size": block_size}
+    return gather(inputs, [simulate(inputs, linearization, gains, funnel, chunk=0, chunks=1, **options)])
+
+
+def simulate(
+    inputs,
+    linearization: Linearization,
+    gains: Gains,
+    funnel: Funnel,
+    *,
+    case: str,
+    trials: int,
+    chunk: int,
+    chunks: int,
+    block_size: int,
+) -> FlightChunk:
+    """Fly one chunk of the trials of a case.
+
+    case: "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
+    `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
+    trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials in a block.
+    """
+    numbers = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
+    setting = flight.entry_setting(inputs, linearization, gains, funnel)
+    return _flown(inputs, setting, case, numbers, min(inputs.drawn_trials, trials), block_size)
+
+
+def dubins_calm(inputs, dubins: Dubins) -> FlightEnsemble:
+    """Run the Dubins car without wind."""
+    return _car_runs(inputs, dubins, "flow", inputs.dubins_trials)
+
+
+def dubins_wind(inputs, dubins: Dubins) -> FlightEnsemble:
+    """Run the Dubins car, each time in a constant wind from the boundary of its disc."""
+    return _car_runs(inputs, dubins, "wind", inputs.dubins_wind_trials)
+
+
+def _car_runs(inputs, dubins, name, trials):
+    """Runs of the car, held against one of its funnels."""
+    setting = flight.car_setting(inputs, dubins, name)
+    return gather(inputs, [_flown(inputs, setting, "constant", (0, trials), min(inputs.drawn_trials, trials))])
+
+
+def _flown(inputs, setting, case, numbers, kept, block_size=ensembles.BLOCK_SIZE):
+    """The trials from one number up to another, reduced."""
+    simulate_block = flight.simulator(inputs, setting, case)
+    repeat_maximum = np.full((REPEATS, len(setting.level), len(setting.observed)), np.nan)
+
+    def recorded(first, last):
+        block = simulate_block(first, last)
+        finite = np.isfinite(block.final_state).all(axis=0) & np.isfinite(block.observed_maximum).all(axis=0)
+        for repeat in range(REPEATS):
+            chosen = block.observed[..., finite & (np.arange(first, last) % REPEATS == repeat)]
+            if chosen.size:
+                np.fmax(repeat_maximum[repeat], chosen.max(axis=-1), out=repeat_maximum[repeat])
+        return block
+
+    reduced = ensembles.run_blocks(recorded, *numbers, block_size=block_size, kept=kept)
+    return FlightChunk(
+        time=setting.loop.time,
+        level=setting.level,
+        observed_name=np.array(setting.observed),
+        repeat_maximum=repeat_maximum,
+        **_finite_fields(reduced),
+    )
+
+
+def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
+    """Join the chunks in the order of their trials, and count what lies outside of the funnel."""
+    del inputs  # none is needed
+    names = [field.name for field in fields(ensembles.Chunk)]
+    merged = ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
+    joined = _finite_fields(merged)
+    for name in ("histogram", "histogram_edges", "flying", "observed_mean"):
+        del joined[name]
+    # A ratio that is not a number is one of a trial that is nowhere.
+    at_slices, between = ~(merged.final_state[:, -2:] <= 1.0).T
+    lasting = merged.outcome == ensembles.COMPLETED
+    return FlightEnsemble(
+        time=chunks[0].time,
+        level=chunks[0].level,
+        observed_name=chunks[0].observed_name,
+        repeat_maximum=np.fmax.reduce([chunk.repeat_maximum for chunk in chunks]),
+        outside_at_slices=int(np.count_nonzero(at_slices)),
+        outside_between=int(np.count_nonzero(between)),
+        largest_ratio=float(merged.final_state[lasting, -2:].max()) if lasting.any() else np.nan,
+        **joined,
+    )
+
+
+def _finite_fields(record):
+    """The fields of a `Chunk` or `Ensemble`, without infinities."""
+    return {field.name: ensembles.without_infinities(getattr(record, field.name)) for field in fields(record)}
+
+
+def replay(
+    inputs,
+    linearization: Linearization,
+    gains: Gains,
+    funnel: Funnel,
+    *,
+    case: str,
+    number: int,
+    ensemble: FlightEnsemble | None = None,
+) -> str:
+    """Fly one trial again and describe it, with its difference from the ensemble's if that is given."""
+    trial = ensembles.replay(block_simulator(inputs, linearization, gains, funnel, case), number)
+    end = ensembles.without_infinities(trial.final_state[:, 0])
+    outcome = ensembles.COMPLETED if np.isfinite(trial.final_state).all() else ensembles.NON_FINITE
+    lines = [f"trial {number}, {case}: {OUTCOMES[outcome]}"]
+    names = [f"deviation of state {i + 1}" for i in range(len(end) - 2)]
+    names += ["largest V/rho at slices", "largest V/rho between them"]
+    lines += [f"  {name:28}{value:18.9g}" for name, value in zip(names, end, strict=True)]
+    if ensemble is not None:
+        same = np.array_equal(end, ensemble.final_state[number], equal_nan=True)
+        lines.append(
+            "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
+        )
+    return "\n".join(lines)
+
+
+def block_simulator(inputs, linearization, gains, funnel, case):
+    """Return the function `simulate_block(first, last)` of a case; it also replays single trials."""
+    return flight.simulator(inputs, flight.entry_setting(inputs, linearization, gains, funnel), case)

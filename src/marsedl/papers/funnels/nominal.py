@@ -1,0 +1,264 @@
+"""Nominal trajectory of least bank rate under a limit of the heat rate (robust entry funnels, Sec. 4).
+
+The paper names its solver and prints no numbers of the problem. The heat rate is limited at the nodes alone, and that
+makes local optima: in each the heat rate peaks half-way between two neighbouring nodes, at both of which it is at the
+limit, and every pair of nodes near the peak has one. Finer meshes have more of them, closer together, and let the heat
+rate exceed its limit by less; see `optima`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.methods.collocation import (
+    Condition,
+    Guess,
+    NotConvergedError,
+    Problem,
+    Program,
+    Solution,
+    Variable,
+    resimulate,
+    simulate,
+)
+from marsedl.methods.funnels.closed_loop import reference_on_half_steps
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.environment import STATES
+from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError, SolverError
+
+DEGREE = np.pi / 180.0
+FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted
+SAME = 1e-5  # relative difference of costs below which two solutions are one optimum
+NOTHING = 1e-3  # cost in deg^2/s that counts as none
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The trajectory that is flown."""
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
+    state: np.ndarray = quantity(
+        STATE_UNIT, ("time", 6), "altitude, longitude, latitude, velocity, path angle, heading"
+    )
+    bank: np.ndarray = quantity("rad", ("time",), "bank angle at the nodes, linear in between")
+    bank_rate: np.ndarray = quantity("rad/s", ("intervals",), "bank rate on each interval")
+    cost: float = quantity("rad^2/s", (), "integral of the squared bank rate")
+    heat_rate: np.ndarray = quantity("W/m^2", ("time",), "heat rate at the nodes, where it is limited")
+    peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
+    peak_time: float = quantity("s", (), "when it is reached")
+    miss: np.ndarray = quantity(STATE_UNIT, (6,), "final state flown by a method of order eight, less the solution's")
+    status: str = quantity("1", (), "how the solver ended", "str")
+    iterations: int = quantity("1", (), "iterations of the solver")
+    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
+
+
+@dataclass(frozen=True)
+class Optima:
+    """All optima that were found on several meshes, by mesh and cost.
+
+    The heat rate is limited at the nodes, so that the nodes make optima of their own.
+    """
+
+    intervals: np.ndarray = quantity("1", ("optima",), "intervals of its mesh", "int64")
+    cost: np.ndarray = quantity("rad^2/s", ("optima",), "integral of the squared bank rate")
+    final_time: np.ndarray = quantity("s", ("optima",), "final time")
+    final_velocity: np.ndarray = quantity("m/s", ("optima",), "final velocity")
+    peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
+    peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
+    starts: np.ndarray = quantity("1", ("optima",), "starts that lead to it", "int64")
+    start_bank: np.ndarray = quantity("rad", ("starts",), "constant bank angle of each start; the first is the guess")
+    start_final_time: np.ndarray = quantity("s", ("starts",), "its final time")
+    start_optimum: np.ndarray = quantity(
+        "1", ("meshes", "starts"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
+    )
+
+
+# ---- the problem -----------------------------------------------------------------------------------------------------
+
+
+def problem(inputs) -> Problem:
+    """Least integral of the squared bank rate from entry to deployment (robust entry funnels, Sec. 4).
+
+    The bank angle is a state, its rate the control, constant on each interval. The limit is imposed on the logarithm
+    of the heat rate, which the solver takes far better than the heat rate itself.
+    """
+    motion = environment.entry_rates(inputs)
+    largest = np.log(inputs.heat_rate_limit)
+
+    def rates(*arguments):
+        *state, bank, bank_rate = arguments
+        return (*motion(None, state, [bank], (0.0, 0.0)), bank_rate)
+
+    def log_heat_rate(*arguments):
+        altitude, velocity = arguments[0], arguments[3]
+        factor = np.log(inputs.heat_rate_constant / np.sqrt(inputs.nose_radius))
+        return factor + 0.5 * environment.log_density(inputs, altitude) + 3.0 * np.log(velocity)
+
+    slowest, fastest = inputs.final_velocity_bounds
+    return Problem(
+        rates=rates,
+        states=(
+            Variable("altitude", 1e4, 0.0),
+            Variable("longitude", 0.02),
+            Variable("latitude", 0.002),
+            Variable("velocity", 1e3, inputs.least_velocity),
+            Variable("flight_path_angle", 0.1),
+            Variable("heading", 0.02),
+            Variable("bank", 1.0, *inputs.bank_bounds),
+        ),
+        controls=(Variable("bank_rate", 0.01),),
+        final_time=Variable("final_time", 100.0, *inputs.final_time_bounds),
+        initial=dict(zip(STATES, environment.entry_state(inputs), strict=True)),
+        final={
+            "altitude": inputs.final_altitude,
+            "longitude": inputs.entry_longitude + inputs.final_downrange / inputs.planet_radius,
+        },
+        boundary=(Condition("final velocity", lambda start, end: end["velocity"], slowest, fastest, 1e3),),
+        path=(Condition("logarithm of the heat rate", log_heat_rate, -np.inf, largest),),
+        running_cost=lambda *arguments: (arguments[-1] / DEGREE) ** 2,
+    )
+
+
+def starts(inputs):
+    """Bank angle and final time of every start, the guess first, none twice."""
+    grid = [(bank, time) for bank in inputs.start_banks for time in inputs.start_final_times]
+    return list(dict.fromkeys([(inputs.guess_bank, inputs.guess_final_time), *grid]))
+
+
+def constant_bank(inputs, declared, intervals, bank, final_time) -> Guess:
+    """A guess that flies one bank angle.
+
+    Raises RuntimeError if it cannot be flown to its end.
+    """
+    time = np.linspace(0.0, final_time, intervals + 1)
+    still = np.zeros((intervals, 1))
+    start = np.array([*environment.entry_state(inputs), bank])
+    return Guess(simulate(declared, start, still, time, relative_tolerance=1e-7), still, final_time)
+
+
+def search(inputs, intervals, begun):
+    """Solve from every start of a list of bank angles and final times.
+
+    Returns:
+        List with a `Solution` for every start, or the error with which it ended.
+    """
+    program = Program(problem(inputs), intervals, inputs.scheme)
+    ends = []
+    for bank, final_time in begun:
+        try:
+            guess = constant_bank(inputs, program.problem, intervals, bank, final_time)
+            ends.append(program.solve(guess, tolerance=inputs.nominal_tolerance, iterations=inputs.nominal_iterations))
+        except RuntimeError as error:  # a guess that cannot be flown, or a solve that does not converge
+            ends.append(error)
+    return ends
+
+
+# ---- the stage -------------------------------------------------------------------------------------------------------
+
+
+def compute(inputs) -> Nominal:
+    """Solve from the guess, or from every start for the best, as the inputs say."""
+    ends = search(inputs, inputs.intervals, starts(inputs)[: 1 if inputs.nominal_choice == "guess" else None])
+    found, _ = distinct(ends)
+    if not found:
+        raise _failure(ends)
+    return described(inputs, found[0])
+
+
+def optima(inputs) -> Optima:
+    """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
+    grid, rows, leads = starts(inputs), [], []
+    for intervals in (int(number) for number in inputs.studied_intervals):
+        found, numbers = distinct(search(inputs, intervals, grid))
+        leads.append(numbers)
+        for number, one in enumerate(found):
+            peak, time = peak_heat_rate(inputs, one)
+            velocity, position = one.state("velocity")[-1], time / one.final_time * intervals
+            reached = np.count_nonzero(numbers == number)
+            rows.append((intervals, one.objective * DEGREE**2, one.final_time, velocity, peak, position, reached))
+    intervals, cost, final_time, final_velocity, peak, position, reached = np.array(rows).reshape(-1, 7).T
+    return Optima(
+        intervals=intervals.astype(np.int64),
+        cost=cost,
+        final_time=final_time,
+        final_velocity=final_velocity,
+        peak_heat_rate=peak,
+        peak_position=position,
+        starts=reached.astype(np.int64),
+        start_bank=np.array([bank for bank, _ in grid]),
+        start_final_time=np.array([time for _, time in grid]),
+        start_optimum=np.array(leads),
+    )
+
+
+def distinct(ends):
+    """The different solutions among some ends of solves, by ascending cost, and the number of each.
+
+    Returns:
+        Tuple of the list of optima and the number (from 0) of every end among them, -1 for one that is no solution.
+    """
+    optima = []
+    for solution in sorted((end for end in ends if isinstance(end, Solution)), key=lambda end: end.objective):
+        if not (optima and _same(optima[-1], solution)):
+            optima.append(solution)
+    numbers = [next((i for i, one in enumerate(optima) if isinstance(e, Solution) and _same(one, e)), -1) for e in ends]
+    return optima, np.array(numbers)
+
+
+def _same(one, other):
+    return abs(one.objective - other.objective) <= SAME * max(abs(other.objective), NOTHING)
+
+
+def described(inputs, solution) -> Nominal:
+    """A solution as an artifact."""
+    state, (peak, time) = solution.states[:, : len(STATES)], peak_heat_rate(inputs, solution)
+    return Nominal(
+        time=solution.time,
+        state=state,
+        bank=solution.state("bank"),
+        bank_rate=solution.controls[:, 0],
+        cost=float(solution.objective * DEGREE**2),
+        heat_rate=environment.heat_rate(inputs, state[:, 0], state[:, 3]),
+        peak_heat_rate=peak,
+        peak_time=time,
+        miss=(resimulate(solution) - solution.states)[-1, : len(STATES)],
+        status=solution.status,
+        iterations=solution.iterations,
+        worst_residual=solution.residual.value,
+    )
+
+
+def peak_heat_rate(inputs, solution):
+    """Largest heat rate of a solution, flown on a fine grid, and its time: (W/m^2, s).
+
+    The logarithm of the heat rate is taken as a parabola through the largest of the grid and its neighbours.
+    """
+    motion, bank = environment.entry_rates(inputs), solution.state("bank")
+    flown, _ = reference_on_half_steps(
+        lambda state, control: motion(None, state, control, (0.0, 0.0)),
+        np.linspace(0.0, solution.final_time, (len(bank) - 1) * FINE + 1),
+        lambda time: np.interp(time, solution.time, bank)[:, np.newaxis],
+        solution.states[0, : len(STATES)],
+    )
+    heat = np.log(environment.heat_rate(inputs, flown[:, 0], flown[:, 3]))
+    spacing = solution.final_time / (len(flown) - 1)
+    top = int(np.clip(np.argmax(heat), 1, len(heat) - 2))
+    before, at, after = heat[top - 1 : top + 2]
+    curvature, slope = before - 2.0 * at + after, (after - before) / 2.0
+    return float(np.exp(at - slope**2 / (2.0 * curvature))), float(spacing * (top - slope / curvature))
+
+
+def _failure(ends):
+    """The error for a nominal that was not found, with the last iterate from the guess if there is one."""
+    which = "the guess leads to no solution" if len(ends) == 1 else f"none of {len(ends)} starts leads to a solution"
+    message = (
+        f"nominal: {which}; from the guess, {ends[0]}; give another guess_bank or guess_final_time, or a larger "
+        "heat_rate_limit"
+    )
+    if not isinstance(ends[0], NotConvergedError):  # the guess itself could not be flown
+        return MarsedlError(message)
+    last = ends[0].solution
+    names = [variable.name for variable in last.problem.states]
+    return SolverError(message, {"time": last.time, **dict(zip(names, last.states.T, strict=True))})

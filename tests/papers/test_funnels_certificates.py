@@ -1,0 +1,381 @@
+"""Studies of the funnels paper: one stage in all forms, and funnels computed in other ways.
+
+Expected numbers without another source are those of an independent study of the paper, with a nominal of its own.
+"""
+
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
+from marsedl.methods.sos.sampled_program import rank_one
+from marsedl.papers.funnels import certificates, environment, gains, stage_study
+from marsedl.papers.funnels.inputs import MODEL
+from marsedl.replication import artifacts
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
+READINGS = load_study("funnels", MODEL, CONFIG).readings
+BENCHMARK = 1.163082
+SMALL = {
+    "check_points": 500,
+    "tightness_polished": 4,
+    "stationary_points": 300,
+    "studied_slices": np.array([26.0]),
+    "studied_levels": np.array([3.0]),
+    "studied_samples": np.array([50.0, 200.0, 406.0]),
+    "studied_trials": 30,
+}
+
+
+def inputs(reading="corrected", **changes):
+    return Slice(READINGS[reading].slice(MODEL.model_fields) | SMALL | changes)
+
+
+@pytest.fixture(scope="module")
+def model(funnels):
+    return funnels.linearization()
+
+
+@pytest.fixture(scope="module")
+def regulator(funnels):
+    return funnels.gains()
+
+
+@pytest.fixture(scope="module")
+def loop(model, regulator):
+    return environment.closed_loop(inputs(), model, regulator.half_gain)
+
+
+@pytest.fixture(scope="module")
+def design(funnels):
+    return stage_study.well_chosen_design(stage_study.SPHERES, inputs().design_seed, 2)
+
+
+@pytest.fixture(scope="module")
+def found(model, regulator):
+    """The fields of the study of a stage."""
+    with pytest.MonkeyPatch.context() as patch:
+        # Clarabel takes ten times as long; the tests of the programs compare it.
+        patch.setattr(stage_study, "CONIC_TOLERANCE", {"SCS": 1e-6})
+        return vars(stage_study.compute(inputs(), model, regulator))
+
+
+# --- one stage --------------------------------------------------------------------------------------------------------
+
+
+def test_counts_are_those_of_formulas_and_of_ranks(found):
+    rows = {
+        name: row
+        for name, *row in zip(
+            *(
+                found[key].tolist()
+                for key in ("variety", "monomials", "basis_size", "coefficients", "gram_unknowns", "samples")
+            ),
+            strict=True,
+        )
+    }
+    assert rows["S^5 x S^1"] == [45, 43, 495, 946, 406]
+    assert rows["S^5"] == [28, 27, 210, 378, 182]
+    assert rows["S^2"] == [10, 9, 35, 45, 25]
+    assert rows["S^1"] == [6, 5, 15, 15, 9]
+    assert rows["S^5 x S^7"][0] == 120
+    computed = found["product_rank"] > 0
+    assert computed.sum() == 5  # the last variety is counted only
+    np.testing.assert_array_equal(found["product_rank"][computed], found["samples"][computed])
+    np.testing.assert_array_equal(found["basis_rank"][computed], found["basis_size"][computed])
+    # d = 1 fits to a Gram matrix of degree 2 only if the motion is linear.
+    np.testing.assert_array_equal(found["exponent_degree"], [4, 6, 8])
+    assert found["gram_degree"] == 4
+    assert stage_study.counts(inputs(taylor_order=1))["exponent_degree"][1] == found["gram_degree"]
+
+
+def test_all_forms_give_one_bound(found):
+    np.testing.assert_allclose(found["form_bound"], BENCHMARK, rtol=2e-6)
+    np.testing.assert_allclose(found["form_bound"], found["form_bound"][0], rtol=1e-7)
+    assert (found["form_safe_bound"] >= found["form_bound"] - 1e-12).all()
+    assert list(found["form_status"]) == ["optimal"] * 4
+    # From below: the polynomial takes the value of its bound, and inside of the disc none above.
+    bound = found["form_safe_bound"][0]
+    assert bound - 1e-7 < found["polynomial_maximum"] <= found["disc_maximum"] <= bound
+    assert 1e-7 < found["true_maximum"] - bound < 1e-5
+    assert found["identity_error"] < 1e-12 and found["least_value"] > 0.0
+    assert found["fit_error"] < 1e-12
+
+
+def test_stages_with_linear_motion_have_known_bounds(found):
+    assert (found["linear_gram_size"], found["linear_samples"]) == (9, 43)
+    np.testing.assert_allclose(found["linear_exact"], 1.1482555, rtol=2e-6)
+    np.testing.assert_allclose(found["linear_small_bound"], found["linear_exact"], rtol=1e-8)
+    np.testing.assert_allclose(found["linear_large_bound"], found["linear_exact"], rtol=1e-8)
+    np.testing.assert_allclose(found["linear_still_bound"], found["linear_still_exact"], rtol=1e-7)
+
+
+def test_too_few_samples_give_a_bound_that_is_too_small(found):
+    np.testing.assert_array_equal(found["few_rank"], [50, 200, 406])
+    assert (found["few_bound"][:2] < 0.99 * BENCHMARK).all()
+    # The identity shows it at fresh points; values below zero are seldom met.
+    assert found["few_least_value"][0] < 0.0 and (found["few_identity_error"][:2] > 1e-2).all()
+    assert found["few_bound"][2] == pytest.approx(BENCHMARK, rel=2e-6)
+    assert found["few_least_value"][2] > 0.0 and found["few_identity_error"][2] < 1e-10
+
+
+def test_the_exponent_matters_only_without_whitening(found):
+    np.testing.assert_allclose(found["exponent_whitened_bound"], BENCHMARK, rtol=2e-6)
+    zero, one, two = found["exponent_bound"]
+    np.testing.assert_allclose(zero, BENCHMARK, rtol=2e-6)
+    assert (one > 1.5 * BENCHMARK).all() and (two > 10.0 * BENCHMARK).all()
+    # The samples do not determine a polynomial of degree six: other samples, other bounds.
+    assert np.ptp(one) > 0.5
+
+
+def test_bases_and_samples_condition_as_expected(found):
+    si, km, scaled, whitened, hermite, variance_one, orthonormal = found["basis_condition"]
+    assert si > 1e4 * km > 1e6 * scaled and scaled > 5.0 * whitened
+    assert hermite > whitened > 2.0 * variance_one > 2.0 * orthonormal
+    assert variance_one < 2.5 and orthonormal == pytest.approx(1.0, abs=1e-12)
+    assert (found["design_condition"][1:] > 5.0 * found["design_condition"][0]).all()
+    np.testing.assert_allclose(found["design_bound"], BENCHMARK, rtol=2e-6)
+
+
+def test_the_bound_does_not_depend_on_coordinates(found):
+    np.testing.assert_allclose(found["invariance_bound"], found["invariance_bound"][0], rtol=1e-7)
+
+
+# --- stationary disturbances ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def euler_stage(loop, regulator):
+    at = inputs().stationary_slice, inputs().stationary_level
+    return stage_study.stage_at(inputs(), loop, regulator, *at, condition="euler")
+
+
+def test_the_polynomial_in_the_disturbance_is_that_of_the_stage(euler_stage):
+    points = stage_study.SPHERES.random_points(40, np.random.Generator(np.random.Philox(3)))
+    polynomial, w = stage_study.in_disturbances(euler_stage, points[:, :6]), 3.0 * points[:, 6:]
+    value, gradient, hessian = polynomial(w)
+
+    def at(change):
+        return euler_stage.values(np.hstack([points[:, :6], w + change]))
+
+    np.testing.assert_allclose(value, at(np.zeros(2)), rtol=1e-12)
+    step = 1e-3 * np.eye(2)
+    np.testing.assert_allclose(gradient, np.stack([(at(e) - at(-e)) / 2e-3 for e in step], axis=1), rtol=0, atol=1e-9)
+    # Of a cubic these differences are exact for any step.
+    step = 0.2 * np.eye(2)
+    mixed = (at(step[0] + step[1]) - at(step[0] - step[1]) - at(step[1] - step[0]) + at(-step[0] - step[1])) / 0.16
+    np.testing.assert_allclose(hessian[:, 0, 1], mixed, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(hessian[:, 0, 1], hessian[:, 1, 0])
+    second = [(at(e) - 2.0 * value + at(-e)) / 0.04 for e in step]
+    np.testing.assert_allclose(np.stack([hessian[:, 0, 0], hessian[:, 1, 1]]), second, rtol=0, atol=1e-11)
+
+
+def test_newton_finds_stationary_points_of_a_cubic():
+    centre = np.array([[0.4, -0.3], [2.0, 1.0]])
+
+    def polynomial(w):
+        u, v = (np.broadcast_to(w, centre.shape) - centre).T
+        hessian = np.moveaxis(np.array([[2.0 + 0.6 * u, 0.0 * u], [0.0 * u, -1.0 + 0.0 * v]]), -1, 0)
+        return u**2 + 0.1 * u**3 - v**2 / 2.0, np.stack([2.0 * u + 0.3 * u**2, -v], axis=1), hessian
+
+    found, gradient, start = stage_study.newton(polynomial)
+    np.testing.assert_allclose(found, centre, atol=1e-12)
+    assert np.abs(gradient).max() < 1e-12
+    np.testing.assert_array_equal(start, polynomial(np.zeros(2))[1])
+
+
+def test_stationary_disturbances_are_saddles_outside_of_the_disc(found):
+    assert found["stationary_converged"] > 0.9
+    assert found["stationary_inside"] == 0 and found["stationary_norm"][0] > 1.0 < found["stationary_norm"][1] / 100.0
+    assert found["stationary_saddles"] == 1.0
+    assert found["stationary_value"] > 1.5 * found["boundary_value"]
+    assert found["interior_better"] == 0
+    assert found["gradient_deviation"] < 1e-8
+    # The rates know the density only: their gradient is along its own, nowhere zero, their Hessian of rank one.
+    assert found["gradient_angle"] < 1e-9 and found["gradient_least"] > 0.0 and found["hessian_rank_one"] < 1e-9
+
+
+def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(loop, regulator, euler_stage):
+    points = stage_study.SPHERES.random_points(50, np.random.Generator(np.random.Philox(8)))
+    deviations, first = euler_stage.deviations(points), euler_stage.first
+    altitude = loop.states[2 * first, 0] + deviations[:, 0]
+    along = np.stack([np.full(50, inputs().density_amplitude), inputs().density_slope_amplitude * altitude], axis=1)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+
+    def rate(w):
+        return lyapunov_rate(loop, 2 * first, euler_stage.shape, np.zeros((6, 6)), deviations, w)
+
+    best = np.maximum(rate(along), rate(-along))
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    disc = [radius * np.array([np.cos(a), np.sin(a)]) for radius in (0.3, 0.7, 1.0) for a in angle]
+    among = np.max([rate(np.broadcast_to(w, (50, 2))) for w in disc], axis=0)
+    assert (among <= best + 1e-12).all()
+    assert (among > best - 1e-3 * np.abs(best).max()).all()
+
+
+# --- funnels in other ways --------------------------------------------------------------------------------------------
+
+
+def test_equations_of_motion_are_those_of_inertial_flight(monkeypatch):
+    found = certificates.equations(inputs())
+    assert found["position_rate_deviation"] < 1e-14 and found["velocity_rate_deviation"] < 1e-13
+    rates = environment.entry_rates
+
+    def banked_left(given):
+        return lambda half, state, control, w: rates(given)(half, state, [-control[0]], w)
+
+    monkeypatch.setattr(environment, "entry_rates", banked_left)
+    assert certificates.equations(inputs())["velocity_rate_deviation"] > 0.1
+
+
+def test_the_euler_step_differs_in_second_order(loop, regulator, design):
+    first, level = 112, 5.235
+    size = []
+    for spacing in (4, 2, 1):
+        k = first // spacing
+        stage = stage_study.stage_at(inputs(), loop, regulator, k + 1, level, spacing)
+        levels = np.full(240 // spacing + 1, np.nan)
+        levels[k : k + 2] = level, level * rank_one(stage.values(design.points), design.basis).safe_bound
+        excess = certificates.euler_excess(inputs(), loop, regulator, design, spacing, levels)
+        assert np.flatnonzero(np.isfinite(excess)).tolist() == [k]
+        size.append(excess[k])
+    ratio = np.array([coarse / fine for coarse, fine in pairwise(size)])
+    assert size[0] < 0.0  # it is not a bound
+    assert (np.abs(ratio - 4.0) < 1.2).all()
+
+
+def test_without_disturbance_the_level_never_rises(loop, regulator):
+    found = certificates.undisturbed(inputs(steps_per_slice=24), loop, regulator)
+    assert found["undisturbed_outcome"] == "complete"
+    assert (np.diff(found["undisturbed_level"]) < 0.0).all() and found["undisturbed_level"][-1] > 0.0
+
+
+def test_a_larger_slice_reaches_a_larger_one(loop, regulator, design):
+    found = certificates.over_levels(inputs(), loop, regulator, design)
+    assert (np.diff(found["reached_level"], axis=1) > 0.0).all()
+    base = certificates.FACTORS.index(1.0)
+    assert found["reached_level"][0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
+
+
+def test_a_funnel_that_diverges_ends_with_its_message(model, design):
+    wide = inputs(studied_bank_factors=np.array([]), studied_initial_factors=np.array([1.0]))
+    wide.studied_density_factors = np.array([8.0])
+    wide.backward_steps_per_slice = 24
+    found = certificates.changes(wide, model, design)
+    assert found["change"].tolist() == ["disturbance of the density", "initial set"]
+    assert "the funnel diverges" in found["change_outcome"][0] and found["change_outcome"][1] == "complete"
+    diverged, same = found["change_level"]
+    ended = np.flatnonzero(np.isnan(diverged))[0]
+    assert 2 < ended < 10 and np.isfinite(diverged[:ended]).all() and np.isnan(diverged[ended:]).all()
+    assert (diverged[2:ended] > same[2:ended]).all()
+    # The flights stay finite all the same, and those of the unchanged case inside of its funnel.
+    assert (found["change_lost"] == 0).all() and found["change_flown"][1] < same.max()
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Inputs for the part of the flight between two nodes, in two slices or four."""
+    return inputs(
+        fine_steps=16,
+        steps_per_slice=4,
+        backward_steps_per_slice=8,
+        studied_spacings=np.array([8.0, 4.0]),
+        studied_slices=np.array([2.0]),
+        studied_levels=np.array([0.4]),
+        studied_bank_factors=np.array([0.5]),
+        studied_density_factors=np.array([1.5]),
+        studied_initial_factors=np.array([2.0]),
+        backward_level=5.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def small_study(small, model):
+    first, last = 88, 88 + small.fine_steps
+    extents = {"time": slice(first, last + 1), "half": slice(2 * first, 2 * last + 1)}
+    declared = artifacts.quantities(type(model)).items()
+    parts = {name: getattr(model, name)[extents[of.dims[0]]] for name, of in declared if of.dims[0] in extents}
+    lines = replace(model, **parts)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(certificates, "SECOND_SOLVER", "SCS")
+        return certificates.compute(small, lines, gains.compute(small, lines))
+
+
+def variant(study, name):
+    return study.variant_level[list(study.variant).index(name)]
+
+
+def test_multipliers_and_samples_give_one_funnel(small_study):
+    assert small_study.multiplier_difference < 1e-6
+    np.testing.assert_allclose(small_study.second_difference, 0.0, atol=1e-6)  # of two tolerances here
+    assert small_study.multiplier_status.tolist() == ["optimal"] * 2
+
+
+def test_the_backward_funnel_returns(small_study):
+    back, returned = variant(small_study, "backward"), variant(small_study, "returned")
+    assert back[-1] == 5.0 and back[0] == returned[0]
+    assert (returned <= back * (1.0 + 1e-12)).all() and small_study.round_trip_shortfall <= 1e-12
+    np.testing.assert_allclose(returned, back, rtol=1e-4)
+    assert small_study.round_trip == np.abs(back / returned - 1.0).max()
+
+
+def test_what_a_study_says_of_its_funnels_is_so(small, small_study):
+    study = small_study
+    slices = small.fine_steps // small.studied_spacings.astype(int) + 1
+    for i, j in np.ndindex(2, 2):
+        levels = study.level[i, j]
+        assert np.isfinite(levels[: slices[j]]).all() == (study.outcome[i, j] == "complete")
+        assert np.isnan(levels[slices[j] :]).all()
+        np.testing.assert_array_equal(study.final_level[i, j], levels[slices[j] - 1])
+    known = study.excess[1]
+    assert study.unsafe_share[1] == np.mean(known < 0.0)
+    assert study.least_excess[1] == known.min() and study.largest_excess[1] == known.max()
+    # Longer slices, larger differences.
+    assert study.mean_difference[0] > study.mean_difference[1]
+    np.testing.assert_array_equal(variant(study, "samples"), study.level[0, 0][: slices[0]])
+    assert variant(study, "order 1")[-1] < variant(study, "order 2")[-1]
+
+
+@pytest.mark.parametrize("made", ["certificates", "stage_study"])
+def test_artifacts_are_kept(made, small_study, found, tmp_path):
+    artifact = small_study if made == "certificates" else stage_study.StageStudy(**found)
+    path = tmp_path / "made.h5"
+    artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
+    loaded = artifacts.load(path, type(artifact))
+    for field in fields(artifact):
+        np.testing.assert_array_equal(getattr(loaded, field.name), getattr(artifact, field.name))
+
+
+def test_a_stage_is_that_between_the_slices_named(loop, regulator):
+    stage = stage_study.stage_at(inputs(), loop, regulator, 26, 3.0)
+    assert (stage.first, stage.last, stage.order, stage.condition) == (100, 104, 3, "flow")
+    assert isinstance(stage, FunnelStage)
+    finer = stage_study.stage_at(inputs(), loop, regulator, 26, 3.0, 2, condition="euler")
+    assert (finer.first, finer.last) == (50, 52)
+    np.testing.assert_array_equal(finer.shape, regulator.shape[50])
+    assert replace(finer, rho=1.0).rho == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"studied_spacings": [8, 7]}, "studied_spacings: fine_steps (240) is not a multiple of 7"),
+        ({"studied_slices": [16, 26, 61]}, "studied_slices: no stage begins at slice 61, as there are 61"),
+        ({"studied_levels": [0.4, 3.0]}, "studied_levels: give one level for each of studied_slices"),
+        ({"stationary_slice": 61}, "stationary_slice: no stage begins at slice 61"),
+        ({"studied_samples": [42, 406]}, "studied_samples"),
+        ({"studied_bank_factors": [0.0]}, "studied_bank_factors"),
+    ],
+)
+def test_studies_that_cannot_be_are_refused(changed, said):
+    own = {name: {"value": value, "source": "assumed: test"} for name, value in changed.items()}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "inputs": own}}}
+    with pytest.raises(InputError) as error:
+        load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
+    assert said in str(error.value)

@@ -1,0 +1,401 @@
+"""Claims of the funnels paper: everything printed has its evaluator, and verdicts follow the numbers.
+
+Funnels and flights are real ones with fewer slices and trials, where most verdicts are those of the whole reading; the
+studies beside them are stand-ins with what claims look at.
+"""
+
+import json
+from dataclasses import fields, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.methods.funnels.monte_carlo import fly
+from marsedl.papers.funnels import PAPER, claims, environment, montecarlo
+from marsedl.papers.funnels.certificates import Certificates
+from marsedl.papers.funnels.claims import DECLARATIONS, MEASURED, STUDIED
+from marsedl.papers.funnels.proven import Proven
+from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.replication.claims import collect, judge, write_claims
+
+READINGS = ("corrected", "printed", "euler")
+TRIALS = {"constant": 300, "redrawn": 60, "adversarial": 20}
+ON_STUDIES = {*STUDIED, "sampling_equivalence", "hermite_conditioning", "four_funnel_solvers", "dubins_funnel"}
+FAILS = {
+    *("gram_dimension_eq2", "gram_45_follows_from_d1", "volume_objective", "stage_condition_bounds_step"),
+    *("rescaled_points_on_bk", "rescaled_w_on_boundary", "stationary_w_by_newton"),
+    *("first_peak", "end_expansion", "end_high_velocity_changes", "funnel_is_tight", "guaranteed_bounds"),
+    *("increased_landing_accuracy", "thermal_constraint_funnel"),
+    *("multiplier_prohibitive", "sampling_reduces_cost", "cheaper_than_monte_carlo"),
+}
+TIMES = dict(zip(MEASURED, (9.0, 60.0, 20.0, 8.0, 4.0, 30.0), strict=True))
+BASES = {
+    "monomials, m, m/s and rad": 5.7e12,
+    "monomials, whitened": 9.7,
+    "Hermite, whitened": 13.9,
+    "Hermite, whitened with variance one": 1.6,
+}
+
+
+def stand_ins(made):
+    """Studies of `corrected`, reduced to what claims look at."""
+    coarse = np.linspace(0.18, 9.4, 31)
+    return {
+        "stage_study": SimpleNamespace(
+            variables=np.array([6, 8]),
+            samples=np.array([182, 406]),
+            few_samples=np.array([200, 400, 406]),
+            few_rank=np.array([200, 400, 406]),
+            few_bound=np.array([1.11, 1.14, 1.163081]),
+            form=np.array(["samples, rank one", "multipliers, Clarabel"]),
+            form_bound=np.array([1.163081, 1.163081 * (1 + 2e-8)]),
+            basis=np.array(list(BASES)),
+            basis_condition=np.array(list(BASES.values())),
+            interior_better=0,
+            stationary_inside=0,
+            stationary_norm=np.array([3.0, 850.0, 3e5]),
+            stationary_converged=0.98,
+            stationary_value=3.1,
+            boundary_value=1.08,
+            stationary_saddles=1.0,
+            gradient_angle=1e-13,
+            gradient_deviation=1e-10,
+        ),
+        "certificates": SimpleNamespace(
+            multiplier_difference=2e-7,
+            spacing=np.array([24, 4]),
+            unsafe_share=np.array([0.2, 0.35]),
+            least_excess=np.array([-0.016, -0.0056]),
+            largest_excess=np.array([0.15, 0.041]),
+            mean_excess=np.array([0.02, 0.003]),
+            position_rate_deviation=1e-15,
+            velocity_rate_deviation=1e-15,
+            variant=np.array(["samples", "multipliers", "backward"]),
+            variant_level=np.array([coarse, coarse, coarse + 0.1]),
+            round_trip=1e-5,
+            round_trip_shortfall=-1e-9,
+            backward_programs=np.full(30, 4),
+            studied_level=np.array([[1.0, 2.0, 4.0]]),
+            reached_level=np.array([[1.2, 2.4, 4.2]]),
+        ),
+        "proven": SimpleNamespace(
+            proven=True,
+            outcome="complete",
+            level=1.1 * made.level,
+            half_width=np.sqrt(1.1) * made.half_width,
+            interpolation_excess=1e-3,
+        ),
+    }
+
+
+TYPES = {"stage_study": StageStudy, "certificates": Certificates, "proven": Proven}
+
+
+@pytest.fixture(scope="module")
+def flown(funnels, coarse_funnel):
+    """Everything that claims are made from, by reading."""
+    shared = ("nominal", "linearization", "gains", "linear_bounds")  # these readings have the same
+    made = {name: funnels.stage(name, "corrected") for name in shared}
+
+    def of(reading):
+        if reading == "corrected":
+            found = {name: funnels.stage(name, reading) for name in ("funnel", "dubins", "dubins_calm", "dubins_wind")}
+        else:
+            found = {"funnel": coarse_funnel(reading)}
+        inputs = funnels.stage_inputs(reading, "montecarlo")
+        needed = [(made | found)[name] for name in ("linearization", "gains", "funnel")]
+        for case, trials in TRIALS.items():
+            found[case] = montecarlo.compute(inputs, *needed, case=case, trials=trials, block_size=1000)
+        return made | found
+
+    return {reading: of(reading) for reading in READINGS}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def reached(flown):
+    """What linear motion reaches is worked out once for the reference and the gains that all of these readings have."""
+    worked_out, made = {}, flown["corrected"]
+
+    def remembered(inputs, linearization, gains, half_gain, compute=claims.linear_reach):
+        if gains is not made["gains"]:
+            return compute(inputs, linearization, gains, half_gain)
+        key = bool(half_gain.any())
+        if key not in worked_out:
+            worked_out[key] = compute(inputs, linearization, gains, half_gain)
+        return worked_out[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(claims, "linear_reach", remembered)
+        yield
+
+
+@pytest.fixture(scope="module")
+def evaluate(funnels, flown, few_slices):
+    """Evaluation of a reading, some artifacts or inputs replaced."""
+
+    def of(reading="corrected", inputs=None, **replaced):
+        changes = {"trials": 10_000} | (few_slices if reading != "corrected" else {}) | (inputs or {})
+        changed = funnels.inputs(reading, funnels.model.model_fields, **changes)
+        studies = stand_ins(flown[reading]["funnel"]) if reading == "corrected" else {}
+        return claims.evaluate(changed, **({"measured": TIMES} | flown[reading] | studies | replaced))
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def evaluations(evaluate):
+    return {name: evaluate(name) for name in READINGS}
+
+
+@pytest.fixture(scope="module")
+def rows(funnels, funnels_published, evaluations):
+    made = collect(
+        list(funnels_published.values()),
+        DECLARATIONS,
+        evaluations,
+        known_errata={erratum.id for erratum in PAPER.errata},
+        left_out=funnels.study.readings.keys() - set(READINGS),
+    )
+    return {row["id"]: row for row in made}
+
+
+# --- everything has its counterpart -----------------------------------------------------------------------------------
+
+
+def test_every_printed_claim_is_evaluated_in_every_reading(funnels_published, evaluations):
+    wanted = {name for name, claim in funnels_published.items() if claim.kind != "context"}
+    assert len(funnels_published) == 49 and len(wanted) == 47
+    for name, found in evaluations.items():
+        assert set(found) == wanted, name
+        missing = {claim for claim, evaluation in found.items() if evaluation is None}
+        assert missing == (set() if name == "corrected" else ON_STUDIES), name
+
+
+def test_declarations_name_existing_claims_and_all_errata(funnels_published):
+    known = [erratum.id for erratum in PAPER.errata]
+    assert known == [f"E{number}" for number in range(1, 24)]
+    assert set(DECLARATIONS) <= set(funnels_published)
+    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(known)
+    assert not [name for name, declaration in DECLARATIONS.items() if declaration.close]
+
+
+def test_stand_ins_have_the_fields_of_the_artifacts(flown):
+    for name, stand_in in stand_ins(flown["corrected"]["funnel"]).items():
+        assert set(vars(stand_in)) <= {field.name for field in fields(TYPES[name])}, name
+
+
+def test_reasons_quote_numbers_that_exist(rows):
+    assert not [name for name, row in rows.items() if "{" in row["reason"] or " nan" in row["reason"]]
+    assert "by up to 0.56 %; with 24 fine steps" in rows["stage_condition_bounds_step"]["reason"]
+    assert "165, with disturbances added to all states 120" in rows["gram_45_follows_from_d1"]["reason"]
+    assert "61.00 W/cm^2 at the nodes, but 61.1" in rows["thermal_constraint_nominal"]["reason"]
+    assert "not built" in rows["first_peak"]["reason"]
+
+
+# --- verdicts ---------------------------------------------------------------------------------------------------------
+
+
+def test_verdicts_of_the_corrected_reading(rows):
+    for name, row in rows.items():
+        if row["kind"] in ("qualitative", "deterministic"):
+            good = "holds" if row["kind"] == "qualitative" else "reproduced"
+            assert row["verdict"] == ("fails" if name in FAILS else good), name
+            assert name not in FAILS or row["errata"] or row["withheld"], name
+
+
+def test_inputs_are_used_as_stated_but_for_the_slice_of_fig_4(rows, evaluate):
+    stated = {name: row["verdict"] for name, row in rows.items() if row["kind"] == "input"}
+    assert len(stated) == 6
+    assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"fig4_step"}  # fewer slices here
+    assert evaluate(inputs={"fig4_slice": 7})["fig4_step"].value == 7
+    assert rows["exponent_d"]["readings"]["corrected"]["verdict"] == "not_as_stated"
+
+
+def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(rows, flown):
+    def verdict(name):
+        return rows[name]["readings"]["printed"]["verdict"]
+
+    for name in ("greedy_needed", "fig4_samples_cover_sublevel_set", "tvlqr_as_lyapunov", "taylor_for_nonpolynomial"):
+        assert (verdict(name), rows[name]["verdict"]) == ("fails", "holds"), name
+    assert flown["printed"]["funnel"].level.max() > 1e6
+    assert verdict("mc_inside_funnel") == "holds"  # whatever is inside of that
+
+
+def test_the_euler_step_expands_at_the_end(rows):
+    assert rows["end_expansion"]["readings"]["euler"]["verdict"] == "holds"
+
+
+def test_a_funnel_that_ends_early_meets_no_statement_about_it(flown, evaluate, funnels_published, tmp_path):
+    whole = flown["corrected"]["funnel"]
+    ended = np.arange(len(whole.level)) > 7
+    changes = {
+        name: np.where(ended if np.ndim(value) == 1 else ended[:, np.newaxis], np.nan, value)
+        for name, value in vars(whole).items()
+        if name in ("level", "half_width", "log_volume", "feedback", "heat_rate", "rising", "rising_undisturbed")
+    }
+    found = evaluate(funnel=replace(whole, outcome="the funnel diverges", sound=False, **changes))
+    for name in ("mc_inside_funnel", "sos_above_mc", "end_expansion", "funnel_is_tight", "reaches_goal_region"):
+        assert found[name].value is False, name
+    assert "not complete: the funnel diverges" in found["mc_inside_funnel"].evidence
+    made = collect(list(funnels_published.values()), {}, {"corrected": found, "printed": found}, require_reasons=False)
+    write_claims(made, tmp_path / "claims.json")
+    written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
+    assert written["sos_above_mc"]["verdict"] == "fails"
+
+
+def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
+    found = evaluate(measured={})
+    assert np.isnan(found["funnel_run_time"].value)
+    for name in ("multiplier_prohibitive", "sampling_reduces_cost", "cheaper_than_monte_carlo"):
+        assert found[name].value is False and "not measured" in found[name].evidence
+    assert evaluate(measured=None)["sampling_reduces_cost"].value is False
+
+
+# --- the tests of statements can fail, and those that fail can hold ---------------------------------------------------
+
+
+def of(stage, **functions):
+    """A change of fields of an artifact."""
+
+    def make(made):
+        old = made[stage]
+        new = {name: function(getattr(old, name)) for name, function in functions.items()}
+        if isinstance(old, SimpleNamespace):
+            return {stage: SimpleNamespace(**(vars(old) | new))}
+        return {stage: replace(old, **new)}
+
+    return make
+
+
+def at(index, value, times=False):
+    """A change of one entry of an array."""
+
+    def make(array):
+        array = np.array(array)
+        array[index] = array[index] * value if times else value
+        return array
+
+    return make
+
+
+def measured(**changes):
+    names = {"whole": MEASURED[0], "clarabel": MEASURED[1], "scs": MEASURED[2], "flights": MEASURED[4]}
+    return lambda made: {"measured": TIMES | {names[key]: value for key, value in changes.items()}}
+
+
+CHANGED = {
+    # that hold
+    "taylor_for_nonpolynomial": of("funnel", violation=at(3, 0.02)),
+    "minimum_samples_computable": of("dubins", rank=at(0, 24)),
+    "sampling_equivalence": of("stage_study", form_bound=at(1, 1.1631)),
+    "hermite_conditioning": of("stage_study", basis_condition=at(2, 200.0)),
+    "greedy_needed": of("funnel", memory=lambda _: 1e-10),
+    "bk_is_algebraic_variety": of("funnel", level=at(-1, np.nan)),
+    "initial_containment": of("funnel", level=at(0, 0.99, times=True)),
+    "tvlqr_as_lyapunov": of("funnel", rising_undisturbed=at(5, 0.001)),
+    "fig4_samples_cover_sublevel_set": of("funnel", fig4_circle_rate=at(2, 1e-9)),
+    "worst_disturbance_location": of("stage_study", interior_better=lambda _: 1),
+    "w_gradient_formula": of("stage_study", gradient_deviation=lambda _: 1e-3),
+    "entry_equations": of("certificates", velocity_rate_deviation=lambda _: 1e-5),
+    "backward_funnel": of("certificates", round_trip_shortfall=lambda _: 1e-4),
+    "mc_inside_funnel": of("constant", outside_at_slices=lambda _: 1),
+    "interpolation_between_slices": of("adversarial", outside_between=lambda _: 1),
+    "sos_above_mc": of("constant", maximum_over_trials=at((24, 0), 10.0, times=True)),
+    "no_distribution_assumed": of("redrawn", excluded=lambda _: 1),
+    "dubins_funnel": of("dubins_wind", outside_at_slices=lambda _: 1),
+    "thermal_constraint_nominal": of("nominal", peak_heat_rate=lambda _: 6.17e5),
+    "reaches_goal_region": of("proven", half_width=at((-1, 2), 10.1e3 / 3389.5e3)),
+    "four_funnel_solvers": of("certificates", variant_level=at((1, -1), np.nan)),
+    # that fail
+    "stage_condition_bounds_step": of("certificates", least_excess=at(1, 0.0)),
+    "rescaled_points_on_bk": of("funnel", literal_level=np.ones_like),
+    "stationary_w_by_newton": of("stage_study", stationary_converged=lambda _: 1.0, stationary_inside=lambda _: 2000),
+    "first_peak": of("funnel", level=at(6, 50.0)),
+    "end_expansion": of("funnel", level=at(-1, 1.1, times=True)),
+    "end_high_velocity_changes": of("linearization", deceleration=at(-1, 50.0)),
+    "funnel_is_tight": of("constant", maximum_over_trials=lambda largest: np.full_like(largest, 10.0)),
+    "thermal_constraint_funnel": of("funnel", heat_rate=lambda q: np.minimum(q, 6.1e5)),
+    "increased_landing_accuracy": of("funnel", half_width=lambda w: 0.5 * w),
+    "multiplier_prohibitive": measured(clarabel=1e5, scs=1e4),
+    "sampling_reduces_cost": measured(whole=3.0),
+    "cheaper_than_monte_carlo": measured(flights=0.1),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_a_statement_follows_its_numbers(flown, evaluate, evaluations, name):
+    made = flown["corrected"] | stand_ins(flown["corrected"]["funnel"])
+    assert evaluations["corrected"][name].value is (name not in FAILS)
+    assert evaluate(**CHANGED[name](made))[name].value is (name in FAILS)
+
+
+def test_bounds_are_guaranteed_where_no_motion_exceeds_levels_that_are_proven(flown, evaluate):
+    made = flown["corrected"]
+    calm = of("funnel", true_maximum=lambda m: 0.9 * m)(made)
+    proof = stand_ins(made["funnel"])["proven"]
+    below = SimpleNamespace(**(vars(proof) | {"level": 0.99 * made["funnel"].level}))
+    undone = SimpleNamespace(**(vars(below) | {"proven": False, "outcome": "slice 3 is too large"}))
+    for changes, expected in (
+        (calm, False),
+        ({"proven": below}, False),
+        (calm | {"proven": below}, True),
+        (calm | {"proven": undone}, False),
+    ):
+        assert evaluate(**changes)["guaranteed_bounds"].value is expected
+
+
+def test_a_gram_matrix_of_other_size_would_differ(evaluate, funnels_published, monkeypatch):
+    monkeypatch.setattr(claims, "BASIS_DEGREE", 1)
+    found = evaluate()
+    assert found["gram_size"].value == 9
+    assert judge(funnels_published["gram_size"], found["gram_size"])[0] == "differs"
+
+
+# --- measures ---------------------------------------------------------------------------------------------------------
+
+
+def test_peaks_are_inner_and_strict():
+    assert claims.peaks(np.array([3.0, 1.0, 2.0, 1.0, 1.0, 5.0])).tolist() == [2]
+    assert claims.peaks(np.array([1.0, 2.0, 2.0, 1.0])).size == 0
+    assert claims.peaks(np.array([1.0, np.nan, 0.5, 0.7, 0.6])).tolist() == [3]
+
+
+def test_samples_of_a_reading_are_on_its_slices_or_on_a_sphere_of_the_state(funnels, flown):
+    for reading in ("corrected", "printed"):
+        inputs, made = funnels.all_inputs(reading), flown[reading]["funnel"]
+        found = claims.sampled_levels(inputs, made)
+        if reading == "corrected":
+            np.testing.assert_allclose(found, 1.0, rtol=1e-10)
+            continue
+        k, m = 3, 17
+        x = np.sqrt(2.0) * made.samples[m, :6] * [1e3, 1.0, 1.0, 1e3, 1.0, 1.0]
+        assert found[k, m] == pytest.approx(0.5 * x @ made.shape[k] @ x / made.level[k], rel=1e-12)
+        assert found[k].min() >= made.literal_level[k, 0] * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0])
+def test_linear_reach_is_what_small_flights_reach(funnels, flown, factor):
+    """The two worst starts, made a thousand times smaller, with the disturbance that is worst for each."""
+    inputs, made = funnels.all_inputs("corrected"), flown["corrected"]
+    gains, half_gain = made["gains"], factor * made["gains"].half_gain
+    loop = environment.closed_loop(inputs, made["linearization"], half_gain)
+    transition, response, _ = loop.flow_jacobians(0, inputs.fine_steps)
+    spread = 1e-3 * np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
+    rows_of = [1, 2]
+    starts = (transition @ spread)[rows_of]
+    starts = (spread @ (starts / np.linalg.norm(starts, axis=1, keepdims=True)).T).T
+    pushed = 1e-3 * response[rows_of] / np.linalg.norm(response[rows_of], axis=1, keepdims=True)
+    final = []
+    fly(loop, gains.shape, starts, pushed, observer=lambda node, at, _: final.append(at.copy()))
+    reached = 1e3 * inputs.planet_radius * np.diag(final[-1][rows_of])
+    found = claims.linear_reach(inputs, made["linearization"], gains, half_gain)
+    np.testing.assert_allclose(reached, found, rtol=2e-3)
+
+
+def test_the_least_increase_is_that_of_doubled_levels():
+    level = np.array([[1.0, 2.0, 4.0]])
+    found = SimpleNamespace(studied_level=level, reached_level=np.array([[2.0, 4.0, 7.0]]))
+    assert claims._least_increase(found) == pytest.approx(1.75)
+    assert claims._least_increase(SimpleNamespace(studied_level=level, reached_level=3.0 * level**0.5)) < 2.0
+    assert np.isnan(claims._least_increase(None))

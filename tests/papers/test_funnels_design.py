@@ -1,0 +1,353 @@
+"""The funnels paper up to the funnel: nominal, reference, linear model, regulator, shapes and first level.
+
+Expected numbers are those of an independent study of the paper, by multiple shooting in kilometres; half of the last
+digit is meant as their tolerance where no other reason is stated.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import root
+
+from marsedl.papers.funnels import environment, gains, nominal
+from marsedl.papers.funnels.inputs import MODEL
+from marsedl.replication import artifacts
+from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
+READINGS = load_study("funnels", MODEL, CONFIG).readings
+DEGREE = np.pi / 180.0
+RADIUS, MU, SPIN, BALLISTIC, LIFT_TO_DRAG = 3389.5, 4.2828e4, 7.0882e-5, 135.0, 0.24  # km, s
+# A start for each of the four optima.
+FEW_STARTS = {"start_banks": np.radians([63.0]), "start_final_times": np.array([200.0, 265.0, 280.0])}
+ONE_START = {"start_banks": np.radians([63.0]), "start_final_times": np.array([240.0])}
+
+
+def inputs(reading="corrected", **changes):
+    return Slice(READINGS[reading].slice(MODEL.model_fields) | FEW_STARTS | changes)
+
+
+def motion(x, bank, w=(0.0, 0.0)):
+    """Eq. 37 in km, s and rad, written down once more with its inertial terms."""
+    h, _, phi, v, gamma, psi = x
+    r = RADIUS + h
+    g = MU / r**2
+    density = np.exp((-4.2589552921 + 0.05 * w[0]) + (-0.0967828019 + 0.001 * w[1]) * h)
+    drag = 1e3 * density * v**2 / (2 * BALLISTIC)
+    lift = LIFT_TO_DRAG * drag
+    s, c, sp, cp = np.sin(gamma), np.cos(gamma), np.sin(phi), np.cos(phi)
+    centrifugal = SPIN**2 * r * cp
+    return np.array(
+        [
+            v * s,
+            v * c * np.cos(psi) / (r * cp),
+            v * c * np.sin(psi) / r,
+            -drag - g * s + centrifugal * (s * cp - c * sp * np.sin(psi)),
+            (lift * np.cos(bank) - (g - v**2 / r) * c) / v
+            + 2 * SPIN * cp * np.cos(psi)
+            + centrifugal * (c * cp + s * sp * np.sin(psi)) / v,
+            -(lift * np.sin(bank) + v**2 / r * c**2 * np.cos(psi) * np.tan(phi)) / (v * c)
+            + 2 * SPIN * (np.tan(gamma) * cp * np.sin(psi) - sp)
+            - centrifugal * sp * np.cos(psi) / (v * c),
+        ]
+    )
+
+
+KM = np.array([1e3, 1.0, 1.0, 1e3, 1.0, 1.0])  # metres and radians in a unit of `motion`
+ENTRY = np.array([125.0, 0.0, 0.0, 5.8, -15.5 * DEGREE, 0.0])
+
+
+@pytest.fixture(scope="module")
+def trajectory(funnels):
+    return funnels.nominal()
+
+
+@pytest.fixture(scope="module")
+def model(funnels):
+    return funnels.linearization()
+
+
+@pytest.fixture(scope="module")
+def regulator(funnels):
+    return funnels.gains()
+
+
+# --- nominal ----------------------------------------------------------------------------------------------------------
+
+
+def test_nominal_numbers(trajectory):
+    final = trajectory.state[-1]
+    assert trajectory.status == "Solve_Succeeded" and trajectory.worst_residual < 1e-6
+    assert trajectory.time[-1] == pytest.approx(241.733, abs=5e-4)
+    assert trajectory.cost == pytest.approx(0.433e-2, abs=5e-6)
+    assert final[1:4] == pytest.approx([0.194719, -0.015320, 510.09], abs=5e-7, rel=1e-5)
+    assert final[4] / DEGREE == pytest.approx(-16.074, abs=5e-4)
+    assert final[5] == pytest.approx(-0.45635, abs=5e-6)
+    bank = [31.06, 31.08, 31.88, 42.79, 54.26, 52.69, 49.60, 47.54, 46.50, 46.13, 46.07]
+    # The two transcriptions differ by some 1e-4 degrees.
+    assert trajectory.bank[::10] / DEGREE == pytest.approx(bank, abs=5.3e-3)
+    altitude = [125.00, 89.38, 57.69, 32.15, 19.70, 17.00, 16.67, 16.26, 15.10, 13.00, 10.00]
+    assert trajectory.state[::10, 0] / 1e3 == pytest.approx(altitude, abs=5e-3)
+    velocity = [5.800, 5.819, 5.787, 5.136, 3.157, 1.853, 1.268, 0.958, 0.762, 0.621, 0.510]
+    assert trajectory.state[::10, 3] / 1e3 == pytest.approx(velocity, abs=5e-4)
+    assert np.diff(trajectory.bank) == pytest.approx(trajectory.bank_rate * np.diff(trajectory.time), abs=1e-12)
+    assert trajectory.cost == pytest.approx(trajectory.bank_rate**2 @ np.diff(trajectory.time), rel=1e-12)
+
+
+def test_solution_flies_to_its_end(trajectory):
+    """The bank angle in other units, by another integrator and another copy of the equations."""
+    state = ENTRY
+    for start, end, bank, rate in zip(
+        trajectory.time[:-1], trajectory.time[1:], trajectory.bank, trajectory.bank_rate, strict=False
+    ):
+        flown = solve_ivp(
+            lambda t, x, t0=start, bank=bank, rate=rate: motion(x, bank + rate * (t - t0)),
+            (start, end),
+            state,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-13,
+        )
+        state = flown.y[:, -1]
+    miss = state * KM - trajectory.state[-1]
+    # A millimetre and hundredths of a microradian are the error of the transcription; the flights agree far below.
+    assert np.abs(miss / [1e-3, 1e-8, 1e-8, 1e-4, 1e-7, 1e-8]).max() < 1.0
+    assert miss == pytest.approx(trajectory.miss, abs=1e-7)
+
+
+def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting():
+    """A bank rate of zero costs nothing; bank and time then solve two equations, which it meets to h^4."""
+
+    def miss(unknown):
+        flown = solve_ivp(
+            lambda _, x: motion(x, unknown[0]),
+            (0.0, 250.0 * unknown[1]),
+            ENTRY,
+            rtol=1e-11,
+            atol=1e-13,
+            method="DOP853",
+        )
+        return flown.y[0, -1] - 10.0, flown.y[1, -1] * RADIUS - 660.0
+
+    bank, final_time = root(miss, [0.85, 1.0], tol=1e-12).x * [1.0, 250.0]
+    errors = []
+    for intervals in (25, 50, 100):
+        free = inputs(heat_rate_limit=1e9, intervals=intervals, **ONE_START)
+        solution = nominal.search(free, intervals, nominal.starts(free))[0]
+        assert solution.objective < 1e-15
+        errors.append([solution.state("bank")[-1] - bank, solution.final_time - final_time])
+    errors = np.array(errors)
+    assert np.abs(errors[-1]) == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert errors[:-1] / errors[1:] == pytest.approx(16.0, rel=0.06)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return nominal.optima(inputs(studied_intervals=[25, 100]))
+
+
+def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, found):
+    """Every one has the peak of the heat rate half-way between two nodes at the limit, each its own two."""
+    fine = found.intervals == 100
+    assert found.cost[fine] * 100 == pytest.approx([0.311, 0.433, 1.093, 3.429], abs=6e-4)
+    assert found.final_time[fine] == pytest.approx([233.97, 241.73, 250.05, 259.07], abs=5e-3)
+    assert found.peak_position[fine] == pytest.approx([31.5, 30.5, 29.5, 28.5], abs=2e-3)
+    assert list(found.start_optimum[1]) == [1, 0, 2, 3] and list(found.starts[fine]) == [1, 1, 1, 1]
+    assert list(found.intervals) == sorted(found.intervals) and found.starts[~fine].sum() == 4
+    assert trajectory.cost == pytest.approx(found.cost[fine][1], rel=1e-9), "that of the guess"
+    assert trajectory.heat_rate.max() == pytest.approx(6.1e5, rel=2e-7)
+    assert list(np.flatnonzero(trajectory.heat_rate > 6.1e5 * (1 - 1e-7))) == [30, 31]
+    # A parabola through nodes of equal height rises above them by an eighth of its second difference.
+    log = np.log(trajectory.heat_rate[29:33])
+    rise = -(log[0] - log[1] - log[2] + log[3]) / 2 / 8
+    assert np.log(trajectory.peak_heat_rate / 6.1e5) == pytest.approx(rise, rel=0.02)
+    assert trajectory.peak_heat_rate == pytest.approx(61.168e4, abs=5.0)
+    assert trajectory.peak_time == pytest.approx(30.5 * trajectory.time[1], abs=1e-2)
+
+
+def test_finer_nodes_let_the_heat_rate_rise_less_between_them(trajectory):
+    finer = nominal.optima(inputs(studied_intervals=[200], **ONE_START))
+    assert list(finer.intervals) == [200] and list(finer.starts) == [1]
+    assert finer.peak_position[0] % 1.0 == pytest.approx(0.5, abs=2e-3)
+    # The rise is quadratic in the distance of the nodes.
+    rises = np.log([trajectory.peak_heat_rate / 6.1e5, finer.peak_heat_rate[0] / 6.1e5])
+    times = trajectory.time[1], 73.7 / finer.peak_position[0]
+    assert rises[0] / rises[1] == pytest.approx((times[0] / times[1]) ** 2, rel=0.03)
+    assert finer.cost[0] > trajectory.cost  # less is left to gain
+
+
+def test_optima_without_cost_are_one():
+    """Where a constant bank angle does, costs are rounding."""
+    free = inputs(heat_rate_limit=1e9)
+    optima, numbers = nominal.distinct(nominal.search(free, 25, nominal.starts(free)))
+    assert len(optima) == 1 and list(numbers) == [0, 0, 0, 0]
+
+
+def test_best_of_starts_is_the_cheapest(trajectory, found):
+    best = nominal.compute(inputs("best_nominal", start_final_times=np.array([200.0])))
+    assert best.cost == pytest.approx(found.cost[found.intervals == 100].min(), rel=1e-9)
+    assert best.cost < trajectory.cost
+
+
+def test_the_guess_is_a_start_and_none_stands_twice():
+    grid = inputs(start_banks=np.radians([35.0, 63.0]), start_final_times=np.array([240.0, 280.0]))
+    assert [(round(bank / DEGREE), time) for bank, time in nominal.starts(grid)] == [
+        (63, 240.0),
+        (35, 240.0),
+        (35, 280.0),
+        (63, 280.0),
+    ]
+
+
+def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed():
+    deep = {"start_banks": np.radians([105.0]), "start_final_times": np.array([500.0])}
+    found = nominal.optima(inputs(studied_intervals=[25], **deep))
+    assert list(found.start_optimum[0]) == [0, -1] and list(found.starts) == [1]
+    with pytest.raises(MarsedlError, match=r"nominal: the guess leads to no solution; .* give another guess_bank"):
+        nominal.compute(inputs(intervals=25, guess_bank=105.0 * DEGREE, guess_final_time=500.0))
+    with pytest.raises(
+        SolverError, match=r"none of 4 starts .* Maximum_Iterations_Exceeded after 3 .* heat_rate_limit"
+    ) as e:
+        nominal.compute(inputs("best_nominal", nominal_iterations=3))
+    assert set(environment.STATES) < set(e.value.iterate)
+
+
+# --- reference and linear model ---------------------------------------------------------------------------------------
+
+
+def test_reference_follows_the_nominal(trajectory, model):
+    assert len(model.time) == 241 and len(model.half_time) == len(model.state) == 481
+    assert model.half_time[::2] == pytest.approx(model.time, abs=1e-12)
+    # At times that both grids have.
+    assert model.state[::24] / KM == pytest.approx(trajectory.state[::5] / KM, abs=1e-5)
+    assert np.abs(model.drift / KM).max() < 1e-6
+    assert model.bank == pytest.approx(np.interp(model.half_time, trajectory.time, trajectory.bank), abs=1e-15)
+    assert model.heat_rate.max() == pytest.approx(trajectory.peak_heat_rate, rel=2e-4)
+    top = model.deceleration.argmax()
+    assert model.deceleration[top] / 9.80665 == pytest.approx(9.1, abs=0.05)
+    assert model.half_time[top] == pytest.approx(87.0, abs=0.5)
+    last = model.half_time > 0.9 * model.time[-1]
+    assert model.deceleration[last].max() / 9.80665 == pytest.approx(0.5, abs=0.05)
+
+
+def test_jacobians_are_those_of_the_equations(model):
+    """Complex steps through the other copy of the equations, in its units."""
+    step = 1e-30
+    for k in (0, 101, 250, 480):
+        x, bank = model.state[k] / KM, model.bank[k]
+        by_state = [motion(x + 1j * step * row, bank).imag / step for row in np.eye(6)]
+        by_bank = motion(x, bank + 1j * step).imag / step
+        by_air = [motion(x, bank, 1j * step * row).imag / step for row in np.eye(2)]
+        for found, expected in (
+            (model.state_matrix[k] / KM[:, None] * KM, np.transpose(by_state)),
+            (model.control_matrix[k] / KM, by_bank),
+            (model.disturbance_matrix[k] / KM[:, None], np.transpose(by_air)),
+        ):
+            assert found == pytest.approx(expected, rel=1e-10, abs=1e-15)
+
+
+def test_heat_rate_is_sutton_graves(model):
+    altitude, velocity = model.state[150, [0, 3]]
+    density = np.exp(-4.2589552921 - 0.0967828019e-3 * altitude)
+    expected = 1.9027e-4 * np.sqrt(density / 1.125) * velocity**3
+    assert model.heat_rate[150] == pytest.approx(expected, rel=1e-13)
+    worse = environment.heat_rate(inputs(), altitude, velocity, (0.6, 0.8))
+    assert worse / expected == pytest.approx(np.exp(0.5 * (0.05 * 0.6 + 1e-6 * 0.8 * altitude)), rel=1e-13)
+
+
+# --- regulator, shapes and first level --------------------------------------------------------------------------------
+
+
+def test_regulator_numbers(regulator):
+    diagonal = np.diag(regulator.value_matrix[0]) * KM**2
+    expected = [9.0578, 9.1352e6, 1.35258e7, 3614.0, 2.08648e6, 3.6105e5]
+    assert diagonal == pytest.approx(expected, rel=1e-5)
+    assert regulator.initial_level == pytest.approx(0.179254, abs=5e-7)
+    start_middle_end = [0, 120, 240]
+    assert regulator.condition[start_middle_end] == pytest.approx([1.88e7, 3.24e6, 2.87e6], rel=2e-3)
+    assert regulator.scaled_condition[start_middle_end] == pytest.approx([363.0, 59.6, 1.0], rel=1e-3)
+
+
+def test_regulator_is_the_same_in_other_units(model, regulator):
+    """The Riccati recursion once more, in km, with the gain that its formula gives."""
+    scale = np.array([1.0, 2.0 / RADIUS, 2.0 / RADIUS, 0.03, 0.6 * DEGREE, 0.6 * DEGREE])
+    weight, step = np.diag(1.0 / scale**2), model.time[1]
+    r = step / 60 / (3.0 * DEGREE) ** 2
+    value, found = weight, []
+    for k in reversed(range(240)):
+        a = model.state_matrix[2 * k + 1] / KM[:, None] * KM
+        b = model.control_matrix[2 * k + 1] / KM
+        held = expm(np.block([[a, b[:, None]], [np.zeros((1, 7))]]) * step)
+        ad, bd = held[:6, :6], held[:6, 6]
+        gain = -(bd @ value @ ad) / (r + bd @ value @ bd)
+        closed = ad + np.outer(bd, gain)
+        value = weight * step / 60 + r * np.outer(gain, gain) + closed.T @ value @ closed
+        found.append(gain / KM)
+    assert regulator.gain[::-1] / np.abs(regulator.gain).max(axis=0) == pytest.approx(
+        np.array(found) / np.abs(regulator.gain).max(axis=0), abs=1e-9
+    )
+    assert regulator.value_matrix[0] * np.outer(KM, KM) == pytest.approx(value, rel=1e-8)
+    assert regulator.half_gain[:-2:2] == pytest.approx(regulator.gain)
+    assert regulator.half_gain[101] == pytest.approx((regulator.gain[50] + regulator.gain[51]) / 2)
+
+
+def test_first_slice_holds_the_initial_set_and_touches_it(regulator):
+    semi_axes = environment.initial_semi_axes(inputs())
+    assert semi_axes == pytest.approx([150.0, 250.0 / 3389.5e3, 250.0 / 3389.5e3, 1.5, *[0.015 * DEGREE] * 2])
+    m = environment.initial_set(inputs()) * np.outer(semi_axes, semi_axes)
+    assert m == pytest.approx(2.0 * np.eye(6))  # so that 1/2 x'M x = 1 at the end of a semi-axis
+    p = regulator.shape[0] * np.outer(semi_axes, semi_axes)
+    assert np.linalg.eigvalsh(m - p / regulator.initial_level)[0] == pytest.approx(0.0, abs=1e-12)
+    points = np.random.Generator(np.random.Philox(7)).standard_normal((2000, 6))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    assert (np.einsum("ki,ij,kj->k", points, p, points) / 2).max() <= regulator.initial_level
+
+
+def test_shapes_of_least_trace_start_at_the_initial_set(model, regulator):
+    """Every other disturbance of the linear model stays inside at rho = 1, also one that turns at every step."""
+    other = gains.compute(inputs("minkowski_shape"), model)
+    first = environment.initial_set(inputs())
+    scale = environment.state_scale(inputs())
+    assert other.initial_level == pytest.approx(1.0, rel=1e-12)
+    assert other.shape[0] * np.outer(scale, scale) == pytest.approx(first * np.outer(scale, scale), rel=1e-9, abs=1e-9)
+    assert np.array_equal(other.gain, regulator.gain) and np.array_equal(other.value_matrix, regulator.value_matrix)
+    loop = environment.closed_loop(inputs(), model, other.half_gain)
+    random = np.random.Generator(np.random.Philox(8))
+    states = environment.initial_semi_axes(inputs())[:, None] * random.standard_normal((6, 500))
+    states /= np.sqrt(np.einsum("ik,ij,jk->k", states, first, states) / 2)
+    largest = 0.0
+    for k in range(100):
+        transition, response, _ = loop.flow_jacobians(k, k + 1)
+        turn = random.uniform(0.0, 2 * np.pi, 500)
+        states = transition @ states + response @ [np.cos(turn), np.sin(turn)]
+        largest = max(largest, (np.einsum("ik,ij,jk->k", states, other.shape[k + 1], states) / 2).max())
+    assert 0.5 < largest <= 1.0 + 1e-9
+
+
+def test_closed_loop_is_the_one_designed(model, regulator):
+    """A small deviation moves as the other copy of the equations says, under the feedback."""
+    loop = environment.closed_loop(inputs(), model, regulator.half_gain)
+    deviation, w, k = np.array([300.0, 1e-4, -2e-4, 10.0, 2e-3, -1e-3]), (0.3, -0.7), 130
+    bank = model.bank[2 * k] + regulator.gain[k] @ deviation
+    expected = motion((model.state[2 * k] + deviation) / KM, bank, w) - motion(
+        model.state[2 * k] / KM, model.bank[2 * k]
+    )
+    assert np.array(loop.error_rates(2 * k, deviation, w)) / KM == pytest.approx(expected, rel=1e-9)
+    assert environment.additive_amplitudes(inputs()) == pytest.approx(
+        [1.0, 2.0 / 3389.5e3, 2.0 / 3389.5e3, 5e-3, 5e-6, 5e-6]
+    )
+    assert list(environment.slices(inputs())[[0, 1, -1]]) == [0, 4, 240] and len(environment.slices(inputs())) == 61
+
+
+def test_artifacts_can_be_kept(tmp_path, trajectory, model, regulator):
+    for number, artifact in enumerate((trajectory, model, regulator)):
+        path = tmp_path / f"{number}.h5"
+        artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
+        kept = artifacts.load(path, type(artifact), paper="funnels", reading="corrected")
+        for name, value in vars(artifact).items():
+            assert np.array_equal(getattr(kept, name), value), name

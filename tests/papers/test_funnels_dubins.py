@@ -1,0 +1,249 @@
+"""Funnels of the Dubins car: its path, its levels against flights and other programs, and what is proven."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
+from marsedl.papers.funnels import dubins
+from marsedl.papers.funnels.inputs import MODEL
+from marsedl.replication import artifacts
+from marsedl.replication.errors import SolverError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+STUDY = load_study("funnels", MODEL, Path(__file__).parents[2] / "configs" / "funnels.yaml")
+FLOW, EULER, WIND = range(3)
+# A fifth of the path, in stages of the same length and as many fine steps each.
+SHORT = {"dubins_duration": 0.8, "dubins_fine_steps": 80}
+
+
+def inputs_of(reading="corrected", **changes):
+    return Slice(STUDY.readings[reading].slice(tuple(MODEL.model_fields)) | changes)
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return inputs_of()
+
+
+@pytest.fixture(scope="module")
+def car(inputs):
+    return dubins.compute(inputs)
+
+
+@pytest.fixture(scope="module")
+def short():
+    return dubins.compute(inputs_of(**SHORT))
+
+
+@pytest.fixture(scope="module")
+def study(short):
+    return dubins.study(inputs_of(**SHORT), short)
+
+
+def generator(seed=3):
+    return np.random.Generator(np.random.Philox(seed))
+
+
+# ---- the path and the loop -------------------------------------------------------------------------------------------
+
+
+def test_path_is_the_integral_of_one_sine(car):
+    def heading(time):
+        return 0.8 * 4.0 / (2 * np.pi) * (1 - np.cos(2 * np.pi * time / 4.0))
+
+    assert car.turn_rate == pytest.approx(0.8 * np.sin(2 * np.pi * car.half_time / 4.0), abs=1e-14)
+    assert car.state[:, 2] == pytest.approx(heading(car.half_time), abs=1e-10)
+    for node in (200, 555, 800):
+        for component, function in enumerate((np.cos, np.sin)):
+            reached = quad(lambda time, f=function: f(heading(time)), 0.0, car.half_time[node], epsabs=1e-13)[0]
+            assert car.state[node, component] == pytest.approx(reached, abs=1e-10)
+    assert car.state[-1] == pytest.approx([3.26954, 1.82581, 0.0], abs=2e-5)  # with straight lines between half steps
+
+
+def test_regulator_is_that_of_the_continuous_path(car):
+    weight, terminal = np.eye(3), 2.0 * np.eye(3)
+
+    def riccati(time, packed):
+        heading = 1.6 / np.pi * (1 - np.cos(np.pi * time / 2))
+        state = np.zeros((3, 3))
+        state[0, 2], state[1, 2] = -np.sin(heading), np.cos(heading)
+        value, push = packed.reshape(3, 3), np.array([0.0, 0.0, 1.0])
+        rate = state.T @ value + value @ state + weight - np.outer(value @ push, value @ push)
+        return -rate.ravel()
+
+    solution = solve_ivp(riccati, (4.0, 0.0), terminal.ravel(), t_eval=[2.0, 0.0], rtol=1e-10, atol=1e-12)
+    middle, first = solution.y.T.reshape(2, 3, 3)
+    # Controls held over a step of a hundredth of a second, and a cost summed at its start: half a step off.
+    assert car.shape[200] == pytest.approx(middle, rel=0.01, abs=0.01)
+    assert car.shape[0] == pytest.approx(first, rel=0.01, abs=0.01)
+    assert np.abs(car.shape[0] - first).max() > 1e-4
+    assert np.diag(car.shape[0]) == pytest.approx([4.06735, 2.81609, 1.91208], abs=5e-5)
+    assert car.gain[200] == pytest.approx(-middle[2], rel=0.02)
+
+
+def test_wind_blows_and_leaves_the_rest_alone(inputs, car):
+    still, windy = dubins.closed_loop(inputs, car), dubins.closed_loop(inputs, car, wind=True)
+    assert (still.disturbances, windy.disturbances) == (0, 2)
+    deviation = [0.1, -0.2, 0.05]
+    calm, blown = (np.array(windy.error_rates(77, deviation, wind)) for wind in ([0.0, 0.0], [0.6, -0.8]))
+    assert np.array_equal(calm, still.error_rates(77, deviation, []))
+    assert blown - calm == pytest.approx([0.018, -0.024, 0.0], abs=1e-15)
+
+
+# ---- levels ----------------------------------------------------------------------------------------------------------
+
+
+def test_levels_at_the_quarters_of_the_path(car):
+    assert list(car.funnel) == ["flow", "euler", "wind"]
+    expected = [
+        [0.15, 0.12126, 0.09450, 0.07003, 0.04668],
+        [0.15, 0.12060, 0.09509, 0.07023, 0.04690],
+        [0.15, 0.15368, 0.14927, 0.13601, 0.10962],
+    ]
+    assert car.level[:, ::10] == pytest.approx(np.array(expected), abs=6e-6)
+    assert (np.diff(car.level[FLOW]) < 0).all()  # without wind nothing pushes outwards
+    assert np.diff(car.level[WIND])[0] > 0
+    assert car.level[:, 1:] == pytest.approx(car.level[:, :-1] * car.bound, rel=1e-14)
+
+
+def test_half_widths_and_volumes_are_those_of_the_ellipsoids(car):
+    number, shape = 17, car.shape[car.slice_step[17]]
+    inside = boundary_deviations(shape, car.level[WIND, number], uniform_directions(generator(), 200_000, 3))
+    widest = np.abs(inside).max(axis=0)
+    assert (widest <= car.half_width[WIND, number] * (1 + 1e-12)).all()
+    assert widest == pytest.approx(car.half_width[WIND, number], rel=1e-3)
+    volume = 4 / 3 * np.pi * np.prod(np.sqrt(2 * car.level[WIND, number] / np.linalg.eigvalsh(shape)))
+    assert car.log_volume[WIND, number] == pytest.approx(np.log(volume), abs=1e-12)
+
+
+def test_programs_are_sound_and_have_the_samples_that_they_need(car):
+    assert car.sound.all() and (car.status == "optimal").all()
+    assert car.identity_error.max() < 1e-12 and car.least_value.min() > -1e-9
+    assert car.gap.max() < 1e-6 and car.residual.max() < 1e-12
+    assert list(car.basis_size) == [9, 9, 19]  # 10 less one equation, 21 less two
+    assert list(car.samples) == list(car.rank) == [25, 25, 85]
+
+
+@pytest.mark.parametrize("number", [0, 25])
+def test_a_stage_bounds_the_car_itself_and_hardly_more(inputs, car, number):
+    """The car, not its deviation, from points all over the slice: an oracle without error rates, series or programs."""
+    first, last = car.slice_step[number : number + 2]
+    directions = uniform_directions(generator(), 20_000, 3)
+    start = boundary_deviations(car.shape[first], car.level[FLOW, number], directions) + car.state[2 * first]
+
+    def rates(time, packed):
+        state = packed.reshape(3, -1)
+        # Between half steps the path is a cubic to 1e-9; the gains are linear there.
+        path = np.array([np.interp(time, fine, row) for row in dense.T])
+        gain = np.array([np.interp(time, car.half_time, row) for row in car.half_gain.T])
+        turn = 0.8 * np.sin(np.pi * time / 2) + gain @ (state - path[:, None])
+        return np.array([np.cos(state[2]), np.sin(state[2]), turn]).ravel()
+
+    fine = np.linspace(car.time[first], car.time[last], 2001)
+    heading = 1.6 / np.pi * (1 - np.cos(np.pi * fine / 2))
+    dense = np.array([*(_integral(f(heading), fine) for f in (np.cos, np.sin)), heading]).T
+    dense[:, :2] += car.state[2 * first, :2]
+    span = (car.time[first], car.time[last])
+    flown = solve_ivp(rates, span, start.T.ravel(), rtol=1e-9, atol=1e-11, max_step=0.02).y[:, -1].reshape(3, -1)
+    away = flown - car.state[2 * last][:, None]
+    reached = 0.5 * np.einsum("im,ij,jm->m", away, car.shape[last], away).max() / car.level[FLOW, number]
+    assert reached <= car.bound[FLOW, number] * (1 + 1e-7)
+    assert reached == pytest.approx(car.bound[FLOW, number], rel=5e-4)  # as dense as the points are
+
+
+def _integral(values, times):
+    """Trapezoids with a correction for the slopes at their ends: fourth order."""
+    spacing, slope = times[1] - times[0], np.gradient(values, times, edge_order=2)
+    pieces = spacing * (values[1:] + values[:-1]) / 2 - spacing**2 / 12 * (slope[1:] - slope[:-1])
+    return np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+@pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
+def test_flights_stay_inside_and_come_near(inputs, car, number, wind):
+    loop, draw = dubins.closed_loop(inputs, car, wind), generator()
+    start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
+    values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
+    largest = values.max(axis=1)
+    level = np.interp(np.arange(401), car.slice_step, car.level[number])
+    assert (largest <= level * (1 + 1e-9)).all()
+    assert 0.75 < largest[-1] / level[-1] < 0.9
+
+
+def test_levels_do_not_depend_on_the_reading(short):
+    other = dubins.compute(inputs_of("printed", **SHORT))
+    for name in artifacts.quantities(dubins.Dubins):
+        assert np.array_equal(getattr(other, name), getattr(short, name)), name
+
+
+def test_a_funnel_that_does_not_exist_says_so():
+    with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
+        dubins.compute(inputs_of(**SHORT, dubins_level=1e9))
+
+
+# ---- the study -------------------------------------------------------------------------------------------------------
+
+
+def test_multipliers_give_the_same_levels(study):
+    assert (study.multiplier_status == "optimal").all()
+    assert study.multiplier_difference.max() < 1e-6
+    assert study.fit_error.max() < 1e-12  # b is a polynomial of the degree
+
+
+def test_motion_stays_below_the_flow_condition(study):
+    for number in (FLOW, WIND):
+        assert study.violation[number].min() > -1e-4 and study.violation[number].max() < 1e-7
+
+
+def test_euler_step_is_too_small_on_a_part_of_the_path(inputs, car):
+    excess = dubins.largest_values(inputs, car, EULER) / car.bound[EULER] - 1
+    assert 5 < np.count_nonzero(excess > 0) < 35
+    assert excess.max() == pytest.approx(1.4e-3, abs=5e-5)
+
+
+def test_linear_levels_are_lower_and_so_no_bound(short, study):
+    assert study.linear_level[FLOW, 0] == short.level[FLOW, 0]
+    # Without wind the flow is cubic at least beyond its first order, and raises V.
+    for number in (FLOW, WIND):
+        assert (study.linear_level[number, 1:] < short.level[number, 1:]).all()
+        assert study.linear_level[number] == pytest.approx(short.level[number], rel=0.02)
+    loop = dubins.closed_loop(inputs_of(**SHORT), short)
+    small = boundary_deviations(short.shape[0], 1e-10, uniform_directions(generator(), 20_000, 3))
+    grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
+    assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
+
+
+def test_backwards_returns_to_the_start_from_below(short, study):
+    assert study.backward_level[-1] == short.level[FLOW, -1]
+    assert (study.backward_level <= short.level[FLOW]).all()
+    assert 0.0 <= study.round_trip < 2 * dubins.BACKWARD_TOLERANCE * 10
+    assert (study.backward_programs >= 1).all() and study.backward_programs.max() <= 6
+
+
+def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):
+    assert list(study.proven_funnel) == ["flow", "wind"]
+    for row, (number, wind) in enumerate([(FLOW, False), (WIND, True)]):
+        level, added = study.proven_level[row], study.proven_truncation[row] + study.proven_remainder[row]
+        assert study.proven_polynomial[row, 0] == pytest.approx(short.bound[number, 0], abs=1e-6)
+        assert level[1:] == pytest.approx(level[:-1] * (study.proven_polynomial[row] + added), rel=1e-14)
+        assert (level[1:] > short.level[number, 1:]).all()
+        assert level == pytest.approx(short.level[number], rel=0.02)
+        assert (added > 0).all() and added.max() < 2e-3
+        loop, draw = dubins.closed_loop(inputs_of(**SHORT), short, wind), generator(row)
+        start = boundary_deviations(short.shape[0], level[0], uniform_directions(draw, 2000, 3))
+        start *= draw.random((2000, 1)) ** (1 / 3)  # from the inside too
+        pushed = uniform_directions(draw, 2000, 2) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))
+        reached = fly(loop, short.shape, start, pushed)[short.slice_step].max(axis=1)
+        assert (reached <= level).all()
+
+
+def test_artifacts_survive_their_files(short, study, tmp_path):
+    for thing in (short, study):
+        path = tmp_path / f"{type(thing).__name__}.h5"
+        artifacts.save(path, thing, paper="funnels", reading="corrected", provenance={})
+        back = artifacts.load(path, type(thing), paper="funnels", reading="corrected")
+        for name in artifacts.quantities(type(thing)):
+            assert np.array_equal(getattr(back, name), getattr(thing, name)), name

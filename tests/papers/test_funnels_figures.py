@@ -1,0 +1,540 @@
+"""The figures of the funnels paper hold the right curves; nothing here looks at pixels.
+
+What they are drawn from is invented: artifacts of the right shapes in which no two numbers are equal, so that a curve
+that is drawn from the wrong place is found out.
+"""
+
+import inspect
+import warnings
+from dataclasses import replace
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from mpl_toolkits.mplot3d import Axes3D
+
+from marsedl.papers.funnels import figures
+from marsedl.papers.funnels.certificates import Certificates
+from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
+from marsedl.papers.funnels.funnel import Funnel
+from marsedl.papers.funnels.linear_bounds import LinearBounds
+from marsedl.papers.funnels.linearization import Linearization
+from marsedl.papers.funnels.montecarlo import FlightEnsemble
+from marsedl.papers.funnels.nominal import Nominal, Optima
+from marsedl.papers.funnels.proven import Proven
+from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_figure
+from marsedl.replication import artifacts
+from marsedl.replication.jobs import Slice
+
+KM, DEGREE = 1e3, np.pi / 180
+SLICES, FINE, FLIGHTS = 7, 12, 50
+INPUTS = Slice(
+    {
+        "planet_radius": 3.4e6,
+        "entry_longitude": 0.5,
+        "fig4_slice": 3,
+        "fig4_coordinates": np.array([2.0, 5.0]),
+        "heat_rate_limit": 1.3e4,
+        "bank_bounds": np.array([0.2, 1.9]),
+    }
+)
+STEMS = (
+    *("fig01", "fig02", "fig03", "fig04", "bands", "conditioning", "dubins_rho", "euler", "fragility", "heating"),
+    *("linear_bounds", "nominal", "proven", "stage_forms", "undersampling"),
+)
+EXTENTS = {
+    "time": FINE + 1,
+    "half": 2 * FINE + 1,
+    "nodes": FINE + 1,
+    "slices": SLICES,
+    "stages": SLICES - 1,
+    "trials": FLIGHTS,
+    "kept": 4,
+    "observed": 3,
+    "final": 8,
+    "states": 6,
+    "repeats": 10,
+    "funnels": 3,
+    "proven": 2,
+    "steps": FINE,
+    "optima": 4,
+    "starts": 9,
+    "grid": 9,
+    "circle": 8,
+    "samples": 20,
+    "spacings": 2,
+    "conditions": 2,
+    "coarse": 4,
+    "changes": 3,
+    "varieties": 3,
+    "forms": 4,
+    "counts": 5,
+    "bases": 4,
+    "designs": 3,
+}
+TIME = np.linspace(0.0, 240.0, FINE + 1)
+STEP = np.arange(0, FINE + 1, 2)
+
+
+def invented(kind, extents=None, empty=False, **known):
+    """An artifact of a type, of random numbers between 1 and 2 but for what is known; its names are numbered.
+
+    empty: NaN wherever the type allows for it.
+    """
+    random, sizes = np.random.default_rng(7), EXTENTS | (extents or {})
+    fields = {}
+    for name, declared in artifacts.quantities(kind).items():
+        shape = tuple(sizes.get(extent, 3) if isinstance(extent, str) else extent for extent in declared.dims)
+        if declared.dtype == "str":
+            values = np.array([f"{name} {k}" for k in range(int(np.prod(shape)))]).reshape(shape)
+        elif declared.dtype == "bool":
+            values = np.ones(shape, bool)
+        elif declared.dtype == "float64":
+            values = np.full(shape, np.nan) if empty and declared.allow_nan else 1.0 + random.random(shape)
+        else:
+            values = np.zeros(shape, np.dtype(declared.dtype))
+        fields[name] = known.get(name, values if shape else values.item())
+    return kind(**fields)
+
+
+def shapes(count, size, seed=1):
+    """Positive definite matrices."""
+    factor = np.random.default_rng(seed).standard_normal((count, size, size))
+    return factor @ factor.swapaxes(1, 2) + size * np.eye(size)
+
+
+def study(empty=False):
+    """One artifact of every stage, and every Monte Carlo case; `empty` ones have no number where they need none."""
+
+    def made(kind, extents=None, **known):
+        return invented(kind, extents, empty, **known)
+
+    def flights(seed, time=TIME, states=6):
+        flown = made(FlightEnsemble, {"states": states, "time": len(time)}, time=time)
+        largest = flown.maximum_over_trials * (1.0 + 0.1 * seed)
+        return replace(flown, maximum_over_trials=largest)
+
+    car_time = np.linspace(0.0, 4.0, FINE + 1)
+    spacing = np.array([4, 2])
+    excess = made(Certificates).excess.copy() - 1.5
+    excess[0, FINE // 4 :] = np.nan
+    return {
+        "nominal": made(Nominal),
+        "optima": made(Optima, intervals=np.array([100, 100, 100, 200])),
+        "linearization": made(Linearization, time=TIME, half_time=np.linspace(0.0, 240.0, 2 * FINE + 1)),
+        "funnel": made(Funnel, step=STEP, time=TIME[STEP], shape=shapes(SLICES, 6), outcome="complete"),
+        "linear_bounds": made(LinearBounds, time=TIME, slice_time=TIME[STEP], slice_step=STEP),
+        "proven": made(Proven, step=STEP, time=TIME[STEP], node_time=TIME, proven=not empty),
+        "stage_study": made(
+            StageStudy,
+            variety=np.array(["S^5", "S^5 x S^1", "S^2"]),
+            samples=np.array([182, 406, 25]),
+            form_iterations=np.array([12, 9, 250, 475]),
+            form_status=np.array(["optimal", "optimal", "inaccurate", "optimal"]),
+            few_samples=np.array([50, 100, 200, 400, 406]),
+        ),
+        "certificates": made(
+            Certificates,
+            spacing=spacing,
+            condition=np.array(["flow", "euler"]),
+            excess=excess,
+            least_excess=np.array([-0.02, -0.01]),
+            coarse_step=np.array([0, 4, 8, 12]),
+            variant=np.array(["samples", "order 1", "order 2"]),
+        ),
+        "dubins": made(
+            Dubins,
+            time=car_time,
+            funnel=np.array(["flow", "euler", "wind"]),
+            slice_step=STEP,
+            slice_time=car_time[STEP],
+            shape=shapes(FINE + 1, 3, seed=2),
+        ),
+        "dubins_study": made(DubinsStudy, proven_funnel=np.array(["wind", "flow"])),
+        "constant": flights(0),
+        "redrawn": flights(1),
+        "adversarial": flights(2),
+        "dubins_calm": flights(3, car_time, 3),
+        "dubins_wind": flights(4, car_time, 3),
+    }
+
+
+@pytest.fixture(scope="module")
+def made():
+    return study()
+
+
+@pytest.fixture
+def draw(made):
+    """Draw a figure, from changed artifacts on demand."""
+
+    def drawn(stem, inputs=INPUTS, **changed):
+        function = getattr(figures, stem)
+        needed = list(inspect.signature(function).parameters)[1:]
+        return function(inputs, **{name: changed.get(name, made[name]) for name in needed})
+
+    return drawn
+
+
+def curves(axes, color=None, style=None, least=3):
+    """Lines with data (those of a legend have none), of a colour and a style if given."""
+    return [
+        line
+        for line in axes.lines
+        if len(line.get_xdata()) >= least
+        and (color is None or same_color(line.get_color(), color))
+        and style in (None, line.get_linestyle())
+    ]
+
+
+def labels(figure):
+    """All labels of a figure's legends."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+# --- all figures ------------------------------------------------------------------------------------------------------
+
+
+def test_every_figure_takes_artifacts_of_the_types_it_names(made):
+    public = [
+        name
+        for name, function in vars(figures).items()
+        if inspect.isfunction(function) and function.__module__ == figures.__name__ and not name.startswith("_")
+    ]
+    assert sorted(public) == sorted(STEMS)
+    for stem in STEMS:
+        hints = get_type_hints(getattr(figures, stem))
+        assert hints.pop("return") is Figure
+        assert hints and all(isinstance(made[name], kind) for name, kind in hints.items())
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_figures_without_any_number_are_drawn(draw, tmp_path, stem):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        save_figure(draw(stem, **study(empty=True)), tmp_path / "figure.png")
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_huge_levels_are_drawn(draw, made, stem):
+    funnel = made["funnel"]
+    huge = replace(
+        funnel,
+        **{name: getattr(funnel, name) * 10.0 ** np.arange(SLICES) for name in ("level", "heat_rate")},
+        half_width=funnel.half_width * 1e12,
+        fig4_rate=1e200 * (funnel.fig4_rate - 1.5),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        draw(stem, funnel=huge).draw_without_rendering()
+
+
+# --- figures of the paper ---------------------------------------------------------------------------------------------
+
+
+def test_fig01_shows_the_projections_of_the_slices(draw, made):
+    funnel, linearization = made["funnel"], made["linearization"]
+    small = replace(funnel, shape=1e6 * funnel.shape)
+    figure = draw("fig01", funnel=small)
+    whole, end = figure.axes
+    outlines = [patch.get_xy() for patch in whole.patches if isinstance(patch, Polygon) and len(patch.get_xy()) > 2]
+    assert len(outlines) == SLICES and len([p for p in end.patches if len(p.get_xy()) > 2]) == 2
+    unit = np.array([3.4e6 / KM, 1 / KM])
+    for k, outline in enumerate(outlines):
+        centre = linearization.state[4 * k, [1, 0]] - [0.5, 0.0]
+        # The farthest point of an ellipsoid in any direction is that of its projection.
+        inverse = np.linalg.inv(small.shape[k])[np.ix_([1, 0], [1, 0])]
+        for direction in np.random.default_rng(3).standard_normal((5, 2)):
+            reach = np.sqrt(2.0 * small.level[k] * direction @ inverse @ direction)
+            assert ((outline / unit - centre) @ direction).max() == pytest.approx(reach, rel=2e-3)
+    (path,) = curves(whole, BLACK)
+    np.testing.assert_allclose(path.get_xdata(), (linearization.state[:, 1] - 0.5) * 3.4e3)
+    np.testing.assert_allclose(path.get_ydata(), linearization.state[:, 0] / KM)
+    assert labels(figure) == ["nominal", "entry", "deployment of the parachute", "slices"]
+    assert whole.get_title(loc="left") == ""
+
+
+def test_fig01_is_not_stretched_by_large_slices_and_says_where_a_funnel_ends(draw, made):
+    funnel = made["funnel"]
+    level = np.where(np.arange(SLICES) < 4, funnel.level, np.nan)
+    whole, _ = draw("fig01", funnel=replace(funnel, level=1e6 * level, outcome="diverges")).axes
+    widest = np.sqrt(2e6 * level[:4] * np.linalg.inv(funnel.shape[:4])[:, 1, 1]).max() * 3.4e3
+    assert f"{widest:.2g} km" in whole.get_title(loc="left") and "ends at slice 4" in whole.get_title(loc="left")
+    longitude = made["linearization"].state[:, 1]
+    assert np.ptp(whole.get_xlim()) == pytest.approx(np.ptp(longitude) * 3.4e3 + 2 * 1.3 * figures.LARGEST_DRAWN)
+
+
+def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, made, monkeypatch):
+    surfaces = []
+    monkeypatch.setattr(Axes3D, "plot_surface", lambda self, *surface, **_: surfaces.append(np.array(surface)))
+    figure, dubins, flights = draw("fig02"), made["dubins"], made["dubins_calm"]
+    assert len(surfaces) == SLICES
+    path = dubins.state[::2]
+    for k, surface in enumerate(surfaces):
+        deviation = surface.reshape(3, -1).T * [1.0, 1.0, DEGREE] - path[STEP[k]]
+        values = np.einsum("mi,ij,mj->m", deviation, dubins.shape[STEP[k]], deviation) / 2.0
+        np.testing.assert_allclose(values, dubins.level[0, k])
+    lines = [line for line in figure.axes[0].lines if len(line.get_data_3d()[0]) == FINE + 1]
+    assert len(lines) == 5
+    np.testing.assert_allclose(lines[1].get_data_3d()[2], (path + flights.kept_history[1])[:, 2] / DEGREE)
+    np.testing.assert_allclose(np.transpose(lines[-1].get_data_3d()), path / [1.0, 1.0, DEGREE])
+    assert labels(figure) == ["nominal", "4 of 50 flights", "7 of 7 slices"]
+
+
+def test_fig03_has_levels_over_steps_and_times(draw, made):
+    funnel, flown = made["funnel"], made["constant"]
+    figure = draw("fig03")
+    linear, logarithmic = figure.axes
+    assert linear.get_yscale() == "linear" and logarithmic.get_yscale() == "log"
+    for axes in (linear, logarithmic):
+        (level,), (largest,) = curves(axes, BLUE), curves(axes, VERMILION)
+        np.testing.assert_array_equal(level.get_xydata(), np.transpose([np.arange(1, SLICES + 1), funnel.level]))
+        # At a slice the node has its number.
+        np.testing.assert_allclose(largest.get_xdata()[STEP], np.arange(1, SLICES + 1))
+        np.testing.assert_array_equal(largest.get_ydata(), flown.maximum_over_trials[:, 0])
+        (times,) = axes.child_axes
+        figure.draw_without_rendering()
+        np.testing.assert_allclose(times.get_xlim(), [0.0, 240.0])
+    band = linear.collections[0].get_paths()[0].vertices
+    assert band[:, 1].max() == pytest.approx(flown.repeat_maximum[:, :, 0].max())
+    assert "Monte Carlo, largest of 50 flights" in labels(figure)
+    lost = draw("fig03", constant=replace(flown, excluded=3), funnel=replace(funnel, outcome="diverges"))
+    assert any("(3 lost)" in label for label in labels(lost))
+    assert "ends at slice 7" in lost.axes[0].texts[0].get_text()
+
+
+def test_fig04_fills_where_v_falls(draw, made):
+    axis = np.linspace(-1.6, 1.6, 9)
+    first, second = np.meshgrid(axis, axis)
+    angle = 2.0 * np.pi * np.arange(8) / 8 + 0.1
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    funnel = replace(
+        made["funnel"],
+        fig4_coordinate=axis,
+        fig4_rate=first - 0.45,
+        fig4_worst_rate=second + 0.2,
+        fig4_circle=circle,
+        fig4_circle_rate=circle[:, 0] - 0.45,
+        fig4_circle_worst_rate=np.where(circle[:, 1] > 0.9, np.nan, circle[:, 1] + 0.2),
+    )
+    left, right = draw("fig04", funnel=funnel).axes
+    for axes, side, limit in ((left, 0, 0.45), (right, 1, -0.2)):
+        corners = axes.collections[0].get_paths()[0].vertices
+        assert corners[:, side].max() == pytest.approx(limit) and corners[:, side].min() == pytest.approx(-1.6)
+        (falling,), (not_falling,) = (
+            [line for line in axes.lines if line.get_marker() == "o" and same_color(line.get_color(), color)][:1]
+            for color in (BLUE, VERMILION)
+        )
+        shown = circle[:, side] < limit
+        np.testing.assert_array_equal(falling.get_xydata(), circle[shown])
+        np.testing.assert_array_equal(not_falling.get_xydata(), circle[~shown])
+        samples = next(line for line in axes.lines if line.get_marker() == ".")
+        np.testing.assert_array_equal(samples.get_xydata(), funnel.samples[:, [1, 4]])
+    share = 100 * np.mean(first < 0.45)
+    assert left.get_title() == f"$w = 0$: $V$ falls in {share:.3g} % of the plane"
+    assert left.get_xlabel().endswith("$y_2$") and left.get_ylabel().endswith("$y_5$")
+
+
+# --- beyond the paper -------------------------------------------------------------------------------------------------
+
+
+def test_nominal_shows_the_flight_and_all_optima(draw, made):
+    nominal, optima, linearization = made["nominal"], made["optima"], made["linearization"]
+    altitude, velocity, bank, heat, costs, peaks = draw("nominal").axes
+    for axes, values in (
+        (altitude, linearization.state[:, 0] / KM),
+        (velocity, linearization.state[:, 3]),
+        (bank, linearization.bank / DEGREE),
+        (heat, linearization.heat_rate / 1e4),
+    ):
+        np.testing.assert_allclose(curves(axes, BLUE)[0].get_ydata(), values)
+    bounds = [line.get_ydata()[0] for line in bank.lines if same_color(line.get_color(), GREY)]
+    np.testing.assert_allclose(bounds, np.array([0.2, 1.9]) / DEGREE)
+    assert heat.get_title().endswith("limit 1.3")
+    found = np.concatenate([line.get_xydata() for line in costs.lines if line.get_marker() == "o"])
+    np.testing.assert_allclose(found[:, 0], optima.final_time)
+    np.testing.assert_allclose(found[:, 1], optima.cost / DEGREE**2)
+    (flown,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
+    np.testing.assert_allclose(flown, [linearization.half_time[-1], nominal.cost / DEGREE**2])
+    shown = [text.get_text() for text in costs.get_legend().get_texts()]
+    assert shown == ["100 intervals", "200 intervals", "flown"]
+    heights = np.concatenate([line.get_ydata() for line in peaks.lines if line.get_marker() == "o"])
+    np.testing.assert_allclose(heights, optima.peak_heat_rate / 1e4)
+
+
+def test_bands_have_every_state_in_its_unit(draw, made):
+    funnel, linear, flown = made["funnel"], made["linear_bounds"], made["constant"]
+    figure = draw("bands")
+    units = (1 / KM, 3.4e3, 3.4e3, 1.0, 1 / DEGREE, 1 / DEGREE)
+    for component, (axes, unit) in enumerate(zip(figure.axes, units, strict=True)):
+        for color, style, values in (
+            (BLUE, "-", funnel.half_width),
+            (BLACK, "--", linear.exact_half_width),
+            (GREEN, "-", linear.reachable_half_width),
+        ):
+            lower, upper = curves(axes, color, style)
+            np.testing.assert_allclose(upper.get_ydata(), values[:, component] * unit)
+            np.testing.assert_allclose(lower.get_ydata(), -upper.get_ydata())
+        flights = curves(axes, VERMILION)
+        assert len(flights) == 4
+        np.testing.assert_allclose(flights[2].get_ydata(), flown.kept_history[2, :, component] * unit)
+        (ends,) = [line for line in axes.lines if line.get_marker() == "_" and len(line.get_xdata()) == 2]
+        final = flown.final_state[:, component] * unit
+        np.testing.assert_allclose(ends.get_ydata(), [final.min(), final.max()])
+        assert axes.get_ylim()[1] == pytest.approx(1.08 * funnel.half_width[:, component].max() * unit)
+    assert labels(figure)[0] == "funnel"
+    wide = draw("bands", funnel=replace(funnel, half_width=1e6 * funnel.half_width))
+    assert wide.axes[3].get_ylim()[1] < 6.0 and labels(wide)[0] == "funnel, beyond the axes"
+
+
+def test_heating_compares_nominal_flights_and_funnel(draw, made):
+    (axes,) = draw("heating").axes
+    for color, values in (
+        (BLACK, made["linearization"].heat_rate),
+        (VERMILION, made["constant"].maximum_over_trials[:, 2]),
+        (BLUE, made["funnel"].heat_rate),
+    ):
+        np.testing.assert_allclose(curves(axes, color)[0].get_ydata(), values / 1e4)
+    hot = made["funnel"].heat_rate * 1e140
+    (axes,) = draw("heating", funnel=replace(made["funnel"], heat_rate=hot)).axes
+    assert axes.get_ylim()[1] == pytest.approx(1.3 * figures.FAR)  # W/cm^2; the limit is 1.3
+    assert f"{hot.max() / 1e4:.4g}" in axes.get_legend().get_texts()[-1].get_text()
+
+
+def test_linear_bounds_are_shown_beside_and_relative_to_flights(draw, made):
+    levels, ratio = draw("linear_bounds").axes
+    flown = made["constant"].maximum_over_trials[:, 0]
+    bounds, at_slices = made["linear_bounds"], flown[STEP]
+    for color, style, values, against in (
+        (BLUE, "-", made["funnel"].level, at_slices),
+        (SKY, "-", made["proven"].level, at_slices),
+        (GREEN, "-.", bounds.triangle_level, at_slices),
+        (BLACK, "--", bounds.exact_level, at_slices),
+        (GREY, ":", bounds.undisturbed_level, at_slices),
+        (ORANGE, "-", made["adversarial"].maximum_over_trials[:, 0], flown),
+        (VERMILION, "--", flown, flown),
+        (PURPLE, "-", made["redrawn"].maximum_over_trials[:, 0], flown),
+    ):
+        np.testing.assert_array_equal(curves(levels, color, style)[0].get_ydata(), values)
+        np.testing.assert_allclose(curves(ratio, color, style)[0].get_ydata(), values / against)
+
+
+def test_undersampling_marks_what_fresh_points_refute(draw, made):
+    least = np.array([-0.1, -0.05, 0.0, 0.01, 0.04])
+    found = replace(made["stage_study"], few_least_value=least)
+    figure = draw("undersampling", stage_study=found)
+    bound, excess = figure.axes
+    np.testing.assert_array_equal(
+        curves(bound, BLUE)[0].get_xydata(), np.transpose([found.few_samples, found.few_bound])
+    )
+    lines = {line.get_label(): line.get_ydata()[0] for line in bound.lines}
+    assert lines["well chosen, 406 samples"] == found.form_bound[0]
+    (refuted,) = [line for line in excess.lines if line.get_marker() == "o"]
+    np.testing.assert_array_equal(refuted.get_xydata(), [[50, -0.1], [100, -0.05]])
+
+
+def test_conditioning_has_every_basis_with_its_number(draw, made):
+    found = made["stage_study"]
+    for axes, names, values in zip(
+        draw("conditioning").axes,
+        (found.basis, found.design),
+        (found.basis_condition, found.design_condition),
+        strict=True,
+    ):
+        (dots,) = [line for line in axes.lines if line.get_marker() == "o"]
+        assert [tick.get_text() for tick in axes.get_yticklabels()] == list(names)
+        np.testing.assert_array_equal(dots.get_xydata(), np.transpose([values, axes.get_yticks()]))
+        assert [text.get_text() for text in axes.texts] == [f"{value:.3g}" for value in values]
+
+
+def test_stage_forms_are_relative_to_the_largest_value_found(draw, made):
+    found = made["stage_study"]
+    bounds, iterations = draw("stage_forms").axes
+    plain, safe = (line for line in bounds.lines if line.get_marker() in "oD")
+    np.testing.assert_allclose(plain.get_xdata(), found.form_bound / found.polynomial_maximum - 1.0)
+    np.testing.assert_allclose(safe.get_xdata(), found.form_safe_bound / found.polynomial_maximum - 1.0)
+    np.testing.assert_array_equal(iterations.lines[0].get_xdata(), [12, 9, 250, 475])
+    (status,) = bounds.texts
+    assert status.get_text() == "inaccurate" and status.xy[1] == plain.get_ydata()[2]
+
+
+def test_euler_marks_stages_where_it_is_no_bound(draw, made):
+    found = made["certificates"]
+    stages, orders, levels = draw("euler").axes
+    for row, spacing, line in zip(found.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True):
+        count = FINE // spacing
+        np.testing.assert_allclose(
+            line.get_xydata(), np.transpose([20.0 * spacing * np.arange(count), 100 * row[:count]])
+        )
+    below = [line.get_ydata() for line in stages.lines if line.get_marker() == "."]
+    assert np.concatenate(below).max() < 0.0
+    assert sum(map(len, below)) == np.count_nonzero(found.excess < 0.0) > 0
+    (shortfall,) = curves(orders, VERMILION, least=2)
+    np.testing.assert_allclose(shortfall.get_xydata(), [[80.0, 2.0], [40.0, 1.0]])
+    for color, number in ((BLUE, 0), (ORANGE, 1)):
+        largest, last = curves(levels, color, least=2)
+        np.testing.assert_array_equal(largest.get_xydata(), np.transpose([[4, 7], found.peak_level[number]]))
+        np.testing.assert_array_equal(last.get_ydata(), found.final_level[number])
+
+
+def test_fragility_marks_where_funnels_end(draw, made):
+    found = made["certificates"]
+    level = found.change_level.copy()
+    level[1, 2:] = np.nan
+    figure = draw("fragility", certificates=replace(found, change_level=level))
+    (axes,) = figure.axes
+    (cross,) = [line for line in axes.lines if line.get_marker() == "x"]
+    np.testing.assert_allclose(cross.get_xydata(), [[80.0, level[1, 1]]])
+    assert [label.endswith("(ends)") for label in labels(figure)] == [False, False, True, False, False]
+    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), found.variant_level[0])
+
+
+def test_proven_is_relative_to_the_funnel(draw, made):
+    proven, funnel = made["proven"], made["funnel"]
+    figure = draw("proven", proven=replace(proven, rise=np.zeros(SLICES - 1)))
+    levels, parts = figure.axes
+    (nodes,), (slices,) = curves(levels, BLUE), curves(levels, VERMILION)
+    np.testing.assert_allclose(slices.get_ydata(), proven.level / funnel.level)
+    np.testing.assert_allclose(nodes.get_ydata()[STEP], proven.node_level[STEP] / funnel.level)
+    between = (funnel.level[1:] + funnel.level[:-1]) / 2
+    np.testing.assert_allclose(nodes.get_ydata()[1::2], proven.node_level[1::2] / between)
+    np.testing.assert_array_equal(curves(parts, VERMILION)[0].get_ydata(), proven.remainder)
+    assert labels(figure)[-3:-1] == [
+        "remainder",
+        "inside of the slice (none)",
+    ] or "inside of the slice (none)" in labels(figure)
+    assert levels.get_yscale() == "linear"
+    far = draw("proven", funnel=replace(funnel, level=1e9 * funnel.level)).axes[0]
+    assert far.get_yscale() == "log"
+    bound = np.where(np.arange(SLICES - 1) < 2, proven.bound, np.nan)
+    stopped = draw("proven", proven=replace(proven, bound=bound, proven=False))
+    assert stopped.axes[0].get_title(loc="left") == "proven for 2 of 6 stages"
+
+
+def test_dubins_rho_has_both_cars_against_their_own_funnels(draw, made):
+    dubins, studied = made["dubins"], made["dubins_study"]
+    figure = draw("dubins_rho")
+    calm, windy, calm_ratio, windy_ratio = figure.axes
+    for level, ratio, number, proven, flights in (
+        (calm, calm_ratio, 0, 1, made["dubins_calm"]),
+        (windy, windy_ratio, 2, 0, made["dubins_wind"]),
+    ):
+        for color, values in (
+            (BLUE, dubins.level[number]),
+            (GREEN, studied.proven_level[proven]),
+            (BLACK, studied.linear_level[number]),
+            (VERMILION, flights.maximum_over_trials[:, 0]),
+        ):
+            np.testing.assert_array_equal(curves(level, color)[0].get_ydata(), values)
+            at_slices = values if len(values) == SLICES else values[STEP]
+            drawn = curves(ratio, color)[0].get_ydata()
+            percent = 100 * (at_slices / dubins.level[number] - 1.0)
+            np.testing.assert_allclose(drawn if len(drawn) == SLICES else drawn[STEP], percent, atol=1e-12)
+    np.testing.assert_array_equal(curves(calm, ORANGE)[0].get_ydata(), dubins.level[1])
+    np.testing.assert_array_equal(curves(calm, SKY)[0].get_ydata(), studied.backward_level)
+    assert not curves(windy, ORANGE) and not curves(windy, SKY)

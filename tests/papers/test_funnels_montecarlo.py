@@ -1,0 +1,273 @@
+"""Flights of the entry and of the Dubins car held against their funnels.
+
+Expected numbers are those of an independent study of the paper with other random numbers.
+"""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from marsedl.montecarlo.streams import normals
+from marsedl.papers.funnels import environment, flight, montecarlo
+from marsedl.papers.funnels.funnel import Funnel
+from marsedl.replication import artifacts
+
+TRIALS = 2000
+FLOWN = {"constant": TRIALS, "redrawn": TRIALS, "adversarial": 300}
+NAMES = ("inputs", "linearization", "gains", "funnel")
+RADIUS = 3389.5e3
+
+
+@pytest.fixture(scope="module")
+def made(funnels):
+    """The artifacts that flights need, with their inputs."""
+    inputs = funnels.stage_inputs("corrected", "montecarlo")
+    return inputs, funnels.linearization(), funnels.gains(), funnels.funnel()
+
+
+@pytest.fixture(scope="module")
+def runs(funnels):
+    """Runs of the car."""
+    return {"dubins_calm": funnels.dubins_calm(), "dubins_wind": funnels.dubins_wind()}
+
+
+def flown(made, case="constant", trials=60, block_size=1000, **changed):
+    """A small case, with other artifacts if any are given."""
+    return montecarlo.compute(
+        **dict(zip(NAMES, made, strict=True)) | changed, case=case, trials=trials, block_size=block_size
+    )
+
+
+def with_inputs(made, **changes):
+    return type(made[0])(vars(made[0]) | changes)
+
+
+# --- levels -----------------------------------------------------------------------------------------------------------
+
+
+def test_levels_reached_by_constant_disturbances(funnels):
+    """A fifth of the other study's trials, of which the largest is less by a part of the spread of that study's."""
+    ensemble = funnels.ensemble("corrected", "constant", TRIALS)
+    known = [0.1793, 0.1796, 0.1943, 0.3315, 0.8693, 1.6715, 2.4944, 3.0881, 3.3588, 3.3537, 3.1052, 2.6449, 2.0000]
+    found = ensemble.maximum_over_trials[::20, 0]
+    spread = ensemble.repeat_maximum[:, ::20, 0].std(axis=0)
+    assert (spread[1:] > 0.0).all() and spread[0] < 1e-14
+    assert (np.abs(found - known) < 3.0 * spread + 1e-4).all()
+    assert 3.25 < ensemble.maximum_over_trials[:, 0].max() < 3.5
+    np.testing.assert_array_equal(ensemble.repeat_maximum.max(axis=0), ensemble.maximum_over_trials)
+
+
+def test_levels_reached_by_redrawn_and_adversarial_ones(funnels):
+    """Redrawn ones by far the least; the greatest of them are rare, so that seeds differ by a third."""
+    largest = {
+        case: funnels.ensemble("corrected", case, trials).maximum_over_trials[:, 0].max()
+        for case, trials in (("constant", TRIALS), ("redrawn", TRIALS), ("adversarial", 300))
+    }
+    assert 1.4 < largest["redrawn"] < 2.4
+    assert largest["adversarial"] == pytest.approx(3.395, abs=0.1)
+    assert largest["adversarial"] == pytest.approx(largest["constant"], rel=0.04)
+
+
+def test_no_trial_leaves_its_funnel(funnels, runs):
+    for case, ensemble in ({name: funnels.ensemble("corrected", name, n) for name, n in FLOWN.items()} | runs).items():
+        assert ensemble.excluded == ensemble.outside_at_slices == ensemble.outside_between == 0, case
+        assert 0.95 < ensemble.largest_ratio < 1.0, case
+        ratio = ensemble.maximum_over_trials[1:, 0] / ensemble.level[1:]
+        assert ensemble.largest_ratio == pytest.approx(ratio.max(), rel=1e-12), case
+        assert not ensemble.outcome.any() and ensemble.count == len(ensemble.outcome), case
+
+
+def test_what_is_left_at_the_end(funnels):
+    """Largest of a finite sample: within a tenth of the other study's, of five times as many trials."""
+    end = np.abs(funnels.ensemble("corrected", "constant", TRIALS).final_state[:, :6]).max(axis=0)
+    np.testing.assert_allclose(end[:4] * [1e-3, RADIUS / 1e3, RADIUS / 1e3, 1.0], [0.47, 3.83, 0.71, 6.6], rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("case", "known"),
+    [
+        ("dubins_calm", [0.15, 0.11576, 0.08440, 0.05937, 0.03741]),
+        ("dubins_wind", [0.15, 0.14684, 0.13446, 0.11749, 0.09145]),
+    ],
+)
+def test_levels_of_the_car(runs, case, known):
+    ensemble = runs[case]
+    found, spread = ensemble.maximum_over_trials[::100, 0], ensemble.repeat_maximum[:, ::100, 0].std(axis=0)
+    assert (np.abs(found - known) < 3.0 * spread + 6e-5).all()
+    assert ensemble.observed_name.tolist() == ["level", "feedback"] and ensemble.final_state.shape == (TRIALS, 5)
+
+
+# --- what is flown ----------------------------------------------------------------------------------------------------
+
+
+def test_flights_start_on_the_first_slice(made, runs):
+    for ensemble in (*(flown(made, case) for case in FLOWN), *runs.values()):
+        np.testing.assert_allclose(ensemble.kept_observed[:, 0, 0], ensemble.level[0], rtol=1e-12)
+    ensemble, shape = flown(made), made[2].shape
+    for node in (0, 77, 240):
+        deviation = ensemble.kept_history[:, node]
+        values = 0.5 * np.einsum("mi,ij,mj->m", deviation, shape[node], deviation)
+        np.testing.assert_allclose(ensemble.kept_observed[:, node, 0], values, rtol=1e-10)
+        gain = made[2].half_gain[2 * node]
+        np.testing.assert_allclose(ensemble.kept_observed[:, node, 1], np.abs(deviation @ gain), rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(ensemble.kept_history[:, -1], ensemble.final_state[:12, :6])
+    np.testing.assert_array_equal(ensemble.kept_observed.max(axis=1), ensemble.observed_maximum[:12])
+
+
+def test_a_flight_by_adaptive_steps(made):
+    """The states themselves under Eq. 37 and the feedback, with a disturbance drawn here; not their deviations."""
+    inputs, linearization, gains, *_ = made
+    ensemble, number = flown(made), 5
+    drawn = normals(inputs.seed, flight.DISTURBANCE_STREAM, [number], 2)[0]
+    w = drawn / np.linalg.norm(drawn)
+    rates = environment.entry_rates(inputs)
+    half = linearization.half_time
+    reference, gain = CubicSpline(half, linearization.state), CubicSpline(half, gains.half_gain)
+
+    def motion(time, state):
+        control = np.interp(time, half, linearization.bank) + gain(time) @ (state - reference(time))
+        return rates(None, state, [control], w)
+
+    time = linearization.time
+    start = linearization.state[0] + ensemble.kept_history[number, 0]
+    stepped = solve_ivp(motion, (0.0, time[-1]), start, method="RK45", rtol=1e-9, atol=1e-12, t_eval=time[::40])
+    deviation = stepped.y.T - linearization.state[::80]
+    found = ensemble.kept_history[number, ::40]
+    scale = np.abs(found).max(axis=0)
+    np.testing.assert_allclose(found / scale, deviation / scale, rtol=0, atol=5e-4)
+    heat = environment.heat_rate(inputs, stepped.y[0, 2], stepped.y[3, 2], w)
+    assert ensemble.kept_observed[number, 80, 2] == pytest.approx(heat, rel=1e-4)
+
+
+def test_disturbances_of_the_cases(made):
+    inputs, trials = made[0], np.arange(200)
+    loop = environment.closed_loop(inputs, made[1], made[2].half_gain)
+    constant = flight.disturbances(inputs, loop, "constant", trials)
+    redrawn = flight.disturbances(inputs, loop, "redrawn", trials)
+    assert constant.shape == (1, 200, 2) and redrawn.shape == (30, 200, 2)
+    for drawn in (constant, redrawn):
+        np.testing.assert_allclose(np.linalg.norm(drawn, axis=-1), 1.0, rtol=1e-14)
+    np.testing.assert_array_equal(redrawn[0], constant[0])
+    assert len(np.unique(redrawn.reshape(-1, 2), axis=0)) == 6000
+    # So both fly the same way until the second is drawn.
+    flights = [flown(made, case).kept_history for case in ("constant", "redrawn")]
+    np.testing.assert_array_equal(flights[0][:, :9], flights[1][:, :9])
+    assert (flights[0][:, 9] != flights[1][:, 9]).any(axis=1).all()
+
+
+def test_the_adversary_raises_the_level_more_than_any_constant_direction(made):
+    """Step by step at least as fast, so that on average it has raised it more after a few steps."""
+    constant, adversarial = (flown(made, case, 300).repeat_maximum for case in ("constant", "adversarial"))
+    assert (adversarial[:, 160, 0] > 0.97 * constant[:, 160, 0]).all()
+    few = flown(made, "adversarial", inputs=with_inputs(made, adversarial_directions=4))
+    assert (few.kept_history != flown(made, "adversarial").kept_history).any()
+
+
+def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
+    inputs = with_inputs(made, additive=True)
+    without, setting = (flight.entry_setting(chosen, *made[1:]) for chosen in (made[0], inputs))
+    amplitudes = environment.additive_amplitudes(inputs)
+    assert flight.additive(made[0], without, "constant", np.arange(9)) is None
+    for case, segments in (("constant", 1), ("redrawn", 30)):
+        added = flight.additive(inputs, setting, case, np.arange(9))
+        assert added.shape == (segments, 9, 6)
+        np.testing.assert_allclose(np.linalg.norm(added / amplitudes, axis=-1), 1.0, rtol=1e-12)
+    largest = [flown(made, "adversarial", inputs=i).maximum_over_trials[:, 0].max() for i in (made[0], inputs)]
+    assert largest[1] > 1.1 * largest[0]
+
+
+# --- independence of chunks -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", FLOWN)
+def test_results_do_not_depend_on_chunks(made, case):
+    options = {"case": case, "trials": 80, "block_size": 20}
+    whole = flown(made, **options)
+    chunks = [montecarlo.simulate(*made, chunk=chunk, chunks=3, **options) for chunk in (2, 0, 1)]
+    scattered = montecarlo.gather(made[0], chunks)
+    for field in fields(whole):
+        np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
+    larger = flown(made, case, 177, 133)
+    for name in ("final_state", "observed_maximum", "outcome"):
+        np.testing.assert_array_equal(getattr(larger, name)[:80], getattr(whole, name), err_msg=name)
+
+
+def test_runs_of_the_car_do_not_depend_on_their_number(funnels, runs):
+    """Nor, so, on blocks: the first is of a thousand."""
+    for name, ensemble in runs.items():
+        fewer = funnels.stage(name, "corrected", dubins_trials=150, dubins_wind_trials=150)
+        np.testing.assert_array_equal(fewer.final_state, ensemble.final_state[:150])
+        np.testing.assert_array_equal(fewer.kept_history, ensemble.kept_history)
+
+
+@pytest.mark.parametrize(("case", "number"), [("constant", 0), ("redrawn", 51), ("adversarial", 33)])
+def test_a_trial_flown_alone_is_that_of_the_ensemble(made, case, number):
+    ensemble = flown(made, case)
+    said = montecarlo.replay(*made, case=case, number=number, ensemble=ensemble)
+    assert said.startswith(f"trial {number}, {case}: flown to the end") and "the same to the last bit" in said
+    assert f"{ensemble.final_state[number, 0]:18.9g}" in said
+    other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
+    assert "DIFFERS" in montecarlo.replay(*made, case=case, number=number, ensemble=other)
+    assert "bit" not in montecarlo.replay(*made, case=case, number=number)
+
+
+def test_chunks_and_ensembles_can_be_stored(made, runs, tmp_path):
+    chunk = montecarlo.simulate(*made, case="redrawn", trials=90, chunk=1, chunks=3, block_size=30)
+    for name, thing in (("chunk", chunk), ("ensemble", runs["dubins_calm"])):
+        path = tmp_path / f"{name}.h5"
+        artifacts.save(path, thing, paper="funnels", reading="corrected", provenance={})
+        loaded = artifacts.load(path, type(thing))
+        for field in fields(thing):
+            np.testing.assert_array_equal(getattr(loaded, field.name), getattr(thing, field.name))
+
+
+# --- what is outside --------------------------------------------------------------------------------------------------
+
+
+def test_trials_outside_of_a_smaller_funnel_are_counted(made):
+    """Against the kept flights, one by one."""
+    level = made[3].level * np.linspace(1.0, 0.1, len(made[3].level))
+    ensemble = flown(made, trials=12, funnel=replace(made[3], level=level))
+    ratio = ensemble.kept_observed[:, :, 0] / np.interp(np.arange(241), made[3].step, level)
+    at_slice = np.isin(np.arange(241), made[3].step)
+    outside = ratio > 1.0
+    outside[:, 0] = False
+    slices, between = (outside[:, nodes].any(axis=1) for nodes in (at_slice, ~at_slice))
+    assert 0 < np.count_nonzero(slices) < 12
+    assert ensemble.outside_at_slices == np.count_nonzero(slices)
+    assert ensemble.outside_between == np.count_nonzero(between)
+    assert ensemble.largest_ratio == pytest.approx(ratio[:, 1:].max(), rel=1e-12)
+
+
+def test_nothing_is_outside_of_a_funnel_that_has_ended(made):
+    """It is held against as far as it goes, and its levels are not numbers beyond."""
+    level = np.where(made[3].step < 80, made[3].level, np.nan)
+    ensemble = flown(made, trials=12, funnel=replace(made[3], level=level))
+    assert ensemble.outside_at_slices == ensemble.outside_between == ensemble.excluded == 0
+    assert np.isfinite(ensemble.level[:77]).all() and np.isnan(ensemble.level[77:]).all()
+    ratio = ensemble.kept_observed[:, 1:77, 0] / ensemble.level[1:77]
+    assert ensemble.largest_ratio == pytest.approx(ratio.max(), rel=1e-12)
+    first = flown(made, trials=12, funnel=replace(made[3], level=np.where(made[3].step < 1, made[3].level, np.nan)))
+    assert first.outside_at_slices == first.outside_between == 0 and first.largest_ratio == 0.0
+
+
+def test_trials_that_diverge_are_counted_and_kept(made, tmp_path):
+    """From a slice a million times as wide; they are outside, and no maximum holds them."""
+    wide: Funnel = replace(made[3], level=made[3].level * 1e7)
+    ensemble = flown(made, trials=40, funnel=wide)
+    lost = ensemble.outcome == 3
+    assert 0 < np.count_nonzero(lost) == ensemble.excluded < 40 and ensemble.count == 40 - ensemble.excluded
+    assert len(ensemble.final_state) == len(ensemble.observed_maximum) == 40
+    assert ensemble.outside_at_slices >= ensemble.excluded and ensemble.outside_between >= ensemble.excluded
+    # A heat rate may overflow on the way of a state that comes back.
+    finite = np.isfinite(np.hstack([ensemble.final_state, ensemble.observed_maximum])).all(axis=1)
+    np.testing.assert_array_equal(finite, ~lost)
+    assert np.isfinite(ensemble.maximum_over_trials).all()
+    artifacts.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
+    number = int(np.flatnonzero(lost)[0])
+    needed = dict(zip(NAMES, made, strict=True)) | {"funnel": wide}
+    said = montecarlo.replay(**needed, case="constant", number=number, ensemble=ensemble)
+    assert f"trial {number}, constant: not finite" in said and "the same to the last bit" in said

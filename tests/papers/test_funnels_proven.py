@@ -1,0 +1,131 @@
+"""The proven funnel: nothing that is found lies above it, it is not far above that, and it says where it ends.
+
+A part of the entry stands for all of it: four stages while the level rises fastest.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.methods.funnels.ascent import maximize
+from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, greedy_disturbance, uniform_directions
+from marsedl.methods.funnels.stage import FunnelStage
+from marsedl.papers.funnels import environment, proven
+from marsedl.replication import artifacts
+
+FIRST, STEPS, LEVEL = 76, 16, 1.2
+
+
+@pytest.fixture(scope="module")
+def inputs(funnels):
+    return SimpleNamespace(**{**vars(funnels.stage_inputs("corrected", "proven")), "fine_steps": STEPS})
+
+
+@pytest.fixture(scope="module")
+def part(funnels):
+    """Reference, regulator and shapes of the stages, and their first level."""
+    flown, designed = funnels.linearization(), funnels.gains()
+    nodes, half = slice(FIRST, FIRST + STEPS + 1), slice(2 * FIRST, 2 * (FIRST + STEPS) + 1)
+    linearization = SimpleNamespace(
+        time=flown.time[nodes], state=flown.state[half], bank=flown.bank[half], heat_rate=flown.heat_rate[half]
+    )
+    gains = SimpleNamespace(half_gain=designed.half_gain[half], shape=designed.shape[nodes], initial_level=LEVEL)
+    return linearization, gains
+
+
+@pytest.fixture(scope="module")
+def loop(inputs, part):
+    return environment.closed_loop(inputs, part[0], part[1].half_gain)
+
+
+@pytest.fixture(scope="module")
+def found(inputs, part):
+    return proven.compute(inputs, *part)
+
+
+def test_all_stages_are_proven_and_levels_are_products_of_their_bounds(found):
+    assert found.proven and found.outcome == "complete"
+    np.testing.assert_array_equal(found.step, np.arange(0, STEPS + 1, 4))
+    np.testing.assert_array_equal(found.time, found.node_time[found.step])
+    np.testing.assert_array_equal(found.level, found.node_level[found.step])
+    np.testing.assert_allclose(found.level, LEVEL * np.cumprod([1.0, *found.bound]), rtol=1e-14)
+    parts = found.polynomial_bound + found.truncation + found.remainder + found.rise
+    np.testing.assert_allclose(found.bound, parts, rtol=1e-14)
+    assert (found.truncation > 0).all() and (found.remainder > 0).all()
+    # The polynomial is convex along a direction, so that it is largest on the boundary of the slice.
+    np.testing.assert_array_equal(found.rise, 0.0)
+    assert (found.basis_size, found.samples) == (53, 606)
+
+
+def test_motion_stays_below_the_levels_of_all_nodes_and_comes_close(found, loop, part):
+    shape = part[1].shape
+    for first, level in ((0, found.level[0]), (12, found.level[3])):
+        for node in range(first + 1, first + 5):
+            stage = FunnelStage(loop, first, node, shape[first], shape[node], level)
+            largest, _ = maximize(stage.true_values, (6, 2), 3, full_ball=(True, True), starts=300, polished=5)
+            assert largest * level <= found.node_level[node]
+        # What is proven in excess: known terms of higher degrees where the polynomial is largest, and the remainder.
+        assert found.node_level[node] < 1.005 * largest * level
+    straight = np.interp(np.arange(STEPS + 1), found.step, found.level)
+    assert found.interpolation_excess == pytest.approx((found.node_level / straight).max() - 1.0, abs=1e-15)
+    assert 0.0 <= found.interpolation_excess < 0.01
+
+
+def test_flights_stay_inside_under_disturbances_that_change_between_stages(found, loop, part):
+    random = np.random.Generator(np.random.Philox(7))
+    starts = boundary_deviations(part[1].shape[0], LEVEL, uniform_directions(random, 500, 6))
+    directions = uniform_directions(random, 24, 2)
+    inside = 0.8 * starts
+    redrawn = uniform_directions(random, 4 * 500, 2).reshape(4, 500, 2)
+    for deviations, disturbance in ((starts, redrawn), (inside, redrawn), (starts, greedy_disturbance(directions))):
+        flown = fly(loop, part[1].shape, deviations, disturbance)
+        assert (flown <= found.node_level[:, np.newaxis] * (1 + 1e-12)).all()
+    # The last ones use most of the level; their disturbance even changes within stages, of which nothing is proven.
+    assert flown[-1].max() > 0.5 * found.level[-1]
+    too_strong = fly(loop, part[1].shape, starts, 3.0 * greedy_constant(loop, part, starts, directions))
+    assert too_strong[-1].max() > found.level[-1]
+
+
+def greedy_constant(loop, part, starts, directions):
+    """For every flight the constant disturbance, of some, that ends highest."""
+    ends = [fly(loop, part[1].shape, starts, np.tile(w, (len(starts), 1)))[-1] for w in directions]
+    return directions[np.argmax(ends, axis=0)]
+
+
+def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, found, part):
+    linearization, gains = part
+    random = np.random.Generator(np.random.Philox(8))
+    for step in (0, 12, 14):
+        level = found.node_level[step]
+        deviations = boundary_deviations(gains.shape[step], level, uniform_directions(random, 20_000, 6))
+        state = linearization.state[2 * step] + deviations
+        rates = environment.heat_rate(inputs, state[:, 0], state[:, 3], uniform_directions(random, 20_000, 2).T)
+        assert 0.98 * found.node_heat_rate[step] < rates.max() <= found.node_heat_rate[step]
+        assert found.node_heat_rate[step] > found.node_nominal_heat_rate[step]
+        if step % 4 == 0:
+            largest = np.abs(deviations).max(axis=0)
+            assert (largest <= found.half_width[step // 4]).all()
+            assert (largest > 0.97 * found.half_width[step // 4]).all()
+
+
+def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):
+    large = SimpleNamespace(**{**vars(part[1]), "initial_level": 300.0})
+    ended = proven.compute(inputs, part[0], large)
+    assert not ended.proven
+    assert ended.outcome.startswith("nothing is proven after slice ")
+    reached = int(ended.outcome.split("slice ")[1].split(",")[0])
+    assert np.isfinite(ended.level[:reached]).all() and np.isnan(ended.level[reached:]).all()
+    assert np.isfinite(ended.bound[: reached - 1]).all() and np.isnan(ended.bound[reached - 1 :]).all()
+    path = tmp_path / "proven.h5"
+    artifacts.save(path, ended, paper="funnels", reading="corrected", provenance={})
+    assert artifacts.load(path, proven.Proven).outcome == ended.outcome
+
+
+def test_nothing_is_proven_with_disturbances_of_all_rates(inputs, part):
+    added = proven.compute(SimpleNamespace(**{**vars(inputs), "additive": True}), *part)
+    assert not added.proven and added.outcome == proven.NO_ADDITIVE
+    assert added.level[0] == LEVEL
+    for name in ("bound", "polynomial_bound", "truncation", "remainder", "rise"):
+        assert np.isnan(getattr(added, name)).all()
+    assert np.isnan(added.interpolation_excess) and np.isnan(added.node_level[1:]).all()
