@@ -10,7 +10,8 @@ with guarded(snakemake) as job:
     module = import_module(f"marsedl.papers.{job.paper}.claims")
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
-    measured = {"measured": claims.load_measured(path, job.paper) for path in snakemake.input.measured}
+    rows = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
+    measured = {"measured": rows[0]} if rows else {}
     evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
     said = {"known_errata": set(job.params.errata), "left_out": job.params.left_out}
     rows = claims.collect(published, module.DECLARATIONS, evaluations, require_reasons=False, **said)
