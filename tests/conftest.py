@@ -5,8 +5,11 @@ beside the tests that need none, which come first; then the full-size build, bes
 tests of the full size come last. Nothing is built if no selected test needs it.
 """
 
-import contextlib
 import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported; threads would spin beside the builds
+
+import contextlib
 import re
 import shutil
 import signal
