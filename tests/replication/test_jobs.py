@@ -1,10 +1,10 @@
 """What a job does around its science: the pinned environment, declared inputs, loading, failures in one message."""
 
 import errno
-import fcntl
 import os
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -209,44 +209,41 @@ def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):
     assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
 
 
-def test_the_first_job_of_a_kind_runs_alone(tmp_path, pinned):
-    """Two processes that start together do their work one after the other."""
-    code = (
-        "import time; from marsedl.replication.jobs import alone_when_new\n"
-        "with alone_when_new('a.b:c'):\n    start = time.monotonic(); time.sleep(0.3); end = time.monotonic()\n"
-        "print(start, end)"
-    )
-    started = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+KERNELS = """
+import sys
+import time
+from numba import njit
+from marsedl.replication.jobs import compile_in_turn
+
+compile_in_turn()
+
+
+@njit(cache=True)
+def inner(x):
+    return x + 1.0
+
+
+@njit(cache=True)
+def outer(x):
+    return inner(x) * 2.0
+
+
+while time.time() < float(sys.argv[1]):
+    pass
+outer(1.0)
+print(sum(outer.stats.cache_misses.values()))
+"""
+
+
+def test_of_jobs_that_need_a_kernel_at_once_one_compiles_it(tmp_path, pinned):
+    script = tmp_path / "kernels.py"
+    script.write_text(KERNELS, encoding="utf-8")
+    together = str(time.time() + 3.0)
+    command = [sys.executable, str(script), together]
+    started = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
     try:
-        times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in started)
+        compiled = [int(process.communicate(timeout=120)[0]) for process in started]
     finally:
         for process in started:
             process.kill()
-    assert times[0][1] <= times[1][0]
-    assert (tmp_path / "a.b.c.compiled").exists()
-
-
-def test_a_job_that_waited_for_the_first_one_does_not_hold_up_others(tmp_path, pinned, monkeypatch):
-    locked = []
-
-    def flock(file, operation):
-        locked.append(operation)
-        (tmp_path / "a.b.c.compiled").touch()  # the first job ends just now
-        fcntl_flock(file, operation)
-
-    fcntl_flock = fcntl.flock
-    monkeypatch.setattr(jobs.fcntl, "flock", flock)
-    with jobs.alone_when_new("a.b:c"), (tmp_path / "lock").open("w") as other:
-        assert locked == [fcntl.LOCK_EX]
-        fcntl_flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises BlockingIOError if the job holds the lock
-
-
-def test_a_first_job_holds_the_lock(tmp_path, pinned):
-    with jobs.alone_when_new("a.b:c"), (tmp_path / "lock").open("w") as other, pytest.raises(BlockingIOError):
-        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def test_a_failed_first_job_leaves_the_others_to_compile(tmp_path, pinned):
-    with pytest.raises(ZeroDivisionError), jobs.alone_when_new("a.b:c"):
-        raise ZeroDivisionError
-    assert not (tmp_path / "a.b.c.compiled").exists()
+    assert sorted(compiled) == [0, 0, 1]

@@ -165,20 +165,32 @@ def _kind(annotation):
     return next((kind for kind in typing.get_args(annotation) if kind is not type(None)), annotation)
 
 
-@contextlib.contextmanager
-def alone_when_new(entry: str) -> typing.Iterator[None]:
-    """Let the first job of a kind run alone while compiled kernels are new: others then load what it compiled."""
+def compile_in_turn() -> None:
+    """Let one process at a time compile kernels, so that those that wait load what it stored.
+
+    Numba tells when it takes the lock of its compiler, before it looks into its cache, and when it gives it back, after
+    it has stored there. Processes that end without doing so hold nothing: the system takes their file locks away.
+    """
+    from numba.core import event
+
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    done = folder / (entry.replace(":", ".") + ".compiled")
     folder.mkdir(parents=True, exist_ok=True)
-    if not done.exists():
-        with (folder / "lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not done.exists():  # else another job has compiled while this one waited
-                yield
-                done.touch()
-                return
-    yield
+    lock = (folder / "lock").open("w")
+
+    class Turns(event.Listener):
+        depth = 0  # kernels compile those that they call
+
+        def on_start(self, event):
+            if self.depth == 0:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            self.depth += 1
+
+        def on_end(self, event):
+            self.depth -= 1
+            if self.depth == 0:
+                fcntl.flock(lock, fcntl.LOCK_UN)
+
+    event.register("numba:compiler_lock", Turns())
 
 
 def _kept_iterate(path: Path, iterate: dict) -> str:
