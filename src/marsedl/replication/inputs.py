@@ -299,18 +299,19 @@ def _limits(limits, path, where, model) -> dict[str, int | float]:
 
 
 def _limited(reading: Reading, limits: dict[str, int | float], where: str) -> Reading:
-    """Return the reading with no input above its limit."""
+    """Return the reading with no input, and no number in one, above its limit."""
     smaller = {}
     for name, limit in limits.items():
         value = getattr(reading.inputs, name)
         if value is None:
             continue
-        if not isinstance(value, int | float):
-            raise InputError(f"{where}.{name}: only single numbers can be limited, and it is {_shown(value)}")
-        if isinstance(value, int) and not isinstance(limit, int):
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(isinstance(number, int | float) for number in numbers):
+            raise InputError(f"{where}.{name}: only numbers can be limited, and it is {_shown(value)}")
+        if all(isinstance(number, int) for number in numbers) and not isinstance(limit, int):
             raise InputError(f"{where}.{name}: {_shown(limit)} is not a whole number")
-        if value > limit:
-            smaller[name] = limit
+        if max(numbers) > limit:
+            smaller[name] = tuple(min(number, limit) for number in numbers) if isinstance(value, tuple) else limit
     return replace(reading, inputs=reading.inputs.model_copy(update=smaller)) if smaller else reading
 
 
