@@ -135,12 +135,13 @@ def test_orthonormal_basis_is_orthonormal_at_the_samples_and_the_same_functions_
     count = len(entry_design.points)
     np.testing.assert_allclose(entry_design.basis.T @ entry_design.basis / count, np.eye(43), atol=1e-13)
     np.testing.assert_allclose(entry_design.evaluate(entry_design.points), entry_design.basis, atol=1e-12)
-    fresh = entry_design.spheres.random_points(300, generator())
-    reference = entry_design.spheres.evaluate(entry_design.spheres.quotient_monomials(2), fresh)
+    spheres = Spheres((3, 2))
+    fresh = spheres.random_points(300, generator())
+    reference = spheres.evaluate(spheres.quotient_monomials(2), fresh)
     for family in ("orthonormal", "monomial", "hermite"):
-        values = well_chosen_design(Spheres((6, 2)), 1, basis=family).evaluate(fresh)
+        values = well_chosen_design(spheres, 1, basis=family).evaluate(fresh)
         coefficients, _, rank, _ = np.linalg.lstsq(reference, values)
-        assert rank == 43
+        assert rank == 19
         np.testing.assert_allclose(reference @ coefficients, values, atol=1e-11)
 
 

@@ -81,7 +81,7 @@ def test_quartics_on_the_circle_and_the_sphere_are_bounded_by_their_maximum(seed
     """Nonnegative forms of two variables, and quartic ones of three, are sums of squares (Hilbert)."""
     draw = generator(seed)
     angles = np.linspace(0, 2 * np.pi, 4001)
-    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 801), np.linspace(0, np.pi, 801))
+    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 301), np.linspace(0, np.pi, 301))
     grids = {
         2: np.stack([np.cos(angles), np.sin(angles)], axis=1),
         3: np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1).reshape(
@@ -97,7 +97,7 @@ def test_quartics_on_the_circle_and_the_sphere_are_bounded_by_their_maximum(seed
         certificate = rank_one(spheres.evaluate(exponents, design.points) @ coefficients, design.basis, tolerance=1e-9)
         assert certificate.status == "optimal"
         largest = (spheres.evaluate(exponents, grid) @ coefficients).max()
-        spacing = np.pi / 800  # a maximum between grid points is higher by at most curvature spacing^2 / 4
+        spacing = np.pi / 300  # a maximum between grid points is higher by at most curvature spacing^2 / 4
         curvature = 16 * np.abs(coefficients).sum()
         assert 0 <= certificate.safe_bound - largest < curvature * spacing**2 / 4
 

@@ -1,8 +1,11 @@
 """Truncated power series in one variable: Taylor polynomials along rays, for robust entry funnels, Sec. 3."""
 
+import functools
 import numbers
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 
 __all__ = ["Series"]
 
@@ -95,6 +98,25 @@ def _padded(coefficients, dimensions):
     return coefficients.reshape(len(coefficients), *[1] * missing, *coefficients.shape[1:])
 
 
+def _recurrence(function):
+    """Make a function of arrays of coefficients run compiled where all are floats of one shape, (n + 1, points).
+
+    These are what a closed loop is expanded with at many points at once: numpy takes longer to be called than to add.
+    """
+    compiled = njit(cache=True, error_model="numpy")(function)
+
+    @functools.wraps(function)
+    def run(*arrays):
+        shape = arrays[0].shape
+        plain = len(shape) == 2 and all(
+            a.dtype == np.float64 and a.shape == shape and a.flags.c_contiguous for a in arrays
+        )
+        (compiled if plain else function)(*arrays)
+
+    return run
+
+
+@register_jitable
 def _convolution(a, b, k, start):
     """Sum over j = start ... k of a_j b_{k-j}, of arrays of coefficients."""
     total = a[start] * b[k - start]
@@ -103,7 +125,10 @@ def _convolution(a, b, k, start):
     return total
 
 
-def _empty_like(*arrays):
+def _empty_like(first, *others):
+    if all(a.shape == first.shape and a.dtype == np.float64 for a in (first, *others)):
+        return np.empty(first.shape)  # what the general rule takes ten times as long to say
+    arrays = (first, *others)
     return np.empty(np.broadcast_shapes(*(a.shape for a in arrays)), dtype=np.result_type(*arrays, 0.0))
 
 
@@ -125,10 +150,10 @@ def _shifted(coefficients, constant):
     """Series plus a constant."""
     constant = np.asarray(constant)
     padded = _padded(coefficients, constant.ndim + 1)
-    shape = np.broadcast_shapes(padded.shape[1:], constant.shape)
-    out = np.empty((len(padded), *shape), dtype=np.result_type(padded, constant))
-    out[:] = padded
-    out[0] = out[0] + constant
+    first = np.asarray(padded[0] + constant)
+    out = np.empty((len(padded), *first.shape), dtype=first.dtype)
+    out[0] = first
+    out[1:] = padded[1:]
     return Series(out)
 
 
@@ -146,10 +171,15 @@ def _multiply(a, b):
         b = np.asarray(b)
         return Series(_padded(a.coefficients, b.ndim + 1) * b)
     x, y = _aligned(a, b)
-    product = x[0] * y
-    for i in range(1, len(x)):
-        product[i:] += x[i] * y[:-i]
+    product = _empty_like(x, y)
+    _fill_product(x, y, product)
     return Series(product)
+
+
+@_recurrence
+def _fill_product(x, y, product):
+    for k in range(len(x)):
+        product[k] = _convolution(x, y, k, 0)
 
 
 def _square(a):
@@ -172,22 +202,32 @@ def _divide(a, b):
         y = _padded(b.coefficients, constant.ndim + 1)
         x = np.zeros((len(y), *[1] * (y.ndim - 1 - constant.ndim), *constant.shape), dtype=constant.dtype)
         x[0] = constant
-    inverse = 1.0 / y[0]
     quotient = _empty_like(x, y)
+    _fill_quotient(x, y, quotient)
+    return Series(quotient)
+
+
+@_recurrence
+def _fill_quotient(x, y, quotient):
+    inverse = 1.0 / y[0]
     quotient[0] = x[0] * inverse
     for k in range(1, len(y)):
         quotient[k] = (x[k] - _convolution(y, quotient, k, 1)) * inverse
-    return Series(quotient)
 
 
 def _exp(a):
     """From e' = a' e: k e_k = sum over j = 1 ... k of j a_j e_{k-j}."""
     a = a.coefficients
-    slopes, out = _times_index(a), _empty_like(a)
+    out = _empty_like(a)
     out[0] = np.exp(a[0])
-    for k in range(1, len(a)):
-        out[k] = _convolution(slopes, out, k, 1) / k
+    _fill_exp(_times_index(a), out)
     return Series(out)
+
+
+@_recurrence
+def _fill_exp(slopes, out):
+    for k in range(1, len(out)):
+        out[k] = _convolution(slopes, out, k, 1) / k
 
 
 def _log(a):
@@ -210,11 +250,16 @@ def _sine_and_cosine(a):
         coefficients = a.coefficients
         slopes, sine, cosine = _times_index(coefficients), _empty_like(coefficients), _empty_like(coefficients)
         sine[0], cosine[0] = np.sin(coefficients[0]), np.cos(coefficients[0])
-        for k in range(1, len(coefficients)):
-            sine[k] = _convolution(slopes, cosine, k, 1) / k
-            cosine[k] = -_convolution(slopes, sine, k, 1) / k
+        _fill_sine_and_cosine(slopes, sine, cosine)
         a._sine_and_cosine = Series(sine), Series(cosine)
     return a._sine_and_cosine
+
+
+@_recurrence
+def _fill_sine_and_cosine(slopes, sine, cosine):
+    for k in range(1, len(slopes)):
+        sine[k] = _convolution(slopes, cosine, k, 1) / k
+        cosine[k] = -_convolution(slopes, sine, k, 1) / k
 
 
 def _sin(a):

@@ -102,14 +102,22 @@ class Monomials:
 
     def derivative(self, coefficients, variable):
         """Coefficients (m,) of the derivative of a polynomial with respect to one variable."""
-        kept = np.flatnonzero(self.exponents[:, variable])
-        lowered = self.exponents[kept]
-        factors = lowered[:, variable].copy()
-        lowered[:, variable] -= 1
-        index_of = {tuple(e): i for i, e in enumerate(self.exponents.tolist())}
+        kept, lowered, factors = self._lowered[variable]
         out = np.zeros(len(coefficients))
-        out[[index_of[e] for e in map(tuple, lowered.tolist())]] = factors * coefficients[kept]
+        out[lowered] = factors * coefficients[kept]
         return out
+
+    @functools.cached_property
+    def _lowered(self):
+        """For every variable the monomials that hold it, those with one power less, and the exponents."""
+        index_of = {tuple(e): i for i, e in enumerate(self.exponents.tolist())}
+        table = []
+        for variable, powers in enumerate(self.exponents.T):
+            kept = np.flatnonzero(powers)
+            lowered = self.exponents[kept]
+            lowered[:, variable] -= 1
+            table.append((kept, [index_of[tuple(e)] for e in lowered.tolist()], powers[kept]))
+        return table
 
     def evaluate(self, points):
         """Values of the monomials (k, m) at points (k, v)."""

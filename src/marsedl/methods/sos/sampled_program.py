@@ -221,15 +221,17 @@ def _newton(basis, products, gram, gram_root, slack_root):
     inverse_root = solve_triangular(slack_root, np.eye(size), lower=True)
     schur = _symmetric_product(basis @ gram_root) * _symmetric_product(basis @ inverse_root.T)
     factor = _factored(schur)
-    return _Newton(basis, products, gram, inverse_root.T @ inverse_root, factor, cho_solve(factor, np.ones(samples)))
+    return _Newton(basis, products, gram, inverse_root.T @ inverse_root, factor, _solve(factor, np.ones(samples)))
 
 
 def _factored(schur):
     """Cholesky factor of H with the least relaxation that gives one."""
     for relaxation in _RELAXATIONS:
-        relaxed = schur + np.diag(relaxation * np.diag(schur))
+        relaxed = schur.copy(order="F")
+        relaxed[np.diag_indices_from(relaxed)] += relaxation * np.diag(schur)
         try:
-            return cho_factor(relaxed, lower=True, overwrite_a=True)
+            # What is not finite has no factor either.
+            return cho_factor(relaxed, lower=True, overwrite_a=True, check_finite=False)
         except np.linalg.LinAlgError:
             continue
     raise np.linalg.LinAlgError("Newton equations are singular to working precision")
@@ -238,7 +240,7 @@ def _factored(schur):
 def _direction(newton, target, primal, dual):
     """(ds, dQ, dmu, dS) with dQ + sym(Q dS S^-1) = target that removes the primal and dual residuals."""
     right = np.einsum("ij,ij->i", newton.basis @ target, newton.basis) - primal
-    particular = cho_solve(newton.factor, right)
+    particular = _solve(newton.factor, right)
     bound_step = (particular.sum() - dual) / newton.ones_solution.sum()
     multiplier_step = particular - bound_step * newton.ones_solution
     slack_step = _weighted_product(newton.basis, multiplier_step)
@@ -276,7 +278,12 @@ def _weighted_product(basis, weights):
 
 def _interpolant(basis, products, samples):
     """The combination E of the matrices n_i n_i' with given n_i'E n_i."""
-    return _weighted_product(basis, cho_solve((products, True), samples))
+    return _weighted_product(basis, _solve((products, True), samples))
+
+
+def _solve(factor, right):
+    """Solution with a Cholesky factor; looking for numbers that are not finite would take as long again."""
+    return cho_solve(factor, right, check_finite=False)
 
 
 def _symmetric_product(matrix):
