@@ -69,9 +69,12 @@ def interleaved(functions, repetitions=REPETITIONS):
 
 
 def children_cpu(tree, target):
-    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs."""
+    """CPU seconds, user and system, of a Snakemake run in a copy of the tree and of all its jobs.
+
+    One job at a time: those that share a core slow each other, and their CPU times grow.
+    """
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = snakemake(tree, target, NUMBA_NUM_THREADS="1")
+    done = snakemake(tree, target, "--cores", "1", NUMBA_NUM_THREADS="1")
     assert done.returncode == 0, done.stdout[-3000:]
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

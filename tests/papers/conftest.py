@@ -58,7 +58,6 @@ REDUCED = {
         "tightness_polished": 2,
         "tightness_iterations": 6,
         "fig4_points": 33,
-        "dubins_steps_per_slice": 40,
         "dubins_trials": TRIALS,
         "dubins_wind_trials": TRIALS,
     },

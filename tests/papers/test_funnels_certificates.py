@@ -63,6 +63,7 @@ def found(model, regulator):
     with pytest.MonkeyPatch.context() as patch:
         # Clarabel takes ten times as long; the tests of the programs compare it.
         patch.setattr(stage_study, "CONIC_TOLERANCE", {"SCS": 1e-6})
+        patch.setattr(stage_study, "FEW_DESIGNS", 1)
         return vars(stage_study.compute(inputs(), model, regulator))
 
 

@@ -95,12 +95,13 @@ TYPES = {"stage_study": StageStudy, "certificates": Certificates, "proven": Prov
 @pytest.fixture(scope="module")
 def flown(funnels, coarse_funnel):
     """Everything that claims are made from, by reading."""
-    shared = ("nominal", "linearization", "gains", "linear_bounds")  # these readings have the same
+    shared = ("nominal", "linearization", "gains")  # these readings have the same
     made = {name: funnels.stage(name, "corrected") for name in shared}
 
     def of(reading):
         if reading == "corrected":
-            found = {name: funnels.stage(name, reading) for name in ("funnel", "dubins", "dubins_calm", "dubins_wind")}
+            names = ("funnel", "linear_bounds", "dubins", "dubins_calm", "dubins_wind")
+            found = {name: funnels.stage(name, reading) for name in names}
         else:
             found = {"funnel": coarse_funnel(reading)}
         inputs = funnels.stage_inputs(reading, "montecarlo")
@@ -110,24 +111,6 @@ def flown(funnels, coarse_funnel):
         return made | found
 
     return {reading: of(reading) for reading in READINGS}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def reached(flown):
-    """What linear motion reaches is worked out once for the reference and the gains that all of these readings have."""
-    worked_out, made = {}, flown["corrected"]
-
-    def remembered(inputs, linearization, gains, half_gain, compute=claims.linear_reach):
-        if gains is not made["gains"]:
-            return compute(inputs, linearization, gains, half_gain)
-        key = bool(half_gain.any())
-        if key not in worked_out:
-            worked_out[key] = compute(inputs, linearization, gains, half_gain)
-        return worked_out[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(claims, "linear_reach", remembered)
-        yield
 
 
 @pytest.fixture(scope="module")

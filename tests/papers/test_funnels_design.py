@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import root
 
-from marsedl.papers.funnels import environment, gains, nominal
+from marsedl.papers.funnels import PAPER, environment, gains, nominal
 from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
 from marsedl.replication.errors import MarsedlError, SolverError
@@ -160,6 +160,9 @@ def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, found):
     assert list(found.start_optimum[1]) == [1, 0, 2, 3] and list(found.starts[fine]) == [1, 1, 1, 1]
     assert list(found.intervals) == sorted(found.intervals) and found.starts[~fine].sum() == 4
     assert trajectory.cost == pytest.approx(found.cost[fine][1], rel=1e-9), "that of the guess"
+    told = next(erratum.evidence for erratum in PAPER.errata if erratum.id == "E22")
+    assert "{:.1f}, {:.1f}, {:.1f} and {:.1f} deg^2/s".format(*found.cost[fine] / DEGREE**2) in told
+    assert "{:.1f} to {:.1f} s".format(*found.final_time[fine][[0, -1]]) in told
     assert trajectory.heat_rate.max() == pytest.approx(6.1e5, rel=2e-7)
     assert list(np.flatnonzero(trajectory.heat_rate > 6.1e5 * (1 - 1e-7))) == [30, 31]
     # A parabola through nodes of equal height rises above them by an eighth of its second difference.
@@ -213,7 +216,7 @@ def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed():
     with pytest.raises(
         SolverError, match=r"none of 4 starts .* Maximum_Iterations_Exceeded after 3 .* heat_rate_limit"
     ) as e:
-        nominal.compute(inputs("best_nominal", nominal_iterations=3))
+        nominal.compute(inputs("best_nominal", intervals=25, nominal_iterations=3))
     assert set(environment.STATES) < set(e.value.iterate)
 
 

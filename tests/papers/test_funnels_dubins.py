@@ -30,8 +30,8 @@ def inputs():
 
 
 @pytest.fixture(scope="module")
-def car(inputs):
-    return dubins.compute(inputs)
+def car(funnels):
+    return funnels.dubins()
 
 
 @pytest.fixture(scope="module")

@@ -106,6 +106,7 @@ use rule funnels_nominal as funnels_certificates with:
         "logs/funnels/{reading}/certificates.log",
     benchmark:
         "benchmarks/funnels/{reading}/certificates.tsv"
+    priority: 1  # the longest job: it must not be left for the end
     params:
         **stage("funnels", "certificates"),
 

@@ -59,6 +59,7 @@ STAGES = {
         (*_MOTION, *_SCALES, *_INITIAL, *_GRID, "seed"),
         ("linearization", "gains"),
         meaning="levels, ellipsoids and shapes of linear dynamics",
+        claimed_in=("corrected",),
     ),
     "stage_study": Stage(
         (
@@ -352,8 +353,8 @@ ERRATA = (
         "E4",
         "Eq. 22 and App. A: rho_{k+1} from the rate of V at t_k",
         "A forward Euler step: of V after the step it leaves out dt^2/2 f'P_{k+1} f + dt f'(P_{k+1} - P_k) xb. At "
-        "equal rho_k its bound is below that of the integrated motion in about a third of the 60 stages, by up to half "
-        "a per cent, and above it by up to 4 % in others.",
+        "equal rho_k its bound is below that of the integrated motion in about a third of the 60 stages, by up to 0.6 "
+        "%, and above it by up to 4 % in others.",
         "V of the integrated motion at the next slice; `euler` and `printed` keep Eq. 22",
     ),
     Erratum(
@@ -362,7 +363,7 @@ ERRATA = (
         "45 rows have degree 4 on the right. An expansion of third order makes D of degree 4, so that d = 1 makes 6 on "
         "the left; d = 1 fits linear motion only. On the slice, in whitened coordinates, (y'y)^d is one. In scaled "
         "coordinates that are not whitened the samples no longer determine the equation: the bound of one stage, "
-        "1.163, becomes 1.8 to 90 with d = 1, as the samples fall, and hundreds with d = 2.",
+        "1.163, becomes 1.8 to 90 with d = 1, as the samples fall, and hundreds to thousands with d = 2.",
         "whitened coordinates, d = 0",
     ),
     Erratum(
@@ -433,8 +434,8 @@ ERRATA = (
     Erratum(
         "E17",
         "Sec. 2: dynamics expanded to the desired degree",
-        "With third order motion was found beyond the bound of the polynomial in 57 of 60 stages, by up to 0.257 %, "
-        "mostly near the end.",
+        "With third order motion was found beyond the bound of the polynomial in nearly all of the stages, by up to "
+        "0.257 %, mostly near the end.",
         "third order; `inflated` raises levels to what was found, and the proven levels add a bound of the remainder",
     ),
     Erratum(
@@ -466,8 +467,8 @@ ERRATA = (
     Erratum(
         "E22",
         "Sec. 4: an optimal reference trajectory",
-        "From 14 starts the problem used here has four local optima, with integrals of the squared bank rate of 10.2, "
-        "14.2, 35.9 and 112.6 deg^2/s and final times of 234.0 to 259.1 s. They come from the heat limit: it is active "
+        "The problem used here has at least four local optima, with integrals of the squared bank rate of 10.2, 14.2, "
+        "35.9 and 112.6 deg^2/s and final times of 234.0 to 259.1 s. They come from the heat limit: it is active "
         "at two neighbouring nodes, another pair in each, and finer meshes have more of them.",
         "the one that a guess of constant bank leads to, 241.7 s; `best_nominal` takes the first",
     ),

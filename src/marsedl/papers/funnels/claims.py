@@ -3,8 +3,8 @@
 from math import comb
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from marsedl.methods.funnels.linear import slice_jacobians
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.certificates import Certificates
 from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
@@ -24,6 +24,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 KILOMETRE = 1e3
 WATTS_PER_CM2 = 1e4
 MINUTE = 60.0
+COMPLEX_STEP = 1e-30
 
 # What the tests of statements call so. Fixed from the words before the first evaluation here; the levels of the funnel
 # and of the flights were known in outline.
@@ -51,11 +52,11 @@ def evaluate(
     linearization: Linearization,
     gains: Gains,
     funnel: Funnel,
-    linear_bounds: LinearBounds,
     constant: FlightEnsemble,
     redrawn: FlightEnsemble,
     adversarial: FlightEnsemble,
     optima: Optima | None = None,
+    linear_bounds: LinearBounds | None = None,
     stage_study: StageStudy | None = None,
     certificates: Certificates | None = None,
     proven: Proven | None = None,
@@ -81,7 +82,8 @@ def evaluate(
         **_guarantee_claims(inputs, linearization, gains, funnel, proven),
         **_heating_claims(inputs, nominal, optima, funnel, constant),
         "dubins_funnel": dubins and _dubins_claim(dubins, dubins_study, dubins_calm, dubins_wind),
-        **_solver_claims(funnel, linear_bounds, constant, certificates),
+        "four_funnel_solvers": certificates
+        and _four_solvers_claim(funnel, linear_bounds.exact_level, flown_levels(funnel, constant), certificates),
         **_cost_claims(measured or {}),
     }
 
@@ -599,9 +601,11 @@ def linear_reach(inputs, linearization, gains, half_gain):
     Under all constant disturbances; half_gain: feedback at nodes and half-way between, (2 n + 1, 6).
     """
     loop = environment.closed_loop(inputs, linearization, half_gain)
-    transitions, responses, _ = slice_jacobians(loop, [0, len(linearization.time) - 1])
-    first = np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
-    reached = np.linalg.norm(transitions[0] @ first, axis=1) + np.linalg.norm(responses[0], axis=1)
+    spread = np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
+    states, disturbances = np.split(1j * COMPLEX_STEP * block_diag(spread, np.eye(loop.disturbances)), [len(spread)])
+    final = np.array(loop.flow(0, loop.steps, states, disturbances)).imag / COMPLEX_STEP
+    by_start, by_disturbance = np.split(final, [len(spread)], axis=1)
+    reached = np.linalg.norm(by_start, axis=1) + np.linalg.norm(by_disturbance, axis=1)
     return (reached * inputs.planet_radius)[1:3]
 
 
@@ -651,13 +655,6 @@ def _dubins_claim(dubins, dubins_study, calm, wind):
         f"{len(calm.outcome)} runs, with wind {outside[1]} of {len(wind.outcome)}{proven}",
         numbers={"last": levels["flow"][-1], "flown": calm.maximum_over_trials[-1, LEVEL]},
     )
-
-
-def _solver_claims(funnel, linear_bounds, constant, certificates):
-    exact, flown = linear_bounds.exact_level, flown_levels(funnel, constant)
-    return {
-        "four_funnel_solvers": certificates and _four_solvers_claim(funnel, exact, flown, certificates),
-    }
 
 
 def _four_solvers_claim(funnel, exact, flown, certificates):

@@ -7,6 +7,7 @@ from marsedl.models.dynamics.vinh_entry import vinh_entry_rates
 from marsedl.models.heating import sutton_graves_heat_rate
 
 STATES = ("altitude", "longitude", "latitude", "velocity", "flight_path_angle", "heading")
+STATE_UNIT = "m, rad, rad, m/s, rad, rad"
 DISTURBANCES = 2  # of the density at all altitudes, and of its slope
 
 

@@ -14,8 +14,8 @@ from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.environment import STATE_UNIT
 from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.inputs import STATE_UNIT
 from marsedl.papers.funnels.linearization import Linearization
 from marsedl.replication.artifacts import quantity
 
@@ -140,7 +140,7 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
         samples=design.points,
         **slices,
         **stages,
-        **tightness(inputs, loop, steps, shape, level, stages["bound"]),
+        **tightness(inputs, loop, design, steps, shape, level, stages["bound"]),
         **plane,
     )
 
@@ -261,8 +261,13 @@ def described_stages(found, count):
     }
 
 
-def tightness(inputs, loop, steps, shape, level, bound):
-    """How far the polynomials of some stages stay below their bounds."""
+def tightness(inputs, loop, design, steps, shape, level, bound):
+    """How far the polynomials of some stages stay below their bounds.
+
+    The samples of the design determine a polynomial on the slices: there it is evaluated by its coefficients.
+    """
+    exponents = SPHERES.quotient_monomials(2 * BASIS_DEGREE)
+    at_samples = SPHERES.evaluate(exponents, design.points)
     count = len(steps) - 1
     studied = np.unique(np.linspace(0, count - 1, TIGHTNESS_STAGES).round().astype(int))
     below = np.full(len(studied), np.nan)
@@ -271,7 +276,9 @@ def tightness(inputs, loop, steps, shape, level, bound):
             stage = FunnelStage(
                 loop, int(steps[k]), int(steps[k + 1]), shape[k], shape[k + 1], level[k], **_stage_options(inputs)
             )
-            below[i] = 1.0 - largest_polynomial(inputs, stage.values) / bound[k]
+            coefficients = np.linalg.solve(at_samples, stage.values(design.points))
+            largest = largest_polynomial(inputs, lambda points, c=coefficients: SPHERES.evaluate(exponents, points) @ c)
+            below[i] = 1.0 - largest / bound[k]
     return {"tightness": below, "tightness_stage": studied + 1}
 
 

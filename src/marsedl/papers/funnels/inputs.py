@@ -22,8 +22,6 @@ Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10)]
 Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
 Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6)]
 
-STATE_UNIT = "m, rad, rad, m/s, rad, rad"
-
 
 class FunnelsInputs(Inputs):
     """Everything that the funnels depend on."""
@@ -108,7 +106,7 @@ class FunnelsInputs(Inputs):
     sampling: Literal["whitened", "raw"] = given(
         "1", "what the points of Eq. 26 are: on the slice, or on a sphere of the state itself, as printed"
     )
-    raw_units: vector(6, Positive) = given(STATE_UNIT, "of raw: units in which the state is taken")
+    raw_units: vector(6, Positive) = given("m, rad, rad, m/s, rad, rad", "of raw: units in which the state is taken")
     taylor_order: Order = given("1", "order of the expansion of the motion in deviation and disturbance together")
     exponent_d: Exponent = given(
         "1", "exponent d of the factor (x'x)^d in Eq. 24; enters no stage: the factor is one number at all samples"

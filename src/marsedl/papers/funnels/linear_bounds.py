@@ -19,8 +19,8 @@ from marsedl.methods.funnels.linear import (
 from marsedl.methods.funnels.monte_carlo import fly, quadratic_values
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.environment import STATE_UNIT
 from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.inputs import STATE_UNIT
 from marsedl.papers.funnels.linearization import Linearization
 from marsedl.replication.artifacts import quantity
 
@@ -50,7 +50,9 @@ class LinearBounds:
     )
 
     joint_half_width: np.ndarray = quantity(
-        STATE_UNIT, ("time", 6), "largest deviation within the joint ellipsoid of start and constant disturbance"
+        STATE_UNIT,
+        ("time", 6),
+        "largest deviation within the joint ellipsoid of start and constant disturbance",
     )
     joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
     flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
@@ -63,7 +65,9 @@ class LinearBounds:
     share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
 
     reachable_half_width: np.ndarray = quantity(
-        STATE_UNIT, ("time", 6), "largest deviation in the ellipsoid of least trace around what linear dynamics reach"
+        STATE_UNIT,
+        ("time", 6),
+        "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
     )
     reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
 

@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.papers.funnels.environment import STATE_UNIT
 from marsedl.papers.funnels.nominal import Nominal
 from marsedl.replication.artifacts import quantity
 
@@ -19,7 +19,9 @@ class Linearization:
     time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
     half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
     state: np.ndarray = quantity(
-        STATE_UNIT, ("half", 6), "reference: altitude, longitude, latitude, velocity, path angle and heading"
+        STATE_UNIT,
+        ("half", 6),
+        "reference: altitude, longitude, latitude, velocity, path angle and heading",
     )
     bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference")
     state_matrix: np.ndarray = quantity("SI", ("half", 6, 6), "derivative of the rates by the state")

@@ -23,8 +23,7 @@ from marsedl.methods.collocation import (
 )
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.environment import STATES
-from marsedl.papers.funnels.inputs import STATE_UNIT
+from marsedl.papers.funnels.environment import STATE_UNIT, STATES
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.errors import MarsedlError, SolverError
 

@@ -8,9 +8,9 @@ from marsedl.methods.funnels.recursion import FunnelError
 from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.environment import STATE_UNIT
 from marsedl.papers.funnels.funnel import COMPLETE, largest_heat_rate
 from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.inputs import STATE_UNIT
 from marsedl.papers.funnels.linearization import Linearization
 from marsedl.replication.artifacts import quantity
 
