@@ -78,11 +78,13 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(tree, 
     edit = FACTS[slug]["physics"]
     tree.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
     plan = tree.plan("all")
-    assert plan.papers == {slug}
-    assert plan.changed == set(edit["changed"])
-    assert plan.rules == {*edit["rerun"], *PRODUCTS, *CLAIMS}
+    assert plan.papers == {slug, *edit.get("shared_with", ())}
+    mine, others = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
+    assert mine.changed == set(edit["changed"])
+    assert mine.rules == {*edit["rerun"], *PRODUCTS, "claims"}
+    assert plan.rules == mine.rules.union(CLAIMS, *(other.rules for other in others))
     config = yaml.safe_load(tree.path(f"configs/{slug}.yaml").read_text(encoding="utf-8"))
-    assert plan.readings == set(config["sizes"]["smoke"]["readings"])
+    assert mine.readings == set(config["sizes"]["smoke"]["readings"])
 
 
 @pytest.mark.parametrize(
