@@ -7,6 +7,9 @@ from marsedl.replication.jobs import pin_numerics
 pin_numerics(Path(workflow.basedir))
 
 
+report: "workflow/report/workflow.rst"
+
+
 include: "workflow/rules/common.smk"
 include: "workflow/rules/powered_descent.smk"
 include: "workflow/rules/random_field.smk"
@@ -14,6 +17,7 @@ include: "workflow/rules/desensitized.smk"
 include: "workflow/rules/funnels.smk"
 include: "workflow/rules/stochastic_entry.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/comparison.smk"
 include: "workflow/rules/claims.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/verify.smk"
@@ -25,3 +29,4 @@ rule all:
         "report/index.html",
         "report/claims.json",
         [products(paper) + cache(paper) for paper in PAPERS],
+        compared(),

@@ -82,7 +82,7 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(tree, 
     mine, others = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
     assert mine.changed == set(edit["changed"])
     assert mine.rules == {*edit["rerun"], *PRODUCTS, "claims"}
-    assert plan.rules == mine.rules.union(CLAIMS, *(other.rules for other in others))
+    assert plan.rules == mine.rules.union(CLAIMS, {"comparison_product"}, *(other.rules for other in others))
     config = yaml.safe_load(tree.path(f"configs/{slug}.yaml").read_text(encoding="utf-8"))
     assert mine.readings == set(config["sizes"]["smoke"]["readings"])
 
@@ -181,7 +181,7 @@ def test_an_input_of_figures_reruns_no_artifact(tree):
 def test_the_number_of_drawn_trials_reruns_the_flights(tree):
     tree.set_inputs("corrected", drawn_trials="15")
     plan = tree.plan("all")
-    assert plan.rules == {*FLIGHTS, *PRODUCTS, *CLAIMS}
+    assert plan.rules == {*FLIGHTS, *PRODUCTS, "comparison_product", *CLAIMS}
     assert plan.readings == COMPARED - {"printed", "printed_eq46"}
     assert plan.stages == {"montecarlo"}
     assert plan.figures == DRAWN_FROM_TRIALS

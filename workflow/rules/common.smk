@@ -1,7 +1,9 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
 import hashlib
+import re
 import sys
 
+from marsedl.comparison import COMPARISONS
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError
@@ -239,3 +241,85 @@ def cache(paper):
         for reading in STUDIES[paper].compared
         for path in artifacts(paper, reading).values()
     ]
+
+
+def compared():
+    """All figures and tables of the comparison across papers."""
+    return [
+        f"figures/comparison/{stem}.{ext}"
+        for stem in COMPARISONS
+        for ext in ("png", "pdf", "csv", "md")
+    ]
+
+
+def compared_artifacts(stem):
+    """Artifacts of a comparison by paper, by parameter; a Monte Carlo case without trials is left out."""
+    found = {}
+    for paper, needed in COMPARISONS[stem].needs.items():
+        flown = cases(paper, DEFAULT)
+        found[paper] = {
+            need.split(".")[-1]: cached(paper, need).format(reading=DEFAULT)
+            for need in needed
+            if not need.startswith("montecarlo.") or need.split(".")[1] in flown
+        }
+    return found
+
+
+def comparison_params():
+    """The params of a comparison's rule."""
+
+    def inputs(wildcards):
+        return {
+            paper: STUDIES[paper].readings[DEFAULT].slice(names)
+            for paper, names in COMPARISONS[wildcards.stem].inputs.items()
+        }
+
+    def code(wildcards):
+        names = ("figure", "table", *COMPARISONS[wildcards.stem].papers)
+        digests = [
+            DIGESTS.code(f"marsedl.comparison.{wildcards.stem}:{name}")[:16]
+            for name in names
+        ]
+        return " ".join([script_of("comparison.py"), *digests])
+
+    def measured(wildcards):
+        shown = COMPARISONS[wildcards.stem].measured
+        return file_digest("data/reference/benchmarks.csv") if shown else ""
+
+    return dict(
+        reading=DEFAULT,
+        inputs=inputs,
+        artifacts=lambda wildcards: compared_artifacts(wildcards.stem),
+        code=code,
+        benchmarks="data/reference/benchmarks.csv",
+        measured=measured,
+    )
+
+
+def as_rst(text):
+    """A text in which nothing is markup, for the captions of `snakemake --report`."""
+    return re.sub(r"([\\*`|_])", r"\\\1", text)
+
+
+# Functions that take `output` as well are no reason to run a job again: an edited caption is not an edited figure.
+
+
+def caption_of_product(wildcards, output):
+    """Caption of a paper's figure or table."""
+    return as_rst(PAPERS[wildcards.paper].product(wildcards.stem).caption)
+
+
+def caption_of_comparison(kind):
+    """Caption of the figure or the table of a comparison."""
+    return lambda wildcards, output: as_rst(getattr(COMPARISONS[wildcards.stem], kind))
+
+
+def shown_in_report(path, kind, reading=None):
+    """Mark a paper's product for `snakemake --report`: under its paper, found by reading and item."""
+    return report(
+        path,
+        caption=f"../report/{kind}.rst",
+        category="{paper}",
+        subcategory=reading or "{reading}",
+        labels={"reading": reading or "{reading}", "item": "{stem}", "kind": kind},
+    )

@@ -9,7 +9,7 @@ rule figure:
             )
         ),
     output:
-        png="figures/{paper}/{reading}/{stem}.png",
+        png=shown_in_report("figures/{paper}/{reading}/{stem}.png", "figure"),
         pdf="figures/{paper}/{reading}/{stem}.pdf",
     log:
         "logs/{paper}/{reading}/{stem}.log",
@@ -21,6 +21,7 @@ rule figure:
         "../envs/marsedl.yaml"
     params:
         **product("figures", "figure.py"),
+        caption=caption_of_product,
     script:
         "../scripts/figure.py"
 
@@ -29,7 +30,7 @@ use rule figure as default_figure with:
     input:
         unpack(lambda wildcards: drawn_from(wildcards.paper, wildcards.stem, DEFAULT)),
     output:
-        png="figures/{paper}/{stem}.png",
+        png=shown_in_report("figures/{paper}/{stem}.png", "figure", DEFAULT),
         pdf="figures/{paper}/{stem}.pdf",
     log:
         "logs/{paper}/{stem}.log",
@@ -39,6 +40,7 @@ use rule figure as default_figure with:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
     params:
         **product("figures", "figure.py", DEFAULT),
+        caption=caption_of_product,
 
 
 rule table:
@@ -49,7 +51,7 @@ rule table:
             )
         ),
     output:
-        csv="figures/{paper}/{reading}/{stem}.csv",
+        csv=shown_in_report("figures/{paper}/{reading}/{stem}.csv", "table"),
         md="figures/{paper}/{reading}/{stem}.md",
     log:
         "logs/{paper}/{reading}/{stem}.log",
@@ -61,6 +63,7 @@ rule table:
         "../envs/marsedl.yaml"
     params:
         **product("tables", "table.py"),
+        caption=caption_of_product,
     script:
         "../scripts/table.py"
 
@@ -69,7 +72,7 @@ use rule table as default_table with:
     input:
         unpack(lambda wildcards: drawn_from(wildcards.paper, wildcards.stem, DEFAULT)),
     output:
-        csv="figures/{paper}/{stem}.csv",
+        csv=shown_in_report("figures/{paper}/{stem}.csv", "table", DEFAULT),
         md="figures/{paper}/{stem}.md",
     log:
         "logs/{paper}/{stem}.log",
@@ -79,3 +82,4 @@ use rule table as default_table with:
         stem="|".join(stem for paper in PAPERS.values() for stem in paper.tables),
     params:
         **product("tables", "table.py", DEFAULT),
+        caption=caption_of_product,

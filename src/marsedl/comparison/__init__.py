@@ -1,0 +1,130 @@
+"""What the papers say beside each other: comparisons that none of them could make, from the artifacts of all.
+
+A comparison is a module of this package. For every paper it has a function of the paper's name, from the paper's inputs
+and artifacts to a common record, and two functions of the records of all papers: `figure` and `table`.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One figure and one table: their captions, and by paper the artifacts and inputs that they are made from.
+
+    A `measured` one shows run times as well: its functions are given the paper's rows of data/reference/benchmarks.csv.
+    """
+
+    figure: str
+    table: str
+    needs: dict[str, tuple[str, ...]]
+    inputs: dict[str, tuple[str, ...]]
+    measured: bool = False
+
+    @property
+    def papers(self) -> tuple[str, ...]:
+        """The papers that are compared."""
+        return tuple(self.needs)
+
+
+_PROFILE = ("density_profile", "density_coefficients", "density_upper_altitude", "density_table")
+_VARIANCE = ("variance_at_top", "variance_top_altitude", "variance_growth_length")
+
+COMPARISONS = {
+    "densities": Comparison(
+        "Density models of the papers. Left: mean density relative to that of the random-field paper, with its spread, "
+        "thick over the altitudes that the nominal flies. Right: how far a density may be from that mean. These are "
+        "different things: one standard deviation of a Gaussian variation that changes with altitude (random field and "
+        "stochastic entry), the largest value of a bounded one that is constant in a flight (funnels), and a constant "
+        "error that the paper does not have and that is flown here beyond it (desensitized). The powered descent has "
+        "no atmosphere: its dispersion comes from the start and from noise on the thrust.",
+        "Mean density relative to that of the random-field paper and its dispersion, at five altitudes.",
+        needs={
+            "powered_descent": ("nominal", "gains"),
+            "random_field": ("nominal",),
+            "desensitized": ("nominal",),
+            "funnels": ("linearization",),
+            "stochastic_entry": ("nominal",),
+        },
+        inputs={
+            "powered_descent": (),
+            "random_field": (*_PROFILE, *_VARIANCE, "variance_growth_sign", "correlation_length"),
+            "desensitized": (*_PROFILE, "density_error"),
+            "funnels": (
+                *("log_density_at_surface", "log_density_slope"),
+                *("density_amplitude", "density_slope_amplitude"),
+            ),
+            "stochastic_entry": (*_PROFILE, "variance_profile", *_VARIANCE, "decay_factor"),
+        },
+    ),
+    "trajectories": Comparison(
+        "Altitude against velocity: the nominal of every paper, and dots of its first Monte Carlo flights. Left the "
+        "four entries, right all five down to the ground on logarithmic axes. Velocities are relative to the planet, "
+        "which does not rotate in the random-field and the desensitized paper. No paper flies from the parachute's "
+        "deployment to the start of the powered descent, nor do the papers land the same vehicle.",
+        "The nominals: both ends, lowest altitude and duration.",
+        needs={
+            "powered_descent": ("gains", "montecarlo.closed_loop"),
+            "random_field": ("nominal", "montecarlo.aerocapture"),
+            "desensitized": ("nominal", "montecarlo.entry_errors"),
+            "funnels": ("linearization", "montecarlo.constant"),
+            "stochastic_entry": ("nominal", "montecarlo.stochastic_velocity"),
+        },
+        inputs={
+            "powered_descent": (),
+            "random_field": (),
+            "desensitized": (),
+            "funnels": (),
+            "stochastic_entry": (),
+        },
+    ),
+    "accuracy": Comparison(
+        "Standard deviation at the end of the flight: linear covariance over Monte Carlo, in every paper, with three "
+        "standard errors of the Monte Carlo; on the right what is near one. Below one, linear covariance promises less "
+        "than the flights scatter. It is furthest off for the laws that are designed to null the linear sensitivity "
+        "(desensitized), since what is left of their errors is not linear. The flights of the stochastic entry also "
+        "have errors of lift, drag, azimuth and crossrange and reverse their bank, which its linear model leaves out. "
+        "The funnels paper has no covariance: its linear model is applied here to the starts and disturbances that its "
+        "flights draw, uniform on the boundaries of their sets.",
+        "Final standard deviations by linear covariance and over the flights, their ratio, and its standard error from "
+        "the number of flights and the fourth moments. Flights that were lost are left out of the sample.",
+        needs={
+            "powered_descent": ("gains", "montecarlo.closed_loop", "montecarlo.closed_loop_large"),
+            "random_field": ("gains", "montecarlo.aerocapture"),
+            "desensitized": ("gains", "montecarlo.entry_errors"),
+            "funnels": ("linearization", "gains", "funnel", "montecarlo.constant"),
+            "stochastic_entry": (
+                *("linearization", "gains", "montecarlo.apollo_time", "montecarlo.apollo_velocity"),
+                *("montecarlo.stochastic_time", "montecarlo.stochastic_velocity"),
+            ),
+        },
+        inputs={
+            "powered_descent": (),
+            "random_field": (),
+            "desensitized": ("initial_deviations",),
+            "funnels": ("planet_radius",),
+            "stochastic_entry": (),
+        },
+    ),
+    "costs": Comparison(
+        "Size and cost of the methods: unknowns and conditions of one problem, time of the design, of one Monte Carlo "
+        "flight, and of everything that is made for the paper. Sizes are those of the artifacts; times were measured "
+        "on one machine and are kept in data/reference/benchmarks.csv.",
+        "Size and cost of the methods. Unknowns and conditions are of one problem, as the artifacts hold them; a "
+        "solver may add its own. Iterations are of all problems.",
+        needs={
+            "powered_descent": ("nominal", "gains"),
+            "random_field": ("gains",),
+            "desensitized": ("nominal", "tradeoff"),
+            "funnels": ("funnel", "proven", "stage_study"),
+            "stochastic_entry": ("gains",),
+        },
+        inputs={
+            "powered_descent": (),
+            "random_field": (),
+            "desensitized": (),
+            "funnels": (),
+            "stochastic_entry": (),
+        },
+        measured=True,
+    ),
+}

@@ -1,0 +1,245 @@
+"""Final standard deviations by linear covariance against those over Monte Carlo flights, in every paper."""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from marsedl.comparison.records import COLORS, NAMES, number
+from marsedl.methods.sensitivity import midpoint_responses, midpoint_transitions, propagate_columns
+from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.statistics import covariance_standard_errors
+from marsedl.papers.desensitized.gains import Gains as DesensitizedGains
+from marsedl.papers.desensitized.montecarlo import FlightEnsemble as DesensitizedFlights
+from marsedl.papers.desensitized.tables import LAW_NAMES
+from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
+from marsedl.papers.funnels.gains import Gains as FunnelsGains
+from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
+from marsedl.papers.funnels.montecarlo import FlightEnsemble as FunnelsFlights
+from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
+from marsedl.papers.powered_descent.montecarlo import FlightEnsemble as PoweredDescentFlights
+from marsedl.papers.random_field.gains import Gains as RandomFieldGains
+from marsedl.papers.random_field.montecarlo import FlightEnsemble as RandomFieldFlights
+from marsedl.papers.stochastic_entry import flight as stochastic_entry_flight
+from marsedl.papers.stochastic_entry.gains import TRIGGERS
+from marsedl.papers.stochastic_entry.gains import Gains as StochasticEntryGains
+from marsedl.papers.stochastic_entry.linearization import Linearization as StochasticEntryLinearization
+from marsedl.papers.stochastic_entry.montecarlo import FlightEnsemble as StochasticEntryFlights
+from marsedl.papers.stochastic_entry.montecarlo import errors
+from marsedl.plotting.style import BLACK, GREY, new_figure
+
+NEAR = 0.3  # from one, shown on the right
+SIGMAS = 3.0
+# Quantities of the same kind have the same mark.
+MARKS = {
+    "altitude": "^",
+    "downrange": "o",
+    "crossrange": "s",
+    "velocity": "D",
+    "downrange velocity": "P",
+    "vertical velocity": "v",
+    "flight path angle": "<",
+    "heading": ">",
+    "delta-v": "*",
+}
+
+
+class Deviation(NamedTuple):
+    """Standard deviation of one quantity at the end of the flights of one case."""
+
+    case: str
+    quantity: str
+    unit: str
+    predicted: float
+    sampled: float
+    sampled_error: float  # standard error of `sampled`
+    trials: int  # in the sample
+    lost: int  # flights left out of it
+
+    @property
+    def ratio(self):
+        """Predicted over sampled."""
+        return self.predicted / self.sampled
+
+    @property
+    def ratio_error(self):
+        """Its standard error, from that of the sample."""
+        return self.ratio * self.sampled_error / self.sampled
+
+
+def deviations(case, quantities, predicted, samples) -> list[Deviation]:
+    """Compare standard deviations of several quantities.
+
+    Args:
+        case: name of the flights.
+        quantities: name and unit of each, (n,).
+        predicted: standard deviations by linear covariance, (n,).
+        samples: final values, (trials, n); rows that are not finite were lost. Of one or none that is not,
+            standard deviations are NaN.
+
+    Returns:
+        One `Deviation` for each quantity.
+    """
+    kept = samples[np.isfinite(samples).all(axis=1)]
+    sampled = variance_error = np.full(samples.shape[1], np.nan)
+    if len(kept) > 1:
+        sampled, variance_error = kept.std(axis=0, ddof=1), np.diag(covariance_standard_errors(kept))
+    return [
+        Deviation(case, name, unit, *map(float, numbers), len(kept), len(samples) - len(kept))
+        for (name, unit), *numbers in zip(quantities, predicted, sampled, variance_error / (2.0 * sampled), strict=True)
+    ]
+
+
+def powered_descent(
+    inputs,
+    gains: PoweredDescentGains,
+    closed_loop: PoweredDescentFlights,
+    closed_loop_large: PoweredDescentFlights | None = None,
+) -> list[Deviation]:
+    """Closed loop, of the large ensemble where there is one."""
+    del inputs  # none is needed
+    quantities = (("downrange", "m"), ("altitude", "m"), ("downrange velocity", "m/s"), ("vertical velocity", "m/s"))
+    flown = (closed_loop_large or closed_loop).final_state[:, : len(quantities)]
+    return deviations("closed loop", quantities, _deviation(gains.covariance[-1]), flown)
+
+
+def random_field(inputs, gains: RandomFieldGains, aerocapture: RandomFieldFlights) -> list[Deviation]:
+    """Open loop and, if there is one, the law of the last iteration: state at the exit, and delta-v."""
+    del inputs  # none is needed
+    quantities = (("altitude", "m"), ("velocity", "m/s"), ("flight path angle", "rad"), ("delta-v", "m/s"))
+    found = []
+    for law in sorted({0, len(gains.control) - 1}):
+        exit_state, delta_v = aerocapture.final_state[law, :, :3], aerocapture.delta_v[law, :, np.newaxis]
+        captured = (aerocapture.outcome[law] == COMPLETED)[:, np.newaxis]
+        samples = np.where(captured, np.hstack([exit_state, delta_v]), np.nan)
+        predicted = *_deviation(gains.covariance[law, -1]), gains.delta_v_deviation[law]
+        found += deviations(f"iteration {law}" if law else "open loop", quantities, predicted, samples)
+    return found
+
+
+def desensitized(inputs, gains: DesensitizedGains, entry_errors: DesensitizedFlights) -> list[Deviation]:
+    """Every law: final position errors of position errors at entry, by the sensitivity."""
+    quantities = (("altitude", "m"), ("crossrange", "m"), ("downrange", "m"))
+    found = []
+    for name, final, flown in zip(gains.law, gains.final, entry_errors.final_error, strict=True):
+        predicted = _deviation(final @ np.diag(inputs.initial_deviations**2) @ final.T)
+        found += deviations(LAW_NAMES[str(name)], quantities, predicted, flown)
+    return found
+
+
+def funnels(
+    inputs, linearization: FunnelsLinearization, gains: FunnelsGains, funnel: FunnelsFunnel, constant: FunnelsFlights
+) -> list[Deviation]:
+    """Flights with a constant disturbance: starts on the first slice's boundary, disturbances on that of their disc."""
+    quantities = (
+        *(("altitude", "m"), ("downrange", "m"), ("crossrange", "m"), ("velocity", "m/s")),
+        *(("flight path angle", "rad"), ("heading", "rad")),
+    )
+    halfway = slice(1, None, 2)  # in the middle of the steps
+    states, disturbances = linearization.disturbance_matrix.shape[1:]
+    feedback = linearization.control_matrix[halfway, :, np.newaxis] * gains.half_gain[halfway, np.newaxis]
+    matrix, step = linearization.state_matrix[halfway] + feedback, np.diff(linearization.time)
+    pushed = midpoint_responses(matrix, linearization.disturbance_matrix[halfway], step)
+    # Points uniform on the unit sphere of n coordinates have the covariance 1/n; x'P x = 2 rho on the first slice.
+    start = np.sqrt(2.0 * funnel.level[0] / states) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
+    columns = propagate_columns(
+        midpoint_transitions(matrix, step),
+        np.hstack([start, np.zeros((states, disturbances))]),
+        np.concatenate([np.zeros((len(step), states, states)), pushed / np.sqrt(disturbances)], axis=2),
+    )[-1]
+    predicted = _deviation(columns @ columns.T)
+    metres = np.array([1.0, inputs.planet_radius, inputs.planet_radius, 1.0, 1.0, 1.0])
+    flown = np.where((constant.outcome == COMPLETED)[:, np.newaxis], constant.final_state[:, :states], np.nan)
+    return deviations("constant disturbance", quantities, predicted * metres, flown * metres)
+
+
+def stochastic_entry(
+    inputs,
+    linearization: StochasticEntryLinearization,
+    gains: StochasticEntryGains,
+    apollo_time: StochasticEntryFlights,
+    apollo_velocity: StochasticEntryFlights,
+    stochastic_time: StochasticEntryFlights,
+    stochastic_velocity: StochasticEntryFlights,
+) -> list[Deviation]:
+    """Both laws to both triggers; at the velocity trigger the velocity has no deviation."""
+    del inputs  # none is needed
+    quantities = {
+        stochastic_entry_flight.ALTITUDE: ("altitude", "m"),
+        stochastic_entry_flight.VELOCITY: ("velocity", "m/s"),
+        stochastic_entry_flight.FLIGHT_PATH_ANGLE: ("flight path angle", "rad"),
+        stochastic_entry_flight.DOWNRANGE: ("downrange", "m"),
+    }
+    found = []
+    for law, covariances, flights in (
+        ("Apollo", gains.apollo_covariance, (apollo_time, apollo_velocity)),
+        ("stochastic", gains.stochastic_covariance, (stochastic_time, stochastic_velocity)),
+    ):
+        projections = np.eye(covariances.shape[-1]), linearization.trigger_projection
+        for trigger, covariance, projection, ensemble in zip(TRIGGERS, covariances, projections, flights, strict=True):
+            fixed = stochastic_entry_flight.VELOCITY if trigger == "velocity" else None
+            shown = [state for state in quantities if state != fixed]
+            predicted = _deviation(projection @ covariance[-1] @ projection.T)[shown]
+            flown = np.where((ensemble.outcome == COMPLETED)[:, np.newaxis], errors(ensemble)[:, shown], np.nan)
+            found += deviations(
+                f"{law} law to the {trigger} trigger", [quantities[state] for state in shown], predicted, flown
+            )
+    return found
+
+
+def figure(found: dict[str, list[Deviation]]) -> Figure:
+    """Ratio of every standard deviation, by case; on the right those near one."""
+    cases = [(slug, case) for slug, rows in found.items() for case in dict.fromkeys(row.case for row in rows)]
+    drawn, (whole, near) = new_figure(8.6, 1.4 + 0.3 * len(cases), ncols=2, sharey=True, width_ratios=(1.0, 1.4))
+    used = set()
+    for height, (slug, case) in enumerate(cases):
+        rows = [row for row in found[slug] if row.case == case]
+        for row, offset in zip(rows, _spread(len(rows)), strict=True):
+            used.add(row.quantity)
+            look = {"color": COLORS[slug], "marker": MARKS[row.quantity], "markersize": 4, "linestyle": "none"}
+            whole.plot(row.ratio, height + offset, **look)
+            if abs(row.ratio - 1.0) < NEAR:
+                near.errorbar(row.ratio, height + offset, xerr=SIGMAS * row.ratio_error, linewidth=0.8, **look)
+    for axes in (whole, near):
+        axes.axvline(1.0, color=BLACK, linewidth=0.8)
+        for edge in range(1, len(cases)):
+            between = cases[edge][0] != cases[edge - 1][0]
+            axes.axhline(edge - 0.5, color=GREY, linewidth=0.8 if between else 0.3)
+        axes.grid(axis="y", visible=False)
+    whole.set_yticks(range(len(cases)), [f"{NAMES[slug]}: {case}" for slug, case in cases])
+    whole.set(xscale="log", xlabel="linear covariance\nover Monte Carlo", ylim=(len(cases) - 0.5, -0.5))
+    near.set(
+        xlim=(1.0 - NEAR, 1.0 + NEAR),
+        xlabel=f"the same within {100 * NEAR:.0f} % of one,\nwith {SIGMAS:g} standard errors",
+    )
+    for name in (name for name in MARKS if name in used):
+        near.plot([], [], color=BLACK, marker=MARKS[name], markersize=4, linestyle="none", label=name)
+    drawn.legend(loc="outside lower center", ncols=4)
+    return drawn
+
+
+def table(found: dict[str, list[Deviation]]) -> list[tuple[str, ...]]:
+    """All of them as numbers."""
+    rows = [
+        (
+            *("paper", "flights", "quantity", "unit", "linear covariance", "Monte Carlo", "ratio", "standard error"),
+            *("number of flights", "lost"),
+        )
+    ]
+    return rows + [
+        (
+            *(NAMES[slug], row.case, row.quantity, row.unit, f"{row.predicted:.4g}", number(row.sampled, ".4g")),
+            *(number(row.ratio, ".4g"), number(row.ratio_error, ".2g"), f"{row.trials:,}", f"{row.lost:,}"),
+        )
+        for slug, deviations_of_paper in found.items()
+        for row in deviations_of_paper
+    ]
+
+
+def _deviation(covariance):
+    return np.sqrt(np.diagonal(covariance))
+
+
+def _spread(count):
+    """Heights of the marks of one case, about zero."""
+    return (np.arange(count) - (count - 1) / 2) * 0.8 / max(count, 1)

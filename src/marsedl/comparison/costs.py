@@ -1,0 +1,232 @@
+"""Size and cost of every paper's method."""
+
+import textwrap
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
+from marsedl.papers.desensitized.nominal import Nominal as DesensitizedNominal
+from marsedl.papers.desensitized.tradeoff import Tradeoff as DesensitizedTradeoff
+from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
+from marsedl.papers.funnels.proven import Proven as FunnelsProven
+from marsedl.papers.funnels.stage_study import StageStudy as FunnelsStageStudy
+from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
+from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
+from marsedl.papers.random_field.gains import Gains as RandomFieldGains
+from marsedl.papers.stochastic_entry.gains import Gains as StochasticEntryGains
+from marsedl.plotting.style import new_figure
+from marsedl.replication.errors import InputError
+
+MICRO = 1e-6
+FUNNEL_FLIGHTS = 10_000  # behind one of the run times
+
+
+class Cost(NamedTuple):
+    """One method; times in seconds, as the benchmarks measured them."""
+
+    method: str
+    unknowns: int
+    unknowns_are: str
+    conditions: int
+    conditions_are: str
+    problems: int
+    iterations: int | None
+    design: float
+    design_is: str
+    flight: float
+    everything: float
+
+
+def powered_descent(
+    inputs, nominal: PoweredDescentNominal, gains: PoweredDescentGains, measured: dict | None = None
+) -> list[Cost]:
+    """Closed form: what it determines is as much as what is asked for."""
+    del inputs  # none is needed
+    segments, states = gains.mean_costate.shape
+    numbers = segments * (states + _triangle(states))
+    return [
+        Cost(
+            "closed-form covariance steering",
+            numbers,
+            "costates of the mean, Riccati solutions",
+            numbers,
+            "final means and covariances",
+            segments,
+            len(nominal.largest_change),
+            *_design(measured, "design with mass iteration, compiled"),
+            MICRO * _measured(measured, "kernel, 2,000 trials with outputs"),
+            _everything(measured, "powered_descent"),
+        )
+    ]
+
+
+def random_field(inputs, gains: RandomFieldGains, measured: dict | None = None) -> list[Cost]:
+    """Cone programs of the iterations; zeros of the gains belong to the future, or to a start without errors."""
+    del inputs  # none is needed
+    return [
+        Cost(
+            "successive convexification, cone programs",
+            gains.control[-1].size + int(np.count_nonzero(gains.gain[-1])),
+            "mean controls, gains on all earlier states",
+            2 * gains.control[-1].size,
+            "chance constraints on the control",
+            len(gains.objective),
+            int(gains.solver_iterations.sum()),
+            *_design(measured, "nominal, linear model and laws of three iterations, compiled"),
+            MICRO * _measured(measured, "kernel, 5,000 flights of the last law with outputs"),
+            _everything(measured, "random_field"),
+        )
+    ]
+
+
+def desensitized(
+    inputs, nominal: DesensitizedNominal, tradeoff: DesensitizedTradeoff, measured: dict | None = None
+) -> list[Cost]:
+    """Collocation with sensitivities among the states; those that nothing changes are not counted."""
+    del inputs  # none is needed
+    plain = nominal.state.size + nominal.bank_acceleration.size + 1
+    nodes = nominal.state.shape[0]
+    moving = int(np.any(tradeoff.column != tradeoff.column[:, :1], axis=(0, 1)).sum())
+    equations = nominal.costate.shape
+    flight = MICRO * _measured(measured, "kernel, 5,000 flights with feedback and outputs")
+    everything = _everything(measured, "desensitized")
+    return [
+        Cost(
+            "collocation, path of desensitized solutions",
+            plain + moving * nodes,
+            "states, sensitivities to the radius at entry, controls, final time",
+            equations[0] * (equations[1] + moving),
+            "equations of motion and of sensitivities",
+            tradeoff.solves,
+            None,
+            *_design(measured, "path and rows of Table 3"),
+            flight,
+            everything,
+        )
+    ]
+
+
+def funnels(
+    inputs, funnel: FunnelsFunnel, proven: FunnelsProven, stage_study: FunnelsStageStudy, measured: dict | None = None
+) -> list[Cost]:
+    """Sums of squares: the funnel of the paper, and the one that is proven."""
+    del inputs  # none is needed
+    size = int(stage_study.basis_size[list(stage_study.samples).index(len(funnel.samples))])
+    conditions = "values of the polynomial at samples"
+    flights = _measured(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
+    everything = _everything(measured, "funnels")
+    return [
+        Cost(
+            "sums of squares by samples, stage by stage",
+            _triangle(size) + 1,
+            "Gram matrix of one stage, its bound",
+            len(funnel.samples),
+            conditions,
+            len(funnel.bound),
+            int(funnel.iterations.sum()),
+            *_design(measured, "whole funnel by samples, rank-one"),
+            flights,
+            everything,
+        ),
+        Cost(
+            "the same, levels proven",
+            _triangle(proven.basis_size) + 1,
+            "Gram matrix of one stage, its bound",
+            proven.samples,
+            conditions,
+            len(proven.bound),
+            None,
+            *_design(measured, "proven funnel"),
+            flights,
+            everything,
+        ),
+    ]
+
+
+def stochastic_entry(inputs, gains: StochasticEntryGains, measured: dict | None = None) -> list[Cost]:
+    """The dual of covariance steering, for both triggers."""
+    del inputs  # none is needed
+    multipliers = gains.control_multiplier.shape[1] + gains.final_multiplier.shape[1]
+    return [
+        Cost(
+            "dual of chance-constrained covariance steering",
+            multipliers,
+            "Lagrange multipliers",
+            multipliers,
+            "limits of control and final state",
+            len(gains.iterations),
+            int(gains.iterations.sum()),
+            *_design(measured, "nominal, linear model and gains, compiled"),
+            MICRO * _measured(measured, "kernel, 1,000 flights of stochastic_velocity with outputs"),
+            _everything(measured, "stochastic_entry"),
+        )
+    ]
+
+
+def figure(found: dict[str, list[Cost]]) -> Figure:
+    """Size, design time, time of one flight and of everything, by method."""
+    rows = [(slug, cost) for slug, costs in found.items() for cost in costs]
+    drawn, panels = new_figure(9.0, 1.2 + 0.5 * len(rows), ncols=4, sharey=True)
+    shown = (
+        ("unknowns\n(hollow: conditions)", lambda cost: (cost.unknowns, cost.conditions)),
+        ("design (s)", lambda cost: (cost.design,)),
+        ("one flight (ms)", lambda cost: (1e3 * cost.flight,)),
+        ("whole paper (CPU s)", lambda cost: (cost.everything,)),
+    )
+    for panel, (axes, (title, numbers)) in enumerate(zip(panels, shown, strict=True)):
+        everything = []
+        for height, (slug, cost) in enumerate(rows):
+            if panel >= 2 and cost is not found[slug][0]:
+                continue  # of the paper, not of the method
+            number, *others = numbers(cost)
+            everything += [number, *others]
+            axes.plot(number, height, "o", color=COLORS[slug])
+            axes.plot(others, [height] * len(others), "o", color=COLORS[slug], markerfacecolor="none", markersize=9)
+            text = f"{number:,}" if isinstance(number, int) else f"{number:.3g}"
+            axes.annotate(text, (number, height), (0, 6), textcoords="offset points", ha="center", fontsize=7)
+        positive = [value for value in everything if value > 0]
+        decades = np.floor(np.log10(min(positive))), np.ceil(np.log10(max(positive)))
+        axes.set(xscale="log", xlabel=title, xlim=(0.7 * 10 ** decades[0], 1.4 * 10 ** decades[1]))
+    names = [textwrap.fill(f"{NAMES[slug]}: {cost.method}", 34) for slug, cost in rows]
+    panels[0].set_yticks(range(len(rows)), names)
+    panels[0].set_ylim(len(rows) - 0.5, -0.6)
+    return drawn
+
+
+def table(found: dict[str, list[Cost]]) -> list[tuple[str, ...]]:
+    """The same as numbers, with what is counted."""
+    rows = [
+        (
+            *("paper", "method", "unknowns", "which are", "conditions", "which are", "problems", "iterations"),
+            *("design (s)", "which is", "one flight (ms)", "whole paper (CPU s)"),
+        )
+    ]
+    for slug, costs in found.items():
+        for cost in costs:
+            iterations = NO_VALUE if cost.iterations is None else f"{cost.iterations:,}"
+            counts = f"{cost.unknowns:,}", cost.unknowns_are, f"{cost.conditions:,}", cost.conditions_are
+            times = f"{cost.design:.3g}", cost.design_is, f"{1e3 * cost.flight:.3g}", f"{cost.everything:.3g}"
+            rows.append((NAMES[slug], cost.method, *counts, f"{cost.problems:,}", iterations, *times))
+    return rows
+
+
+def _triangle(size):
+    """Entries of a symmetric matrix."""
+    return size * (size + 1) // 2
+
+
+def _measured(measured, quantity):
+    """A run time by what it is of."""
+    if measured is None or quantity not in measured:
+        raise InputError(f"data/reference/benchmarks.csv has no row '{quantity}'; restore it, or run 'make bench'")
+    return measured[quantity]
+
+
+def _design(measured, quantity):
+    return _measured(measured, quantity), quantity
+
+
+def _everything(measured, paper):
+    return _measured(measured, f"snakemake {paper}, full size, from nothing")

@@ -1,0 +1,163 @@
+"""Mean densities of all papers relative to one of them, and how far densities may be from them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
+from marsedl.papers.density import profile
+from marsedl.papers.desensitized.nominal import Nominal as DesensitizedNominal
+from marsedl.papers.funnels.environment import log_density
+from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
+from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
+from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
+from marsedl.papers.random_field import environment as random_field_environment
+from marsedl.papers.random_field.nominal import Nominal as RandomFieldNominal
+from marsedl.papers.stochastic_entry import environment as stochastic_entry_environment
+from marsedl.papers.stochastic_entry.nominal import Nominal as StochasticEntryNominal
+from marsedl.plotting.style import new_figure
+
+REFERENCE = "random_field"  # its mean density is a table that Mars-GRAM computed, in the corrected reading
+KM = 1e3
+ALTITUDE = np.arange(0.0, 125.0 * KM + 1.0, 500.0)  # m, of the figure
+TABULATED = np.array([10.0, 30.0, 50.0, 80.0, 120.0]) * KM
+PROFILES = {
+    "log_quadratic": "quadratic of ln density",
+    "temperature_pressure_fit": "fit of temperature and pressure",
+    "two_exponential": "two exponentials",
+    "table": "table",
+}
+
+
+class Density(NamedTuple):
+    """A density model over `ALTITUDE`; None where a paper has no atmosphere."""
+
+    flown: tuple  # lowest and highest altitude of the nominal, m
+    mean: str
+    dispersion: str
+    curve: str  # what `spread` is, in few words
+    log_density: np.ndarray | None = None  # of kg/m^3
+    factors: tuple | None = None  # between which the density is spread about the mean: least, largest
+    style: str = "-"
+
+
+def powered_descent(inputs, nominal: PoweredDescentNominal, gains: PoweredDescentGains) -> Density:
+    """No atmosphere, but noise on the thrust."""
+    del inputs  # none is needed
+    noise = f"no atmosphere; white noise of {gains.noise_density_plant:g} N sqrt(s) on the thrust"
+    return Density(_range(nominal.mean[:, 1]), "none", noise, "")
+
+
+def random_field(inputs, nominal: RandomFieldNominal) -> Density:
+    """A Gaussian random field of altitude."""
+    return Density(
+        _range(nominal.altitude),
+        PROFILES[inputs.density_profile],
+        f"Gaussian field of altitude, correlation length {inputs.correlation_length / KM:g} km",
+        "one standard deviation",
+        profile(inputs)(ALTITUDE)[0],
+        _about_one(random_field_environment.deviation(inputs, ALTITUDE)),
+    )
+
+
+def desensitized(inputs, nominal: DesensitizedNominal) -> Density:
+    """A density that is known; the further perturbations fly constant errors of it."""
+    return Density(
+        _range(nominal.state[:, 0]),
+        PROFILES[inputs.density_profile],
+        "none in the paper",
+        "constant error, beyond the paper",
+        profile(inputs)(ALTITUDE)[0],
+        _about_one(np.full(ALTITUDE.shape, inputs.density_error)),
+        ":",
+    )
+
+
+def funnels(inputs, linearization: FunnelsLinearization) -> Density:
+    """An exponential whose level and slope lie in a disc, constant in a flight."""
+    mean = log_density(inputs, ALTITUDE)
+    # The largest of a_1 w_1 + b_1 w_2 h over the unit disc.
+    largest = np.hypot(inputs.density_amplitude, inputs.density_slope_amplitude * ALTITUDE)
+    return Density(
+        _range(linearization.state[:, 0]),
+        "exponential",
+        "level and slope of ln density within a disc, constant in a flight",
+        "largest error, upwards",
+        mean,
+        (np.exp(-largest), np.exp(largest)),
+        "-.",
+    )
+
+
+def stochastic_entry(inputs, nominal: StochasticEntryNominal) -> Density:
+    """A Markov process of altitude."""
+    return Density(
+        _range(nominal.altitude),
+        PROFILES[inputs.density_profile],
+        f"Gaussian Markov process of altitude, decay {inputs.decay_factor:g} in a scale height",
+        "one standard deviation",
+        profile(inputs)(ALTITUDE)[0],
+        _about_one(np.sqrt(stochastic_entry_environment.variance(inputs, ALTITUDE))),
+        "--",
+    )
+
+
+def figure(found: dict[str, Density]) -> Figure:
+    """Mean densities relative to the reference's, and their dispersions, over altitude."""
+    drawn, (means, spreads) = new_figure(7.8, 5.6, ncols=2, sharey=True)
+    altitude, handles = ALTITUDE / KM, []
+    for slug, model in found.items():
+        if model.log_density is None:
+            name = f"{NAMES[slug]}: no atmosphere, below {model.flown[1]:.0f} m"
+            handles += means.plot([], [], linestyle="none", label=name)
+            continue
+        ratio = np.exp(model.log_density - found[REFERENCE].log_density)
+        flown = (model.flown[0] <= ALTITUDE) & (model.flown[1] >= ALTITUDE)
+        look = {"color": COLORS[slug], "linestyle": model.style}
+        sides = [ratio * factor for factor in model.factors]
+        means.fill_betweenx(altitude, *sides, where=flown, color=COLORS[slug], alpha=0.15, linewidth=0)
+        means.plot(ratio, altitude, **look, linewidth=0.6)
+        means.plot(np.where(flown, ratio, np.nan), altitude, **look, linewidth=1.8)
+        handles += spreads.plot(
+            *(100 * (model.factors[1] - 1), altitude), **look, linewidth=1.6, label=f"{NAMES[slug]}: {model.curve}"
+        )
+    means.set(xscale="log", xlabel=f"density over the mean of the {NAMES[REFERENCE]} paper", ylabel="altitude (km)")
+    means.set_ylim(altitude[[0, -1]])
+    spreads.set(xscale="log", xlabel="from its mean (%)")
+    for axes in (means, spreads):
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    drawn.legend(handles=handles, loc="outside lower center", ncols=2)
+    return drawn
+
+
+def table(found: dict[str, Density]) -> list[tuple[str, ...]]:
+    """The same at some altitudes."""
+    rows = [
+        (
+            *("paper", "altitude (km)", "flown", "mean density over the reference", "dispersion (%)"),
+            *("mean density", "what the dispersion is"),
+        )
+    ]
+    for slug, model in found.items():
+        if model.log_density is None:
+            rows.append((NAMES[slug], *[NO_VALUE] * 4, model.mean, model.dispersion))
+            continue
+        what = "; ".join((model.dispersion, model.curve))
+        for altitude, node in zip(TABULATED, np.searchsorted(ALTITUDE, TABULATED), strict=True):
+            ratio = np.exp(model.log_density[node] - found[REFERENCE].log_density[node])
+            flown = "yes" if model.flown[0] <= altitude <= model.flown[1] else "no"
+            number = f"{ratio:.3f}", f"{100 * (model.factors[1][node] - 1):.2f}"
+            rows.append((NAMES[slug], f"{altitude / KM:g}", flown, *number, model.mean, what))
+    return rows
+
+
+def _range(altitude):
+    return float(altitude.min()), float(altitude.max())
+
+
+def _about_one(deviation):
+    return 1.0 - deviation, 1.0 + deviation

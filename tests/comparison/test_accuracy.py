@@ -1,0 +1,163 @@
+"""Ratios of linear covariance to flights, on flights whose covariance is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from marsedl.comparison import accuracy
+from marsedl.montecarlo.ensembles import COMPLETED
+
+TRIALS = 20_000
+COVARIANCE = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -1.0], [0.5, -1.0, 1.0]])
+QUANTITIES = (("altitude", "m"), ("velocity", "m/s"), ("flight path angle", "rad"))
+
+
+@pytest.fixture
+def flights():
+    return np.random.default_rng(5).multivariate_normal(np.ones(3), COVARIANCE, TRIALS)
+
+
+def test_a_true_prediction_has_the_ratio_one_within_its_standard_error(flights):
+    for row in accuracy.deviations("case", QUANTITIES, np.sqrt(np.diag(COVARIANCE)), flights):
+        assert abs(row.ratio - 1.0) < 4 * row.ratio_error
+        assert row.ratio_error == pytest.approx(1 / np.sqrt(2 * TRIALS), rel=0.05)  # of normal samples
+
+
+def test_a_wrong_prediction_does_not(flights):
+    row = accuracy.deviations("case", QUANTITIES, 0.9 * np.sqrt(np.diag(COVARIANCE)), flights)[1]
+    assert row.ratio == pytest.approx(0.9, rel=0.02)
+    assert abs(row.ratio - 1.0) > 4 * row.ratio_error
+    assert (row.quantity, row.unit, row.case) == ("velocity", "m/s", "case")
+
+
+def test_flat_tails_have_smaller_errors_than_normal_ones():
+    uniform = np.random.default_rng(6).uniform(-1.0, 1.0, (TRIALS, 1))
+    (row,) = accuracy.deviations("case", (("altitude", "m"),), [np.sqrt(1 / 3)], uniform)
+    assert row.ratio_error == pytest.approx(np.sqrt((9 / 5 - 1) / (4 * TRIALS)), rel=0.05)
+
+
+def test_lost_flights_are_left_out_and_counted(flights):
+    lost = np.array(flights)
+    lost[:7, 2] = np.nan
+    kept = accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], flights[7:])
+    assert accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], lost) == [row._replace(lost=7) for row in kept]
+
+
+def test_where_no_flight_is_left_no_number_is_given(flights):
+    (row,) = accuracy.deviations("case", QUANTITIES[:1], [2.0], np.full((4, 1), np.nan))
+    assert np.isnan(row.ratio)
+    assert (row.trials, row.lost) == (0, 4)
+    _, shown = accuracy.table({"funnels": [row]})
+    assert shown[5:] == ("–", "–", "–", "0", "4")
+    accuracy.figure({"funnels": [row]})
+
+
+def test_the_large_ensemble_of_the_powered_descent_is_taken_where_there_is_one():
+    gains = SimpleNamespace(covariance=np.eye(4)[np.newaxis])
+    state = np.random.default_rng(7).normal(size=(50, 5))
+    small, large = SimpleNamespace(final_state=state[:20]), SimpleNamespace(final_state=state)
+    assert {row.trials for row in accuracy.powered_descent(None, gains, small)} == {20}
+    assert {row.trials for row in accuracy.powered_descent(None, gains, small, large)} == {50}
+
+
+def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities():
+    draw = np.random.default_rng(8)
+    gains = SimpleNamespace(
+        control=np.zeros((2, 3)), covariance=np.tile(np.eye(3), (2, 4, 1, 1)), delta_v_deviation=np.ones(2)
+    )
+    outcome = np.full((2, 40), COMPLETED)
+    outcome[1, :5] = 2
+    ensemble = SimpleNamespace(
+        final_state=draw.normal(size=(2, 40, 4)), delta_v=draw.normal(size=(2, 40)), outcome=outcome
+    )
+    rows = accuracy.random_field(None, gains, ensemble)
+    assert [(row.case, row.lost) for row in rows[::4]] == [("open loop", 0), ("iteration 1", 5)]
+    assert {row.lost for row in rows[4:]} == {5}
+    assert rows[4].sampled == pytest.approx(ensemble.final_state[1, 5:, 0].std(ddof=1))
+    alone = SimpleNamespace(**{**vars(gains), "control": np.zeros((1, 3))})
+    assert {row.case for row in accuracy.random_field(None, alone, ensemble)} == {"open loop"}
+
+
+def test_the_sensitivity_of_the_desensitized_landing_carries_the_errors_at_entry():
+    final = np.array([[[1.0, 2.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 0.5]]])
+    inputs = SimpleNamespace(initial_deviations=np.array([200.0, 1000.0, 300.0]))
+    drawn = np.random.default_rng(9).normal(size=(1, TRIALS, 3)) * inputs.initial_deviations
+    gains = SimpleNamespace(law=np.array(["no_doc"]), final=final)
+    ensemble = SimpleNamespace(final_error=drawn @ final[0].T)
+    for row in accuracy.desensitized(inputs, gains, ensemble):
+        assert abs(row.ratio - 1.0) < 4 * row.ratio_error
+
+
+def test_linear_flights_of_the_funnels_have_the_predicted_deviations():
+    """Starts and disturbances uniform on their boundaries, carried by a constant closed loop."""
+    draw, states, steps, end = np.random.default_rng(10), 6, 400, 2.0
+    matrix, control, gain = draw.normal(size=(states, states)) / 3, draw.normal(size=states), draw.normal(size=states)
+    disturbance = draw.normal(size=(states, 2))
+    half = 2 * steps + 1
+    linearization = SimpleNamespace(
+        time=np.linspace(0.0, end, steps + 1),
+        state_matrix=np.tile(matrix, (half, 1, 1)),
+        control_matrix=np.tile(control, (half, 1)),
+        disturbance_matrix=np.tile(disturbance, (half, 1, 1)),
+    )
+    shape, level = np.diag(draw.uniform(1.0, 4.0, states)), 0.7
+    gains = SimpleNamespace(half_gain=np.tile(gain / 5, (half, 1)), shape=shape[np.newaxis])
+
+    def sphere(size):
+        points = draw.normal(size=(TRIALS, size))
+        return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+    start = np.sqrt(2 * level) * sphere(states) / np.sqrt(np.diag(shape))
+    assert np.einsum("ti,ij,tj->t", start, shape, start) / 2 == pytest.approx(level)
+    joint = np.zeros((states + 2, states + 2))
+    joint[:states, :states], joint[:states, states:] = matrix + np.outer(control, gain / 5), disturbance
+    flown = np.hstack([start, sphere(2)]) @ expm(end * joint).T
+    ensemble = SimpleNamespace(final_state=flown, outcome=np.full(TRIALS, COMPLETED))
+    inputs, funnel = SimpleNamespace(planet_radius=1000.0), SimpleNamespace(level=np.array([level]))
+    rows = accuracy.funnels(inputs, linearization, gains, funnel, ensemble)
+    for row in rows:
+        assert abs(row.ratio - 1.0) < 4 * row.ratio_error
+    assert rows[1].sampled == pytest.approx(1000.0 * flown[:, 1].std(ddof=1))
+    assert [row.unit for row in rows] == ["m", "m", "m", "m/s", "rad", "rad"]
+
+
+def test_nothing_deviates_in_velocity_at_the_velocity_trigger():
+    draw = np.random.default_rng(11)
+    covariance = np.tile(np.diag(np.arange(1.0, 6.0)), (2, 3, 1, 1))
+    projection = np.diag([2.0, 0.0, 1.0, 1.0, 1.0])
+    ensemble = SimpleNamespace(
+        final_state=draw.normal(size=(30, 9)), nominal_final=np.zeros(6), outcome=np.full(30, COMPLETED)
+    )
+    gains = SimpleNamespace(apollo_covariance=covariance, stochastic_covariance=4 * covariance)
+    rows = accuracy.stochastic_entry(None, SimpleNamespace(trigger_projection=projection), gains, *[ensemble] * 4)
+    by_case = {}
+    for row in rows:
+        by_case.setdefault(row.case, {})[row.quantity] = row.predicted
+    assert by_case["Apollo law to the time trigger"] == pytest.approx(
+        {"altitude": 1.0, "velocity": np.sqrt(2), "flight path angle": np.sqrt(3), "downrange": 2.0}
+    )
+    assert by_case["stochastic law to the velocity trigger"] == pytest.approx(
+        {"altitude": 4.0, "flight path angle": 2 * np.sqrt(3), "downrange": 4.0}
+    )
+
+
+def test_the_figure_holds_every_ratio_and_the_near_ones_again(flights):
+    near = accuracy.deviations("near", QUANTITIES, np.sqrt(np.diag(COVARIANCE)), flights)
+    far = accuracy.deviations("far", QUANTITIES, 1e-3 * np.sqrt(np.diag(COVARIANCE)), flights)
+    whole, close = accuracy.figure({"funnels": near, "desensitized": far}).axes
+    shown = [line.get_xdata()[0] for line in whole.lines if len(line.get_xdata()) == 1]
+    assert shown == pytest.approx([row.ratio for row in near + far])
+    marks = [line for line in close.lines if line.get_marker() in accuracy.MARKS.values() and len(line.get_xdata())]
+    assert [line.get_xdata()[0] for line in marks] == pytest.approx([row.ratio for row in near])
+    assert [label.get_text() for label in whole.get_yticklabels()] == ["funnels: near", "desensitized: far"]
+
+
+def test_the_table_has_a_row_for_each_and_says_how_many_were_lost(flights):
+    rows = accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], flights)
+    header, *body = accuracy.table({"funnels": rows})
+    assert len(body) == len(rows)
+    assert all(len(row) == len(header) for row in body)
+    assert body[0][header.index("number of flights")] == "20,000"
+    assert body[0][header.index("lost")] == "0"

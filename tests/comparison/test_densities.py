@@ -1,0 +1,85 @@
+"""Density models: what is drawn is what the papers' inputs say."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marsedl.comparison import COMPARISONS, densities
+from marsedl.comparison.records import NAMES
+from marsedl.papers import input_model
+from marsedl.papers.funnels.environment import log_density
+from marsedl.replication.inputs import load_study
+from marsedl.replication.jobs import Slice
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+FLOWN = np.array([20e3, 120e3])  # m, of nominals that are not looked at otherwise
+ARTIFACTS = {
+    "powered_descent": {
+        "nominal": SimpleNamespace(mean=np.array([[0.0, 500.0], [0.0, 50.0]])),
+        "gains": SimpleNamespace(noise_density_plant=360.0),
+    },
+    "random_field": {"nominal": SimpleNamespace(altitude=FLOWN)},
+    "desensitized": {"nominal": SimpleNamespace(state=FLOWN[:, np.newaxis])},
+    "funnels": {"linearization": SimpleNamespace(state=FLOWN[:, np.newaxis])},
+    "stochastic_entry": {"nominal": SimpleNamespace(altitude=FLOWN)},
+}
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    found = {}
+    for slug in NAMES:
+        study = load_study(slug, input_model(slug), CONFIGS / f"{slug}.yaml")
+        found[slug] = Slice(study.readings["corrected"].slice(COMPARISONS["densities"].inputs[slug]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def found(inputs):
+    return {slug: getattr(densities, slug)(inputs[slug], **ARTIFACTS[slug]) for slug in NAMES}
+
+
+def test_one_standard_deviation_above_the_top_altitude_is_that_of_the_inputs(inputs, found):
+    for slug in ("random_field", "stochastic_entry"):
+        top = inputs[slug].variance_top_altitude <= densities.ALTITUDE
+        assert found[slug].factors[1][top] == pytest.approx(1 + np.sqrt(inputs[slug].variance_at_top))
+        assert found[slug].factors[0] + found[slug].factors[1] == pytest.approx(2.0)
+        below = np.interp(inputs[slug].variance_top_altitude - inputs[slug].variance_growth_length,
+                          densities.ALTITUDE, found[slug].factors[1] - 1)  # fmt: skip
+        assert below == pytest.approx(np.sqrt(inputs[slug].variance_at_top / np.e))
+
+
+def test_the_largest_density_of_the_funnels_is_the_largest_over_the_disc(inputs, found):
+    angle = np.linspace(0.0, 2 * np.pi, 20_001)
+    for node in (20, 100, 240):
+        altitude = densities.ALTITUDE[node]
+        values = log_density(inputs["funnels"], altitude, (np.cos(angle), np.sin(angle)))
+        excess = values - log_density(inputs["funnels"], altitude)
+        assert found["funnels"].factors[1][node] == pytest.approx(np.exp(excess.max()), rel=1e-6)
+        assert found["funnels"].factors[0][node] == pytest.approx(np.exp(excess.min()), rel=1e-6)
+
+
+def test_the_reference_is_one_and_the_powered_descent_has_no_atmosphere(found):
+    header, *rows = densities.table(found)
+    assert all(len(row) == len(header) for row in rows)
+    ratio = header.index("mean density over the reference")
+    assert {row[ratio] for row in rows if row[0] == "random field"} == {"1.000"}
+    (bare,) = [row for row in rows if row[0] == "powered descent"]
+    assert set(bare[1:5]) == {"–"}
+    assert "360 N sqrt(s)" in bare[-1]
+    flown = {(row[0], row[1]): row[2] for row in rows}
+    assert (flown["funnels", "10"], flown["funnels", "50"]) == ("no", "yes")
+
+
+def test_the_figure_draws_four_models_and_names_all_five(found):
+    figure = densities.figure(found)
+    means, spreads = figure.axes
+    drawn = [line for line in means.lines if len(line.get_xdata())]
+    assert len(drawn) == 2 * 4, "thin everywhere, thick where it is flown"
+    assert np.nanmin(drawn[1].get_ydata()[np.isfinite(drawn[1].get_xdata())]) == 20.0
+    assert len(spreads.lines) == 4
+    (legend,) = figure.legends
+    assert len(legend.get_texts()) == len(NAMES)
+    assert "no atmosphere" in legend.get_texts()[0].get_text()

@@ -1,0 +1,63 @@
+"""What a comparison is given: inputs and artifacts of every paper, by the names and types of its functions."""
+
+import sys
+import types
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from marsedl.comparison.records import NO_VALUE, collect, number
+from marsedl.replication import artifacts
+from marsedl.replication.artifacts import ArtifactError, quantity
+
+
+@dataclass(frozen=True)
+class Tiny:
+    """Two numbers."""
+
+    value: np.ndarray = quantity("m", ("two",), "numbers")
+
+
+def funnels(inputs, nominal: Tiny, large: Tiny | None = None, measured: dict | None = None):
+    return inputs.factor * nominal.value.sum(), large, measured
+
+
+@pytest.fixture
+def comparison(monkeypatch):
+    module = types.ModuleType("marsedl.comparison.tiny")
+    module.funnels = funnels
+    monkeypatch.setitem(sys.modules, "marsedl.comparison.tiny", module)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    path = tmp_path / "nominal.h5"
+    artifacts.save(path, Tiny(np.array([1.0, 2.0])), paper="funnels", reading="corrected", provenance={})
+    return path
+
+
+def test_artifacts_and_inputs_reach_the_function_of_their_paper(comparison, stored):
+    files = {"funnels": {"nominal": str(stored)}}
+    assert collect("tiny", "corrected", {"funnels": {"factor": 2.0}}, files) == {"funnels": (6.0, None, None)}
+    files["funnels"]["large"] = str(stored)
+    total, large, _ = collect("tiny", "corrected", {"funnels": {"factor": 1.0}}, files)["funnels"]
+    assert (total, large.value.tolist()) == (3.0, [1.0, 2.0])
+
+
+def test_run_times_of_the_paper_alone_are_given_where_a_table_is_named(comparison, stored, tmp_path):
+    table = tmp_path / "benchmarks.csv"
+    table.write_text("paper,quantity,value\nfunnels,a flight,2.5\nrandom_field,a flight,3.5\n", encoding="utf-8")
+    files = {"funnels": {"nominal": str(stored)}}
+    found = collect("tiny", "corrected", {"funnels": {"factor": 1.0}}, files, table)
+    assert found["funnels"][2] == {"a flight": 2.5}
+
+
+def test_artifacts_of_another_reading_are_refused(comparison, stored):
+    with pytest.raises(ArtifactError, match="corrected"):
+        collect("tiny", "printed", {"funnels": {"factor": 1.0}}, {"funnels": {"nominal": str(stored)}})
+
+
+def test_numbers_that_are_none_are_shown_as_such():
+    assert number(1.234, ".2f") == "1.23"
+    assert number(np.nan, ".2f") == NO_VALUE
