@@ -1,15 +1,30 @@
 import base64
+import io
+import json
 import struct
 import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from marsedl.replication.claims import Close, Declaration, Evaluation, PublishedClaim, collect, load_published
+from marsedl.plotting import style
+from marsedl.replication.claims import (
+    COUNTED_VERDICTS,
+    Close,
+    Declaration,
+    Evaluation,
+    PublishedClaim,
+    collect,
+    load_published,
+)
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.report import (
+    CloseUp,
+    Comparison,
     ErratumEntry,
     FigureEntry,
     InputEntry,
@@ -113,7 +128,7 @@ def example(folder, hostile="plain"):
             png(folder / f"fig{i:02d}.png", 640 + 160 * (i % 2), 400, (120, 60 + 30 * i, 190)),
             f"Trajectories of the trials with 3-sigma ellipses, drawn over the predicted ones. {hostile}",
             alt="Curves that contract towards the landing site",
-            files=(f"figures/powered_descent/fig{i:02d}.pdf",),
+            files=(f"figures/powered_descent/fig{i:02d}.png", f"figures/powered_descent/fig{i:02d}.pdf"),
             beyond=i == 4,
         )
         for i in range(1, 5)
@@ -145,6 +160,15 @@ def example(folder, hostile="plain"):
         errata,
         "The method reproduces; two of four components of the final mean do not.",
         ["All quadratures converged."],
+        "report/claims/powered_descent.json",
+        [
+            CloseUp(
+                "states", "Final states", f"Where the flights end. {hostile}", "histories", {"said": hostile, "n": 1.5}
+            )
+        ],
+        [["quantity", "value"], ["design, compiled", "0.39"]],
+        [["stage", "how it ended"], ["certificates", f"8 optimal {hostile}"]],
+        [["artifact", "made from"], ["gains", "linearization"]],
     )
     small = PublishedClaim("small", "only", "Table 1", "a matrix", [[1, 2], [3, 4]], "m", "deterministic", resolution=1)
     rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
@@ -163,11 +187,17 @@ def example(folder, hostile="plain"):
     ], environment
 
 
+def together(folder):
+    """A comparison of both."""
+    figure = FigureEntry("densities", png(folder / "densities.png"), "All densities.", files=("figures/densities.png",))
+    return Comparison([figure], [TableEntry("densities", "All of them", [["paper"], ["small"]], ("densities.csv",))])
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    papers, environment = example(folder, hostile="<script>alert('x & y')</script>")
-    build_report(folder / "out" / "index.html", papers, environment)
+    papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
+    build_report(folder / "out" / "index.html", papers, environment, together(folder))
     return (folder / "out" / "index.html").read_text(encoding="utf-8"), papers, environment, folder
 
 
@@ -177,7 +207,7 @@ class Checker(HTMLParser):
     def __init__(self):
         super().__init__()
         self.open, self.ids, self.links, self.sources, self.images, self.text = [], [], [], [], [], []
-        self.headings, self.tables, self.captions, self.scripts = [], 0, 0, 0
+        self.headings, self.tables, self.captions, self.scripts, self.data = [], 0, 0, 0, []
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
@@ -199,7 +229,10 @@ class Checker(HTMLParser):
             assert given.get("scope") in ("col", "row", "colgroup", "rowgroup")
         self.tables += tag == "table"
         self.captions += tag == "caption"
-        self.scripts += tag == "script"
+        self.scripts += tag == "script" and "type" not in given
+        if tag == "script" and "type" in given:
+            assert given["type"] == "application/json"
+            self.data.append("")
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -207,6 +240,8 @@ class Checker(HTMLParser):
     def handle_data(self, data):
         if not self.open or self.open[-1] not in ("script", "style"):
             self.text.append(data)
+        elif self.open[-1] == "script" and not self.scripts:  # the one that draws comes last
+            self.data[-1] += data
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +254,7 @@ def page(built):
 
 def test_two_builds_have_the_same_bytes_and_leave_nothing_else(built):
     html, papers, environment, folder = built
-    build_report(folder / "again.html", papers, environment)
+    build_report(folder / "again.html", papers, environment, together(folder))
     assert (folder / "again.html").read_bytes() == html.encode()
     assert [path.name for path in (folder / "out").iterdir()] == ["index.html"]
     assert str(folder) not in html
@@ -248,7 +283,7 @@ def test_every_claim_reading_erratum_figure_and_input_is_shown(built, page):
             assert entry.name in text
             for value in entry.values.values():
                 assert value.value in text
-                assert value.source in text
+                assert value.source.removeprefix("assumed: ") in text
     for digest in built[2]["digests"].values():
         assert digest in text
 
@@ -263,7 +298,7 @@ def test_values_stand_beside_the_print_with_their_errors(page):
 
 def test_text_from_outside_is_escaped(built, page):
     assert "<script>alert" not in built[0]
-    assert built[0].count("&lt;script&gt;alert(&#39;x &amp; y&#39;)&lt;/script&gt;") > 5
+    assert built[0].count("&lt;/script&gt;&lt;script&gt;alert(&#39;x &amp; y&#39;)&lt;/script&gt;") > 5
     assert page.scripts == 1
 
 
@@ -278,14 +313,111 @@ def test_no_style_loads_anything(built):
     assert "@import" not in built[0]
 
 
+def embedded(given):
+    return Image.open(io.BytesIO(base64.b64decode(given["src"].removeprefix("data:image/png;base64,")))).convert("RGB")
+
+
 def test_images_are_inside_with_alternative_text_and_size(built, page):
-    figures = built[1][0].figures
-    assert len(page.images) == len(figures)
+    figures = [*built[1][0].figures, *together(built[3]).figures]
+    assert len(page.images) == len(figures) == 5
     for given, figure in zip(page.images, figures, strict=True):
-        assert base64.b64decode(given["src"].removeprefix("data:image/png;base64,")) == figure.image.read_bytes()
-        assert given["alt"] == figure.alt
-        assert int(given["width"]) in (640, 800)
-        assert given["height"] == "400"
+        original = Image.open(figure.image)
+        assert embedded(given).tobytes() == original.convert("RGB").tobytes()  # few colours: all fit in a palette
+        assert given["alt"] == (figure.alt or figure.caption)
+        assert (int(given["width"]), int(given["height"])) == original.size
+
+
+def images(folder, *paths):
+    """Images as a page holds them, with their sizes in bytes."""
+    figures = [FigureEntry(path.stem, path, "Curves.") for path in paths]
+    build_report(folder / "index.html", [PaperReport("p", "P", "Nobody.", [], [], figures=figures)], {})
+    checker = Checker()
+    checker.feed((folder / "index.html").read_text(encoding="utf-8"))
+    return [(embedded(given), 3 * len(given["src"]) / 4) for given in checker.images]
+
+
+def test_a_drawn_figure_shrinks_and_looks_the_same(tmp_path):
+    figure, axes = style.new_figure()
+    x = np.linspace(0.0, 20.0, 400)
+    for k, colour in enumerate((style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.PURPLE)):
+        axes.plot(x, np.sin(x + k), color=colour, label=f"curve {k}")
+        axes.fill_between(x, np.sin(x + k) - 0.1, np.sin(x + k) + 0.1, color=colour, alpha=0.3, linewidth=0)
+    axes.plot([3.0], [0.2], "x", color="#CC00CC", markersize=3)  # a colour of a few pixels
+    axes.legend()
+    style.save_figure(figure, tmp_path / "fig.png")
+    before = (tmp_path / "fig.png").read_bytes()
+    (image, size), (again, _) = images(tmp_path, tmp_path / "fig.png")[0], images(tmp_path, tmp_path / "fig.png")[0]
+    assert size < 0.5 * len(before)
+    assert (tmp_path / "fig.png").read_bytes() == before
+    drawn = np.asarray(Image.open(tmp_path / "fig.png").convert("RGB")).astype(int)
+    moved = np.abs(np.asarray(image).astype(int) - drawn)
+    assert moved.max() <= 32
+    assert moved.mean() < 1.0
+    assert not moved[(drawn == 255).all(axis=-1)].any()
+    assert image.tobytes() == again.tobytes()
+
+
+def test_a_transparent_image_stays_so_and_a_small_one_does_not_grow(tmp_path):
+    Image.new("RGBA", (50, 40), (200, 30, 30, 90)).save(tmp_path / "glass.png")
+    Image.new("1", (9, 9)).save(tmp_path / "dot.png", optimize=True)
+    figures = [FigureEntry(name, tmp_path / f"{name}.png", "Little.") for name in ("glass", "dot")]
+    build_report(tmp_path / "index.html", [PaperReport("p", "P", "Nobody.", [], [], figures=figures)], {})
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    glass, dot = (base64.b64decode(part.partition('"')[0]) for part in text.split("data:image/png;base64,")[1:])
+    assert Image.open(io.BytesIO(glass)).convert("RGBA").getpixel((7, 7)) == (200, 30, 30, 90)
+    assert dot == (tmp_path / "dot.png").read_bytes()
+
+
+def test_every_product_stands_beside_the_command_that_rebuilds_it(built, page):
+    text = " ".join(page.text)
+    for entry in (*built[1][0].figures, *built[1][0].tables, *together(built[3]).figures):
+        assert f"snakemake {entry.files[0]}" in text
+        assert all(name in text for name in entry.files)
+    assert "snakemake report/claims/powered_descent.json" in text
+
+
+def test_runs_solvers_and_provenance_are_shown(page):
+    text = " ".join(page.text)
+    for words in ("design, compiled", "8 optimal", "linearization", "Run times", "How the solvers ended", "Provenance"):
+        assert words in text
+
+
+def test_assumed_inputs_are_marked_and_counted(built, page):
+    inputs = built[0].partition('id="powered_descent-inputs"')[2].partition("</table>")[0]
+    assert "of\n4 inputs 0 in <code>printed</code>, 2 in <code>corrected</code>" in inputs
+    assert inputs.count('<td data-reading="corrected" class="changed">') == 2
+    assert inputs.partition("initial_velocity</code>")[2].count('<span class="tag">assumed</span> &lt;') == 3
+
+
+def test_an_erratum_leads_to_the_claims_that_name_it(built, page):
+    errata = built[0].partition('id="powered_descent-E10"')[2]
+    first, _, rest = errata.partition('id="powered_descent-E11"')
+    assert 'href="#powered_descent-prior_final_mass"' in first
+    assert 'href="#powered_descent-mc_final_mean"' in rest.partition('id="powered_descent-E12"')[0]
+
+
+def test_a_close_up_carries_its_data_which_cannot_end_the_script(built, page):
+    assert [json.loads(text) for text in page.data] == [built[1][0].closeups[0].data]
+    assert "powered_descent-closer-states" in page.ids
+    assert built[1][0].closeups[0].text in " ".join(page.text)
+
+
+def test_the_comparison_has_a_section_of_its_own(page):
+    assert {"comparison", "comparison-densities", "comparison-table-densities"} <= set(page.ids)
+    assert "#comparison" in page.links
+
+
+def test_the_matrix_counts_every_verdict_and_leads_to_its_claims(built, page):
+    overview = built[0].partition('id="overview"')[2].partition("</table>")[0]
+    rows = overview.split("<tr>")[2:]
+    for paper, row in zip(built[1], rows, strict=False):
+        cells = [cell.partition("</td>")[0] for cell in row.split('<td class="count')[1:]]
+        numbers = [int(cell.partition(">")[2].removesuffix("</a>").rpartition(">")[2]) for cell in cells]
+        verdicts = [claim["verdict"] for claim in paper.claims]
+        counts = [verdicts.count(verdict) for verdict in COUNTED_VERDICTS]
+        listed = len(verdicts) - sum(counts)
+        assert numbers == [*counts, sum(counts), listed, len(paper.figures), len(paper.tables), len(paper.errata)]
+    assert len(rows) == len(built[1]) + 1
 
 
 def test_headings_descend_by_one_and_every_table_has_a_caption(built, page):
@@ -340,3 +472,10 @@ def test_a_figure_that_is_not_a_png_is_refused(tmp_path, content):
         image.write_bytes(content)
     figure = FigureEntry("fig09", image, "Nothing")
     refused(tmp_path, ArtifactError, ["broken.png"], papers=lambda given: [replace(given[0], figures=[figure])])
+
+
+def test_a_figure_that_is_cut_off_is_refused(tmp_path):
+    image = png(tmp_path / "cut.png")
+    image.write_bytes(image.read_bytes()[:-60])
+    figure = FigureEntry("fig09", image, "Nothing")
+    refused(tmp_path, ArtifactError, ["cut.png"], papers=lambda given: [replace(given[0], figures=[figure])])

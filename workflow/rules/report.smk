@@ -9,6 +9,7 @@ rule report:
 rule digests:
     input:
         [products(paper) + cache(paper) for paper in PAPERS],
+        compared(),
         "report/claims.json",
     output:
         "report/digests.json",
@@ -24,7 +25,8 @@ rule digests:
 
 rule index:
     input:
-        [path for paper in PAPERS for path in products(paper)],
+        [products(paper) + cache(paper) for paper in PAPERS],
+        compared(),
         claims="report/claims.json",
         digests="report/digests.json",
     output:
@@ -38,10 +40,21 @@ rule index:
         size=str(config.get("size", "full")),
         benchmarks="data/reference/benchmarks.csv",
         benchmark_digest=file_digest("data/reference/benchmarks.csv"),
-        template=file_digest("src/marsedl/replication/templates/report.html.j2"),
+        artifacts={
+            paper: {
+                reading: artifacts(paper, reading)
+                for reading in STUDIES[paper].compared
+            }
+            for paper in PAPERS
+        },
+        templates=[
+            file_digest(f"src/marsedl/replication/templates/report.{part}")
+            for part in ("html.j2", "css", "js")
+        ],
         code=script_of("report.py"),
         catalogues={
             paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS
         },
+        comparisons=DIGESTS.code("marsedl.comparison:COMPARISONS"),
     script:
         "../scripts/report.py"

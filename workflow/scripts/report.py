@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from marsedl.comparison import COMPARISONS
 from marsedl.papers import catalogue, input_model
 from marsedl.replication import assembly
 from marsedl.replication.jobs import guarded
@@ -9,9 +10,12 @@ from marsedl.replication.report import build_report
 
 with guarded(snakemake) as job:
     claims = assembly.claims_by_paper(snakemake.input.claims)
+    benchmarks = assembly.measurements(Path(job.params.benchmarks))
     papers = [
-        assembly.paper_report(catalogue(slug), input_model(slug), readings, claims[slug])
+        assembly.paper_report(
+            catalogue(slug), input_model(slug), readings, claims[slug], job.params.artifacts[slug], benchmarks
+        )
         for slug, readings in job.params.readings.items()
     ]
-    around = assembly.environment(job.params.size, Path(snakemake.input.digests), Path(job.params.benchmarks))
-    build_report(snakemake.output[0], papers, around)
+    around = assembly.environment(job.params.size, Path(snakemake.input.digests), benchmarks, job.params.readings)
+    build_report(snakemake.output[0], papers, around, assembly.comparison(COMPARISONS))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
-import struct
+import io
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from marsedl.replication.inputs import nearest
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "notes", "versions", "digests", "benchmarks", "verify")
+_COLOURS = 256  # of an embedded figure: all that a palette holds
 _MARKS = {
     "reproduced": "✓",
     "holds": "✓",
@@ -44,6 +46,14 @@ _MEANINGS = {
     "as_stated": "an input; the reading ‘printed’ uses it as the paper states it (not counted)",
     "not_as_stated": "an input that the reading uses otherwise (not counted)",
     "quoted": "literature quoted by the paper (not evaluated, not counted)",
+}
+_KEYS = {  # how each kind of close-up is used
+    "scatter": "Choose quantities, flights and the size of the ellipses above the plot. Point at a trial, or step"
+    " through them with N and P; arrow keys move, + and − enlarge and shrink, 0 returns.",
+    "tube": "Drag to turn it, or use the arrow keys; + and − enlarge and shrink, 0 returns, N and P go from slice to"
+    " slice.",
+    "histories": "Choose a quantity above the plot, and show or hide its curves; the left and right arrow keys step"
+    " through the iterations, whose values stand below.",
 }
 
 
@@ -77,7 +87,10 @@ class InputEntry:
 
 @dataclass(frozen=True)
 class FigureEntry:
-    """A figure: its PNG, caption and alternative text; `files` are relative paths to name, not to open."""
+    """A figure: its PNG, caption and alternative text.
+
+    `files` are relative paths to name, not to open; the first is the target that rebuilds it.
+    """
 
     name: str
     image: Path
@@ -89,13 +102,27 @@ class FigureEntry:
 
 @dataclass(frozen=True)
 class TableEntry:
-    """A generated table; the first row is its header."""
+    """A generated table; the first row is its header. `files` as of a figure."""
 
     name: str
     caption: str
     rows: Sequence[Sequence[str]]
     files: tuple[str, ...] = ()
     beyond: bool = False  # not a table of the paper
+
+
+@dataclass(frozen=True)
+class CloseUp:
+    """A plot that the reader can turn, sift and step through.
+
+    `kind` is the drawing routine of report.js: scatter, tube or histories; `data` is what it draws, ready for JSON.
+    """
+
+    name: str
+    title: str
+    text: str
+    kind: str
+    data: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -111,7 +138,11 @@ class ErratumEntry:
 
 @dataclass(frozen=True)
 class PaperReport:
-    """All that the report says about one paper; `claims` are rows of `claims.collect`."""
+    """All that the report says about one paper.
+
+    `claims` are rows of `claims.collect`, `verdicts` the target that judges them again. `run_times`, `solvers` and
+    `provenance` are rows of text, the first one the header.
+    """
 
     slug: str
     title: str
@@ -123,15 +154,35 @@ class PaperReport:
     tables: Sequence[TableEntry] = ()
     errata: Sequence[ErratumEntry] = ()
     summary: str = ""
-    notes: Sequence[str] = field(default=())
+    notes: Sequence[str] = ()
+    verdicts: str = ""
+    closeups: Sequence[CloseUp] = ()
+    run_times: Sequence[Sequence[str]] = ()
+    solvers: Sequence[Sequence[str]] = ()
+    provenance: Sequence[Sequence[str]] = ()
 
 
-def build_report(output: str | Path, papers: Sequence[PaperReport], environment: Mapping[str, Any]) -> None:
+@dataclass(frozen=True)
+class Comparison:
+    """Figures and tables on all papers together."""
+
+    figures: Sequence[FigureEntry]
+    tables: Sequence[TableEntry]
+    slug: str = "comparison"
+
+
+def build_report(
+    output: str | Path,
+    papers: Sequence[PaperReport],
+    environment: Mapping[str, Any],
+    comparison: Comparison | None = None,
+) -> None:
     """Write the report of all papers as one self-contained HTML file.
 
     Args:
         output: the HTML file; replaced as a whole or not at all.
         papers: what to say of each paper, in this order.
+        comparison: what to say of all of them together.
         environment: what holds for all of them; every key may be left out:
             `size` (text), `citation` (text), `rebuild` (list of commands), `notes` (list of text),
             `versions` (text by package), `digests` (text by file), and the tables `benchmarks` and `verify`
@@ -148,6 +199,8 @@ def build_report(output: str | Path, papers: Sequence[PaperReport], environment:
         if key not in _ENVIRONMENT_KEYS:
             raise InputError(f"report: unknown key {key!r}; {nearest(key, _ENVIRONMENT_KEYS)}")
     _refuse_repeats("paper", [paper.slug for paper in papers])
+    if comparison is not None:
+        _refuse_repeats("comparison", [entry.name for entry in comparison.figures])
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -156,13 +209,18 @@ def build_report(output: str | Path, papers: Sequence[PaperReport], environment:
         lstrip_blocks=True,
     )
     templates.filters["words"] = lambda verdict: verdict.replace("_", " ")
+    templates.filters["json"] = _script_json
+    templates.tests["assumed"] = is_assumed
     page = templates.get_template("report.html.j2").render(
         papers=[_paper(paper) for paper in papers],
+        comparison=comparison and {"entry": comparison, "figures": _with_images(comparison.figures)},
+        readings=list(dict.fromkeys(name for paper in papers for name in reading_names(paper.claims))),
         total=summary([row for paper in papers for row in paper.claims]),
         counted=COUNTED_VERDICTS,
         listed=LISTED_VERDICTS,
         marks=_MARKS,
         meanings=_MEANINGS,
+        keys=_KEYS,
         **{key: environment.get(key) for key in _ENVIRONMENT_KEYS},
     )
     write_text(output, page.strip() + "\n")
@@ -175,6 +233,7 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
     _refuse_repeats(f"{paper.slug}: claim", [row["id"] for row in paper.claims])
     _refuse_repeats(f"{paper.slug}: figure or table", [entry.name for entry in (*paper.figures, *paper.tables)])
     _refuse_repeats(f"{paper.slug}: erratum", [erratum.id for erratum in paper.errata])
+    _refuse_repeats(f"{paper.slug}: close-up", [closeup.name for closeup in paper.closeups])
     for reading in paper.readings:
         if reading.based_on is not None and reading.based_on not in names:
             raise InputError(f"report: {paper.slug}: reading {reading.name} is based on unknown {reading.based_on!r}")
@@ -192,9 +251,32 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
         "by_reading": {name: summary(paper.claims, name) for name in columns},
         "bases": {reading.name: reading.based_on for reading in paper.readings},
         "differences": {reading.name: _differences(reading, paper.inputs) for reading in paper.readings},
-        "figures": [(figure, *_inline_png(figure.image)) for figure in paper.figures],
-        "errata": {erratum.id for erratum in paper.errata},
+        "figures": _with_images(paper.figures),
+        "named_by": {
+            erratum.id: [row["id"] for row in paper.claims if erratum.id in (row["errata"] or ())]
+            for erratum in paper.errata
+        },
+        "assumed": {
+            reading.name: sum(is_assumed(entry.values[reading.name]) for entry in paper.inputs)
+            for reading in paper.readings
+        },
     }
+
+
+def is_assumed(value: InputValue) -> bool:
+    """Whether an input's source says that nothing printed gives it."""
+    return value.source.startswith("assumed")
+
+
+def _script_json(data: Any) -> str:
+    """JSON that may stand inside of a <script>: no text in it can end the element."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
+
+
+def _with_images(figures: Sequence[FigureEntry]) -> list[tuple[FigureEntry, str, int, int]]:
+    """Return each figure with its image as base64 text, width and height in pixels."""
+    return [(figure, *_inline_png(figure.image)) for figure in figures]
 
 
 def _claim(row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
@@ -230,14 +312,37 @@ def _differences(
 
 def _inline_png(path: Path) -> tuple[str, int, int]:
     """Return a PNG as base64 text with its width and height in pixels."""
+    from PIL import Image, UnidentifiedImageError  # matplotlib brings it; slow to import, and only needed here
+
     try:
         content = Path(path).read_bytes()
-    except OSError as error:
-        raise ArtifactError(f"{path}: figure cannot be read: {error.strerror}") from error
-    if content[:8] != b"\x89PNG\r\n\x1a\n" or content[12:16] != b"IHDR" or len(content) < 24:
-        raise ArtifactError(f"{path}: not a PNG image")
-    width, height = struct.unpack(">II", content[16:24])
-    return base64.b64encode(content).decode("ascii"), width, height
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            smaller = _palette_png(image)
+            size = image.size
+    except UnidentifiedImageError as error:
+        raise ArtifactError(f"{path}: not a PNG image") from error
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
+        raise ArtifactError(f"{path}: figure cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    return base64.b64encode(min(content, smaller, key=len)).decode("ascii"), *size
+
+
+def _palette_png(image: Any) -> bytes:
+    """The image as a PNG with a palette, which is a third of the size; transparent ones as they are.
+
+    Maximum coverage keeps rare colours, as those of thin lines; one pass of k-means (the threshold ends it) then moves
+    each colour to the mean of its pixels.
+    """
+    from PIL import Image
+
+    if "A" in image.getbands() and image.getchannel("A").getextrema() != (255, 255):
+        reduced = image
+    else:
+        reduced = image.convert("RGB").quantize(
+            _COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=image.width * image.height, dither=Image.Dither.NONE
+        )
+    content = io.BytesIO()
+    reduced.save(content, "PNG", optimize=True)
+    return content.getvalue()
 
 
 def _refuse_repeats(what: str, names: Sequence[str]) -> None:
