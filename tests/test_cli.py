@@ -52,7 +52,7 @@ def test_list_shows_all_there_is(project, capsys):
         paper = catalogue(slug)
         for name in (slug, paper.title, "printed", "corrected", "based on corrected", *paper.figures):
             assert name in said
-        for name in (*paper.tables, *paper.summaries, *paper.stages, "claims", "verify"):
+        for name in (*paper.tables, *paper.summaries, *paper.stages, *cli.TARGETS):
             assert name in said
     assert "density_blind_velocity_adjoint  Hypothesis" in said, "the longest name is apart from what follows"
     assert "  Eq. 77, element by element\n" in said, "an abbreviation ends no sentence"
@@ -218,6 +218,33 @@ def test_diff_of_folders(tmp_path, capsys):
     (tmp_path / "a" / "more.csv").write_text("x\n1\n", encoding="utf-8")
     assert cli.main(["diff", str(tmp_path / "a"), str(tmp_path / "b")]) == 1
     assert "more.csv" in capsys.readouterr().out
+
+
+# ---------------------------------------------------------------------------------------------------------- new paper
+
+
+def test_a_new_paper_says_what_it_wrote_and_what_is_left(project, monkeypatch, capsys):
+    written = []
+
+    def write(root, *given):
+        written.append(given)
+        return [root / "configs" / "gravity_turn.yaml"]
+
+    monkeypatch.setattr("marsedl.replication.scaffold.new_paper", write)
+    assert cli.main(["new-paper", "gravity_turn", "--title", "Turns", "--authors", "A. Pilot"]) == 0
+    assert cli.main(["new-paper", "gravity_turn"]) == 0
+    assert written == [
+        ("gravity_turn", "Turns", "A. Pilot"),
+        ("gravity_turn", "Title to be given", "Authors to be named"),
+    ]
+    said = capsys.readouterr().out
+    assert said.startswith("wrote configs/gravity_turn.yaml\n")
+    assert "snakemake --config size=smoke gravity_turn claims" in said
+
+
+def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
+    said = refused(capsys, "new-paper", "funnels")
+    assert "there is a paper 'funnels' already" in said
 
 
 # -------------------------------------------------------------------------------------------------------------- trial

@@ -1,4 +1,4 @@
-"""The command `marsedl`: what there is, what something is made of, what differs, one trial again, and the proof."""
+"""The command `marsedl`: what there is, what it is made of, what differs, one trial again, the proof, a new paper."""
 
 import argparse
 import contextlib
@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, MarsedlError
+
+TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -31,8 +33,13 @@ def main(arguments: list[str] | None = None) -> int:
     trial.add_argument("number", type=int)
     trial.add_argument("--case", help="the same as an option")
     verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
-    verify.add_argument("--write-reference", action="store_true", help="store the numbers of this build for comparison")
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
+    commands.add_parser("accept", help="show what the full size changes in the stored numbers, and store it")
+    commands.add_parser("audit", help="count claims, figures, inputs, errata, targets; find what is left hanging")
+    new = commands.add_parser("new-paper", help="write a small complete paper to begin another replication with")
+    new.add_argument("slug", help="its name in files and targets, such as powered_descent")
+    new.add_argument("--title", default="Title to be given")
+    new.add_argument("--authors", default="Authors to be named")
     for command in (explain, trial):
         command.add_argument("--configfile", type=Path, help="a configuration of your own, as for snakemake")
 
@@ -59,19 +66,26 @@ def project_root() -> Path:
     raise InputError(f"{here} is not inside a marsedl project; change to the folder that holds its Snakefile")
 
 
-def _study(paper, config_file=None):
-    """Return the catalogue and the study of a paper, with a user's own readings."""
-    from marsedl.papers import SLUGS, catalogue, input_model
-    from marsedl.replication.inputs import load_studies, nearest, read_yaml
+def _studies(config_file=None) -> dict:
+    """Return the studies of all papers, with a user's own readings."""
+    from marsedl.papers import SLUGS, input_model
+    from marsedl.replication.inputs import load_studies, read_yaml
 
-    if paper not in SLUGS:
-        raise InputError(f"there is no paper '{paper}'; {nearest(paper, SLUGS)}")
     files = [] if config_file is None else [config_file.resolve()]
     config = {} if config_file is None else read_yaml(config_file) or {}
     models = {slug: input_model(slug) for slug in SLUGS}
     with contextlib.chdir(project_root()):  # from where files named by inputs are read
-        studies = load_studies(models, Path("configs"), config, files)
-    return catalogue(paper), studies[paper]
+        return load_studies(models, Path("configs"), config, files)
+
+
+def _study(paper, config_file=None):
+    """Return the catalogue and the study of a paper, with a user's own readings."""
+    from marsedl.papers import SLUGS, catalogue
+    from marsedl.replication.inputs import nearest
+
+    if paper not in SLUGS:
+        raise InputError(f"there is no paper '{paper}'; {nearest(paper, SLUGS)}")
+    return catalogue(paper), _studies(config_file)[paper]
 
 
 def _reading(study, name):
@@ -83,10 +97,10 @@ def _reading(study, name):
 
 
 def _list(options) -> int:
-    from marsedl.papers import SLUGS
+    from marsedl.papers import SLUGS, catalogue
 
-    for slug in SLUGS:
-        paper, study = _study(slug)
+    for slug, study in _studies().items():
+        paper = catalogue(slug)
         print(f"{slug}\n  {paper.title}\n  {paper.authors}\n\n  readings")
         readings = study.readings.values()
         _print_columns(4, [(r.name, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for r in readings])
@@ -100,7 +114,7 @@ def _list(options) -> int:
         print("\n  stages (snakemake data/cache/" + slug + "/READING/NAME.h5)")
         _print_columns(4, [(name, stage.meaning) for name, stage in paper.stages.items()])
         print()
-    print("targets: all, " + ", ".join(SLUGS) + ", claims, report, verify")
+    print("targets: " + ", ".join([*TARGETS, *SLUGS]))
     return 0
 
 
@@ -229,15 +243,77 @@ def _verify(options) -> int:
     from marsedl.replication import verification
 
     root = project_root()
-    if options.write_reference:
-        for path in verification.write_reference(root, SLUGS):
-            print(f"wrote {path}")
-        return 0
     agree = True if options.no_rebuild else verification.build_twice(root)
     return 0 if verification.compare_reference(root, SLUGS, rounding_noise()) and agree else 1
 
 
-_COMMANDS = {"list": _list, "explain": _explain, "diff": _diff, "trial": _trial, "verify": _verify}
+def _accept(options) -> int:
+    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.replication import audit, verification
+
+    root = project_root()
+    for path in verification.accept_reference(root, SLUGS, rounding_noise()):
+        print(f"wrote {path}")
+    results = _audited(root)
+    print(audit.format_results(results, audit.read_counts(root)))
+    print(f"wrote {audit.write_counts(root, results)}")
+    return 1 if audit.findings(results) else 0
+
+
+def _audit(options) -> int:
+    from marsedl.replication import audit
+    from marsedl.replication.verification import REMEDY
+
+    root = project_root()
+    results, committed = _audited(root), audit.read_counts(root)
+    print(audit.format_results(results, committed))
+    changed = audit.count_changes(results, committed)
+    if changed:
+        print(REMEDY)
+    return 1 if changed or audit.findings(results) else 0
+
+
+def _new_paper(options) -> int:
+    from marsedl.replication.scaffold import new_paper, next_steps
+
+    root = project_root()
+    for path in new_paper(root, options.slug, options.title, options.authors):
+        print(f"wrote {path.relative_to(root)}")
+    print(f"\n{next_steps(options.slug)}")
+    return 0
+
+
+def _audited(root) -> list:
+    """The audit of the project, all of its papers and comparisons."""
+    from importlib import import_module
+
+    from marsedl.comparison import COMPARISONS
+    from marsedl.papers import catalogue
+    from marsedl.replication import audit
+    from marsedl.replication.claims import load_published
+
+    subjects = [
+        audit.Subject(
+            catalogue(slug),
+            study,
+            load_published(root / "data" / "published" / f"{slug}.yaml"),
+            import_module(f"marsedl.papers.{slug}.claims").DECLARATIONS,
+        )
+        for slug, study in _studies().items()
+    ]
+    return audit.audit(root, subjects, COMPARISONS, TARGETS)
+
+
+_COMMANDS = {
+    "list": _list,
+    "explain": _explain,
+    "diff": _diff,
+    "trial": _trial,
+    "verify": _verify,
+    "accept": _accept,
+    "audit": _audit,
+    "new-paper": _new_paper,
+}
 
 if __name__ == "__main__":
     sys.exit(main())

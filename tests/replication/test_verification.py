@@ -1,6 +1,7 @@
 """The proof itself: that two builds are compared in full, and that tampered numbers are found."""
 
 import json
+import re
 import subprocess
 from dataclasses import dataclass
 
@@ -11,9 +12,19 @@ from marsedl import cli
 from marsedl.replication import artifacts, verification
 from marsedl.replication.claims import UNEXPLAINED
 from marsedl.replication.errors import MarsedlError
-from marsedl.replication.verification import COUNT_TOLERANCE, RELATIVE_TOLERANCE, SMALLEST_SCALE, margin
+from marsedl.replication.verification import (
+    BUILDS,
+    COUNT_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    SMALLEST_SCALE,
+    Change,
+    compare,
+    format_changes,
+    margin,
+)
 
 SLUG = "powered_descent"
+ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 
 
 @dataclass(frozen=True)
@@ -32,27 +43,46 @@ def project(tmp_path, monkeypatch):
     (tmp_path / "Snakefile").touch()
     store(tmp_path)
     claim(tmp_path, 1349.4)
-    verification.write_reference(tmp_path, [SLUG])
+    summarised(monkeypatch)
+    verification.accept_reference(tmp_path, [SLUG])
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
+    monkeypatch.setattr(cli, "_audited", lambda root: [])
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def store(root, scale=1.0, iterations=100):
     thing = Thing(scale * np.linspace(1500.0, 1349.4, 50), iterations, "x")
-    path = root / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
-    artifacts.save(path, thing, paper=SLUG, reading="corrected", provenance={})
-    digests = root / "report" / "digests.json"
-    digests.parent.mkdir(exist_ok=True)
-    digests.write_text(json.dumps({path.relative_to(root).as_posix(): "0"}), encoding="utf-8")
+    artifacts.save(root / ARTIFACT, thing, paper=SLUG, reading="corrected", provenance={})
 
 
-def claim(root, value, reason="E10: not reproducible"):
+def claim(root, value, reason="E10: not reproducible", verdict="differs", printed=None, names=("final_mass",)):
     path = root / "report" / "claims" / f"{SLUG}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    readings = {"corrected": {"value": value, "verdict": "differs"}, "printed": {"value": None, "verdict": None}}
-    row = {"paper": SLUG, "id": "final_mass", "reason": reason, "readings": readings}
-    path.write_text(json.dumps([row]), encoding="utf-8")
+    readings = {"corrected": {"value": value, "verdict": verdict}, "printed": {"value": None, "verdict": printed}}
+    rows = [{"paper": SLUG, "id": name, "reason": reason, "readings": readings} for name in names]
+    path.write_text(json.dumps(rows), encoding="utf-8")
+
+
+def summarised(monkeypatch, plan="no update", status="ok", code=0):
+    """Replace Snakemake by something that knows one artifact, its chunks and one file of claims."""
+    rows = [("output_file", "date", "rule", "log-file(s)", "status", "plan")]
+    rows += [(ARTIFACT, "now", "nominal", "-", status, plan)]
+    rows += [(f"data/cache/{SLUG}/corrected/chunks/x.0of2.h5", "-", "chunk", "-", "removed temp file", "no update")]
+    rows += [(f"report/claims/{SLUG}.json", "now", "claims", "-", "ok", "no update")]
+    said = "Building DAG of jobs...\n" + "".join("\t".join(row) + "\n" for row in rows)
+    calls = []
+
+    def fake(folder, *arguments, **environment):
+        calls.append(arguments)
+        return subprocess.CompletedProcess(arguments, code, said, "")
+
+    monkeypatch.setattr(verification, "snakemake", fake)
+    return calls
+
+
+def reference(root) -> dict:
+    return json.loads((root / "data" / "reference" / f"{SLUG}.json").read_text(encoding="utf-8"))
 
 
 def reduced(*values, kind=float):
@@ -92,21 +122,15 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 # ----------------------------------------------------------------------------------------------------------- reference
 
 
-def test_artifacts_that_are_not_of_this_build_are_left_out(project):
-    stale = project / "data" / "cache" / SLUG / "mine" / "nominal.h5"
-    thing = Thing(np.ones(3), 1, "x")
-    artifacts.save(stale, thing, paper=SLUG, reading="mine", provenance={})
-    (written,) = verification.write_reference(project, [SLUG])
-    assert not [name for name in json.loads(written.read_text(encoding="utf-8")) if name.startswith("mine")]
-
-
-def test_fingerprints_hold_every_number_and_no_text(project):
+def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
     found = verification.fingerprints(project, SLUG, project.glob("data/cache/*/*/*.h5"))
     assert set(found) == {
+        "verdicts/final_mass",
         "claims/final_mass/corrected",
         "corrected/nominal/mass",
         "corrected/nominal/iterations",
     }
+    assert found["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
     assert found["corrected/nominal/mass"]["shape"] == [50]
     assert found["corrected/nominal/iterations"]["counts"]
     assert not found["corrected/nominal/mass"]["counts"]
@@ -115,8 +139,9 @@ def test_fingerprints_hold_every_number_and_no_text(project):
 
 def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
     assert cli.main(["verify", "--no-rebuild"]) == 0
-    assert "3 numbers compared" in (said := capsys.readouterr().out)
+    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in (said := capsys.readouterr().out)
     assert "worst margin 0 tolerances" in said
+    assert "marsedl accept" not in said
 
 
 def test_rounding_is_tolerated_and_more_is_not(project, capsys):
@@ -125,28 +150,61 @@ def test_rounding_is_tolerated_and_more_is_not(project, capsys):
     store(project, scale=1 + 1e-5)
     assert cli.main(["verify", "--no-rebuild"]) == 1
     said = capsys.readouterr().out
-    assert "corrected/nominal/mass is off by" in said
-    assert "1 beyond tolerance" in said
+    assert "1 numbers beyond tolerance" in said
+    (row,) = [line.split("  ") for line in said.splitlines() if "corrected/nominal/mass" in line and "largest" in line]
+    cells = [cell.strip() for cell in row if cell.strip()]
+    assert cells[:3] == ["corrected/nominal/mass", "shape [50], largest 1500", "shape [50], largest 1500.015"]
+    assert float(cells[3]) == pytest.approx(10.5, abs=0.1)
+    assert "accepted by 'marsedl accept'" in said
+
+
+def test_a_changed_verdict_fails_and_stands_first(project, capsys):
+    """Though its number is within tolerance: that of a statement is true or false."""
+    store(project, scale=1.1)
+    claim(project, 1349.4, verdict="close", printed="fails")
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    said = capsys.readouterr().out
+    assert "2 verdicts changed, 1 numbers beyond tolerance" in said
+    header, first, second, third = said.splitlines()[1:5]
+    assert header.split() == ["claim", "or", "field", "old", "new", "margin", "in", "tolerances"]
+    assert first.split() == ["verdict", "of", "final_mass,", "corrected", "differs", "close", "0"]
+    assert second.split() == ["verdict", "of", "final_mass,", "printed", "–", "fails", "inf"]
+    assert third.split()[0] == "corrected/nominal/mass"
+
+
+def test_claims_that_are_new_or_gone_fail(project, capsys):
+    claim(project, 1349.4, names=("final_mass", "fuel"))
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert ["verdict", "of", "fuel", "–", "differs", "inf"] in [line.split() for line in said]
+    claim(project, 1349.4, names=("fuel",))
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    said = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["verdict", "of", "final_mass", "differs", "–", "inf"] in said
+    assert ["claims/final_mass/corrected", "1349.4", "–", "inf"] in said
 
 
 def test_a_tampered_reference_fails(project, capsys):
     path = project / "data" / "reference" / f"{SLUG}.json"
-    reference = json.loads(path.read_text(encoding="utf-8"))
-    reference["claims/final_mass/corrected"]["numbers"] = [1350.4] * 5
-    path.write_text(json.dumps(reference), encoding="utf-8")
+    tampered = reference(project)
+    tampered["claims/final_mass/corrected"]["numbers"] = [1350.4] * 5
+    path.write_text(json.dumps(tampered), encoding="utf-8")
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    assert "claims/final_mass/corrected is off by" in capsys.readouterr().out
+    found = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["claims/final_mass/corrected", "1350.4", "1349.4", "741"] in found
 
 
 def test_a_lost_artifact_fails(project, capsys):
-    (project / "data" / "cache" / SLUG / "corrected" / "nominal.h5").unlink()
+    (project / ARTIFACT).unlink()
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    assert "not built: corrected/nominal/mass" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "2 missing" in said
+    assert "corrected/nominal/iterations  100" in said
 
 
 def test_a_build_without_any_of_the_numbers_fails(project, capsys):
-    (project / "data" / "cache" / SLUG / "corrected" / "nominal.h5").unlink()
-    claim(project, None)
+    (project / ARTIFACT).unlink()
+    claim(project, None, verdict=None)
     assert cli.main(["verify", "--no-rebuild"]) == 1
     assert "0 numbers compared" in capsys.readouterr().out
 
@@ -160,10 +218,105 @@ def test_an_unexplained_verdict_fails(project, capsys):
 def test_missing_builds_and_references_are_refused(project, capsys):
     (project / "data" / "reference" / f"{SLUG}.json").unlink()
     assert cli.main(["verify", "--no-rebuild"]) == 2
-    assert "is missing; restore it, or make it with 'marsedl verify --write-reference'" in capsys.readouterr().err
+    assert "is missing; restore it, or make it with 'marsedl accept' after a full build" in capsys.readouterr().err
     (project / "report" / "claims" / f"{SLUG}.json").unlink()
-    assert cli.main(["verify", "--write-reference"]) == 2
+    assert cli.main(["accept"]) == 2
     assert "run 'snakemake all'" in capsys.readouterr().err
+
+
+def test_readings_that_are_not_built_are_left_out(project):
+    both = {"corrected": "differs", "printed": "fails"}
+    whole = {**reference(project), "verdicts/final_mass": both, "printed/nominal/mass": reduced(1.0)}
+    (project / "data" / "reference" / f"{SLUG}.json").write_text(json.dumps(whole), encoding="utf-8")
+    assert not verification.compare_reference(project, [SLUG])
+    assert verification.compare_reference(project, [SLUG], readings={SLUG: ["corrected"]})
+
+
+def test_a_table_shows_all_verdicts_and_as_many_numbers_as_one_looks_at():
+    changes = [Change(f"claim_{k}, corrected", "holds", "fails", np.inf, verdict=True) for k in range(60)]
+    changes += [Change(f"corrected/nominal/field_{k}", "1", "2", 3.0) for k in range(60)]
+    lines = format_changes(changes).splitlines()
+    assert sum("verdict of claim_" in line for line in lines) == 60
+    assert sum("corrected/nominal/" in line for line in lines) == 40
+    assert lines[-1].strip() == "and 20 numbers more"
+
+
+def test_other_shapes_and_lost_numbers_are_described():
+    old = {"corrected/nominal/mass": reduced(1.0, 2.0)}
+    (change,) = compare(old, {"corrected/nominal/mass": reduced(1.0, 2.0, 3.0)}).changes
+    assert (change.old[:9], change.new[:9], change.margin) == ("shape [2]", "shape [3]", np.inf)
+    (change,) = compare(old, {"corrected/nominal/mass": reduced(np.nan, np.nan)}).changes
+    assert change.new == "shape [2], no finite number"
+
+
+# -------------------------------------------------------------------------------------------------------------- accept
+
+
+def test_accept_shows_the_table_and_then_verify_agrees(project, capsys):
+    store(project, scale=1.1)
+    claim(project, 1500.0, verdict="close")
+    before = reference(project)
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    table = [line for line in capsys.readouterr().out.splitlines() if "tolerances" in line or "final_mass" in line]
+    assert cli.main(["accept"]) == 0
+    said = capsys.readouterr().out
+    assert len(table) > 2
+    assert all(line in said.splitlines() for line in table)
+    assert f"wrote {project / 'data' / 'reference' / f'{SLUG}.json'}" in said
+    assert reference(project) != before
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+
+
+def test_numbers_within_tolerance_keep_their_digits(project):
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    before = path.read_text(encoding="utf-8")
+    store(project, scale=1 + 1e-9)
+    verification.accept_reference(project, [SLUG])
+    assert path.read_text(encoding="utf-8") == before
+    store(project, scale=1 + 1e-9, iterations=200)
+    verification.accept_reference(project, [SLUG])
+    now = path.read_text(encoding="utf-8")
+    changed = set(now.splitlines()) ^ set(before.splitlines())
+    assert {line.split('"')[1] for line in changed} == {"corrected/nominal/iterations"}
+
+
+def test_artifacts_that_are_not_of_this_build_are_left_out(project):
+    thing = Thing(np.ones(3), 1, "x")
+    artifacts.save(project / f"data/cache/{SLUG}/mine/nominal.h5", thing, paper=SLUG, reading="mine", provenance={})
+    verification.accept_reference(project, [SLUG])
+    assert not [name for name in reference(project) if name.startswith("mine")]
+
+
+def test_only_a_build_that_is_up_to_date_is_accepted(project, monkeypatch, capsys):
+    before = reference(project)
+    store(project, scale=1.1)
+    calls = summarised(monkeypatch, plan="update pending", status="params changed")
+    assert cli.main(["accept"]) == 2
+    said = capsys.readouterr().err
+    assert "no full build that is up to date with configuration and code: 1 of 2 files" in said
+    assert f"{project / ARTIFACT} (params changed); run 'snakemake all'" in said
+    assert calls == [("claims", "--summary")], "the plain configuration decides, not that of the last build"
+    summarised(monkeypatch, code=1)
+    assert cli.main(["accept"]) == 2
+    assert "the workflow cannot be planned" in capsys.readouterr().err
+    assert reference(project) == before
+
+
+def test_an_unexplained_verdict_is_not_accepted(project, capsys):
+    before = reference(project)
+    claim(project, 1500.0, reason=UNEXPLAINED)
+    assert cli.main(["accept"]) == 2
+    said = capsys.readouterr().err
+    assert "claim final_mass differs or fails without a reason" in said
+    assert "src/marsedl/papers/powered_descent/claims.py" in said
+    assert reference(project) == before
+
+
+def test_verdicts_can_be_read_alone(project):
+    assert verification.committed_verdicts(project, SLUG) == {"final_mass": {"corrected": "differs"}}
+    claim(project, 1349.4, verdict="close", printed="fails")
+    assert verification.built_verdicts(project, SLUG) == {"final_mass": {"corrected": "close", "printed": "fails"}}
+    assert verification.built_verdicts(project, "funnels") == verification.committed_verdicts(project, "funnels") == {}
 
 
 # ---------------------------------------------------------------------------------------------------------- two builds
@@ -192,7 +345,48 @@ def test_equal_builds_agree(project, monkeypatch, capsys):
     assert one != two
     assert first[first.index("--cores") + 1] != second[second.index("--cores") + 1]
     assert first[-1] != second[-1]
-    assert here["PYTHONHASHSEED"] != there["PYTHONHASHSEED"]
+    for varied in ("PYTHONHASHSEED", "TZ", "LC_ALL"):
+        assert here[varied] != there[varied], varied
+    assert set(here) == set(there) == {"nice", "offline", "PYTHONHASHSEED", "TZ", "LC_ALL"}
+
+
+def test_it_is_never_the_same_day_in_both_time_zones():
+    offsets = [int(re.fullmatch(r"[A-Z]{3,}(-?\d+)", build["TZ"]).group(1)) for build in BUILDS]
+    assert abs(offsets[0] - offsets[1]) > 24  # hours
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_one_build_has_no_network_where_that_is_possible(project, monkeypatch, capsys, allowed):
+    calls = builder(monkeypatch, ["1\n", "1\n"])
+    monkeypatch.setattr(verification, "offline_works", lambda: allowed)
+    assert verification.build_twice(project)
+    assert sorted(environment["offline"] for _, _, environment in calls) == [False, allowed]
+    said = capsys.readouterr().out
+    assert ("smoke build in 1 " in said) and said.count("without network)") == allowed
+    assert ("does not let a process go without it" in said) != allowed
+
+
+def test_a_process_without_network_has_no_route(tmp_path, monkeypatch):
+    """Where the machine allows it, and no machine allows what it has not."""
+    rule = "rule all:\n    shell: 'sed s/^/route:/ /proc/net/route; echo it ran'\n"
+    (tmp_path / "Snakefile").write_text(rule, encoding="utf-8")
+    if verification.offline_works():
+        done = verification.snakemake(tmp_path, "--cores", "1", offline=True)
+        assert done.returncode == 0, done.stdout
+        assert "\nit ran\n" in done.stdout
+        assert not [line for line in done.stdout.splitlines() if line.startswith("route:") and "Iface" not in line]
+    monkeypatch.setattr(verification, "_OFFLINE", ("there-is-no-such-command",))
+    assert not verification.offline_works()
+
+
+def test_another_locale_is_one_that_the_machine_has(monkeypatch):
+    def known(said):
+        monkeypatch.setattr(verification, "_said", lambda *command: said)
+        return verification.other_locale()
+
+    assert known("C\nC.utf8\nPOSIX\n") == "C.utf8"
+    assert known("C\nen_US.utf8\nC.utf8\nde_DE.utf8\nPOSIX\n") == "de_DE.utf8"
+    assert known(None) == "C.UTF-8"
 
 
 def test_different_builds_are_named(project, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""The smoke pipeline twice from nothing, in two folders, with other cores, chunks and hash seeds."""
+"""The smoke pipeline twice from nothing, in two folders, with all that must not matter different."""
 
 import json
 import os
@@ -8,6 +8,9 @@ import shutil
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.badge import badge
+from marsedl.replication.errors import MarsedlError
+from marsedl.replication.verification import BUILDS, built_artifacts, offline_works
 
 pytestmark = pytest.mark.workflow
 
@@ -17,8 +20,11 @@ def test_two_builds_agree_in_every_product(built):
     first, second = built.digests
     assert first == second
     assert f"{len(first)} products in each of two builds, 0 differ" in built.said
-    assert "cores 1, chunks 1, PYTHONHASHSEED 0" in built.said
-    assert "cores 2, chunks 3, PYTHONHASHSEED 271828" in built.said
+    for number, build in enumerate(BUILDS):
+        settings = ", ".join(f"{key} {value}" for key, value in build.items())
+        assert f"smoke build in {number} ({settings}, " in built.said
+    assert all(first != second for first, second in zip(*(build.values() for build in BUILDS), strict=False))
+    assert built.said.count("without network)") == offline_works()
     kinds = {name.rsplit(".", 1)[1] for name in first}
     assert {"h5", "png", "pdf", "csv", "md", "json", "html"} <= kinds
     for slug in SLUGS:
@@ -86,3 +92,24 @@ def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(tree):
     for slug in SLUGS:
         names |= set(catalogue(slug).figures) | {erratum.id for erratum in catalogue(slug).errata}
     assert all(name in page for name in names)
+
+
+def test_the_badge_counts_the_claims_of_the_build(tree):
+    rows = json.loads(tree.path("report/claims.json").read_text(encoding="utf-8"))
+    assert json.loads(tree.path("report/badge.json").read_text(encoding="utf-8")) == badge(rows)
+
+
+def test_a_build_is_up_to_date_in_its_own_configuration_alone(tree):
+    """Whose artifacts are those that its claims are made from; chunks are none of them."""
+    found = built_artifacts(tree.folder, *tree.config)
+    assert set(found) == {name for name in tree.state() if name.startswith("data/cache/")}
+    before = tree.state()
+    with pytest.raises(MarsedlError, match="no full build that is up to date"):
+        built_artifacts(tree.folder)
+    done = tree.marsedl("accept")
+    assert done.returncode == 2
+    assert "run 'snakemake all'" in done.stderr
+    tree.path("data/cache/funnels/corrected/nominal.h5").unlink()
+    with pytest.raises(MarsedlError, match=r"funnels/corrected/\S+ \(missing\)"):
+        built_artifacts(tree.folder, *tree.config)
+    assert tree.state() == {name: stamp for name, stamp in before.items() if "funnels/corrected/nominal.h5" not in name}

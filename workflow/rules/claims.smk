@@ -1,9 +1,10 @@
-# Verdicts on every printed claim: one job per paper over all its readings, then all papers in one file.
+# Verdicts on every printed claim: one job per paper over all its readings, then all papers in one file, and a badge.
 
 
 rule claims:
     input:
         "report/claims.json",
+        "report/badge.json",
 
 
 for _paper in PAPERS:
@@ -21,7 +22,16 @@ for _paper in PAPERS:
                 for stem in PAPERS[_paper].summaries
             },
             claims=f"report/claims/{_paper}.json",
-            table=[f"figures/{_paper}/claims.csv", f"figures/{_paper}/claims.md"],
+            table=[
+                report(
+                    f"figures/{_paper}/claims.csv",
+                    caption="../report/claims.rst",
+                    category=_paper,
+                    subcategory=DEFAULT,
+                    labels={"reading": "all", "item": "claims", "kind": "table"},
+                ),
+                f"figures/{_paper}/claims.md",
+            ],
         log:
             f"logs/{_paper}/claims.log",
         benchmark:
@@ -52,7 +62,8 @@ rule all_claims:
     input:
         [f"report/claims/{paper}.json" for paper in PAPERS],
     output:
-        "report/claims.json",
+        claims="report/claims.json",
+        badge="report/badge.json",
     log:
         "logs/claims.log",
     conda:

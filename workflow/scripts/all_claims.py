@@ -1,7 +1,10 @@
-"""Join the claims of all papers."""
+"""Join the claims of all papers, and count their verdicts on a badge."""
 
+from marsedl.replication.badge import write_badge
 from marsedl.replication.claims import read_claims, write_claims
 from marsedl.replication.jobs import guarded
 
 with guarded(snakemake):
-    write_claims([row for path in snakemake.input for row in read_claims(path)], snakemake.output[0])
+    rows = [row for path in snakemake.input for row in read_claims(path)]
+    write_claims(rows, snakemake.output.claims)
+    write_badge(rows, snakemake.output.badge)

@@ -1,12 +1,14 @@
 """Proof of reproducibility: two clean builds with equal digests, and regenerated numbers against committed ones."""
 
+import csv
 import json
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -18,16 +20,23 @@ from marsedl.replication.errors import MarsedlError
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
-# What must not matter: cores, chunks, and the order of sets and dictionaries.
+# What must not matter: cores, chunks, the order of sets and dictionaries, the date and the language. Two time zones in
+# which it is never the same day, written so that no table of zones is needed.
 BUILDS = (
-    {"cores": "1", "chunks": "1", "PYTHONHASHSEED": "0"},
-    {"cores": "2", "chunks": "3", "PYTHONHASHSEED": "271828"},
+    {"cores": "1", "chunks": "1", "PYTHONHASHSEED": "0", "TZ": "NUT11", "LC_ALL": "C"},
+    {"cores": "2", "chunks": "3", "PYTHONHASHSEED": "271828", "TZ": "LINT-14"},  # and a locale of the machine
 )
+_OFFLINE = ("unshare", "--map-root-user", "--net")  # a network namespace of its own, which has no network
 
 RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
 SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
 RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
+REMEDY = "what is meant to change is accepted by 'marsedl accept', after a full build"
+_VERDICTS = "verdicts/"  # before the id of a claim; other names have three parts
+_MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
+_NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
+_ROWS = 40  # of a table of changes, beside those of verdicts, which are all shown
 
 
 def copy_tree(root: Path, destination: Path) -> Path:
@@ -44,14 +53,18 @@ def copy_tree(root: Path, destination: Path) -> Path:
     return destination
 
 
-def snakemake(folder: Path, *arguments: str, nice: int = 0, **environment: str) -> subprocess.CompletedProcess:
+def snakemake(
+    folder: Path, *arguments: str, nice: int = 0, offline: bool = False, **environment: str
+) -> subprocess.CompletedProcess:
     """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
 
-    nice: by how much it and its jobs give way to other processes, as for the command of this name.
+    nice: by how much it and its jobs give way to other processes, as for the command of this name. offline: without
+    network, where `offline_works`.
     """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
+    around = [*_OFFLINE] * offline
     return subprocess.run(
-        ["nice", "-n", str(nice), sys.executable, "-m", "snakemake", *arguments],
+        [*around, "nice", "-n", str(nice), sys.executable, "-m", "snakemake", *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -61,23 +74,49 @@ def snakemake(folder: Path, *arguments: str, nice: int = 0, **environment: str) 
     )
 
 
+def offline_works() -> bool:
+    """Return whether this machine lets a process go without network."""
+    return _said(*_OFFLINE, "true") is not None
+
+
+def other_locale() -> str:
+    """Return a locale of this machine that is not the plain one: the first by name with a language, else any."""
+    known = sorted((_said("locale", "-a") or "").split())
+    others = [name for name in known if name not in ("C", "POSIX")]
+    return next((name for name in others if "_" in name), others[0] if others else "C.UTF-8")
+
+
+def _said(*command: str) -> str | None:
+    """What a command of the system says; nothing if there is no such command, or if it fails."""
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
 def build_twice(root: Path) -> bool:
     """Build the smoke size twice from nothing and compare the digests of every product; prints what differs."""
     folders = [root / "build" / "verify" / str(number) for number in range(len(BUILDS))]
-    for folder, build in zip(folders, BUILDS, strict=True):
+    language = other_locale()
+    builds = [{**build, "LC_ALL": build.get("LC_ALL", language)} for build in BUILDS]
+    offline = offline_works()
+    for folder, build in zip(folders, builds, strict=True):
         copy_tree(root, folder)
-        print(
-            f"smoke build in {folder.name} ({', '.join(f'{key} {value}' for key, value in build.items())})", flush=True
-        )
+        settings = ", ".join(f"{key} {value}" for key, value in build.items())
+        network = "without network" if offline and build is builds[-1] else "with the machine's network"
+        print(f"smoke build in {folder.name} ({settings}, {network})", flush=True)
+    if not offline:
+        print("  no build without network: this machine does not let a process go without it", flush=True)
 
     def run(folder, build):
         config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
-        settings = {"nice": 5 * BUILDS.index(build), "PYTHONHASHSEED": build["PYTHONHASHSEED"]}
+        environment = {key: value for key, value in build.items() if key.isupper()}
+        settings = {"nice": 5 * builds.index(build), "offline": offline and build is builds[-1], **environment}
         return snakemake(folder, "all", "--cores", build["cores"], *config, **settings)
 
     # At the same time, the build of one core before the other: were it the last to end, the other cores would idle.
     with ThreadPoolExecutor() as pool:
-        finished = list(pool.map(run, folders, BUILDS))
+        finished = list(pool.map(run, folders, builds))
     for folder, done in zip(folders, finished, strict=True):
         if done.returncode:
             raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
@@ -90,11 +129,15 @@ def build_twice(root: Path) -> bool:
 
 
 def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dict]:
-    """Reduce a full build of a paper to numbers: every claim's value, and moments of every field of the artifacts."""
+    """Reduce a full build of a paper to what is compared, by name.
+
+    Of every claim the verdicts by reading, and the values as numbers; of the artifacts, moments of every field.
+    """
     from marsedl.replication.artifacts import opened
 
-    found = {}
-    for row in read_claims(_product(root, f"report/claims/{slug}.json")):
+    rows = read_claims(_product(root, f"report/claims/{slug}.json"))
+    found = {f"{_VERDICTS}{row['id']}": _verdicts(row) for row in rows}
+    for row in rows:
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
@@ -133,85 +176,273 @@ def _reduced(array: np.ndarray) -> dict:
 
 def margin(name: str, reference: dict, found: dict) -> float:
     """Return the largest difference of a field's two reductions in tolerances; infinite for another shape."""
+    return float(max(_margins(name, reference, found), default=0.0))
+
+
+def _margins(name: str, reference: dict, found: dict) -> np.ndarray:
+    """The difference of each number, in tolerances."""
     if reference["shape"] != found["shape"] or len(reference["numbers"]) != len(found["numbers"]):
-        return np.inf
-    if not reference["numbers"]:
-        return 0.0
+        return np.array([np.inf])
     a, b = np.array(reference["numbers"]), np.array(found["numbers"])
     if reference["counts"]:
         tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a)
     else:
-        tolerance = RELATIVE_TOLERANCE * max(a[0], 1.0 if name.endswith(RESIDUALS) else SMALLEST_SCALE)
-    return float(np.max(np.abs(a - b) / tolerance))
+        size = a[0] if a.size else 0.0
+        tolerance = RELATIVE_TOLERANCE * max(size, 1.0 if name.endswith(RESIDUALS) else SMALLEST_SCALE)
+    return np.abs(a - b) / tolerance
 
 
-def write_reference(root: Path, slugs: Iterable[str]) -> list[Path]:
-    """Store the numbers of a full build under data/reference; returns the files."""
-    written = []
-    for slug in slugs:
-        path = root / "data" / "reference" / f"{slug}.json"
-        # Those of this build: the cache may hold others, of a user's readings or of earlier versions.
-        products = json.loads(_product(root, "report/digests.json").read_text(encoding="utf-8"))
-        cached = [root / name for name in sorted(products) if name.startswith(f"data/cache/{slug}/")]
-        found = fingerprints(root, slug, cached)
-        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in found.items()]
-        write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
-        written.append(path)
-    return written
+@dataclass(frozen=True)
+class Change:
+    """What differs between the committed numbers and a build: a verdict, or a number beyond its tolerance."""
+
+    name: str
+    old: str
+    new: str
+    margin: float  # in tolerances; of a verdict that of its number, infinite where one of the two is missing
+    verdict: bool = False
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A build beside the committed numbers of one paper."""
+
+    changes: list[Change]  # verdicts first, then by margin
+    margins: dict[str, float]  # of the numbers that both have
+    by_shape: set[str]  # those whose numbers are left to rounding
+
+    @property
+    def missing(self) -> list[Change]:
+        """What is committed and the build does not hold."""
+        return [change for change in self.changes if change.new == _NOTHING]
+
+
+def compare(reference: Mapping[str, dict], found: Mapping[str, dict], noise: Sequence[str] = ()) -> Comparison:
+    """Compare what is committed with what was found, both as `fingerprints` gives them.
+
+    noise: patterns of names of which only the shape is compared.
+    """
+    by_shape = {name for name in reference if any(fnmatchcase(name, pattern) for pattern in noise)}
+    margins, verdicts, numbers = {}, [], []
+    for name in dict.fromkeys([*reference, *found]):
+        old, new = reference.get(name), found.get(name)
+        if name.startswith(_VERDICTS):
+            verdicts.append(name)
+        elif old is None or new is None:
+            numbers.append(Change(name, *map(_described, (old, new)), np.inf))
+        else:
+            expected = {**old, "numbers": new["numbers"]} if name in by_shape else old
+            margins[name] = margin(name, expected, new)
+            if margins[name] > 1:
+                worst = int(np.argmax(_margins(name, expected, new)))
+                numbers.append(Change(name, _described(old, worst), _described(new, worst), margins[name]))
+    numbers.sort(key=lambda change: -change.margin)
+    changed = [change for name in verdicts for change in _verdict_changes(name, reference, found, margins)]
+    return Comparison([*changed, *numbers], margins, by_shape & margins.keys())
+
+
+def _verdict_changes(name: str, reference: Mapping, found: Mapping, margins: Mapping[str, float]) -> list[Change]:
+    """The readings in which a claim has another verdict; one change for a claim that is new or gone."""
+    claim = name.removeprefix(_VERDICTS)
+    if name not in reference or name not in found:
+        old, new = (", ".join(sorted({*side.get(name, {}).values()})) or _NOTHING for side in (reference, found))
+        return [Change(claim, old, new, np.inf, verdict=True)]
+    old, new = reference[name], found[name]
+    return [
+        Change(
+            f"{claim}, {reading}",
+            old.get(reading, _NOTHING),
+            new.get(reading, _NOTHING),
+            margins.get(f"claims/{claim}/{reading}", np.inf),
+            verdict=True,
+        )
+        for reading in dict.fromkeys([*old, *new])
+        if old.get(reading) != new.get(reading)
+    ]
+
+
+def _described(entry: Mapping | None, moment: int = 0) -> str:
+    """A reduced field in a few words: its number, the moment of an array that moved most, or its shape."""
+    if entry is None:
+        return _NOTHING
+    if moment >= len(entry["numbers"]):
+        return f"shape {entry['shape']}, no finite number"
+    number = f"{entry['numbers'][moment]:.10g}"
+    return f"shape {entry['shape']}, {_MOMENTS[moment]} {number}" if entry["shape"] else number
+
+
+def format_changes(changes: Sequence[Change]) -> str:
+    """Lay changes out as a table: what, old, new, margin; all verdicts, and as many numbers as one looks at."""
+    verdicts = [change for change in changes if change.verdict]
+    numbers = [change for change in changes if not change.verdict]
+    rows = [("claim or field", "old", "new", "margin in tolerances")]
+    rows += [
+        (("verdict of " if c.verdict else "") + c.name, c.old, c.new, f"{c.margin:.3g}")
+        for c in [*verdicts, *numbers[:_ROWS]]
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    if len(numbers) > _ROWS:
+        lines.append(f"and {len(numbers) - _ROWS} numbers more")
+    return "\n".join(f"  {line}" for line in lines)
+
+
+def read_reference(root: Path, slug: str) -> dict[str, dict]:
+    """Return the committed numbers of a paper; raises MarsedlError if there are none."""
+    path = _reference(root, slug)
+    if not path.exists():
+        raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl accept' after a full build")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
+    """Return the committed verdicts on a paper's claims, by claim and reading; none if nothing is committed."""
+    reference = read_reference(root, slug) if _reference(root, slug).exists() else {}
+    return {name.removeprefix(_VERDICTS): entry for name, entry in reference.items() if name.startswith(_VERDICTS)}
+
+
+def built_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
+    """Return the verdicts of a build on a paper's claims, by claim and reading; none if nothing is built."""
+    path = root / "report" / "claims" / f"{slug}.json"
+    return {row["id"]: _verdicts(row) for row in read_claims(path)} if path.exists() else {}
+
+
+def _verdicts(row: Mapping) -> dict[str, str]:
+    """The verdicts on a claim by reading, without those readings that do not evaluate it."""
+    return {reading: result["verdict"] for reading, result in row["readings"].items() if result["verdict"]}
+
+
+def _reference(root: Path, slug: str) -> Path:
+    return root / "data" / "reference" / f"{slug}.json"
 
 
 def compare_reference(
     root: Path,
     slugs: Iterable[str],
-    noise: Mapping[str, Iterable[str]] | None = None,
+    noise: Mapping[str, Sequence[str]] | None = None,
     readings: Mapping[str, Iterable[str]] | None = None,
 ) -> bool:
-    """Compare a full build with the stored numbers by tolerance; prints the worst margin of every paper.
+    """Compare a full build with the committed numbers; prints the changes and the worst margin of every paper.
 
     noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
     all of them if not given. False, too, if a verdict is not explained.
     """
     agree = True
     for slug in slugs:
-        path = root / "data" / "reference" / f"{slug}.json"
-        if not path.exists():
-            raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl verify --write-reference'")
-        reference = json.loads(path.read_text(encoding="utf-8"))
+        reference = read_reference(root, slug)
         if readings is not None:
-            built = set(readings[slug])
-            reference = {
-                name: entry for name, entry in reference.items() if built & {name.split("/")[i] for i in (0, 2)}
-            }
-        stems = sorted({name.rpartition("/")[0] for name in reference if not name.startswith("claims/")})
-        found = fingerprints(root, slug, [root / "data" / "cache" / slug / f"{stem}.h5" for stem in stems])
-        missing = sorted(reference.keys() - found.keys())
-        patterns = tuple((noise or {}).get(slug, ()))
-        margins, left_out = {}, 0
-        for name, entry in reference.items():
-            if name in found:
-                rounding = any(fnmatchcase(name, pattern) for pattern in patterns)
-                left_out += rounding
-                expected = {**entry, "numbers": found[name]["numbers"]} if rounding else entry
-                margins[name] = margin(name, expected, found[name])
-        beyond = sorted((name for name, value in margins.items() if value > 1), key=lambda name: -margins[name])
-        for name in missing[:20]:
-            print(f"  {slug}: not built: {name}")
-        for name in beyond[:20]:
-            print(f"  {slug}: {name} is off by {margins[name]:.3g} tolerances")
-        worst = max(margins, key=margins.get, default="none of them was built")
-        print(
-            f"{slug}: {len(margins) - left_out} numbers compared with {path.name}, {len(beyond)} beyond tolerance, "
-            f"{len(missing)} missing; "
-            f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
-            + (f"; {left_out} that rounding decides compared by shape" if left_out else ""),
-            flush=True,
-        )
-        unexplained = [
-            row["id"]
-            for row in read_claims(_product(root, f"report/claims/{slug}.json"))
-            if row["reason"] == UNEXPLAINED
-        ]
-        for claim in unexplained:
-            print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")
-        agree = agree and not beyond and not missing and not unexplained
+            reference = _of_readings(reference, set(readings[slug]))
+        found = fingerprints(root, slug, _artifacts_of(root, slug, reference))
+        comparison = compare(reference, found, (noise or {}).get(slug, ()))
+        unexplained = _unexplained(root, slug)
+        _print_comparison(slug, comparison, unexplained)
+        agree = agree and not comparison.changes and not unexplained
+    if not agree:
+        print(REMEDY, flush=True)
     return agree
+
+
+def _of_readings(reference: Mapping[str, dict], built: set[str]) -> dict[str, dict]:
+    """The part of a reference that belongs to the readings that were built."""
+    kept = {}
+    for name, entry in reference.items():
+        if name.startswith(_VERDICTS):
+            kept[name] = {reading: verdict for reading, verdict in entry.items() if reading in built}
+        elif built & {name.split("/")[i] for i in (0, 2)}:
+            kept[name] = entry
+    return kept
+
+
+def _artifacts_of(root: Path, slug: str, reference: Iterable[str]) -> list[Path]:
+    """The files of the artifacts that a reference holds numbers of."""
+    stems = {name.rpartition("/")[0] for name in reference if not name.startswith(("claims/", _VERDICTS))}
+    return [root / "data" / "cache" / slug / f"{stem}.h5" for stem in sorted(stems)]
+
+
+def _unexplained(root: Path, slug: str) -> list[str]:
+    rows = read_claims(_product(root, f"report/claims/{slug}.json"))
+    return [row["id"] for row in rows if row["reason"] == UNEXPLAINED]
+
+
+def _print_comparison(slug: str, comparison: Comparison, unexplained: Iterable[str]) -> None:
+    margins, verdicts = comparison.margins, [change for change in comparison.changes if change.verdict]
+    worst = max(margins, key=margins.get, default="none of them was built")
+    rounding = len(comparison.by_shape)
+    print(
+        f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, {len(verdicts)} verdicts changed, "
+        f"{sum(value > 1 for value in margins.values())} numbers beyond tolerance, {len(comparison.missing)} missing; "
+        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
+        + (f"; {rounding} that rounding decides compared by shape" if rounding else "")
+    )
+    if comparison.changes:
+        print(format_changes(comparison.changes))
+    for claim in unexplained:
+        print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")
+    sys.stdout.flush()
+
+
+def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
+    """Return Snakemake's summary of all files behind some targets: by path their `rule`, `status` and `plan`.
+
+    arguments: the targets, and other arguments of Snakemake. Raises MarsedlError with what it said if it cannot plan.
+    """
+    done = snakemake(root, *arguments, "--summary")
+    lines = done.stdout.splitlines()
+    start = next((number for number, line in enumerate(lines) if line.startswith("output_file\t")), None)
+    if done.returncode or start is None:
+        raise MarsedlError(f"the workflow cannot be planned; Snakemake says:\n{done.stdout[-3000:]}")
+    rows = csv.DictReader(lines[start:], delimiter="\t", quoting=csv.QUOTE_NONE)
+    return {row["output_file"]: row for row in rows if row["plan"]}
+
+
+def built_artifacts(root: Path, *config: str) -> list[str]:
+    """Return the artifacts behind the claims of a build that is whole and up to date, as paths below `root`.
+
+    Snakemake itself decides, by the rules of reruns: files, inputs in the configuration, code. So a build of another
+    size or of an edited configuration is not taken for the full one, and files of other builds are left out.
+
+    config: what was given with `--config` if it is not the plain full-size build.
+
+    Raises MarsedlError that says what is missing or not up to date.
+    """
+    files = planned_files(root, "claims", *(["--config", *config] if config else []))
+    files = {name: file for name, file in files.items() if "/chunks/" not in name}  # which are temporary
+    pending = sorted(name for name, file in files.items() if file["plan"] != "no update")
+    if pending:
+        name = pending[0]
+        raise MarsedlError(
+            f"there is no full build that is up to date with configuration and code: {len(pending)} of {len(files)} "
+            f"files are missing or older, the first is {root / name} ({files[name]['status']}); run 'snakemake all'"
+        )
+    return sorted(name for name in files if name.startswith("data/cache/"))
+
+
+def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Sequence[str]] | None = None) -> list[Path]:
+    """Make the numbers of a full build the committed ones; prints what changes, as `compare_reference` does.
+
+    Numbers within tolerance keep their committed digits, so that the files show what moved and nothing else.
+
+    noise: as for `compare_reference`.
+
+    Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, or if a verdict
+    is not explained.
+    """
+    artifacts, accepted = built_artifacts(root), {}
+    for slug in slugs:
+        if unexplained := _unexplained(root, slug):
+            raise MarsedlError(
+                f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {unexplained[0]} differs or fails without a "
+                f"reason that names an erratum; state it in src/marsedl/papers/{slug}/claims.py first"
+            )
+        path = _reference(root, slug)
+        reference = read_reference(root, slug) if path.exists() else {}
+        found = fingerprints(root, slug, [root / name for name in artifacts if name.startswith(f"data/cache/{slug}/")])
+        comparison = compare(reference, found, (noise or {}).get(slug, ()))
+        _print_comparison(slug, comparison, ())
+        kept = {name for name, value in comparison.margins.items() if value <= 1}
+        entries = {name: reference[name] if name in kept else entry for name, entry in found.items()}
+        lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in entries.items()]
+        accepted[path] = "{\n" + ",\n".join(lines) + "\n}\n"
+    for path, text in accepted.items():
+        write_text(path, text)
+    return list(accepted)

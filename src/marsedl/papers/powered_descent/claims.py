@@ -367,7 +367,7 @@ DECLARATIONS = {
         "Eq. 23 drops a term of Eq. 20. It accounts for the whole difference (remainder {remainder:.1e}) and does "
         "not depend "
         "on the control (spread {spread:.1e}), so the minimiser is the same.",
-        errata=("E12",),
+        errata=("E12", "E13"),
     ),
     "eq46_boundary_conditions": Declaration("Eq. 46 has the noise coefficient on the wrong side.", errata=("E1",)),
     "alg1_meets_boundary_conditions": Declaration(

@@ -1079,7 +1079,7 @@ DECLARATIONS = {
         "only an adjoint that aims at the velocity trigger does: {velocity_adjoint[value][0]:.2f} / "
         "{velocity_adjoint[value][1]:.2f} km, and {density_blind_velocity_adjoint[value][0]:.2f} / "
         "{density_blind_velocity_adjoint[value][1]:.2f} km blind to density.",
-        errata=("E14",),
+        errata=("E14", "E21"),
         withheld=(FORM, DENSITY, DEADBAND),
     ),
     "tab4_downrange_apollo_velocity": Declaration(
