@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: all test lint verify bench clean lock environment
+.PHONY: all test lint verify bench docs clean lock environment
 
 all: $(STAMP)
 	. $(BIN)/activate && snakemake all
@@ -23,6 +23,10 @@ verify: $(STAMP)
 bench: $(STAMP)
 	. $(BIN)/activate && python bench/run.py
 
+# The pages and the library reference, into docs/_build/index.html.
+docs: $(STAMP)
+	. $(BIN)/activate && python -m sphinx -q -W --keep-going docs docs/_build
+
 environment: $(STAMP)
 
 # Wheels only, but for connection_pool, which is published as source alone.
@@ -34,8 +38,8 @@ $(STAMP): requirements.lock pyproject.toml
 
 # Resolve again, without any package index address in the result.
 lock:
-	uv pip compile -q --universal --python-version 3.11 --extra dev --generate-hashes --no-emit-index-url --no-header pyproject.toml -o requirements.lock
+	uv pip compile -q --universal --python-version 3.11 --extra dev --extra docs --generate-hashes --no-emit-index-url --no-header pyproject.toml -o requirements.lock
 
 # Everything that can be regenerated; the environment stays.
 clean:
-	rm -rf data/cache figures report logs benchmarks build .snakemake .cache
+	rm -rf data/cache figures report logs benchmarks build docs/_build .snakemake .cache

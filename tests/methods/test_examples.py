@@ -1,4 +1,4 @@
-"""The examples of the README as they stand there: they run, and what they say of their results is so."""
+"""The examples of the documentation as they stand there: they run, and what is said of their results is so."""
 
 import re
 from pathlib import Path
@@ -12,30 +12,38 @@ from marsedl.methods.funnels import monte_carlo
 from marsedl.models import random_field
 from marsedl.montecarlo.streams import normals
 
-README = Path(__file__).parents[2] / "README.md"
-EXAMPLES = re.findall(r"^```python\n(.*?)^```$", README.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TRIALS = 4000
 
 
-def run(containing):
-    """The names that the one example with this text defines."""
-    (example,) = (text for text in EXAMPLES if containing in text)
+def examples(page):
+    """The Python code of a page, as it stands there."""
+    return re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def run(name):
+    """The names that the example of this page defines."""
+    page = ROOT / "docs" / "examples" / f"{name}.md"
+    (example,) = examples(page)
     names = {}
-    exec(compile(example, f"{README.name}, example with {containing!r}", "exec"), names)
+    exec(compile(example, str(page), "exec"), names)
     return names
 
 
 @pytest.fixture(scope="module")
 def field_example():
-    return run("HalfPlane")
+    return run("random_field")
 
 
 def test_every_example_is_tested():
-    assert len(EXAMPLES) == 4
+    tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
+    assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == dict.fromkeys(tested, 1)
+    assert len(tested) == 5
 
 
 def test_closed_form_example_meets_its_targets():
-    steering = run("SteeringProblem")["steering"]
+    steering = run("covariance_steering")["steering"]
     np.testing.assert_allclose(steering.mean[-1], 0.0, atol=1e-6)
     np.testing.assert_allclose(steering.covariance[-1], np.diag([1.0, 0.25]), atol=1e-6)
 
@@ -104,8 +112,8 @@ def fly_sled(solution, gain, drag):
     return state[0]
 
 
-def test_desensitized_example_does_what_the_readme_says():
-    names = run("Desensitized")
+def test_desensitized_example_does_what_its_page_says():
+    names = run("desensitization")
     plain, robust = names["least_thrust"], names["robust"]
     (gain,) = robust.free.values()
     short = [100.0 - fly_sled(plain, 0.0, 0.022), 100.0 - fly_sled(robust, gain, 0.022)]
@@ -119,7 +127,7 @@ def test_desensitized_example_does_what_the_readme_says():
 @pytest.fixture(scope="module")
 def pendulum():
     """The funnel example, its proven level at every node, and starts on the boundary of its first slice."""
-    names = run("proven_stages")
+    names = run("funnel")
     names["proven_level"] = np.concatenate([[names["first"]], *(stage.levels for stage in names["proven"])])
     directions = monte_carlo.uniform_directions(np.random.Generator(np.random.Philox(7)), TRIALS, 2)
     names["starts"] = monte_carlo.boundary_deviations(names["shapes"][0], names["first"], directions)
@@ -147,7 +155,7 @@ def swing(pendulum, start, wind):
     return solve_ivp(rates, (0.0, 4.0), start, rtol=1e-9, atol=1e-9).y[:, -1] - reference(4.0)
 
 
-def test_funnel_example_narrows_as_the_readme_says(pendulum):
+def test_funnel_example_narrows_as_its_page_says(pendulum):
     np.testing.assert_allclose(np.degrees(pendulum["funnel"].half_widths[[0, -1], 0]), [24.0, 1.5], rtol=0.02)
 
 
@@ -179,3 +187,31 @@ def test_funnel_example_bounds_the_pendulum_itself(pendulum):
     np.testing.assert_allclose(ends, observed[-1].T, atol=1e-6)
     shape = pendulum["shapes"][-1]
     assert (np.einsum("mi,ij,mj->m", ends, shape, ends) / 2 < pendulum["proven_level"][-1]).all()
+
+
+@pytest.fixture(scope="module")
+def probe():
+    return run("monte_carlo")
+
+
+def test_monte_carlo_example_scatters_as_its_page_says(probe):
+    """Also as linear theory says: gusts that decay at the rate 2 g / V about the sink rate V, and the drag's share."""
+    ensemble = probe["ensemble"]
+    altitude, sink_rate = np.sqrt(np.diagonal(ensemble.covariance[-1]))[:2]
+    np.testing.assert_allclose([altitude, sink_rate], [58.0, 0.77], rtol=0.01)
+    velocity = np.sqrt(probe["GRAVITY"] / 0.0093)
+    drag, gusts = 0.05 * velocity / 2, probe["GUSTS"] / np.sqrt(4 * probe["GRAVITY"] / velocity)
+    np.testing.assert_allclose(drag, 0.50, rtol=0.01)
+    np.testing.assert_allclose(sink_rate, np.hypot(drag, gusts), rtol=4 / np.sqrt(2 * ensemble.count))
+    assert ensemble.count == 20_000
+    assert ensemble.excluded == 0
+    assert velocity < probe["fastest"] < velocity + 6 * sink_rate
+    assert 0.0 < probe["standard_error"] < 0.05
+
+
+def test_monte_carlo_example_is_the_same_for_every_number_of_chunks_and_for_one_trial(probe):
+    ensemble = probe["ensemble"]
+    whole = probe["merge"]([probe["run_blocks"](probe["simulate_block"], 0, ensemble.count, kept=10)])
+    for name in ("mean", "covariance", "final_state", "observed_maximum", "kept_history"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(ensemble, name))
+    np.testing.assert_array_equal(probe["again"].final_state[:, 0], ensemble.final_state[1234])

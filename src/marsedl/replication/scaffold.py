@@ -1,0 +1,142 @@
+"""A new paper from templates: small, complete, and built by the workflow as it stands."""
+
+import ast
+import json
+import keyword
+import re
+import textwrap
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from marsedl.replication.claims import write_text
+from marsedl.replication.errors import InputError
+
+TEMPLATES = Path(__file__).with_name("templates_paper")  # laid out as the project is
+SUFFIX, SLUG = ".j2", "__slug__"
+REGISTER = "src/marsedl/papers/__init__.py"
+SNAKEFILE = "Snakefile"
+_SLUGS = re.compile(r"(?ms)^SLUGS = (\(.*?\))$")
+_INCLUDE = 'include: "workflow/rules/{}.smk"\n'
+_AFTER_THE_PAPERS = _INCLUDE.format("figures")
+_LINE = 120
+
+
+def new_paper(root: Path, slug: str, title: str, authors: str) -> list[Path]:
+    """Write a minimal complete paper and register it: every stage, a figure, a table, an erratum and a claim.
+
+    Args:
+        root: the project's folder.
+        slug: name of the paper in files and targets: lower case letters, digits and underscores.
+        title: of the paper.
+        authors: of the paper, in one line.
+
+    Returns:
+        The files that were written, then those that were changed.
+
+    Raises:
+        InputError: if the name is taken or cannot serve, title or authors are not one line of text, a file exists
+            already, or the project does not register its papers where this is expected. Nothing is written then.
+    """
+    slugs = _registered(root)
+    _check_slug(root, slug, slugs)
+    for name, text in (("title", title), ("authors", authors)):
+        if not text.strip() or not text.isprintable() or set(text) & set('"\\'):
+            raise InputError(f"{name}: {text!r} is not one line of text without quotation marks and backslashes")
+    values = {
+        "slug": slug,
+        "title": title,
+        "authors": authors,
+        "model": "".join(word.capitalize() for word in slug.split("_")) + "Inputs",
+    }
+    files = {root / path: text for path, text in _rendered(values).items()}
+    for path in files:
+        if path.exists():
+            raise InputError(f"{path} exists already; choose another name, or move the file away")
+    changed = {
+        root / REGISTER: _with_slug(root, (*slugs, slug)),
+        root / SNAKEFILE: _with_rules(root, slug),
+    }
+    for path, text in {**files, **changed}.items():
+        write_text(path, text)
+    return [*files, *changed]
+
+
+def next_steps(slug: str) -> str:
+    """Return what is left to do for a new paper, one step a line."""
+    return "\n".join(
+        [
+            f"build it:      snakemake --config size=smoke {slug} claims",
+            f"test it:       pytest tests/papers/test_{slug}.py",
+            "replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where",
+            f"tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time",
+            "README.md: a row of the table;  CITATION.cff: a reference",
+            "after a full build that you have looked at: marsedl accept",
+        ]
+    )
+
+
+def _registered(root: Path) -> tuple[str, ...]:
+    """The papers that the project knows."""
+    found = _SLUGS.search(_read(root / REGISTER))
+    if not found:
+        raise InputError(f"{root / REGISTER}: no line 'SLUGS = (...)', in which papers are registered; restore it")
+    return ast.literal_eval(found[1])
+
+
+def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", slug) or keyword.iskeyword(slug) or len(slug) > 40:
+        raise InputError(
+            f"'{slug}' cannot be the name of a paper: use at most 40 lower case letters, digits and single underscores"
+        )
+    if slug in slugs:
+        raise InputError(f"there is a paper '{slug}' already; choose another name")
+    for known in slugs:
+        if f"{known}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{known}_"):
+            raise InputError(f"'{slug}' would be taken for '{known}' in the names of rules; choose another name")
+    rules = [root / SNAKEFILE, *sorted((root / "workflow" / "rules").glob("*.smk"))]
+    taken = {name for path in rules for name in re.findall(r"(?m)^(?:rule|use rule \w+ as) (\w+)", _read(path))}
+    taken |= {path.stem for path in (root / REGISTER).parent.iterdir()} | {path.stem for path in rules}
+    if slug in taken:
+        raise InputError(f"'{slug}' is the name of a rule or module already; choose another name")
+
+
+def _rendered(values: dict[str, str]) -> dict[str, str]:
+    """The text of every file by its path in the project."""
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True
+    )
+    environment.filters["literal"] = _literal
+    return {
+        name.replace(SLUG, values["slug"]).removesuffix(SUFFIX): environment.get_template(name).render(values)
+        for name in environment.list_templates(filter_func=lambda name: name.endswith(SUFFIX))
+    }
+
+
+def _literal(text: str) -> str:
+    """A text as Python source, on several lines where it is long."""
+    pieces = textwrap.wrap(text, _LINE - 20, drop_whitespace=False, break_long_words=False)
+    return "\n    ".join(json.dumps(piece, ensure_ascii=False) for piece in pieces)
+
+
+def _with_slug(root: Path, slugs: tuple[str, ...]) -> str:
+    line = f"SLUGS = ({', '.join(map(json.dumps, slugs))})"
+    if len(line) > _LINE:
+        line = "SLUGS = (\n" + "".join(f"    {json.dumps(slug)},\n" for slug in slugs) + ")"
+    return _SLUGS.sub(line, _read(root / REGISTER), count=1)
+
+
+def _with_rules(root: Path, slug: str) -> str:
+    text = _read(root / SNAKEFILE)
+    if text.count(_AFTER_THE_PAPERS) != 1:
+        raise InputError(
+            f"{root / SNAKEFILE}: no line '{_AFTER_THE_PAPERS.strip()}', before which papers stand; restore it"
+        )
+    return text.replace(_AFTER_THE_PAPERS, _INCLUDE.format(slug) + _AFTER_THE_PAPERS)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); restore it") from None

@@ -1,0 +1,209 @@
+"""A new paper from the templates: it is built as the others are, and nothing is written where it cannot be."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from marsedl.replication.errors import InputError
+from marsedl.replication.scaffold import new_paper, next_steps
+from marsedl.replication.verification import copy_tree, snakemake
+
+ROOT = Path(__file__).parents[2]
+SLUG = "hypersonic_glide"
+TITLE = (
+    "A Study of Gliding & Steering, Which Has {Braces}, a Title That is Far Too Long for One Line, and What Not: Part 2"
+)
+AUTHORS = "A. O'Author and B. Müller"
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return copy_tree(ROOT, tmp_path / "project")
+
+
+@pytest.fixture(scope="module")
+def scaffolded(tmp_path_factory):
+    """A copy of the tree with a new paper, and the files that were written."""
+    tree = copy_tree(ROOT, tmp_path_factory.mktemp("scaffold") / "project")
+    (tree / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
+    return tree, new_paper(tree, SLUG, TITLE, AUTHORS)
+
+
+@pytest.fixture(scope="module")
+def built(scaffolded):
+    tree, _ = scaffolded
+    targets = (SLUG, f"report/claims/{SLUG}.json")
+    done = snakemake(tree, *targets, "--cores", "2", "--config", "size=smoke")
+    assert done.returncode == 0, done.stdout[-3000:]
+    return tree
+
+
+def run(tree, *command):
+    """Run a command in the tree, with its package."""
+    environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
+    return subprocess.run(
+        [sys.executable, "-m", *command], cwd=tree, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def content(tree):
+    return {path: path.read_bytes() for path in tree.rglob("*") if path.is_file()}
+
+
+@pytest.mark.workflow
+def test_the_workflow_builds_it_and_its_claim_has_a_verdict(built):
+    (row,) = json.loads((built / "report" / "claims" / f"{SLUG}.json").read_text("utf-8"))
+    assert row["verdict"] == "reproduced"
+    assert set(row["readings"]) == {"corrected", "printed"}
+    names = {path.name for path in (built / "figures" / SLUG).iterdir()}
+    assert names == {"fig01.png", "fig01.pdf", "touchdown.csv", "touchdown.md", "claims.csv", "claims.md"}
+
+
+@pytest.mark.workflow
+def test_it_passes_its_own_tests_and_the_contract_of_all_papers(built):
+    contract = Path("tests") / "replication" / "test_catalogue.py"
+    (built / contract).parent.mkdir(parents=True, exist_ok=True)
+    (built / contract).write_bytes((ROOT / contract).read_bytes())
+    done = run(built, "pytest", "tests", "-k", SLUG, "-vv", "-p", "no:cacheprovider")
+    assert done.returncode == 0, done.stdout[-3000:]
+    for name in ("test_every_claim_has_the_verdict_that_is_expected", f"test_every_paper_has_the_same_files[{SLUG}]"):
+        assert f"::{name} PASSED" in done.stdout
+
+
+@pytest.mark.workflow
+def test_its_trial_is_flown_again_to_the_last_bit(built):
+    done = run(built, "marsedl.cli", "trial", SLUG, "corrected", "7")
+    assert done.returncode == 0, done.stderr
+    assert "the same to the last bit" in done.stdout
+
+
+@pytest.mark.workflow
+def test_an_edit_of_its_equations_reruns_what_its_facts_say(built):
+    facts = yaml.safe_load((built / "tests" / "workflow" / "facts" / f"{SLUG}.yaml").read_text("utf-8"))["physics"]
+    path = built / "src" / "marsedl" / facts["file"]
+    text = path.read_text("utf-8")
+    assert text.count(facts["old"]) == 1
+    path.write_text(text.replace(facts["old"], facts["new"]), "utf-8")
+    try:
+        target = f"report/claims/{SLUG}.json"
+        done = snakemake(built, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
+    finally:
+        path.write_text(text, "utf-8")
+    stages = set(re.findall(rf"(?m)^rule {SLUG}_(\w+):", done.stdout)) - {"claims"}
+    assert stages == set(facts["rerun"])
+
+
+@pytest.mark.workflow
+def test_the_audit_finds_nothing_amiss_with_it(built):
+    (built / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
+    said = run(built, "marsedl.cli", "audit").stdout.splitlines()
+    assert any(f"{SLUG} 1" in line for line in said if "printed claims" in line), said
+    assert not [line for line in said if re.match(r"  [^ \d]", line) and SLUG in line and "is committed" not in line]
+
+
+def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
+    tree, written = scaffolded
+    assert all(path.is_file() for path in written)
+    python = [str(path) for path in written if path.suffix == ".py"]
+    assert len(python) > 10
+    for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
+        done = run(tree, "ruff", *command, *python)
+        assert done.returncode == 0, done.stdout
+    rules = [str(path) for path in written if path.suffix == ".smk" or path.name == "Snakefile"]
+    done = run(tree, "snakefmt", "--check", *rules)
+    assert done.returncode == 0, done.stderr
+    for path in written:
+        text = path.read_text("utf-8")
+        assert "{{" not in text
+        assert "__slug__" not in text
+        assert text.endswith("\n") and not text.endswith("\n\n")
+
+
+def test_it_is_registered_behind_the_other_papers(scaffolded):
+    tree, _ = scaffolded
+    done = run(tree, "marsedl.cli", "list")
+    assert done.returncode == 0, done.stderr
+    assert re.findall(r"(?m)^[a-z_]+$", done.stdout)[-1] == SLUG
+    assert f"  {TITLE}\n  {AUTHORS}\n" in done.stdout
+    for name in re.findall(r"(?<= )[\w/]+\.(?:py|md)", next_steps(SLUG)):
+        assert (tree / name).exists() or (ROOT / name).exists(), name
+
+
+def test_the_same_request_writes_the_same_bytes(tree, scaffolded):
+    other, written = scaffolded
+    for mine, others in zip(new_paper(tree, SLUG, TITLE, AUTHORS), written, strict=True):
+        assert mine.relative_to(tree) == others.relative_to(other)
+        assert mine.read_bytes() == others.read_bytes()
+
+
+def test_many_papers_fit_into_the_register(tree):
+    for slug in ("first_of_the_further_papers", "second_of_the_further_papers"):
+        new_paper(tree, slug, TITLE, AUTHORS)
+    register = (tree / "src" / "marsedl" / "papers" / "__init__.py").read_text("utf-8")
+    assert max(map(len, register.splitlines())) <= 120
+    done = run(tree, "marsedl.cli", "list")
+    assert re.findall(r"(?m)^[a-z_]+$", done.stdout)[-2:] == [
+        "first_of_the_further_papers",
+        "second_of_the_further_papers",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("slug", "said"),
+    [
+        ("funnels", "there is a paper 'funnels' already"),
+        ("Glide", "at most 40 lower case letters"),
+        ("glide-2", "at most 40 lower case letters"),
+        ("glide__path", "at most 40 lower case letters"),
+        ("../glide", "at most 40 lower case letters"),
+        ("class", "at most 40 lower case letters"),
+        ("g" * 41, "at most 40 lower case letters"),
+        ("", "at most 40 lower case letters"),
+        ("powered", "would be taken for 'powered_descent'"),
+        ("funnels_again", "would be taken for 'funnels'"),
+        ("claims", "is the name of a rule or module"),
+        ("default_figure", "is the name of a rule or module"),
+        ("density", "is the name of a rule or module"),
+        ("common", "is the name of a rule or module"),
+    ],
+)
+def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tree, slug, said):
+    before = content(tree)
+    with pytest.raises(InputError, match=re.escape(said)):
+        new_paper(tree, slug, TITLE, AUTHORS)
+    assert content(tree) == before
+
+
+@pytest.mark.parametrize(
+    ("title", "authors", "said"),
+    [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")],
+)
+def test_a_text_that_cannot_serve_is_refused_and_nothing_is_written(tree, title, authors, said):
+    before = content(tree)
+    with pytest.raises(InputError, match=said):
+        new_paper(tree, SLUG, title, authors)
+    assert content(tree) == before
+
+
+def test_no_file_is_overwritten(tree):
+    (tree / "configs" / f"{SLUG}.yaml").write_text("mine")
+    before = content(tree)
+    with pytest.raises(InputError, match=rf"configs/{SLUG}\.yaml exists already"):
+        new_paper(tree, SLUG, TITLE, AUTHORS)
+    assert content(tree) == before
+
+
+@pytest.mark.parametrize("name", ["Snakefile", "src/marsedl/papers/__init__.py"])
+def test_a_project_without_its_register_is_refused_by_name(tree, name):
+    (tree / name).write_text("")
+    with pytest.raises(InputError, match=re.escape(name)):
+        new_paper(tree, SLUG, TITLE, AUTHORS)
+    (tree / name).unlink()
+    with pytest.raises(InputError, match=rf"{re.escape(name)}: cannot be read"):
+        new_paper(tree, SLUG, TITLE, AUTHORS)
