@@ -409,6 +409,64 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
         assert remembered().code(ENTRY) == code_digest(ENTRY, tree)
 
 
+@pytest.fixture
+def parsed(monkeypatch):
+    """The files that are parsed, by a process that has seen none of them before."""
+    paths, parse = [], module_of_digests._syntax_tree
+
+    def noted(path, source):
+        paths.append(Path(path))
+        return parse(path, source)
+
+    monkeypatch.setattr(module_of_digests, "_syntax_tree", noted)
+
+    def begin():
+        paths.clear()
+        monkeypatch.setattr(module_of_digests, "_ANALYSES", {})
+        monkeypatch.setattr(module_of_digests, "_USED", set())
+        module_of_digests._parsed.cache_clear()
+        return paths
+
+    yield begin
+    module_of_digests._parsed.cache_clear()
+
+
+def test_after_an_edit_only_what_is_edited_is_parsed(tree, remembered, parsed, tmp_path):
+    paths = parsed()
+    first = remembered()
+    before = first.source(), first.code(ENTRY), first.script("shim.py")
+    first.save()
+    twice = [path for path in set(paths) if paths.count(path) > 1]
+    assert twice == [tree / "scripts" / "shim.py"], "which here is a file of the source too, in another package"
+    assert len(paths) > 5
+    path = tree / "pkg" / "models" / "gravity.py"
+    path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
+    paths = parsed()
+    second = remembered()
+    after = second.source(), second.code(ENTRY), second.script("shim.py")
+    assert paths == [path]
+    assert before[:2] != after[:2]
+    parsed()
+    scratch = RememberedDigests(tmp_path / "nothing" / "digests.json", tree, tree / "scripts")
+    assert (scratch.source(), scratch.code(ENTRY), scratch.script("shim.py")) == after
+
+
+def test_what_another_version_or_a_damaged_file_remembers_of_modules_is_forgotten(tree, remembered, parsed, tmp_path):
+    first = remembered()
+    found = first.code(ENTRY)
+    first.save()
+    (memory,) = (tmp_path / "memory").glob("*.modules")
+    whole = memory.read_bytes()
+    for damaged in (b"", whole[:200], whole[:-10], b"x" + whole, whole[:32] + b"junk"):
+        (tmp_path / "memory" / "digests.json").unlink()
+        memory.write_bytes(damaged)
+        parsed()
+        again = remembered()
+        assert again.code(ENTRY) == found
+        again.save()
+        assert memory.read_bytes()[:32] == whole[:32]
+
+
 def test_digests_that_cannot_be_kept_are_computed(tree, tmp_path):
     occupied = tmp_path / "file"
     occupied.write_text("", encoding="utf-8")

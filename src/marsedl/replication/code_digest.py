@@ -29,11 +29,12 @@ import contextlib
 import gc
 import hashlib
 import json
+import marshal
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import cache, cached_property
+from dataclasses import astuple, dataclass, field
+from functools import cache
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, MarsedlError
@@ -48,6 +49,8 @@ _IMPORTS = (ast.Import, ast.ImportFrom)
 _REGISTERING_DECORATORS = ("register", "overload", "overload_method", "overload_attribute", "overload_classmethod")
 _SEES_ITS_MODULE = ("globals", "eval", "exec")
 _HARMLESS_MODULE_ATTRIBUTES = ("__name__", "__file__", "__doc__", "__package__")
+_ANALYSES: dict[str, dict] = {}  # of modules, by digests of their packages and contents
+_USED: set[str] = set()  # those of the source as it is now
 
 
 def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
@@ -91,7 +94,9 @@ def source_digest(source_root: Path = SOURCE_ROOT) -> str:
     parts = []
     for path in sorted(source_root.rglob("*.py")):
         name = path.relative_to(source_root).as_posix()
-        parts += [name, _parsed(name, False, str(path), path.read_bytes()).text]
+        module = ".".join(path.relative_to(source_root).with_suffix("").parts)
+        is_package = path.stem == "__init__"
+        parts += [name, _parsed(module.removesuffix(".__init__"), is_package, str(path), path.read_bytes()).text]
     return _sha256(parts)
 
 
@@ -99,7 +104,8 @@ class RememberedDigests:
     """The digests of this module, remembered in a file for as long as no source file and no script changes.
 
     Computing them means to parse all of the source, which every run of Snakemake would have to do anew. The memory is
-    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong.
+    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong. A second file beside it
+    remembers what is found in each module, so that after an edit only what is edited is parsed.
     """
 
     def __init__(self, memory: Path, source_root: Path, scripts: Path):
@@ -113,6 +119,10 @@ class RememberedDigests:
         except (OSError, ValueError, LookupError, TypeError):
             pass  # nothing remembered, or nothing that can be used
         self._known = len(self._digests)
+        self._analyses = memory.with_suffix(".modules")
+        self._own = hashlib.sha256(sys.version.encode() + Path(__file__).read_bytes()).digest()
+        if not self._digests:
+            self._recall()
         atexit.register(self.save)
 
     def source(self) -> str:
@@ -131,12 +141,20 @@ class RememberedDigests:
         """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
         if len(self._digests) == self._known or self._key_now() != self._key:
             return
-        partial = self._memory.with_name(f"{self._memory.name}.{os.getpid()}")
         with contextlib.suppress(OSError):
             self._memory.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(json.dumps({"key": self._key, "digests": self._digests}), encoding="utf-8")
-            partial.replace(self._memory)
+            _replace(self._memory, json.dumps({"key": self._key, "digests": self._digests}).encode())
             self._known = len(self._digests)
+            _replace(self._analyses, self._own + marshal.dumps({key: _ANALYSES[key] for key in _USED}))
+
+    def _recall(self) -> None:
+        """Take what was found in modules, if this very code found it; marshal reads data and executes nothing."""
+        try:
+            stored = self._analyses.read_bytes()
+            if stored.startswith(self._own):
+                _ANALYSES.update(marshal.loads(stored[len(self._own) :]))
+        except (OSError, ValueError, EOFError, TypeError):
+            pass  # nothing remembered, or nothing that can be used
 
     def _of(self, name, compute):
         if name not in self._digests:
@@ -150,6 +168,13 @@ class RememberedDigests:
                 content = path.read_bytes()
                 hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
         return hasher.hexdigest()
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file as a whole or not at all, as others may read it."""
+    partial = path.with_name(f"{path.name}.{os.getpid()}")
+    partial.write_bytes(content)
+    partial.replace(path)
 
 
 @cache
@@ -318,27 +343,20 @@ def _imports(statement: ast.Import | ast.ImportFrom, package: str) -> Iterator[_
 # --------------------------------------------------------------------------------------------------------- one module
 
 
-class _Module:
-    """A parsed module: its statements sorted by what they are for."""
+class _Analysis:
+    """What a syntax tree says, by its statements, which are sorted by what they are for."""
 
-    def __init__(self, name: str, is_package: bool, path: str, tree: ast.Module) -> None:
-        self.name = name
-        self.is_package = is_package
-        self.path = path
-        self.tree = tree
-        self.package = name if is_package else name.rpartition(".")[0]
+    def __init__(self, tree: ast.Module, package: str) -> None:
+        self.tree, self.package = tree, package
         self.definitions: dict[str, list[int]] = {}  # name -> statements that define it
         self.effects: list[int] = []  # statements that act at import
         self.module_imports: list[_Import] = []  # executed when the module is imported
         self.bound_by_effects: set[str] = set()
-        self._uses: dict[int, _Uses] = {}
-        self._texts: dict[int, str] = {}
+        self.uses = [_Uses() for _ in tree.body]
+        for statement, uses in zip(tree.body, self.uses, strict=True):
+            _collect(statement, package, uses)
         for index, statement in enumerate(tree.body):
             self._sort_in(index, statement)
-        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
-        for imported in self.module_imports:
-            self.imports.setdefault(imported.bound, []).append(imported)
-        self.stars = self.imports.pop("*", [])
 
     def _sort_in(self, index: int, statement: ast.stmt) -> None:
         if isinstance(statement, _IMPORTS):
@@ -360,27 +378,47 @@ class _Module:
                 self.definitions.setdefault(name, []).append(index)
             return
         self.effects.append(index)
-        uses = self.uses(index)
-        self.module_imports += uses.imports
-        self.bound_by_effects |= uses.binds
+        self.module_imports += self.uses[index].imports
+        self.bound_by_effects |= self.uses[index].binds
 
-    def uses(self, index: int) -> _Uses:
-        """What the statement with this index refers to."""
-        if index not in self._uses:
-            self._uses[index] = _Uses()
-            _collect(self.tree.body[index], self.package, self._uses[index])
-        return self._uses[index]
+    def plain(self) -> dict:
+        """All of it in plain types, which `marshal` can store."""
+        return {
+            "definitions": self.definitions,
+            "effects": self.effects,
+            "module_imports": [astuple(imported) for imported in self.module_imports],
+            "bound_by_effects": self.bound_by_effects,
+            "uses": [(uses.chains, [astuple(imported) for imported in uses.imports]) for uses in self.uses],
+            "texts": [_text(statement) for statement in self.tree.body],
+            "functions": [s.name if isinstance(s, _FUNCTIONS) else None for s in self.tree.body],
+            "documented": bool(self.tree.body) and _is_docstring(self.tree.body[0]),
+        }
 
-    def statement_text(self, index: int) -> str:
-        """The canonical text of the statement with this index."""
-        if index not in self._texts:
-            self._texts[index] = _text(self.tree.body[index])
-        return self._texts[index]
 
-    @cached_property
+class _Module:
+    """A module that is analysed."""
+
+    def __init__(self, name: str, is_package: bool, path: str, analysis: dict) -> None:
+        self.name, self.is_package, self.path = name, is_package, path
+        self.definitions: dict[str, list[int]] = analysis["definitions"]
+        self.effects: list[int] = analysis["effects"]
+        self.bound_by_effects: set[str] = analysis["bound_by_effects"]
+        self.texts: list[str] = analysis["texts"]  # canonical, of the statements
+        self.functions: list[str | None] = analysis["functions"]  # names of those statements that define functions
+        self.documented: bool = analysis["documented"]
+        self.module_imports = [_Import(*imported) for imported in analysis["module_imports"]]
+        self.uses = [_Uses(chains, [_Import(*i) for i in imports]) for chains, imports in analysis["uses"]]
+        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
+        for imported in self.module_imports:
+            self.imports.setdefault(imported.bound, []).append(imported)
+        self.stars = self.imports.pop("*", [])
+
+    @property
     def text(self) -> str:
-        """The canonical text of the whole module."""
-        return _text(self.tree)
+        """The canonical text of the whole module, as `_text` writes it."""
+        if not self.texts:
+            return "Module()"
+        return "Module(body:[" + "".join(f"{text}," for text in self.texts[self.documented :]) + "])"
 
 
 def _plain_targets(statement: ast.stmt) -> set[str] | None:
@@ -414,11 +452,20 @@ def _registers(decorator: ast.expr) -> bool:
 
 @cache
 def _parsed(name: str, is_package: bool, path: str, source: bytes) -> _Module:
-    """Parse a module; remembered by its content, so that an edit within one process is seen."""
+    """Analyse a module; remembered by its content, so that an edit within one process is seen."""
+    package = name if is_package else name.rpartition(".")[0]
+    key = hashlib.sha256(f"{package}\n".encode() + source).hexdigest()
+    if key not in _ANALYSES:
+        _ANALYSES[key] = _Analysis(_syntax_tree(path, source), package).plain()
+    _USED.add(key)
+    return _Module(name, is_package, path, _ANALYSES[key])
+
+
+def _syntax_tree(path: str, source: bytes) -> ast.Module:
     collecting = gc.isenabled()
     gc.disable()  # many objects, none of them garbage: collecting would double the time
     try:
-        tree = ast.parse(source, filename=path)
+        return ast.parse(source, filename=path)
     except SyntaxError as error:
         raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: mend the syntax and run again") from error
     except (ValueError, RecursionError) as error:
@@ -426,7 +473,6 @@ def _parsed(name: str, is_package: bool, path: str, source: bytes) -> _Module:
     finally:
         if collecting:
             gc.enable()
-    return _Module(name, is_package, path, tree)
 
 
 # -------------------------------------------------------------------------------------------------------- the closure
@@ -472,8 +518,7 @@ class _Closure:
     def add_script(self, script: _Module) -> None:
         self._modules[script.name] = script
         self._load_imports(script.module_imports)
-        for index, _ in enumerate(script.tree.body):
-            self._pending.append((script, script.uses(index)))
+        self._pending += [(script, uses) for uses in script.uses]
         self._run()
 
     def _run(self) -> None:
@@ -536,7 +581,7 @@ class _Closure:
     def _add_symbol(self, module: _Module, name: str) -> None:
         if (module.name, name) not in self._symbols:
             self._symbols.add((module.name, name))
-            self._pending += [(module, module.uses(index)) for index in module.definitions[name]]
+            self._pending += [(module, module.uses[index]) for index in module.definitions[name]]
 
     def _add_whole(self, module_name: str) -> None:
         """Everything in a module counts, and of a package everything below it too."""
@@ -573,7 +618,7 @@ class _Closure:
             return
         self._imported.add(name)
         self._import_module(name.rpartition(".")[0])
-        self._pending += [(module, module.uses(index)) for index in module.effects]
+        self._pending += [(module, module.uses[index]) for index in module.effects]
         self._pending.append((module, _Uses(imports=module.module_imports)))
 
     def listing(self) -> list[str]:
@@ -594,8 +639,8 @@ class _Closure:
         for name in sorted(counted):
             module = self.module(name)
             # Functions may stand in any order, but the order of what is executed at import matters.
-            functions = [index for index in counted[name] if isinstance(module.tree.body[index], _FUNCTIONS)]
+            functions = [index for index in counted[name] if module.functions[index]]
             executed = sorted(counted[name] - set(functions))
-            functions.sort(key=lambda index: (module.tree.body[index].name, index))
-            parts += [f"{name} {module.statement_text(index)}" for index in (*executed, *functions)]
+            functions.sort(key=lambda index: (module.functions[index], index))
+            parts += [f"{name} {module.texts[index]}" for index in (*executed, *functions)]
         return _sha256(parts)
