@@ -407,7 +407,8 @@ def built_artifacts(root: Path, *config: str) -> list[str]:
     """
     files = planned_files(root, "claims", *(["--config", *config] if config else []))
     files = {name: file for name, file in files.items() if "/chunks/" not in name}  # which are temporary
-    pending = sorted(name for name, file in files.items() if file["plan"] != "no update")
+    # A lost file that nothing needs any more is no reason for Snakemake to plan an update.
+    pending = sorted(name for name, file in files.items() if file["plan"] != "no update" or file["status"] == "missing")
     if pending:
         name = pending[0]
         raise MarsedlError(
