@@ -24,14 +24,9 @@ def steps(workflow):
 
 
 def test_ci_lints_tests_and_audits():
-    commands = [line for line in RUN.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-    assert commands == [
-        "set -euo pipefail",
-        'cd "$(dirname "$0")/.."',
-        "make lint",
-        "make test",
-        ".venv/bin/marsedl audit",
-    ]
+    commands = RUN.read_text(encoding="utf-8").splitlines()
+    assert "set -euo pipefail" in commands
+    assert commands[-3:] == ["make lint", "make test", ".venv/bin/marsedl audit"]
     assert os.access(RUN, os.X_OK)
 
 
