@@ -25,7 +25,7 @@ COLUMNS = (("reproduced", "holds"), ("close",), ("differs", "fails"), ("undeterm
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
+def pages(tmp_path_factory):
     """The pages as `make docs` makes them."""
     folder = tmp_path_factory.mktemp("docs")
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(ROOT / "docs"), str(folder)]
@@ -40,16 +40,16 @@ def code_blocks(page, language=""):
     return [text for named, text in blocks if named == language]
 
 
-def test_the_pages_need_no_network_and_name_no_folder_of_this_machine(built):
-    for path in built.rglob("*.html"):
+def test_the_pages_need_no_network_and_name_no_folder_of_this_machine(pages):
+    for path in pages.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"""<(script|link|img|iframe)[^>]*(src|href)=["'](https?:)?//""", text), path.name
         assert str(ROOT) not in text, path.name
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
-def test_every_public_function_is_in_the_reference(built, library):
-    text = (built / "reference" / f"{library}.html").read_text(encoding="utf-8")
+def test_every_public_function_is_in_the_reference(pages, library):
+    text = (pages / "reference" / f"{library}.html").read_text(encoding="utf-8")
     modules = [
         m.name for m in walk_packages([f"{marsedl.__path__[0]}/{library}"], f"marsedl.{library}.") if not m.ispkg
     ]
@@ -66,8 +66,8 @@ def test_every_public_function_is_in_the_reference(built, library):
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_paper_has_its_note_with_all_errata(built, slug):
-    text = (built / "papers" / f"{slug}.html").read_text(encoding="utf-8")
+def test_every_paper_has_its_note_with_all_errata(pages, slug):
+    text = (pages / "papers" / f"{slug}.html").read_text(encoding="utf-8")
     found = re.findall(r"<strong>(E\w+)</strong>, printed", text)
     assert found == [erratum.id for erratum in catalogue(slug).errata]
 

@@ -53,6 +53,12 @@ def test_stages_products_and_functions_belong_together(slug):
             assert {need.split(".")[-1] for need in product.needs} <= parameters(getattr(module, stem))
             assert set(product.inputs) <= fields
             assert product.caption
+    for stem, needs in paper.closeups.items():
+        function = getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)
+        assert {need.split(".")[-1] for need in needs} == parameters(function)
+        assert {need.split(".")[0] for need in needs} <= set(paper.stages)
+    assert set(paper.described) == {stem for stem, figure in paper.figures.items() if not figure.beyond}
+    assert all(text.endswith(".") for text in paper.described.values())
     assert not set(paper.figures) & {*paper.tables, *paper.summaries, "claims"}, "a name in the report stands once"
     assert set(input_model(slug).CASES.values()) <= fields
     assert len({erratum.id for erratum in paper.errata}) == len(paper.errata)

@@ -21,9 +21,9 @@ from marsedl.replication.claims import (
     collect,
     load_published,
 )
+from marsedl.replication.closeups import CloseUp
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.report import (
-    CloseUp,
     Comparison,
     ErratumEntry,
     FigureEntry,
@@ -130,6 +130,8 @@ def example(folder, hostile="plain"):
             alt="Curves that contract towards the landing site",
             files=(f"figures/powered_descent/fig{i:02d}.png", f"figures/powered_descent/fig{i:02d}.pdf"),
             beyond=i == 4,
+            described=f"The paper sees the trials contract. {hostile}" if i < 4 else "",
+            claims=("mc_final_mean", "prior_final_mass") if i == 2 else (),
         )
         for i in range(1, 5)
     ]
@@ -139,8 +141,7 @@ def example(folder, hostile="plain"):
             f"E{i}",
             f"Something printed, number {i}. {hostile}",
             "It contradicts Eq. 43; the covariance at 41 s is then diag(4.50, 0.141, 0.192, 0.210).",
-            "The other form",
-            f"Eq. {40 + i}",
+            "The other form, as in `corrected`",
         )
         for i in (10, 11, 12)
     ]
@@ -158,8 +159,6 @@ def example(folder, hostile="plain"):
             )
         ],
         errata,
-        "The method reproduces; two of four components of the final mean do not.",
-        ["All quadratures converged."],
         "report/claims/powered_descent.json",
         [
             CloseUp(
@@ -179,7 +178,6 @@ def example(folder, hostile="plain"):
         "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
         "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
         "benchmarks": [["rule", "s", "MB"], ["montecarlo", "12.3", "310"]],
-        "verify": [["result", "worst margin"], ["powered_descent/montecarlo", "0.02"]],
     }
     return [
         paper,
@@ -194,7 +192,7 @@ def together(folder):
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
+def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
     build_report(folder / "out" / "index.html", papers, environment, together(folder))
@@ -245,15 +243,15 @@ class Checker(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(built):
+def page(written):
     checker = Checker()
-    checker.feed(built[0])
+    checker.feed(written[0])
     checker.close()
     return checker
 
 
-def test_two_builds_have_the_same_bytes_and_leave_nothing_else(built):
-    html, papers, environment, folder = built
+def test_two_builds_have_the_same_bytes_and_leave_nothing_else(written):
+    html, papers, environment, folder = written
     build_report(folder / "again.html", papers, environment, together(folder))
     assert (folder / "again.html").read_bytes() == html.encode()
     assert [path.name for path in (folder / "out").iterdir()] == ["index.html"]
@@ -265,9 +263,9 @@ def test_tags_balance_and_ids_are_unique(page):
     assert len(page.ids) == len(set(page.ids))
 
 
-def test_every_claim_reading_erratum_figure_and_input_is_shown(built, page):
+def test_every_claim_reading_erratum_figure_and_input_is_shown(written, page):
     text = " ".join(page.text)
-    for paper in built[1]:
+    for paper in written[1]:
         for row in paper.claims:
             assert f"{paper.slug}-{row['id']}" in page.ids
             assert row["quantity"] in text
@@ -277,6 +275,7 @@ def test_every_claim_reading_erratum_figure_and_input_is_shown(built, page):
         for reading in paper.readings:
             assert f"{paper.slug}-reading-{reading.name}" in page.ids
             assert reading.description in text
+        assert "<code>corrected</code>" in written[0].partition('class="errata"')[2].partition("</table>")[0]
         for entry in (*paper.figures, *paper.tables, *paper.errata):
             assert f"{paper.slug}-{getattr(entry, 'name', None) or entry.id}" in page.ids
         for entry in paper.inputs:
@@ -284,7 +283,7 @@ def test_every_claim_reading_erratum_figure_and_input_is_shown(built, page):
             for value in entry.values.values():
                 assert value.value in text
                 assert value.source.removeprefix("assumed: ") in text
-    for digest in built[2]["digests"].values():
+    for digest in written[2]["digests"].values():
         assert digest in text
 
 
@@ -296,9 +295,9 @@ def test_values_stand_beside_the_print_with_their_errors(page):
     assert "3.20" in text
 
 
-def test_text_from_outside_is_escaped(built, page):
-    assert "<script>alert" not in built[0]
-    assert built[0].count("&lt;/script&gt;&lt;script&gt;alert(&#39;x &amp; y&#39;)&lt;/script&gt;") > 5
+def test_text_from_outside_is_escaped(written, page):
+    assert "<script>alert" not in written[0]
+    assert written[0].count("&lt;/script&gt;&lt;script&gt;alert(&#39;x &amp; y&#39;)&lt;/script&gt;") > 5
     assert page.scripts == 1
 
 
@@ -308,17 +307,17 @@ def test_nothing_is_loaded_and_every_link_stays_inside(page):
     assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
 
 
-def test_no_style_loads_anything(built):
-    assert "url(" not in built[0]
-    assert "@import" not in built[0]
+def test_no_style_loads_anything(written):
+    assert "url(" not in written[0]
+    assert "@import" not in written[0]
 
 
 def embedded(given):
     return Image.open(io.BytesIO(base64.b64decode(given["src"].removeprefix("data:image/png;base64,")))).convert("RGB")
 
 
-def test_images_are_inside_with_alternative_text_and_size(built, page):
-    figures = [*built[1][0].figures, *together(built[3]).figures]
+def test_images_are_inside_with_alternative_text_and_size(written, page):
+    figures = [*written[1][0].figures, *together(written[3]).figures]
     assert len(page.images) == len(figures) == 5
     for given, figure in zip(page.images, figures, strict=True):
         original = Image.open(figure.image)
@@ -368,9 +367,9 @@ def test_a_transparent_image_stays_so_and_a_small_one_does_not_grow(tmp_path):
     assert dot == (tmp_path / "dot.png").read_bytes()
 
 
-def test_every_product_stands_beside_the_command_that_rebuilds_it(built, page):
+def test_every_product_stands_beside_the_command_that_rebuilds_it(written, page):
     text = " ".join(page.text)
-    for entry in (*built[1][0].figures, *built[1][0].tables, *together(built[3]).figures):
+    for entry in (*written[1][0].figures, *written[1][0].tables, *together(written[3]).figures):
         assert f"snakemake {entry.files[0]}" in text
         assert all(name in text for name in entry.files)
     assert "snakemake report/claims/powered_descent.json" in text
@@ -382,24 +381,48 @@ def test_runs_solvers_and_provenance_are_shown(page):
         assert words in text
 
 
-def test_assumed_inputs_are_marked_and_counted(built, page):
-    inputs = built[0].partition('id="powered_descent-inputs"')[2].partition("</table>")[0]
+def test_assumed_inputs_are_marked_and_counted(written, page):
+    inputs = written[0].partition('id="powered_descent-inputs"')[2].partition("</table>")[0]
     assert "of\n4 inputs 0 in <code>printed</code>, 2 in <code>corrected</code>" in inputs
     assert inputs.count('<td data-reading="corrected" class="changed">') == 2
     assert inputs.partition("initial_velocity</code>")[2].count('<span class="tag">assumed</span> &lt;') == 3
 
 
-def test_an_erratum_leads_to_the_claims_that_name_it(built, page):
-    errata = built[0].partition('id="powered_descent-E10"')[2]
+def test_an_erratum_leads_to_the_claims_that_name_it(written, page):
+    errata = written[0].partition('id="powered_descent-E10"')[2]
     first, _, rest = errata.partition('id="powered_descent-E11"')
     assert 'href="#powered_descent-prior_final_mass"' in first
     assert 'href="#powered_descent-mc_final_mean"' in rest.partition('id="powered_descent-E12"')[0]
 
 
-def test_a_close_up_carries_its_data_which_cannot_end_the_script(built, page):
-    assert [json.loads(text) for text in page.data] == [built[1][0].closeups[0].data]
+def test_a_figure_stands_between_what_the_paper_says_and_the_claims_about_it(written, page):
+    first, second = (written[0].partition(f'id="powered_descent-fig0{n}"')[2].partition("</figure>")[0] for n in (1, 2))
+    assert "<b>In the paper.</b> The paper sees the trials contract." in first
+    assert "<b>Here.</b> Trajectories of the trials" in first
+    assert "Claims about it" not in first
+    about = second.partition("Claims about it.")[2]
+    for claim in ("mc_final_mean", "prior_final_mass"):
+        verdict = next(row["verdict"] for row in written[1][0].claims if row["id"] == claim)
+        assert f'<a href="#powered_descent-{claim}" class="verdict {verdict}"' in about
+        assert f'{claim}<span class="hidden-text">: {verdict}</span>' in about
+
+
+def test_the_overview_names_the_errata_behind_what_differs_or_fails(written, page):
+    causes = written[0].partition('class="causes"')[2].partition("</table>")[0]
+    refuted = [row for row in written[1][0].claims if row["verdict"] in ("differs", "fails")]
+    assert len(refuted) > 2
+    assert f'<td class="count" rowspan="3">{len(refuted)}</td>' in causes
+    for erratum in ("E10", "E11", "E12"):
+        behind = sum(erratum in row["errata"] for row in refuted)
+        assert behind == 1
+        assert f'#powered_descent-{erratum}">{erratum}</a></td><td class="count">{behind}</td>' in causes
+    assert "small" not in causes, "nothing of it differs for a reason that names an erratum"
+
+
+def test_a_close_up_carries_its_data_which_cannot_end_the_script(written, page):
+    assert [json.loads(text) for text in page.data] == [written[1][0].closeups[0].data]
     assert "powered_descent-closer-states" in page.ids
-    assert built[1][0].closeups[0].text in " ".join(page.text)
+    assert written[1][0].closeups[0].text in " ".join(page.text)
 
 
 def test_the_comparison_has_a_section_of_its_own(page):
@@ -407,21 +430,21 @@ def test_the_comparison_has_a_section_of_its_own(page):
     assert "#comparison" in page.links
 
 
-def test_the_matrix_counts_every_verdict_and_leads_to_its_claims(built, page):
-    overview = built[0].partition('id="overview"')[2].partition("</table>")[0]
+def test_the_matrix_counts_every_verdict_and_leads_to_its_claims(written, page):
+    overview = written[0].partition('id="overview"')[2].partition("</table>")[0]
     rows = overview.split("<tr>")[2:]
-    for paper, row in zip(built[1], rows, strict=False):
+    for paper, row in zip(written[1], rows, strict=False):
         cells = [cell.partition("</td>")[0] for cell in row.split('<td class="count')[1:]]
         numbers = [int(cell.partition(">")[2].removesuffix("</a>").rpartition(">")[2]) for cell in cells]
         verdicts = [claim["verdict"] for claim in paper.claims]
         counts = [verdicts.count(verdict) for verdict in COUNTED_VERDICTS]
         listed = len(verdicts) - sum(counts)
         assert numbers == [*counts, sum(counts), listed, len(paper.figures), len(paper.tables), len(paper.errata)]
-    assert len(rows) == len(built[1]) + 1
+    assert len(rows) == len(written[1]) + 1
 
 
-def test_headings_descend_by_one_and_every_table_has_a_caption(built, page):
-    assert built[0].startswith('<!DOCTYPE html>\n<html lang="en">')
+def test_headings_descend_by_one_and_every_table_has_a_caption(written, page):
+    assert written[0].startswith('<!DOCTYPE html>\n<html lang="en">')
     assert page.headings.count(1) == 1
     assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
     assert page.tables == page.captions > 5
@@ -455,6 +478,10 @@ def test_unknown_environment_keys_are_refused(tmp_path):
         (lambda paper: [replace(paper, claims=[*paper.claims, paper.claims[0]])], ["claim", "twice", "alpha_from_isp"]),
         (lambda paper: [replace(paper, figures=[*paper.figures, paper.figures[0]])], ["figure", "twice", "fig01"]),
         (lambda paper: [replace(paper, readings=paper.readings[1:])], ["corrected", "unknown", "printed"]),
+        (
+            lambda paper: [replace(paper, figures=[replace(paper.figures[0], claims=("mass",))])],
+            ["fig01", "unknown claim", "'mass'"],
+        ),
         (
             lambda paper: [replace(paper, readings=[*paper.readings, ReadingEntry("mine", "My own.", "printed")])],
             ["initial_velocity", "mine"],

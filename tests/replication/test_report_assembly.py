@@ -2,15 +2,13 @@
 
 import json
 import math
-import typing
 from dataclasses import dataclass
-from importlib import import_module
 
 import numpy as np
 import pytest
 
-from marsedl.papers import SLUGS, catalogue
-from marsedl.replication import artifacts, assembly
+from marsedl.papers import catalogue
+from marsedl.replication import artifacts, assembly, closeups
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.catalogue import Stage
 from marsedl.replication.errors import ArtifactError
@@ -48,6 +46,22 @@ def test_solver_rows_count_how_all_solves_ended_and_name_the_readings_of_the_oth
     assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
     said = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
     assert program == ["gains", "gains", said, "4", "0 to 1,000", "2.0e-06"]
+
+
+@pytest.mark.parametrize(
+    ("where", "stems"),
+    [
+        ("Sec. V, discussion of Fig. 3", {"fig03"}),
+        ("Sec. V.B, discussion of Figs. 11 and 12", {"fig11", "fig12"}),
+        ("Sec. V.B.4, discussion of Fig. 12; Fig. 12c", {"fig12"}),
+        ("Figs. 1, 3 and 6a; Table 7", {"fig01", "fig03", "fig06a"}),
+        ("Sec. 4.1, discussion of Fig. 6", {"fig06a", "fig06b"}),
+        ("Table 3; Eq. 12, Sec. 11", set()),
+    ],
+)
+def test_a_claim_is_about_the_figures_that_its_place_names(where, stems):
+    known = ("fig01", "fig03", "fig06a", "fig06b", "fig11", "fig12", "reversals")
+    assert {stem for stem in known if assembly.is_about(where, stem)} == stems
 
 
 def test_a_paper_without_solvers_has_no_rows(tmp_path):
@@ -101,76 +115,17 @@ def test_run_times_are_those_of_the_papers_asked_for():
     ],
 )
 def test_plots_hold_what_a_screen_shows(values, axis, expected):
-    rounded = assembly._rounded(np.array(values), axis)
+    rounded = closeups.rounded(np.array(values), axis)
     assert rounded == expected
     assert "-0.0" not in json.dumps(rounded)
 
 
-def artifact_type(paper, name):
-    """The type of an artifact by its name, of a stage or of a Monte Carlo case."""
-    module, _, function = paper.entry(name if name in paper.stages else "montecarlo").partition(":")
-    return typing.get_type_hints(getattr(import_module(module), function))["return"]
-
-
-@pytest.mark.parametrize("slug", sorted(assembly.CLOSEUP_FIELDS))
-def test_the_plots_draw_fields_that_the_artifacts_have(slug):
-    assert slug in SLUGS
-    for needs in assembly.CLOSEUP_FIELDS[slug].values():
-        for name, fields in needs.items():
-            assert set(fields) <= set(artifacts.quantities(artifact_type(catalogue(slug), name)))
-
-
-def drawn(slug, **found):
-    (draw,) = assembly.CLOSEUP_FIELDS[slug]
-    assert {name: set(fields) for name, fields in assembly.CLOSEUP_FIELDS[slug][draw].items()} == {
-        name: set(fields) for name, fields in found.items()
-    }
-    closeup = draw({name: {k: np.asarray(v) for k, v in fields.items()} for name, fields in found.items()})
-    json.dumps(closeup.data, allow_nan=False)
-    return closeup
-
-
-def test_the_scatter_holds_the_trials_and_both_covariances():
-    covariance = np.stack([np.eye(5), np.diag([4.0, 3.0, 2.0, 1.0, 0.5])])
-    flown = {"final_state": np.arange(15.0).reshape(3, 5), "mean": np.ones((2, 5)), "covariance": covariance}
-    design = {"mean": np.zeros((2, 4)), "covariance": covariance[:, :4, :4] * 2}
-    data = drawn("powered_descent", gains=design, closed_loop=flown, open_loop=flown).data
-    closed, opened = data["cases"]
-    assert closed["points"] == [[0.0, 1.0, 2.0, 3.0], [5.0, 6.0, 7.0, 8.0], [10.0, 11.0, 12.0, 13.0]]
-    assert [ellipse["covariance"][0][0] for ellipse in closed["ellipses"]] == [8.0, 4.0]
-    assert [ellipse["mean"][0] for ellipse in closed["ellipses"]] == [0.0, 1.0]
-    assert [ellipse["name"] for ellipse in opened["ellipses"]] == ["of the trials"]
-
-
-def test_the_slices_of_the_car_are_those_of_their_level_and_shape():
-    shape = np.tile(np.diag([2.0, 8.0, 2.0 / math.radians(1.0) ** 2]), (5, 1, 1))
-    car = {
-        "state": np.zeros((9, 3)) + np.arange(9.0)[:, None] * [1.0, 2.0, math.radians(10.0)],
-        "funnel": ["flow", "wind"],
-        "level": [[1.0, 4.0], [9.0, 9.0]],
-        "shape": shape,
-        "slice_step": [0, 4],
-        "slice_time": [0.0, 0.4],
-    }
-    flights = {"kept_history": np.zeros((2, 5, 3))}
-    data = drawn("funnels", dubins=car, dubins_calm=flights, dubins_wind=flights).data
-    assert data["centre"] == [[0.0, 0.0, 0.0], [8.0, 16.0, 80.0]]
-    calm, windy = (np.array(case["half_axes"]) for case in data["cases"])
-    np.testing.assert_allclose(calm, [np.diag([1.0, 0.5, 1.0]), np.diag([2.0, 1.0, 2.0])], atol=1e-3)
-    np.testing.assert_allclose(windy[0], np.diag([3.0, 1.5, 3.0]), atol=1e-3)
-    np.testing.assert_allclose(data["cases"][0]["flights"][1], [[0.0, 0.0, 0.0], [8.0, 16.0, 80.0]])
-
-
-def test_the_histories_say_how_they_ended():
-    rows = {name: [[1.0, 2.0], [3.0, math.nan]] for name in ("percentile", "percentile_error", "predicted", "apoapsis")}
-    rows |= {name: [[1.0, 2.0], [3.0, 4.0]] for name in ("nominal_delta_v", "control_change")}
-    ending = {"variant": ["one_branch", "both"], "outcome": ["cycling", "converged"], "period": [2, 1]}
-    data = drawn("random_field", convergence=rows | ending).data
-    assert data["series"] == ["one branch: cycling with period 2", "both: converged"]
-    assert data["quantities"][0]["values"] == [[1.0, 2.0], [3.0, None]]
-    assert data["quantities"][0]["errors"] == [[1.0, 2.0], [3.0, None]]
-
-
 def test_a_plot_whose_artifacts_are_not_built_is_left_out():
-    assert assembly.closeups("powered_descent", {"gains": "nowhere.h5"}) == []
-    assert assembly.closeups("desensitized", {}) == []
+    assert assembly.closeups(catalogue("powered_descent"), {"gains": "nowhere.h5"}) == []
+    assert assembly.closeups(catalogue("desensitized"), {}) == []
+
+
+def test_a_plot_of_a_damaged_artifact_is_refused_by_name(tmp_path):
+    path = saved(tmp_path / "convergence.h5", ["optimal"], [3])
+    with pytest.raises(ArtifactError, match=r"convergence\.h5"):
+        assembly.closeups(catalogue("random_field"), {"convergence": path})

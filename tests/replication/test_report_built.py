@@ -3,7 +3,6 @@
 import pytest
 
 from marsedl.papers import SLUGS, catalogue
-from marsedl.replication.assembly import CLOSEUP_FIELDS
 
 pytestmark = pytest.mark.workflow
 LARGEST = 15e6  # bytes that a page of all figures may have
@@ -17,4 +16,4 @@ def test_the_page_of_all_papers_is_small_and_holds_every_section(tree):
             assert f'id="{slug}-{part}"' in page
         for stem in catalogue(slug).figures:
             assert f"snakemake figures/{slug}/{stem}.png" in page
-        assert page.count(f'<figure class="closeup" id="{slug}-closer-') == len(CLOSEUP_FIELDS.get(slug, {}))
+        assert page.count(f'<figure class="closeup" id="{slug}-closer-') == len(catalogue(slug).closeups)

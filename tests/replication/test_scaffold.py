@@ -36,7 +36,7 @@ def scaffolded(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def built(scaffolded):
+def sapling(scaffolded):
     tree, _ = scaffolded
     targets = (SLUG, f"report/claims/{SLUG}.json")
     done = snakemake(tree, *targets, "--cores", "2", "--config", "size=smoke")
@@ -57,42 +57,42 @@ def content(tree):
 
 
 @pytest.mark.workflow
-def test_the_workflow_builds_it_and_its_claim_has_a_verdict(built):
-    (row,) = json.loads((built / "report" / "claims" / f"{SLUG}.json").read_text("utf-8"))
+def test_the_workflow_builds_it_and_its_claim_has_a_verdict(sapling):
+    (row,) = json.loads((sapling / "report" / "claims" / f"{SLUG}.json").read_text("utf-8"))
     assert row["verdict"] == "reproduced"
     assert set(row["readings"]) == {"corrected", "printed"}
-    names = {path.name for path in (built / "figures" / SLUG).iterdir()}
+    names = {path.name for path in (sapling / "figures" / SLUG).iterdir()}
     assert names == {"fig01.png", "fig01.pdf", "touchdown.csv", "touchdown.md", "claims.csv", "claims.md"}
 
 
 @pytest.mark.workflow
-def test_it_passes_its_own_tests_and_the_contract_of_all_papers(built):
+def test_it_passes_its_own_tests_and_the_contract_of_all_papers(sapling):
     contract = Path("tests") / "replication" / "test_catalogue.py"
-    (built / contract).parent.mkdir(parents=True, exist_ok=True)
-    (built / contract).write_bytes((ROOT / contract).read_bytes())
-    done = run(built, "pytest", "tests", "-k", SLUG, "-vv", "-p", "no:cacheprovider")
+    (sapling / contract).parent.mkdir(parents=True, exist_ok=True)
+    (sapling / contract).write_bytes((ROOT / contract).read_bytes())
+    done = run(sapling, "pytest", "tests", "-k", SLUG, "-vv", "-p", "no:cacheprovider")
     assert done.returncode == 0, done.stdout[-3000:]
     for name in ("test_every_claim_has_the_verdict_that_is_expected", f"test_every_paper_has_the_same_files[{SLUG}]"):
         assert f"::{name} PASSED" in done.stdout
 
 
 @pytest.mark.workflow
-def test_its_trial_is_flown_again_to_the_last_bit(built):
-    done = run(built, "marsedl.cli", "trial", SLUG, "corrected", "7")
+def test_its_trial_is_flown_again_to_the_last_bit(sapling):
+    done = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7")
     assert done.returncode == 0, done.stderr
     assert "the same to the last bit" in done.stdout
 
 
 @pytest.mark.workflow
-def test_an_edit_of_its_equations_reruns_what_its_facts_say(built):
-    facts = yaml.safe_load((built / "tests" / "workflow" / "facts" / f"{SLUG}.yaml").read_text("utf-8"))["physics"]
-    path = built / "src" / "marsedl" / facts["file"]
+def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling):
+    facts = yaml.safe_load((sapling / "tests" / "workflow" / "facts" / f"{SLUG}.yaml").read_text("utf-8"))["physics"]
+    path = sapling / "src" / "marsedl" / facts["file"]
     text = path.read_text("utf-8")
     assert text.count(facts["old"]) == 1
     path.write_text(text.replace(facts["old"], facts["new"]), "utf-8")
     try:
         target = f"report/claims/{SLUG}.json"
-        done = snakemake(built, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
+        done = snakemake(sapling, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
     finally:
         path.write_text(text, "utf-8")
     stages = set(re.findall(rf"(?m)^rule {SLUG}_(\w+):", done.stdout)) - {"claims"}
@@ -100,9 +100,9 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(built):
 
 
 @pytest.mark.workflow
-def test_the_audit_finds_nothing_amiss_with_it(built):
-    (built / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
-    said = run(built, "marsedl.cli", "audit").stdout.splitlines()
+def test_the_audit_finds_nothing_amiss_with_it(sapling):
+    (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
+    said = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
     assert any(f"{SLUG} 1" in line for line in said if "printed claims" in line), said
     assert not [line for line in said if re.match(r"  [^ \d]", line) and SLUG in line and "is committed" not in line]
 

@@ -52,6 +52,11 @@ rule index:
             for part in ("html.j2", "css", "js")
         ],
         code=script_of("report.py"),
+        closeups=[
+            DIGESTS.code(f"marsedl.papers.{paper}.closeups:{name}")
+            for paper in PAPERS
+            for name in PAPERS[paper].closeups
+        ],
         catalogues={
             paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS
         },

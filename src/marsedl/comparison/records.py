@@ -1,15 +1,13 @@
 """The records of a comparison, from the inputs and artifact files of all papers; and how papers are shown."""
 
-import typing
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from marsedl.plotting.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from marsedl.replication import artifacts
 from marsedl.replication.claims import load_measured
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import Slice, load_arguments
 
 NAMES = {
     "powered_descent": "powered descent",
@@ -43,10 +41,7 @@ def collect(stem: str, reading: str, inputs: dict, files: dict, benchmarks: str 
     found = {}
     for slug, paths in files.items():
         function = getattr(module, slug)
-        hints = typing.get_type_hints(function)
-        given = {
-            name: artifacts.load(path, _kind(hints[name]), paper=slug, reading=reading) for name, path in paths.items()
-        }
+        given = load_arguments(function, paths, slug, reading)
         if benchmarks is not None:
             given["measured"] = load_measured(benchmarks, slug)
         found[slug] = function(Slice(inputs[slug]), **given)
@@ -56,8 +51,3 @@ def collect(stem: str, reading: str, inputs: dict, files: dict, benchmarks: str 
 def number(value: float, form: str) -> str:
     """Format a number, or say that there is none."""
     return format(value, form) if np.isfinite(value) else NO_VALUE
-
-
-def _kind(annotation):
-    """The artifact type of an annotation that may allow None."""
-    return (typing.get_args(annotation) or (annotation,))[0]

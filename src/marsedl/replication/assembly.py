@@ -2,20 +2,21 @@
 
 import json
 import math
+import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-import h5py
-import numpy as np
 
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Paper, Stage
 from marsedl.replication.claims import read_claims
+from marsedl.replication.closeups import CloseUp
 from marsedl.replication.inputs import Inputs
+from marsedl.replication.jobs import load_arguments
 from marsedl.replication.report import (
-    CloseUp,
     Comparison,
     ErratumEntry,
     FigureEntry,
@@ -32,9 +33,6 @@ LIBRARIES = (
     "pillow",
 )
 DEFAULT = "corrected"  # the reading that figures and close-ups show
-MOST_POINTS = 2000  # of a scatter plot
-MOST_FLIGHTS = 30  # in a funnel, each drawn at every so many of its steps:
-FLIGHT_STEP = 4
 REBUILD = (
     "make all",
     "snakemake figures/powered_descent/fig07.png",
@@ -92,11 +90,18 @@ def paper_report(
             ReadingEntry(name, body["summary"], body["based_on"], body["frozen"]) for name, body in readings.items()
         ],
         inputs=inputs,
-        figures=[_figure(folder, stem, item.caption, item.beyond) for stem, item in catalogue.figures.items()],
+        figures=[
+            replace(
+                _figure(folder, stem, item.caption, item.beyond),
+                described=catalogue.described.get(stem, ""),
+                claims=tuple(row["id"] for row in claims if is_about(row["where"], stem)),
+            )
+            for stem, item in catalogue.figures.items()
+        ],
         tables=[_table(folder, stem, *said) for stem, said in captions.items()],
         errata=[ErratumEntry(e.id, e.printed, e.evidence, e.used) for e in catalogue.errata],
         verdicts=f"report/claims/{catalogue.slug}.json",
-        closeups=closeups(catalogue.slug, shown),
+        closeups=closeups(catalogue, shown),
         run_times=run_times(benchmarks, [catalogue.slug]),
         solvers=solver_rows(paths),
         provenance=provenance_rows(shown, catalogue.stages, str(seed)),
@@ -110,6 +115,19 @@ def comparison(products: Mapping[str, Any]) -> Comparison:
         [_figure(folder, stem, product.figure) for stem, product in products.items()],
         [_table(folder, stem, product.table) for stem, product in products.items()],
     )
+
+
+def is_about(where: str, stem: str) -> bool:
+    """Whether the place of a claim, such as "Sec. V, discussion of Figs. 3 and 5b", names the figure of this stem.
+
+    A figure named without its letter is all of its parts, and a part of a figure that is drawn whole is that figure.
+    """
+    drawn = re.fullmatch(r"fig0*(\d+)([a-z]?)", stem)
+    if not drawn:
+        return False
+    lists = re.findall(r"Figs?\. ((?:\d+[a-z]?(?:, | and )?)+)", where)
+    named = [part for text in lists for part in re.findall(r"(\d+)([a-z]?)", text)]
+    return any(number == drawn[1] and (letter == drawn[2] or not letter or not drawn[2]) for number, letter in named)
 
 
 def _figure(folder: Path, stem: str, caption: str, beyond: bool = False) -> FigureEntry:
@@ -238,187 +256,25 @@ def claims_by_paper(path: Path) -> dict[str, list[dict]]:
     return by_paper
 
 
-def closeups(slug: str, files: Mapping[str, str]) -> list[CloseUp]:
-    """The plots of a paper that a reader can look into, from its artifacts; without one whose artifacts are not built.
+def closeups(catalogue: Paper, files: Mapping[str, str], reading: str = DEFAULT) -> list[CloseUp]:
+    """Draw the plots of a paper that a reader can look into; those whose artifacts are not built are left out.
 
     Args:
-        slug: the paper.
-        files: the artifacts of the reading that is shown, by name.
+        catalogue: the paper's bill of materials.
+        files: the artifacts of the reading, by name.
+        reading: the reading that is shown.
 
     Raises:
-        ArtifactError: an artifact is damaged or lacks a field of `CLOSEUP_FIELDS`.
+        ArtifactError: an artifact is damaged, or not what its name says.
 
     """
     drawn = []
-    for draw, needs in CLOSEUP_FIELDS.get(slug, {}).items():
-        if all(name in files for name in needs):
-            drawn.append(draw({name: _fields(Path(files[name]), fields) for name, fields in needs.items()}))
+    for name, needs in catalogue.closeups.items():
+        needed = {need.split(".")[-1]: files.get(need.split(".")[-1]) for need in needs}
+        if all(needed.values()):
+            function = getattr(import_module(f"marsedl.papers.{catalogue.slug}.closeups"), name)
+            drawn.append(function(**load_arguments(function, needed, catalogue.slug, reading)))
     return drawn
-
-
-Fields = Mapping[str, Mapping[str, np.ndarray]]  # values by artifact and name of the field
-
-
-def _fields(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Read some fields of an artifact without its type, which only the paper knows."""
-    with artifacts.opened(path) as file:
-        arrays = {name: artifacts.read_array(path, artifacts.member(path, file, name, h5py.Dataset)) for name in names}
-    return {
-        name: np.char.decode(array, "utf-8") if array.dtype.kind == "S" else array for name, array in arrays.items()
-    }
-
-
-def _final_states(found: Fields) -> CloseUp:
-    """Final states of the powered descent against the covariance of the design."""
-    design = found["gains"]
-    cases = []
-    for case, name, predicted in (("closed_loop", "with feedback", True), ("open_loop", "without feedback", False)):
-        flown = found[case]
-        ellipses = [_ellipse("of the trials", flown["mean"][-1, :4], flown["covariance"][-1, :4, :4])]
-        if predicted:
-            ellipses.insert(0, _ellipse("predicted by the design", design["mean"][-1], design["covariance"][-1]))
-        cases.append(
-            {
-                "name": name,
-                "points": _rounded(flown["final_state"][:MOST_POINTS, :4], axis=0),
-                "ellipses": ellipses,
-                "replay": f"marsedl trial powered_descent {DEFAULT} {case}",
-            }
-        )
-    return CloseUp(
-        "final_states",
-        "Final states of the trials",
-        "Each point is the state in which one Monte Carlo flight of the nonlinear plant ends. The dashed ellipse is the"
-        " covariance that the linear design predicts, the solid one that of the trials: where they coincide, the design"
-        " keeps its promise. It promises nothing for flights without feedback.",
-        "scatter",
-        {
-            "axes": [
-                {"name": "downrange", "unit": "m"},
-                {"name": "altitude", "unit": "m"},
-                {"name": "downrange velocity", "unit": "m/s"},
-                {"name": "vertical velocity", "unit": "m/s"},
-            ],
-            "cases": cases,
-        },
-    )
-
-
-def _ellipse(name: str, mean: np.ndarray, covariance: np.ndarray) -> dict:
-    return {"name": name, "mean": _rounded(mean), "covariance": _rounded(covariance, digits=6)}
-
-
-def _funnel_of_the_car(found: Fields) -> CloseUp:
-    """Slices of both funnels of the Dubins car, with flights inside."""
-    car = found["dubins"]
-    unit = np.array([1.0, 1.0, math.pi / 180.0])
-    path, funnels = car["state"][::2], list(car["funnel"])
-    cases = []
-    for funnel, flights, name in (("flow", "dubins_calm", "without wind"), ("wind", "dubins_wind", "in wind")):
-        level = car["level"][funnels.index(funnel)]
-        # {1/2 x'P x <= level} is the image of the unit ball under this matrix
-        half_axes = [
-            math.sqrt(2.0 * rho) * np.linalg.inv(np.linalg.cholesky(car["shape"][step])).T / unit[:, np.newaxis]
-            for rho, step in zip(level, car["slice_step"], strict=True)
-        ]
-        flown = (path + found[flights]["kept_history"][:MOST_FLIGHTS])[:, ::FLIGHT_STEP] / unit
-        cases.append({"name": name, "half_axes": _rounded(np.array(half_axes)), "flights": _rounded(flown)})
-    return CloseUp(
-        "funnel",
-        "Funnel of the Dubins car",
-        "The funnel in x, y and heading, which a flat picture cannot show. Each outline is one of its slices, an"
-        " ellipsoid around the nominal path, which is the thick line; thin lines are flights of the car under its"
-        " feedback. The slice under the slider is drawn strong, with its largest deviations beside it.",
-        "tube",
-        {
-            "axes": [{"name": "x", "unit": "m"}, {"name": "y", "unit": "m"}, {"name": "heading", "unit": "°"}],
-            "time": _rounded(car["slice_time"]),
-            "centre": _rounded(path[car["slice_step"]] / unit),
-            "cases": cases,
-        },
-    )
-
-
-def _iterations(found: Fields) -> CloseUp:
-    """Iteration histories of the successive convexification."""
-    history = found["convergence"]
-    series = [
-        f"{variant.replace('_', ' ')}: {outcome}" + (f" with period {period}" if period > 1 else "")
-        for variant, outcome, period in zip(history["variant"], history["outcome"], history["period"], strict=True)
-    ]
-    quantities = [
-        {"name": name, "unit": unit, "values": _rounded(history[field])}
-        | ({"errors": _rounded(history[error], digits=3)} if error else {})
-        for field, error, name, unit in (
-            ("percentile", "percentile_error", "99th percentile of Δv, flown", "m/s"),
-            ("predicted", "", "99th percentile of Δv, predicted", "m/s"),
-            ("apoapsis", "", "apoapsis of the nominal", "planet radii"),
-            ("nominal_delta_v", "", "Δv of the nominal", "m/s"),
-            ("control_change", "", "largest change of the mean control", ""),
-        )
-    ]
-    return CloseUp(
-        "iterations",
-        "Histories of the iteration",
-        "What each pass of the successive convexification arrives at, over more passes than the paper has. Compare the"
-        " percentile of the velocity change Δv that the flights need with the one that the program predicts. Bars are"
-        " three standard errors; iteration 0 is the initial guess without feedback.",
-        "histories",
-        {"steps": "iteration", "series": series, "quantities": quantities},
-    )
-
-
-# The plots by paper, with the fields that they draw of each artifact.
-CLOSEUP_FIELDS: dict[str, dict[Callable[[Fields], CloseUp], dict[str, tuple[str, ...]]]] = {
-    "powered_descent": {
-        _final_states: {
-            "gains": ("mean", "covariance"),
-            "closed_loop": ("final_state", "mean", "covariance"),
-            "open_loop": ("final_state", "mean", "covariance"),
-        }
-    },
-    "random_field": {
-        _iterations: {
-            "convergence": (
-                *("variant", "outcome", "period", "percentile", "percentile_error", "predicted", "apoapsis"),
-                *("nominal_delta_v", "control_change"),
-            )
-        }
-    },
-    "funnels": {
-        _funnel_of_the_car: {
-            "dubins": ("state", "funnel", "level", "shape", "slice_step", "slice_time"),
-            "dubins_calm": ("kept_history",),
-            "dubins_wind": ("kept_history",),
-        }
-    },
-}
-
-
-def _rounded(values: np.ndarray, axis: int | None = None, digits: int = 4) -> list:
-    """Round to so many digits of the range, which is as much as a screen shows; nan becomes None.
-
-    axis: along which the range is taken, of all values together by default.
-    """
-    values = np.asarray(values, float)
-    with np.errstate(invalid="ignore"):
-        least, most = np.nanmin(values, axis=axis, initial=np.inf), np.nanmax(values, axis=axis, initial=-np.inf)
-    span = np.where(most > least, most - least, np.where(np.isfinite(most) & (most != 0.0), np.abs(most), 1.0))
-    decimals = np.broadcast_to(digits - np.floor(np.log10(span)).astype(int), values.shape)
-    return _nested(
-        [
-            round(v, int(d)) + 0.0 if math.isfinite(v) else None
-            for v, d in zip(values.ravel().tolist(), decimals.flat, strict=True)
-        ],
-        values.shape,
-    )
-
-
-def _nested(flat: list, shape: tuple[int, ...]) -> list:
-    """Fold a flat list into lists of this shape."""
-    for extent in reversed(shape[1:]):
-        flat = [flat[i : i + extent] for i in range(0, len(flat), extent)]
-    return flat
 
 
 def _value(name, key, written, source) -> InputValue:

@@ -48,6 +48,8 @@ class Paper:
     """The bill of materials of one replicated paper.
 
     `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
+    `described` says in our words what each figure of the paper shows and what the paper finds in it; captions say what
+    is drawn here. `closeups` are plots of the report that a reader can look into, with the artifacts that they need.
     A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
     numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same. The claims
     of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
@@ -61,6 +63,8 @@ class Paper:
     figures: dict[str, Product]
     tables: dict[str, Product] = field(default_factory=dict)
     summaries: dict[str, str] = field(default_factory=dict)
+    described: dict[str, str] = field(default_factory=dict)
+    closeups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     errata: tuple[Erratum, ...] = ()
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()

@@ -98,17 +98,10 @@ class Job:
 
     def readings(self, function: typing.Callable) -> dict[str, tuple]:
         """Load the inputs and artifacts of all readings, for a function over them; both are listed in the params."""
-        from marsedl.replication import artifacts
-
-        hints = typing.get_type_hints(function)
-        found = {}
-        for reading, paths in self.params.artifacts.items():
-            items = {
-                name: artifacts.load(path, _kind(hints[name]), paper=self.paper, reading=reading)
-                for name, path in paths.items()
-            }
-            found[reading] = (Slice(self.params.inputs[reading]), items)
-        return found
+        return {
+            reading: (Slice(self.params.inputs[reading]), load_arguments(function, paths, self.paper, reading))
+            for reading, paths in self.params.artifacts.items()
+        }
 
     def save(self, artifact: object) -> None:
         """Save the job's artifact with its provenance: inputs, code, the artifacts it was made from, versions."""
@@ -123,6 +116,30 @@ class Job:
             "versions": artifacts.library_versions("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py"),
         }
         artifacts.save(self.output[0], artifact, paper=self.paper, reading=self.reading, provenance=provenance)
+
+
+def load_arguments(function: typing.Callable, files: typing.Mapping[str, str], paper: str, reading: str) -> dict:
+    """Load artifacts by the types that a function's parameters are annotated with.
+
+    Args:
+        function: what they are for.
+        files: artifact files by the name of the parameter.
+        paper: the paper that they are of.
+        reading: the reading that they are of.
+
+    Returns:
+        The function's arguments by name.
+
+    Raises:
+        ArtifactError: a file is missing, damaged or of another paper, reading or type.
+
+    """
+    from marsedl.replication import artifacts
+
+    hints = typing.get_type_hints(function)
+    return {
+        name: artifacts.load(path, _kind(hints[name]), paper=paper, reading=reading) for name, path in files.items()
+    }
 
 
 def replay(root: Path, paper, reading, case: str, number: int, module) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +20,14 @@ from marsedl.replication.claims import (
     summary,
     write_text,
 )
+from marsedl.replication.closeups import CloseUp
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.inputs import nearest
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "notes", "versions", "digests", "benchmarks", "verify")
+_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks")
+_REFUTED = ("differs", "fails")
+_CAUSES = 3  # errata of a paper that the overview names
 _COLOURS = 256  # of an embedded figure: all that a palette holds
 _MARKS = {
     "reproduced": "✓",
@@ -87,9 +91,10 @@ class InputEntry:
 
 @dataclass(frozen=True)
 class FigureEntry:
-    """A figure: its PNG, caption and alternative text.
+    """A figure: its PNG, caption and alternative text; of a figure of the paper also what the paper says of it.
 
-    `files` are relative paths to name, not to open; the first is the target that rebuilds it.
+    `files` are relative paths to name, not to open; the first is the target that rebuilds it. `claims` are the ids of
+    the paper's claims about it.
     """
 
     name: str
@@ -98,6 +103,8 @@ class FigureEntry:
     alt: str = ""
     files: tuple[str, ...] = ()
     beyond: bool = False  # not a figure of the paper
+    described: str = ""
+    claims: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,28 +119,13 @@ class TableEntry:
 
 
 @dataclass(frozen=True)
-class CloseUp:
-    """A plot that the reader can turn, sift and step through.
-
-    `kind` is the drawing routine of report.js: scatter, tube or histories; `data` is what it draws, ready for JSON.
-    """
-
-    name: str
-    title: str
-    text: str
-    kind: str
-    data: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class ErratumEntry:
-    """A slip of the paper: where, what is printed, what shows it to be wrong, what is used."""
+    """A slip of the paper: what is printed, what shows it to be wrong, what is used."""
 
     id: str
     printed: str
     evidence: str
     used: str
-    where: str = ""
 
 
 @dataclass(frozen=True)
@@ -153,8 +145,6 @@ class PaperReport:
     figures: Sequence[FigureEntry] = ()
     tables: Sequence[TableEntry] = ()
     errata: Sequence[ErratumEntry] = ()
-    summary: str = ""
-    notes: Sequence[str] = ()
     verdicts: str = ""
     closeups: Sequence[CloseUp] = ()
     run_times: Sequence[Sequence[str]] = ()
@@ -184,9 +174,8 @@ def build_report(
         papers: what to say of each paper, in this order.
         comparison: what to say of all of them together.
         environment: what holds for all of them; every key may be left out:
-            `size` (text), `citation` (text), `rebuild` (list of commands), `notes` (list of text),
-            `versions` (text by package), `digests` (text by file), and the tables `benchmarks` and `verify`
-            (lists of rows of text, the first one the header).
+            `size` (text), `citation` (text), `rebuild` (list of commands), `versions` (text by package), `digests`
+            (text by file), and the table `benchmarks` (rows of text, the first one the header).
 
     Raises:
         InputError: an unknown key, a paper or name given twice, or an input without a value in a listed reading.
@@ -210,6 +199,7 @@ def build_report(
     )
     templates.filters["words"] = lambda verdict: verdict.replace("_", " ")
     templates.filters["json"] = _script_json
+    templates.filters["code"] = _with_code
     templates.tests["assumed"] = is_assumed
     page = templates.get_template("report.html.j2").render(
         papers=[_paper(paper) for paper in papers],
@@ -221,6 +211,7 @@ def build_report(
         marks=_MARKS,
         meanings=_MEANINGS,
         keys=_KEYS,
+        most=_CAUSES,
         **{key: environment.get(key) for key in _ENVIRONMENT_KEYS},
     )
     write_text(output, page.strip() + "\n")
@@ -242,6 +233,11 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
                 raise InputError(f"report: {paper.slug}: input {entry.name} has no value in reading {reading.name}")
     columns = reading_names(paper.claims)
     rows = [_claim(row, columns) for row in paper.claims]
+    verdicts = {row["id"]: row["verdict"] for row in paper.claims}
+    for entry in paper.figures:
+        for claim in entry.claims:
+            if claim not in verdicts:
+                raise InputError(f"report: {paper.slug}: figure {entry.name} is about unknown claim {claim!r}")
     return {
         "paper": paper,
         "columns": columns,
@@ -252,6 +248,8 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
         "bases": {reading.name: reading.based_on for reading in paper.readings},
         "differences": {reading.name: _differences(reading, paper.inputs) for reading in paper.readings},
         "figures": _with_images(paper.figures),
+        "verdicts": verdicts,
+        "causes": _causes(paper),
         "named_by": {
             erratum.id: [row["id"] for row in paper.claims if erratum.id in (row["errata"] or ())]
             for erratum in paper.errata
@@ -263,9 +261,23 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
     }
 
 
+def _causes(paper: PaperReport) -> list[tuple[ErratumEntry, list[str]]]:
+    """Errata that stand behind claims which differ or fail, with these claims: those behind most of them first."""
+    refuted = [row for row in paper.claims if row["verdict"] in _REFUTED]
+    causes = [(e, [row["id"] for row in refuted if e.id in (row["errata"] or ())]) for e in paper.errata]
+    return sorted((cause for cause in causes if cause[1]), key=lambda cause: -len(cause[1]))
+
+
 def is_assumed(value: InputValue) -> bool:
     """Whether an input's source says that nothing printed gives it."""
     return value.source.startswith("assumed")
+
+
+def _with_code(text: str) -> Any:
+    """The text as HTML, with what stands between backticks as code."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _script_json(data: Any) -> str:
@@ -341,7 +353,7 @@ def _palette_png(image: Any) -> bytes:
             _COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=image.width * image.height, dither=Image.Dither.NONE
         )
     content = io.BytesIO()
-    reduced.save(content, "PNG", optimize=True)
+    reduced.save(content, "PNG", compress_level=6)  # the best takes six times as long, for a tenth of the size
     return content.getvalue()
 
 

@@ -230,6 +230,100 @@ FIGURES = {
     ),
 }
 
+# What the paper shows in its figures, and finds in them.
+DESCRIBED = {
+    "fig01a": (
+        "Bank rate and bank acceleration of the nominal trajectory that is optimized without any weight on the "
+        "sensitivity (no-DOC, c1 = 0). The paper notes that both stay inside their bounds, 20 deg/s and 5 deg/s^2 "
+        "to either side."
+    ),
+    "fig01b": (
+        "Bank angle of the nominal trajectory that is optimized without any weight on the sensitivity (no-DOC, c1 "
+        "= 0). The paper counts two bank reversals along it."
+    ),
+    "fig02": (
+        "Bank angle profiles of trajectories desensitized against an initial radius error without feedback, for "
+        "several values of the weight c1. The paper sees in their change with c1 that the nominal is clearly "
+        "reshaped, and says that a desensitized trajectory typically flies longer at low altitude, reverses its "
+        "bank more often and uses more fuel than the no-DOC one."
+    ),
+    "fig03a": (
+        "Final position error against initial radius error for three solutions: no-DOC, DOC without feedback (c1 "
+        "= 1) and DOC with feedback. The paper finds DOC without feedback below no-DOC. It finds the linear "
+        "domain much smaller with feedback than for the other two, but within it, for small initial errors, a "
+        "significantly greater reduction."
+    ),
+    "fig03b": (
+        "Enlarged part of panel (a), final position error against initial radius error for no-DOC, DOC without "
+        "feedback and DOC with feedback, restricted to the linear domain. There, for small initial errors, the "
+        "paper finds the final error reduced significantly more with feedback."
+    ),
+    "fig04": (
+        "Position errors over time after an initial radius error of 200 m, for no-DOC, DOC without feedback and "
+        "DOC with feedback (solid). The paper reads mainly 1600 m of final downrange error for no-DOC, somewhat "
+        "less without feedback and the largest improvement with it. With feedback, it says, crossrange deviates "
+        "more and radius falls faster at first; the errors are corrected later."
+    ),
+    "fig05a": (
+        "Bank rate and bank acceleration over time of the DOC solution with feedback: the nominal, and the "
+        "trajectory perturbed by an initial radius error of 200 m (solid, the same run as the solid lines of Fig. "
+        "4). The paper finds comparable levels of acceleration and concludes that feedback costs no excessive "
+        "extra fuel."
+    ),
+    "fig05b": (
+        "Bank angle over time of the DOC solution with feedback: the nominal, and the trajectory perturbed by an "
+        "initial radius error of 200 m (solid). The paper sees three phases of the perturbed one: a larger "
+        "reversed (negative) angle than the nominal at 0–100 s, a larger positive one at 100–200 s, and a smaller "
+        "reversed one for the rest."
+    ),
+    "fig06a": (
+        "Final position error against initial downrange error for no-DOC and DOC with feedback. The paper gives a "
+        "sensitivity of 1 for no-DOC, as it derives analytically, and a much lower one with feedback. At an "
+        "initial error of 1000 m it finds the final error reduced by more than half."
+    ),
+    "fig06b": (
+        "The comparison of panel (a), final position error against initial downrange error for no-DOC and DOC "
+        "with feedback, to which the paper points for small initial errors. In the linear domain it finds the "
+        "reduction by feedback even greater than at 1000 m, where it is more than half."
+    ),
+    "fig07a": (
+        "Bank rate and bank acceleration of the nominal trajectory and of the trajectory perturbed by an initial "
+        "downrange error of 200 m and flown with feedback. The text does not discuss it."
+    ),
+    "fig07b": (
+        "Bank angle over time of the nominal and of the trajectory with feedback after an initial downrange error "
+        "of 200 m. The paper sees the perturbed one more reversed than the nominal until about 130 s and then "
+        "banked more to the positive side, which helps correct crossrange. From about 200 s it sees a smaller "
+        "bank angle, which adds lift and corrects the radius."
+    ),
+    "fig08": (
+        "Position errors over time after an initial downrange error of 200 m, without and with feedback. Without "
+        "it, the paper says, 200 m of downrange and no radius or crossrange error remain at the end. With it, it "
+        "states a larger crossrange excursion and a lower radius than on the nominal, and ascribes the reduced "
+        "downrange error to drag in the denser air."
+    ),
+    "fig09": (
+        "Final position error against initial crossrange error for no-DOC and DOC with feedback. The paper finds "
+        "a sensitivity close to 1 for no-DOC and a much lower one with feedback. At an initial error of 1000 m it "
+        "states a reduction of about twenty times, and a still greater one for smaller errors."
+    ),
+    "fig10a": (
+        "Bank rate and bank acceleration over time of the nominal trajectory and of the trajectory perturbed by "
+        "an initial crossrange error of 1000 m and flown with feedback. The text does not discuss it."
+    ),
+    "fig10b": (
+        "Bank angle over time of the nominal and of the trajectory with feedback after an initial crossrange "
+        "error of 1000 m. The paper sees the perturbed one less reversed (negative) than the nominal at first, "
+        "then at a larger positive angle, and less reversed again after the last reversal."
+    ),
+    "fig11": (
+        "Position errors over time after an initial crossrange error of 1000 m, without and with feedback. "
+        "Without it, the paper says, only crossrange is off at the end, by 1000 m. With it, the paper has "
+        "crossrange fall from the start and through the phase of positive bank; radius and downrange first exceed "
+        "the nominal, then drop, and what remains of their errors is corrected after the last reversal."
+    ),
+}
+
 TABLES = {
     "tab01": Product(
         "Table 1 from the inputs.",
@@ -524,6 +618,7 @@ PAPER = Paper(
     citation="Analytical Mechanics Associates, Hampton, Virginia; no year or venue on the copy used",
     stages=STAGES,
     figures=FIGURES,
+    described=DESCRIBED,
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

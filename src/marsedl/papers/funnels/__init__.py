@@ -225,6 +225,32 @@ FIGURES = {
     ),
 }
 
+# What the paper shows in its figures, and finds in them.
+DESCRIBED = {
+    "fig01": (
+        "Concept drawing of a funnel for Mars entry around the nominal trajectory. The paper explains that the "
+        "funnel bounds conservatively how far the closed-loop system can depart from the nominal under "
+        "disturbances and model uncertainty. No result is read from it."
+    ),
+    "fig02": (
+        "Three-dimensional invariant funnel around the nominal reference trajectory of a Dubins car. The paper "
+        "shows it as an example of a funnel of the form V <= rho(t), computed with the authors' Julia package; it "
+        "gives no data of the car and draws no conclusion from the shape."
+    ),
+    "fig03": (
+        "Funnel boundary rho over the time steps of the entry, by sampled sums of squares and by Monte Carlo with "
+        "10^4 trajectories. The paper sees an early peak, attributed to atmospheric entry and deceleration, and a "
+        "growth towards the end, attributed to high velocity changes near the ground. It finds all Monte Carlo "
+        "samples within the conservative funnel."
+    ),
+    "fig04": (
+        "Two-dimensional slice of the state space at step k = 7, with the sampled points on the boundary B_k of "
+        "the funnel, which are roots of a multivariate polynomial, and the set where the time derivative of the "
+        "Lyapunov function is at most zero. The caption describes the samples on B_k as covering this set; the "
+        "discussion does not return to the figure."
+    ),
+}
+
 _ALL_FLIGHTS = ("montecarlo.constant", "montecarlo.redrawn", "montecarlo.adversarial")
 
 TABLES = {
@@ -487,6 +513,8 @@ PAPER = Paper(
     citation="Stanford University and Carnegie Mellon University; no year or venue on the copy used",
     stages=STAGES,
     figures=FIGURES,
+    described=DESCRIBED,
+    closeups={"funnel": ("dubins", "dubins_calm", "dubins_wind")},
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

@@ -130,6 +130,53 @@ FIGURES = {
     ),
 }
 
+# What the paper shows in its figures, and finds in them.
+DESCRIBED = {
+    "fig01": (
+        "Difference between the mass profiles of successive passes of the mass iteration for the simulated "
+        "scenario, with the change in mass on a logarithmic scale. The paper presents it as evidence that the "
+        "iteration, which starts from a constant wet mass, converges."
+    ),
+    "fig02": (
+        "Sketch of the divert geometry: from the initial mean and covariance the vehicle would coast along an "
+        "uncontrolled path to its touchdown point. The guidance has to bring mean and covariance to the target "
+        "values instead, and the divert radius is the distance between the uncontrolled and the target touchdown "
+        "point."
+    ),
+    "fig03": (
+        "A sample of 50 trials in the plane, with closed-loop and open-loop control, and covariance ellipses "
+        "about the mean path (3 sigma in the text, 95 % in the caption). The paper sees the closed-loop trials "
+        "spread at first in the first divert, then contract to the intermediate covariance, while the open-loop "
+        "mean stays close to the closed-loop mean."
+    ),
+    "fig04": (
+        "Horizontal and vertical position and velocity of some closed-loop trials against time. The text "
+        "introduces the plot without discussing it; the prescribed means are 50 m, 150 m, 0 m/s and -5 m/s at 26 "
+        "s, and 100 m, 50 m and no velocity at the end, 15 s later."
+    ),
+    "fig05": (
+        "Vehicle mass against time. As noise enters only through the acceleration, the paper ascribes the "
+        "variation in mass to the feedback that corrects deviations from the nominal path. It reports a mean "
+        "final mass of 1,349 kg over all trials, against 1,346 kg in the prior mass profile."
+    ),
+    "fig06a": (
+        "Feedback gains of the controller against time. The paper points out that the gains jump at 26 s, where "
+        "the control law changes to that of the second segment with its new target."
+    ),
+    "fig06b": (
+        "Control magnitude over all trials, relative to the full thrust of 18,000 N: mean, upper 95 percent and "
+        "largest value. The paper notes a discontinuity at 26 s and that the limit was never exceeded, although "
+        "the design does not enforce it: boundary conditions and flight time were tuned until the solution was "
+        "admissible."
+    ),
+    "fig07": (
+        "Variances of downrange position and altitude: predicted by the covariance equation, and measured over "
+        "the 2,000 trials. The paper finds almost exact agreement at the start and the end and small deviations "
+        "near the middle of each segment, which it puts down to the finite number of trials or to the mass "
+        "profile fixed in advance."
+    ),
+}
+
 TABLES = {
     "eq54": Product(
         "Final state of the trials beside Eq. 54: mean, covariance, and likelihood-ratio tests of the whole "
@@ -282,6 +329,8 @@ PAPER = Paper(
     "using Covariance Steering, AIAA Guidance, Navigation, and Control Conference, 2018",
     stages=STAGES,
     figures=FIGURES,
+    described=DESCRIBED,
+    closeups={"final_states": ("gains", "montecarlo.closed_loop", "montecarlo.open_loop")},
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

@@ -267,6 +267,103 @@ FIGURES = {
     ),
 }
 
+# What the paper shows in its figures, and finds in them.
+DESCRIBED = {
+    "fig01": (
+        "Samples of a Gaussian random field over one dimension, with and without conditioning on noisy "
+        "measurements. The paper offers it as background only: conditioning is a common use of such fields, but "
+        "its method uses nothing more than the fact that values of the field are jointly Gaussian."
+    ),
+    "fig02": (
+        "Samples of a Gaussian random field over two dimensions, with and without conditioning; the condition "
+        "holds the field constant on its right-most edges. It illustrates conditioning, which the paper's method "
+        "does not use."
+    ),
+    "fig03": (
+        "Samples of the random field and of the random process that it becomes along the nominal trajectory. The "
+        "paper uses it to show its main approximation: the nominal trajectory maps space to time, so that a field "
+        "in space is replaced by a Gaussian process in time with the mean and covariance found along that "
+        "trajectory."
+    ),
+    "fig04": (
+        "Samples of the random force that acts on the double integrator as a function of position, with the two- "
+        "sigma interval shaded. The force has zero mean and a locally periodic covariance with variance 2e-6, "
+        "period 0.35 and length scales 0.8 (periodic) and 1 (exponential). The text says nothing more about the "
+        "curves."
+    ),
+    "fig05": (
+        "Trajectories of the double integrator without feedback (top) and with it (bottom), with 99.73 % ellipses "
+        "by linear covariance (black, dashed) and from 5,000 Monte Carlo trials (gray, solid); two dashed lines "
+        "through (0.7, 0.1) bound the state. The paper notes that not all closed-loop ellipses lie wholly inside "
+        "the bounds, but finds the chance constraints satisfied in the 5,000 trials."
+    ),
+    "fig06": (
+        "Sketch of the aerocapture mission. In the paper's account the atmospheric flight is followed by a burn "
+        "that raises the periapsis out of the atmosphere and then by a second burn that corrects the apoapsis; "
+        "the delta-v of both depends on the target orbit and on the state at the end of the atmospheric flight."
+    ),
+    "fig07": (
+        "Sketch of the coordinates of the atmospheric flight, with lift and drag. The text defines the state by "
+        "radius, planet-relative velocity and flight path angle, and makes no further statement about the figure."
+    ),
+    "fig08": (
+        "Sketch of steering by bank angle, with bank angle and angle of attack. The paper explains that the "
+        "vehicle flies at a trimmed angle of attack and turns its lift about the velocity; the cosine of the bank "
+        "angle sets the vertical part of the lift and is the only control here, as lateral guidance is left out."
+    ),
+    "fig09": (
+        "Nominal density profile of the atmosphere of Mars. The paper takes it from MarsGRAM as a smooth, known "
+        "function of altitude and does not discuss the curve further."
+    ),
+    "fig10": (
+        "Samples of the density variation, a field over altitude with zero mean, with the two-sigma interval "
+        "shaded. The paper bases its covariance on MarsGRAM, with a scale height of 11.1 km, and says that the "
+        "variance takes its largest value from an altitude of 120 km upwards. The single samples are not "
+        "discussed."
+    ),
+    "fig11": (
+        "Nominal aerocapture trajectories of the initial guess, which is zero control (dashed), and of the last "
+        "iteration (solid). The last one results from three iterations of the algorithm; the text makes no "
+        "comparison of the two."
+    ),
+    "fig12": (
+        "Probability density of delta-v for the open-loop guess and each iteration, as a curve by linear "
+        "covariance and a histogram of 5,000 trials; panels (b) to (d) span 200–400 m/s. The paper finds a "
+        "reasonable fit, with a mismatch in (c) and the absolute value in the clean-up cost as one error source. "
+        "Iterations consistently lower the upper percentile; the 99th falls from 717 m/s in open loop to 314 m/s."
+    ),
+    "fig13": (
+        "Control inputs of each iteration with three-sigma intervals by linear covariance. The paper finds that "
+        "iterating raises the vertical lift early in the flight and lowers it at the end. Near the largest "
+        "dynamic pressure, nominally at 147 s, the nominal lift ends up almost at zero, which leaves room for "
+        "feedback of larger variance within the limits of -1 and 1."
+    ),
+    "fig14": (
+        "State errors and control of Monte Carlo samples for the initial open-loop guess. Dashed lines are three- "
+        "sigma bounds of the trials for states and the limits for the control; stars mark the control's mean and "
+        "bounds, error bars the bounds by linear covariance. The paper finds linear covariance more accurate here "
+        "than for the optimized law of Fig. 15."
+    ),
+    "fig15": (
+        "State errors and control of Monte Carlo samples under the optimized closed-loop law, marked as in Fig. "
+        "14. The paper notes that controls were saturated, with three-sigma bounds slightly beyond the limits. It "
+        "finds linear covariance less accurate than for the guess and attributes this to the feedback, which "
+        "enlarges the deviations in dynamic pressure."
+    ),
+    "fig16": (
+        "Dynamic pressure along sample trajectories of the Monte Carlo, for the initial open-loop guess (top) and "
+        "for the optimized closed-loop law (below). The paper finds that corrective control increases the "
+        "departures from the nominal dynamic pressure, and explains by this why linear covariance is less "
+        "accurate for the optimized law."
+    ),
+    "fig17": (
+        "Density variation met along Monte Carlo trajectories, with three-sigma bounds from the trials and from "
+        "the covariance evaluated along the nominal trajectory. The paper finds that the two agree closely and "
+        "takes this, for the aerocapture example at hand, as support for replacing the field in space by a "
+        "process in time."
+    ),
+}
+
 TABLES = {
     "iterations": Product(
         "The open loop and the law of every iteration. Delta-v as linear covariance predicts it, with the true "
@@ -491,6 +588,8 @@ PAPER = Paper(
     "Successive Convex Programming",
     stages=STAGES,
     figures=FIGURES,
+    described=DESCRIBED,
+    closeups={"iterations": ("convergence",)},
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

@@ -189,6 +189,79 @@ FIGURES = {
     ),
 }
 
+# What the paper shows in its figures, and finds in them.
+DESCRIBED = {
+    "fig01": (
+        "Sketch of bank angle control. Banking tilts the lift vector away from the local vertical, so that the "
+        "size of the bank angle scales its vertical component. In the paper this controls the range, while the "
+        "direction of bank controls the lateral motion."
+    ),
+    "fig02": (
+        "Samples of the density variation from the Ornstein-Uhlenbeck process (left) and from MarsGRAM (right), "
+        "each with dashed limits at 2 sigma. The drift coefficient is twice the inverse scale height and the "
+        "diffusion is set for a desired variance profile; the paper calls the resulting variations statistically "
+        "similar to those of the GRAM models."
+    ),
+    "fig03": (
+        "Geometry of the targeting: the downrange angle lies between the position vectors of vehicle and target, "
+        "and the crossrange angle is that of the target out of the plane of position and inertial velocity. The "
+        "paper multiplies both by a reference radius, such as the planet's, to get distances."
+    ),
+    "fig04": (
+        "Samples of the density variation from MarsGRAM, as used in the Monte Carlo simulation. The text does not "
+        "discuss their shape; it says that their variance enters the density model for the design of the gains, "
+        "while the simulated flights use the MarsGRAM samples only."
+    ),
+    "fig05": (
+        "Crossrange of the nominal trajectory with its bank reversals and the deadband, which depends on time. "
+        "The text does not discuss the curve; it says that the deadband logic sets the sign of every new bank "
+        "command."
+    ),
+    "fig06": (
+        "Nominal bank angle with its reversals, together with dynamic pressure, to show when the reversals take "
+        "place. The text does not discuss it further; it gives a bank angle magnitude of 75 deg above 5.5 km/s, "
+        "45 deg below 2.5 km/s and a linear ramp of the cosine in between."
+    ),
+    "fig07": (
+        "The nominal entry trajectory, integrated with the nominal density and the nominal bank profile from 125 "
+        "km altitude to a velocity of 500 m/s. The text does not discuss the plot; by design the flight ends 10 "
+        "km uprange of the target."
+    ),
+    "fig08": (
+        "Spread (3 sigma) of the cosine of the bank angle during range control by linear covariance: stochastic "
+        "law for both end conditions, Apollo for fixed time only. The paper finds that the stochastic bounds stay "
+        "within -1 and 1 while Apollo's at times do not, and that the stochastic law is idle just after entry, "
+        "then stronger than Apollo once dynamic pressure rises."
+    ),
+    "fig09": (
+        "Closed-loop trajectories of 20 trials with fixed final time, with 3 sigma bounds from all 1,000 trials "
+        "and from linear covariance. With the stochastic law, the paper sees large deviations of altitude and "
+        "flight path angle after peak dynamic pressure and a range error that shrinks from about 100 s on. It "
+        "finds the bounds close for most states, least so for flight path angle."
+    ),
+    "fig10": (
+        "Bank angle histories of Monte Carlo trials with a fixed final time. The text does not discuss the "
+        "curves; it only adds that the stronger corrections of the stochastic law increase lateral dispersion, "
+        "which bank reversals and heading alignment remove by the end."
+    ),
+    "fig11": (
+        "Sample Monte Carlo trajectories that end when the velocity reaches 500 m/s. The paper calls the better "
+        "range targeting of the stochastic law apparent and finds the 1st and 99th percentiles of the final range "
+        "error about halved: -1.96 and 1.19 km, against -3.58 and 3.04 km with Apollo."
+    ),
+    "fig12": (
+        "Sample Monte Carlo trajectories with their end points at the velocity trigger of 500 m/s. As for Fig. "
+        "11, the paper calls the better range targeting of the stochastic law apparent, and it reports that the "
+        "trigger lowers the range errors of both laws compared with a fixed final time."
+    ),
+    "fig13": (
+        "Ellipses of 99.73 % probability for range and velocity at the final time, by linear covariance. The "
+        "paper finds a negative correlation for Apollo, stronger with the velocity trigger. For the stochastic "
+        "law, fixed time reduces range variance at the cost of correlation, while the trigger is expected to "
+        "favour a strong one, which cuts the range error at fixed velocity."
+    ),
+}
+
 TABLES = {
     "tab01": Product(
         "Table 1, from the inputs. The trim angle of attack is shown only: the aerodynamic coefficients follow from "
@@ -416,6 +489,7 @@ PAPER = Paper(
     citation="J. Ridderhof, P. Tsiotras, B. J. Johnson, Stochastic Entry Guidance, 2021",
     stages=STAGES,
     figures=FIGURES,
+    described=DESCRIBED,
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

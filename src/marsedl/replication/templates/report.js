@@ -17,9 +17,11 @@ const tables = every("table.claims").map((table) => ({
   table, columns: every("tr.second th", table), group: table.querySelector("th.group"),
 }));
 
+const NAMES = ["paper", "verdict", "reading", "text"];
+const asked = () => Object.fromEntries(NAMES.map((name) => [name, form.elements[name].value.trim()]));
+
 const filter = () => {
-  const {paper, verdict, reading, text} = Object.fromEntries(
-    ["paper", "verdict", "reading", "text"].map((name) => [name, form.elements[name].value.trim()]));
+  const {paper, verdict, reading, text} = asked();
   const words = text.toLowerCase();
   const shown = [0, 0], all = [0, 0];
   for (const section of sections) section.hidden = Boolean(paper) && section.dataset.paper !== paper;
@@ -52,21 +54,31 @@ const filter = () => {
     `${shown[0]} of ${all[0]} counted claims, ${shown[1]} of ${all[1]} listed ones` +
     (words && !verdict ? `; ${found} figures, tables, errata and inputs` : "");
 };
-form.addEventListener("input", filter);
+const ask = (given) => {
+  for (const name of NAMES) form.elements[name].value = given[name] || "";
+  filter();
+};
+// The address names what is asked for, so that a view can be passed on: #paper=funnels&verdict=fails
+const address = () => history.replaceState(
+  null, "", "#" + new URLSearchParams(Object.entries(asked()).filter(([, value]) => value)));
+const changed = () => { filter(); address(); };
+form.addEventListener("input", changed);
 form.addEventListener("submit", (event) => event.preventDefault());
-form.addEventListener("reset", () => setTimeout(filter));
+form.addEventListener("reset", () => setTimeout(changed));
 for (const link of every("a[data-verdict]")) {
-  link.addEventListener("click", () => {
-    form.reset();
-    form.elements.paper.value = link.dataset.paper;
-    form.elements.verdict.value = link.dataset.verdict;
-    setTimeout(filter);
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    ask(link.dataset);
+    address();
+    document.querySelector(link.hash).scrollIntoView();
   });
 }
-const reveal = () => {  // what a link leads to is shown, whatever the filter says
-  const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+const reveal = () => {
+  const hash = location.hash.slice(1);
+  if (hash.includes("=")) return ask(Object.fromEntries(new URLSearchParams(hash)));
+  const target = hash && document.getElementById(decodeURIComponent(hash));
   if (!target) return;
-  if (target.closest("[hidden]")) { form.reset(); filter(); }
+  if (target.closest("[hidden]")) ask({});  // what a link leads to is shown, whatever the filter says
   for (let part = target.closest("details"); part; part = part.parentElement.closest("details")) part.open = true;
   target.scrollIntoView();
 };

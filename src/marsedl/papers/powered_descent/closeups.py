@@ -1,0 +1,47 @@
+"""Plot of the final states that a reader of the report can look into."""
+
+import numpy as np
+
+from marsedl.papers.powered_descent.gains import Gains
+from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
+from marsedl.replication.closeups import CloseUp, rounded
+
+MOST_POINTS = 2000
+
+
+def final_states(gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEnsemble) -> CloseUp:
+    """Final states against the covariance of the design."""
+    predicted = _ellipse("predicted by the design", gains.mean[-1], gains.covariance[-1])
+    cases = [
+        {
+            "name": name,
+            "points": rounded(flown.final_state[:MOST_POINTS, :4], axis=0),
+            "ellipses": [*ellipses, _ellipse("of the trials", flown.mean[-1, :4], flown.covariance[-1, :4, :4])],
+            "replay": f"marsedl trial powered_descent corrected {case}",
+        }
+        for case, name, flown, ellipses in (
+            ("closed_loop", "with feedback", closed_loop, [predicted]),
+            ("open_loop", "without feedback", open_loop, []),
+        )
+    ]
+    return CloseUp(
+        "final_states",
+        "Final states of the trials",
+        "Each point is the state in which one Monte Carlo flight of the nonlinear plant ends. The dashed ellipse is the"
+        " covariance that the linear design predicts, the solid one that of the trials: where they coincide, the design"
+        " keeps its promise. It promises nothing for flights without feedback.",
+        "scatter",
+        {
+            "axes": [
+                {"name": "downrange", "unit": "m"},
+                {"name": "altitude", "unit": "m"},
+                {"name": "downrange velocity", "unit": "m/s"},
+                {"name": "vertical velocity", "unit": "m/s"},
+            ],
+            "cases": cases,
+        },
+    )
+
+
+def _ellipse(name: str, mean: np.ndarray, covariance: np.ndarray) -> dict:
+    return {"name": name, "mean": rounded(mean), "covariance": rounded(covariance, digits=6)}

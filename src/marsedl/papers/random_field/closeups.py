@@ -1,0 +1,32 @@
+"""Plot of the iteration that a reader of the report can look into."""
+
+from marsedl.papers.random_field.convergence import Convergence
+from marsedl.replication.closeups import CloseUp, rounded
+
+
+def iterations(convergence: Convergence) -> CloseUp:
+    """Iteration histories of the successive convexification."""
+    series = [
+        f"{variant.replace('_', ' ')}: {outcome}" + (f" with period {period}" if period > 1 else "")
+        for variant, outcome, period in zip(convergence.variant, convergence.outcome, convergence.period, strict=True)
+    ]
+    quantities = [
+        {"name": name, "unit": unit, "values": rounded(getattr(convergence, field))}
+        | ({"errors": rounded(getattr(convergence, error), digits=3)} if error else {})
+        for field, error, name, unit in (
+            ("percentile", "percentile_error", "99th percentile of Δv, flown", "m/s"),
+            ("predicted", "", "99th percentile of Δv, predicted", "m/s"),
+            ("apoapsis", "", "apoapsis of the nominal", "planet radii"),
+            ("nominal_delta_v", "", "Δv of the nominal", "m/s"),
+            ("control_change", "", "largest change of the mean control", ""),
+        )
+    ]
+    return CloseUp(
+        "iterations",
+        "Histories of the iteration",
+        "What each pass of the successive convexification arrives at, over more passes than the paper has. Compare the"
+        " percentile of the velocity change Δv that the flights need with the one that the program predicts. Bars are"
+        " three standard errors; iteration 0 is the initial guess without feedback.",
+        "histories",
+        {"steps": "iteration", "series": series, "quantities": quantities},
+    )
