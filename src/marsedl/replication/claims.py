@@ -21,6 +21,7 @@ from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.inputs import nearest, read_yaml
 
 KINDS = ("deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context")
+REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
 STATED_READING = "printed"  # the reading that must use every input as the paper states it
@@ -249,7 +250,7 @@ def collect(
         verdict = judged[first][0]
         if verdict is None:
             raise InputError(f"{claim.paper}: claim {claim.id}: not evaluated in reading {first}, so it has no verdict")
-        if verdict in ("differs", "fails") and not require_reasons and not _explains(declaration):
+        if verdict in REFUTED_VERDICTS and not require_reasons and not _explains(declaration):
             reason = UNEXPLAINED
         else:
             reason = _reason(claim, declaration, verdict, first, evaluations, judged, left_out)
@@ -421,7 +422,7 @@ class _NotBuilt:
 def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     where = f"{claim.paper}: claim {claim.id}"
-    if verdict in ("differs", "fails") and not _explains(declaration):
+    if verdict in REFUTED_VERDICTS and not _explains(declaration):
         value = evaluations[first].value
         raise InputError(
             f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {value!r}) without a reason that"

@@ -14,6 +14,7 @@ from typing import Any
 from marsedl.replication.claims import (
     COUNTED_VERDICTS,
     LISTED_VERDICTS,
+    REFUTED_VERDICTS,
     format_lines,
     format_result,
     reading_names,
@@ -26,7 +27,6 @@ from marsedl.replication.inputs import nearest
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks")
-_REFUTED = ("differs", "fails")
 _CAUSES = 3  # errata of a paper that the overview names
 _COLOURS = 256  # of an embedded figure: all that a palette holds
 _MARKS = {
@@ -234,6 +234,10 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
     columns = reading_names(paper.claims)
     rows = [_claim(row, columns) for row in paper.claims]
     verdicts = {row["id"]: row["verdict"] for row in paper.claims}
+    named_by = {
+        erratum.id: [row["id"] for row in paper.claims if erratum.id in (row["errata"] or ())]
+        for erratum in paper.errata
+    }
     for entry in paper.figures:
         for claim in entry.claims:
             if claim not in verdicts:
@@ -249,11 +253,8 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
         "differences": {reading.name: _differences(reading, paper.inputs) for reading in paper.readings},
         "figures": _with_images(paper.figures),
         "verdicts": verdicts,
-        "causes": _causes(paper),
-        "named_by": {
-            erratum.id: [row["id"] for row in paper.claims if erratum.id in (row["errata"] or ())]
-            for erratum in paper.errata
-        },
+        "causes": _causes(paper.errata, named_by, verdicts),
+        "named_by": named_by,
         "assumed": {
             reading.name: sum(is_assumed(entry.values[reading.name]) for entry in paper.inputs)
             for reading in paper.readings
@@ -261,10 +262,9 @@ def _paper(paper: PaperReport) -> dict[str, Any]:
     }
 
 
-def _causes(paper: PaperReport) -> list[tuple[ErratumEntry, list[str]]]:
+def _causes(errata: Sequence[ErratumEntry], named_by: Mapping[str, list[str]], verdicts: Mapping[str, str]) -> list:
     """Errata that stand behind claims which differ or fail, with these claims: those behind most of them first."""
-    refuted = [row for row in paper.claims if row["verdict"] in _REFUTED]
-    causes = [(e, [row["id"] for row in refuted if e.id in (row["errata"] or ())]) for e in paper.errata]
+    causes = [(e, [claim for claim in named_by[e.id] if verdicts[claim] in REFUTED_VERDICTS]) for e in errata]
     return sorted((cause for cause in causes if cause[1]), key=lambda cause: -len(cause[1]))
 
 
@@ -324,7 +324,7 @@ def _differences(
 
 def _inline_png(path: Path) -> tuple[str, int, int]:
     """Return a PNG as base64 text with its width and height in pixels."""
-    from PIL import Image, UnidentifiedImageError  # matplotlib brings it; slow to import, and only needed here
+    from PIL import Image, UnidentifiedImageError  # slow to import, and only needed here
 
     try:
         content = Path(path).read_bytes()
