@@ -1,8 +1,8 @@
 """A built copy of the project for the tests of the pipeline: built once in a session, restored for every test.
 
 Builds take most of the time of a session. They run in the background, at low priority: the smoke builds from its start,
-beside the tests that need none, which come first; then the full-size build, beside the tests of the smoke builds. The
-tests of the full size come last. Nothing is built if no selected test needs it.
+then the full-size build. The tests that need none come first, then those of the smoke builds, last those of the full
+size. Nothing is built if no selected test needs it.
 """
 
 import os
@@ -10,11 +10,13 @@ import os
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported; threads would spin beside the builds
 
 import contextlib
+import json
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,7 +28,6 @@ from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
 BUILD = Path(__file__).parent / "workflow" / "build.py"
-DIFFERENT = 3  # what that script ends with if two builds differ
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
 
 
@@ -175,25 +176,35 @@ class Tree:
 
 
 class Background:
-    """A build of a folder beside the tests, in a process group of its own, which does not outlive them."""
+    """Builds beside the tests, in a process group of their own, which does not outlive them."""
 
-    def __init__(self, task: str, folder: Path):
-        self.task, self.folder, self.log = task, folder, folder.with_name(f"{folder.name}.{task}.log")
+    def __init__(self, folder: Path, *tasks: str):
+        self.folder, self.log = folder, folder.with_name("builds.log")
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, str(BUILD), task, str(folder)],
+                [sys.executable, str(BUILD), str(folder), *tasks],
                 stdin=subprocess.PIPE,  # which closes when this process ends, in whatever way
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 process_group=0,
             )
 
-    def wait(self, *allowed: int) -> tuple[int, str]:
-        """What it ended with, and what it said; the test fails if the build did."""
-        code, said = self.process.wait(), self.log.read_text(encoding="utf-8", errors="replace")
-        if code not in (0, *allowed):
-            pytest.fail(f"the {self.task} build failed ({code}); the end of {self.log}:\n{said[-5000:]}", pytrace=False)
-        return code, said
+    def smoke(self) -> dict:
+        """Wait for the smoke builds; returns what was written of them."""
+        written = self.folder.with_name("smoke.json")
+        while not written.exists() and self.process.poll() is None:
+            time.sleep(0.2)
+        if not written.exists():
+            self._fail()
+        return json.loads(written.read_text(encoding="utf-8"))
+
+    def wait(self) -> None:
+        """Wait for all of them."""
+        if self.process.wait():
+            self._fail()
+
+    def said(self) -> str:
+        return self.log.read_text(encoding="utf-8", errors="replace")
 
     def kill(self) -> None:
         if self.process.poll() is None:
@@ -201,6 +212,12 @@ class Background:
                 os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
         self.process.stdin.close()
+
+    def _fail(self):
+        """Fail the test that needs what could not be built."""
+        pytest.fail(
+            f"a build failed ({self.process.returncode}); the end of {self.log}:\n{self.said()[-5000:]}", pytrace=False
+        )
 
 
 class Spare:
@@ -257,27 +274,26 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session", autouse=True)
 def background(request):
-    """The builds beside the tests, by task: those of the smoke size, if a selected test needs them."""
-    started = {}
-    if any(needs(item, "built") for item in request.session.items):
-        folder = request.getfixturevalue("tmp_path_factory").mktemp("pipeline") / "project"
-        started["smoke"] = Background("smoke", copy_tree(ROOT, folder))
-    yield started
-    for build in started.values():
-        build.kill()
+    """The builds beside the tests, of the sizes that selected tests need; none if there is no such test."""
+    items = request.session.items
+    if not any(needs(item, "built") for item in items):
+        yield None
+        return
+    folder = request.getfixturevalue("tmp_path_factory").mktemp("pipeline") / "project"
+    builds = Background(copy_tree(ROOT, folder), *["full"] * any(needs(item, "full") for item in items))
+    yield builds
+    builds.kill()
 
 
 @pytest.fixture(scope="session")
-def built(request, background, tmp_path_factory) -> Built:
-    """The smoke size built twice, as `marsedl verify` does; the full size then starts in the place of the first."""
-    code, said = background["smoke"].wait(DIFFERENT)
-    root = background["smoke"].folder
-    folders = [root / "build" / "verify" / str(number) for number in range(2)]
-    digests = tuple(Tree(folder).digests() for folder in folders)
-    logs = tuple({str(path.relative_to(folder)) for path in folder.glob("logs/**/*.log")} for folder in folders)
-    if any(needs(item, "full") for item in request.session.items):
-        background["full"] = Background("full", folders[0])
-    return Built(code == 0, said, digests, logs, Spare(folders[1], root / "spare"))
+def built(background) -> Built:
+    """The smoke size built twice, as `marsedl verify` does; the full size takes the place of the first."""
+    found = background.smoke()
+    tree = Tree(background.folder / "build" / "verify" / "1")
+    _DIGESTS.update({(name, *state): found["digests"][1][name] for name, state in tree.state().items()})
+    logs = tuple(set(names) for names in found["logs"])
+    spare = Spare(tree.folder, background.folder / "spare")
+    return Built(found["agree"], background.said(), tuple(found["digests"]), logs, spare)
 
 
 @pytest.fixture
@@ -290,5 +306,5 @@ def tree(built) -> Tree:
 @pytest.fixture(scope="session")
 def full(built, background) -> Path:
     """A full-size build in the place of a smoke build, of which nothing may be left that depends on the size."""
-    background["full"].wait()
-    return background["full"].folder
+    background.wait()
+    return background.folder / "build" / "verify" / "0"

@@ -1,19 +1,22 @@
-"""Build a copy of the project beside the tests, at the lowest priority: `python build.py (smoke|full) folder`.
+"""Build a copy of the project beside the tests, at the lowest priority: `python build.py folder tasks...`.
 
-The smoke size is built whole, twice; the full size in fewer readings (size `check`) and without figures, which show no
-other code. `marsedl verify` builds and compares all of it.
+First the smoke size, whole, twice; what came of it is then written beside the folder. If `full` is a task, the full
+size follows in the place of the first build, in fewer readings (size `check`) and without figures, which show no other
+code. `marsedl verify` builds and compares all of it.
 
-Ends with 0 if all is well, with 3 if the two smoke builds differ, with another number if a build fails. Ends at once,
-with all that it started, when its standard input closes: it does not outlive the tests that wait for it.
+Ends with 0 unless a build fails. Ends at once, with all that it started, when its standard input closes: it does not
+outlive the tests that wait for it.
 """
 
+import json
 import os
 import signal
 import sys
 import threading
 from pathlib import Path
 
-from marsedl.replication.verification import build_twice, snakemake
+from marsedl.replication.digests import digest_tree
+from marsedl.replication.verification import PRODUCTS, build_twice, snakemake
 
 
 def end_with_the_tests():
@@ -21,10 +24,20 @@ def end_with_the_tests():
     os.killpg(0, signal.SIGKILL)
 
 
-def build(task: str, folder: Path) -> int:
-    if task == "smoke":
-        return 0 if build_twice(folder) else 3
-    done = snakemake(folder, "claims", "--cores", "2", "--config", "size=check")
+def build(folder: Path, tasks: list[str]) -> int:
+    agree = build_twice(folder)
+    folders = [folder / "build" / "verify" / str(number) for number in range(2)]
+    built = {
+        "agree": agree,
+        "digests": [digest_tree(each, PRODUCTS) for each in folders],
+        "logs": [sorted(str(path.relative_to(each)) for path in each.glob("logs/**/*.log")) for each in folders],
+    }
+    unfinished = folder.with_name("smoke.json.part")
+    unfinished.write_text(json.dumps(built), encoding="utf-8")
+    unfinished.rename(folder.with_name("smoke.json"))
+    if "full" not in tasks:
+        return 0
+    done = snakemake(folders[0], "claims", "--cores", "2", "--config", "size=check")
     print(done.stdout)
     return done.returncode
 
@@ -32,4 +45,4 @@ def build(task: str, folder: Path) -> int:
 if __name__ == "__main__":
     threading.Thread(target=end_with_the_tests, daemon=True).start()
     os.nice(10)
-    sys.exit(build(sys.argv[1], Path(sys.argv[2])))
+    sys.exit(build(Path(sys.argv[1]), sys.argv[2:]))

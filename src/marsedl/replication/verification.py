@@ -23,8 +23,8 @@ PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
 # What must not matter: cores, chunks, the order of sets and dictionaries, the date and the language. Two time zones in
 # which it is never the same day, written so that no table of zones is needed.
 BUILDS = (
-    {"cores": "1", "chunks": "1", "PYTHONHASHSEED": "0", "TZ": "NUT11", "LC_ALL": "C"},
-    {"cores": "2", "chunks": "3", "PYTHONHASHSEED": "271828", "TZ": "LINT-14"},  # and a locale of the machine
+    {"cores": "2", "chunks": "1", "PYTHONHASHSEED": "0", "TZ": "NUT11", "LC_ALL": "C"},
+    {"cores": "3", "chunks": "3", "PYTHONHASHSEED": "271828", "TZ": "LINT-14"},  # and a locale of the machine
 )
 _OFFLINE = ("unshare", "--map-root-user", "--net")  # a network namespace of its own, which has no network
 
@@ -114,7 +114,7 @@ def build_twice(root: Path) -> bool:
         settings = {"nice": 5 * builds.index(build), "offline": offline and build is builds[-1], **environment}
         return snakemake(folder, "all", "--cores", build["cores"], *config, **settings)
 
-    # At the same time, the build of one core before the other: were it the last to end, the other cores would idle.
+    # At the same time, the build of fewer cores before the other: were it the last to end, the other cores would idle.
     with ThreadPoolExecutor() as pool:
         finished = list(pool.map(run, folders, builds))
     for folder, done in zip(folders, finished, strict=True):
