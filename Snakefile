@@ -23,6 +23,13 @@ include: "workflow/rules/report.smk"
 include: "workflow/rules/verify.smk"
 
 
+onstart:
+    # For its limit of submissions a second, Snakemake looks for free jobs again a second after every look, so that some
+    # hundred finished jobs keep a core busy with looking. Processes of this machine need no such limit.
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
+
+
 rule all:
     default_target: True
     input:

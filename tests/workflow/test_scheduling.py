@@ -1,0 +1,30 @@
+"""What Snakemake itself costs while jobs run."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from marsedl.replication.verification import snakemake
+
+pytestmark = pytest.mark.workflow
+
+JOBS = 10
+RULES = f"""
+rule all:
+    input: [f"made/{{number}}" for number in range({JOBS})]
+
+rule one:
+    output: "made/{{number}}"
+    shell: "sleep 0.5; touch {{output}}"
+"""
+
+
+@pytest.mark.parametrize("ours", [True, False])
+def test_a_finished_job_leads_to_one_look_for_free_ones(tmp_path, ours):
+    settings = re.search(r"\nonstart:\n(    [^\n]*\n)+", (Path(__file__).parents[2] / "Snakefile").read_text("utf-8"))
+    (tmp_path / "Snakefile").write_text(RULES + settings.group() * ours, encoding="utf-8")
+    done = snakemake(tmp_path, "--cores", "1", "--scheduler", "greedy", "--verbose")
+    assert done.returncode == 0, done.stdout[-3000:]
+    looks = done.stdout.count("Ready jobs: ")
+    assert (looks <= JOBS + 2) == ours, f"{looks} looks"  # were it so anyway, the setting could go
