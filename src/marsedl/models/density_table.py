@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["read_density_table", "require_physical", "table_or_file"]
+__all__ = ["physical_table", "read_density_table", "require_physical", "table_or_file"]
+
+LARGEST_FILE = 2**24  # bytes
 
 
 def require_physical(altitudes, densities, place):
@@ -32,6 +34,13 @@ def _number(text, key, place):
         return float(text)
     except ValueError:
         raise ValueError(f"{place}: {key} is not a number: '{text}'; write it like 1.23e-5") from None
+
+
+def _cells(row, place):
+    try:
+        return [cell.strip() for cell in next(csv.reader([row]))]
+    except csv.Error as error:
+        raise ValueError(f"{place}: is no row of a CSV file ({error}); mend it") from None
 
 
 def read_density_table(path, source=None):
@@ -60,16 +69,28 @@ def read_density_table(path, source=None):
     if fragment and source is not None and fragment != source:
         raise ValueError(f"{path}: two sources asked for, '{fragment}' and '{source}'; give one")
     source = source if source is not None else fragment or None
+    if len(name) > 1000:
+        raise ValueError(
+            f"{name[:60]}...: {len(name)} characters are no path of a density table; give a UTF-8 CSV file"
+        )
     try:
-        text = Path(name).read_text(encoding="utf-8-sig")
+        # A device or a pipe may never end, or never begin.
+        if Path(name).exists() and not Path(name).is_file():
+            raise ValueError("it is no ordinary file")
+        with Path(name).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise ValueError(f"it is larger than {LARGEST_FILE} bytes")
+        text = content.decode("utf-8-sig")
     except FileNotFoundError:
         raise ValueError(f"{name}: there is no such density table; check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{name}: cannot be read as a density table ({error}); give a UTF-8 CSV file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(f"{name}: cannot be read as a density table ({reason}); give a UTF-8 CSV file") from None
 
     numbered = enumerate(text.splitlines(), start=1)
     kept = [(line, row) for line, row in numbered if row.strip() and not row.lstrip().startswith("#")]
-    rows = [[cell.strip() for cell in next(csv.reader([row]))] for _, row in kept]
+    rows = [_cells(row, f"{name}, line {line}") for line, row in kept]
     lines = [line for line, _ in kept]
     header = rows[0] if rows else []
     altitude_keys = [key for key in ("altitude_km", "altitude_m") if key in header]
@@ -115,3 +136,13 @@ def table_or_file(value):
     For the validation of inputs: a table may be written as its file, and what is then the input are its numbers.
     """
     return read_density_table(value).tolist() if isinstance(value, str) else value
+
+
+def physical_table(table):
+    """Refuse a table of altitude (m) and density (kg/m^3), given as numbers, that is no density profile."""
+    require_physical(
+        [altitude for altitude, _ in table],
+        [density for _, density in table],
+        lambda i: "the table" if i is None else f"row {i + 1}",
+    )
+    return table

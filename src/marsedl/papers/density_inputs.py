@@ -2,12 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from marsedl.models.density_table import table_or_file
-from marsedl.replication.inputs import Inputs, Positive, given, vector
+from marsedl.models.density_table import physical_table, table_or_file
+from marsedl.replication.inputs import Inputs, Number, Positive, given, vector
 
-DensityTable = Annotated[tuple[tuple[float, float], ...], BeforeValidator(table_or_file)]
+DensityTable = Annotated[
+    tuple[tuple[Number, Number], ...], BeforeValidator(table_or_file), AfterValidator(physical_table)
+]
 
 
 class DensityInputs(Inputs):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError
 
 from marsedl.replication.errors import InputError
 
@@ -32,6 +32,17 @@ KNOWN_SUFFIXES = (
     *("_rad", "_m", "_s", "_ms", "_h", "_kg", "_g", "_lb", "_t", "_N", "_kN", "_percent", "_ft", "_mi", "_m_s", "_K"),
 )
 
+LARGEST_FILE = 2**20  # bytes; a configuration is a few kilobytes
+LONGEST_REASON = 5000  # characters of a message
+
+
+def _no_stand_in(value):
+    """Refuse what Python takes for equal to a whole number, of which a Literal would make one."""
+    if isinstance(value, bool | float):
+        raise ValueError("Input should be a whole number, 1 or -1")
+    return value
+
+
 # Strict: neither text nor true/false passes for a number.
 Number = typing.Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = typing.Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
@@ -39,6 +50,7 @@ NonNegative = typing.Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)
 Fraction = typing.Annotated[float, Strict(), Field(gt=0, lt=1)]
 Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]
 CountOrNone = typing.Annotated[int, Strict(), Field(ge=0, le=1_000_000_000)]
+Sign = typing.Annotated[typing.Literal[-1, 1], BeforeValidator(_no_stand_in)]
 Seed = typing.Annotated[int, Strict(), Field(ge=0, lt=2**63)]
 
 
@@ -52,14 +64,16 @@ def covariance(size: int) -> type:
     import numpy as np
 
     def check(value):
+        if len(value) != size:  # before a matrix is made of it
+            raise ValueError(
+                f"has size {len(value)}, must have size {size}: give {size} variances, or {size} rows of {size} numbers"
+            )
         if all(isinstance(entry, float) for entry in value):
             matrix = np.diag(np.array(value, dtype=float))
         elif all(isinstance(row, tuple) and len(row) == len(value) for row in value):
             matrix = np.array(value, dtype=float)
         else:
             raise ValueError(f"must be {size} variances, or {size} rows of {size} numbers")
-        if matrix.shape != (size, size):
-            raise ValueError(f"has size {len(value)}, must have size {size}")
         if not np.all(np.isfinite(matrix)):
             raise ValueError("has an entry that is not finite")
         asymmetry = np.abs(matrix - matrix.T)
@@ -160,13 +174,17 @@ class Study:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML without repeated keys, anchors or aliases: what is read is what is written there."""
+    """YAML without repeated keys, anchors, aliases or tags: what is read is what is written there."""
 
     def compose_node(self, parent, index):
         event = self.peek_event()
         if getattr(event, "anchor", None) is not None:
             raise yaml.YAMLError(
                 f"line {event.start_mark.line + 1}: anchors and aliases are not used here; write it out"
+            )
+        if getattr(event, "tag", None) is not None:
+            raise yaml.YAMLError(
+                f"line {event.start_mark.line + 1}: the tag {_shown(event.tag)} is not used here; write the plain value"
             )
         return super().compose_node(parent, index)
 
@@ -181,15 +199,35 @@ class _StrictLoader(yaml.SafeLoader):
             except TypeError:
                 raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: a key must be a plain name") from None
             if repeated:
-                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: the key '{key}' stands twice")
+                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: the key {_shown(key)} stands twice")
             seen[key] = True
         return super().construct_mapping(node, deep)
+
+    def construct_decimal(self, node):
+        """Numbers as they look: to YAML, 1:30 is ninety and 017 is fifteen."""
+        if ":" in node.value or re.fullmatch(r"[-+]?0[0-7_]+", node.value):
+            base = 60 if ":" in node.value else 8
+            raise yaml.YAMLError(
+                f"line {node.start_mark.line + 1}: YAML reads {_shown(node.value)} to base {base}; write a decimal"
+            )
+        construct = self.construct_yaml_int if node.tag.endswith(":int") else self.construct_yaml_float
+        return construct(node)
+
+
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _StrictLoader.construct_decimal)
+_StrictLoader.add_constructor("tag:yaml.org,2002:float", _StrictLoader.construct_decimal)
 
 
 def read_yaml(path: Path) -> object:
     """Read a YAML file strictly; an unreadable or malformed one is an InputError naming file and line."""
     try:
-        return yaml.load(Path(path).read_text(encoding="utf-8"), Loader=_StrictLoader)
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(
+                f"{path}: is larger than {LARGEST_FILE} bytes, so it is no configuration; name another file"
+            )
+        return yaml.load(content.decode("utf-8"), Loader=_StrictLoader)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); restore it") from None
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -202,7 +240,7 @@ def read_yaml(path: Path) -> object:
 def nearest(name: str, known: typing.Iterable[str]) -> str:
     """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
     known = sorted(known)
-    matches = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
+    matches = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) and len(name) <= 100 else []
     return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(known)}"
 
 
@@ -235,13 +273,14 @@ def load_study(
             raw[name] = (overlay_name, reading)
     sizes = _mapping(document.get("sizes", {}), str(path), "sizes")
     if size != "full" and size not in sizes:
-        raise InputError(f"--config size={size}: {path} defines no such size; {nearest(size, ['full', *sizes])}")
+        raise InputError(f"--config size={_bare(size)}: {path} defines no such size; {nearest(size, ['full', *sizes])}")
     limits = dict(_mapping(sizes[size], str(path), f"sizes.{size}")) if size != "full" else {}
     left_out = _left_out(limits.pop("readings", None), document["readings"], f"{path}: sizes.{size}.readings")
     limits = _limits(limits, str(path), f"sizes.{size}", model)
     readings = {}
     for name in raw:
-        _resolve(name, raw, readings, model, ())
+        for link in reversed(_lineage(name, raw, readings)):
+            readings[link] = _reading(link, raw, readings, model)
     # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
     limited = {name: _limited(reading, limits, f"{path}: sizes.{size}") for name, reading in readings.items()}
     return Study(paper, limited, chunks, tuple(name for name in readings if name not in left_out))
@@ -286,7 +325,7 @@ def _left_out(compared, known, where) -> set[str]:
         raise InputError(f"{where}: {_shown(compared)} is not a list of readings with printed and corrected")
     for name in compared:
         if name not in known:
-            raise InputError(f"{where}: there is no reading '{name}'; {nearest(name, known)}")
+            raise InputError(f"{where}: there is no reading {_shown(name)}; {nearest(name, known)}")
     return set(known) - set(compared)
 
 
@@ -315,29 +354,46 @@ def _limited(reading: Reading, limits: dict[str, int | float], where: str) -> Re
     return replace(reading, inputs=reading.inputs.model_copy(update=smaller)) if smaller else reading
 
 
-def _resolve(name, raw, done, model, pending) -> Reading:
-    if name in done:
-        return done[name]
+def _lineage(name, raw, done) -> list[str]:
+    """Return a reading and those that it is based on in turn, up to one that is done or stands alone."""
+    names = [name]
+    while True:
+        name = names[-1]
+        origin, body = raw[name]
+        if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+            raise InputError(
+                f"{origin}: readings.{_bare(name)}: a reading's name is lower case letters, digits and _, at most 40 "
+                "of them; rename it"
+            )
+        where = f"readings.{name}"
+        based_on = _mapping(body, origin, where, {"summary", "based_on", "frozen", "inputs"}).get("based_on")
+        if based_on is None or (isinstance(based_on, str) and based_on in done):
+            return names
+        if not isinstance(based_on, str):
+            raise InputError(f"{origin}: {where}.based_on: must be the name of a reading, not {_shown(based_on)}")
+        if based_on not in raw:
+            raise InputError(
+                f"{origin}: {where}.based_on: there is no reading {_shown(based_on)}; {nearest(based_on, raw)}"
+            )
+        if based_on in names:
+            raise InputError(
+                f"{origin}: {where}.based_on: '{based_on}' is in the end based on '{name}' itself; name another reading"
+            )
+        names.append(based_on)
+
+
+def _reading(name, raw, done, model) -> Reading:
+    """Return a reading, of which that which it is based on is done."""
     origin, body = raw[name]
     where = f"readings.{name}"
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
-        raise InputError(f"{origin}: {where}: a reading's name is lower case letters, digits and _, at most 40 of them")
-    body = _mapping(body, origin, where, {"summary", "based_on", "frozen", "inputs"})
     summary, based_on, frozen = body.get("summary", ""), body.get("based_on"), body.get("frozen", "")
     if not isinstance(summary, str):
-        raise InputError(f"{origin}: {where}.summary: must be a sentence")
+        raise InputError(f"{origin}: {where}.summary: must be a sentence, not {_shown(summary)}")
     if not isinstance(frozen, str):
         raise InputError(f"{origin}: {where}.frozen: must be the digest of the reading's inputs, not {_shown(frozen)}")
     sources, values = {}, {}
     if based_on is not None:
-        if not isinstance(based_on, str):
-            raise InputError(f"{origin}: {where}.based_on: must be the name of a reading, not {_shown(based_on)}")
-        if based_on not in raw:
-            raise InputError(f"{origin}: {where}.based_on: there is no reading '{based_on}'; {nearest(based_on, raw)}")
-        if based_on in (*pending, name):
-            raise InputError(f"{origin}: {where}.based_on: '{based_on}' is in the end based on '{name}' itself")
-        base = _resolve(based_on, raw, done, model, (*pending, name))
-        sources, values = dict(base.sources), dict(base.inputs.model_dump())
+        sources, values = dict(done[based_on].sources), dict(done[based_on].inputs.model_dump())
     fresh = {}
     accepted = model.keys()
     for key, entry in _mapping(body.get("inputs", {}), origin, f"{where}.inputs").items():
@@ -368,10 +424,11 @@ def _resolve(name, raw, done, model, pending) -> Reading:
         key = f"inputs.{source.key}" if source else "inputs"
         message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
         shown = f" (given: {_shown(source.written)})" if source else ""
+        # What a validator says of a file may hold whatever stands in its name.
+        message = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message[:LONGEST_REASON])
         raise InputError(f"{origin}: {where}.{key}: {message}{shown}{_number_hint(first['input'])}") from None
     _check_frozen(frozen, name, values, origin)
-    done[name] = Reading(name, summary, based_on, frozen, inputs, sources, origin)
-    return done[name]
+    return Reading(name, summary, based_on, frozen, inputs, sources, origin)
 
 
 def _mapping(value, origin, place, allowed=None, required=frozenset()) -> dict:
@@ -383,7 +440,7 @@ def _mapping(value, origin, place, allowed=None, required=frozenset()) -> dict:
         if not isinstance(key, str):
             raise InputError(f"{where}the key {_shown(key)} must be a name")
         if allowed is not None and key not in allowed:
-            raise InputError(f"{where}unknown key '{key}'; {nearest(key, allowed)}")
+            raise InputError(f"{where}unknown key {_shown(key)}; {nearest(key, allowed)}")
     for key in sorted(required):
         if key not in value:
             raise InputError(f"{where}the key '{key}' is missing; add it")
@@ -411,7 +468,7 @@ def _accepted_key(key, accepted, model, origin, where) -> tuple[str, float]:
         suffix = key.removeprefix(name)
         problem = f"has the wrong unit suffix '{suffix}'" if suffix else "needs its unit in its name"
         raise InputError(f"{origin}: {where}.inputs.{key}: {problem}; the unit is {unit}, write '{ways[0]}'")
-    raise InputError(f"{origin}: {where}.inputs: unknown key '{key}'; {nearest(key, accepted)}")
+    raise InputError(f"{origin}: {where}.inputs: unknown key {_shown(key)}; {nearest(key, accepted)}")
 
 
 def _check_source(source, origin, place) -> None:
@@ -425,7 +482,11 @@ def _scaled(value, factor, origin, place):
     if factor == 1.0 or value is None:
         return value
     if isinstance(value, list):
-        return [_scaled(entry, factor, origin, place) for entry in value]
+        return [_scaled_number(entry, factor, origin, place) for entry in value]
+    return _scaled_number(value, factor, origin, place)
+
+
+def _scaled_number(value, factor, origin, place):
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{origin}: {place}: must be a number, not {_shown(value)}")
     try:
@@ -441,6 +502,11 @@ def _shown(value: object) -> str:
     except (ValueError, RecursionError):  # a number of thousands of digits, or lists inside of lists without end
         return f"a {type(value).__name__} too large to show"
     return text if len(text) <= 100 else text[:97] + "..."
+
+
+def _bare(name: object) -> str:
+    """Return a name as it is, or as `_shown` if it is none."""
+    return name if isinstance(name, str) and re.fullmatch(r"\S{1,60}", name) and name.isprintable() else _shown(name)
 
 
 def _number_hint(value) -> str:

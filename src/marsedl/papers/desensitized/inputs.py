@@ -70,7 +70,7 @@ class DesensitizedInputs(DensityInputs):
     guess_switch_times: Switches = given("s", "when the guess goes from one to the next")
     guess_width: Positive = given("s", "width of these changes")
     guess_final_time: Positive = given("s", "final time of the guess")
-    nominal_reversals: Annotated[int, Strict(), Field(ge=0)] = given(
+    nominal_reversals: Annotated[int, Strict(), Field(ge=0, le=1000)] = given(
         "1", "bank reversals that the nominal must have; a solution with others is on another branch and is refused"
     )
     roll_banks: vector(2) = given("rad", "further turns of the bank in the guesses of the rolling solutions")

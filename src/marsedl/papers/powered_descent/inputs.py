@@ -79,7 +79,9 @@ class PoweredDescentInputs(Inputs):
         for step in ("time_step", "finest_time_step", "output_interval", "design_interval"):
             steps = max(self.segment_durations) / getattr(self, step)
             if steps > LARGEST_STEP_COUNT:
-                raise ValueError(f"{step} makes {steps:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}")
+                raise ValueError(
+                    f"{step} makes {steps:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}: raise it"
+                )
         return self
 
 

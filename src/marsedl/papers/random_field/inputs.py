@@ -1,12 +1,13 @@
 """Typed inputs of the random-field paper; their values and sources are in `configs/random_field.yaml`."""
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.inputs import Count, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.inputs import Count, NonNegative, Number, Positive, Seed, Sign, given, vector
 
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
@@ -47,7 +48,7 @@ class RandomFieldInputs(DensityInputs):
     variance_at_top: Positive = given("1", "largest variance of the relative density")
     variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
     variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
-    variance_growth_sign: Literal[-1, 1] = given("1", "1: the variance grows up to that altitude; -1: as printed")
+    variance_growth_sign: Sign = given("1", "1: the variance grows up to that altitude; -1: as printed")
     correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
     density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
     field_altitudes: vector(2) = given("m", "altitudes between which the variation is sampled; it is constant beyond")
@@ -162,14 +163,16 @@ class RandomFieldInputs(DensityInputs):
         _require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
         for steps in (self.final_time / self.time_step, nodes[-1] / step):
             if steps > LARGEST_STEP_COUNT:
-                raise ValueError(f"time_step: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}")
+                raise ValueError(
+                    f"time_step: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}: raise it"
+                )
         for name in ("field", "double_integrator_field"):
             lowest, highest = getattr(self, "field_altitudes" if name == "field" else f"{name}_positions")
             spacing = getattr(self, f"{name}_interval")
             if not highest - lowest >= spacing:
                 raise ValueError(f"{name}_interval: {spacing:g} does not fit between {lowest:g} and {highest:g}")
             if (highest - lowest) / spacing > LARGEST_NODE_COUNT:
-                raise ValueError(f"{name}_interval: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes")
+                raise ValueError(f"{name}_interval: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes: raise it")
         for name in ("entry_angle_bracket", "control_limits", "delta_v_window"):
             lower, upper = getattr(self, name)
             if not lower < upper:
@@ -188,7 +191,9 @@ class RandomFieldInputs(DensityInputs):
 
 def _require_multiples(name, values, unit_name, unit):
     for value in values:
-        if abs(value / unit - round(value / unit)) > 1e-9:
+        ratio = value / unit
+        fits = math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-9
+        if not fits or (value and not round(ratio)):  # a value far below the unit is next to none of it
             raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
 
 

@@ -1,11 +1,12 @@
 """Typed inputs of the entry-guidance paper; their values and sources are in `configs/stochastic_entry.yaml`."""
 
+import math
 from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
-from marsedl.replication.inputs import Count, Fraction, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.inputs import Count, Fraction, NonNegative, Number, Positive, Seed, Sign, given, vector
 
 LARGEST_CYCLE_COUNT = 100_000
 
@@ -68,7 +69,7 @@ class StochasticEntryInputs(DensityInputs):
     rate_limit_form: Literal["corrected", "printed"] = given("1", "form of the rate limit: both signs, or as printed")
     deadband_times: vector(2) = given("s", "times between which the crossrange deadband narrows linearly")
     deadband_widths: vector(2, Positive) = given("m", "half widths of the deadband before and after")
-    initial_bank_direction: Literal[-1, 1] = given("1", "direction of the first bank")
+    initial_bank_direction: Sign = given("1", "direction of the first bank")
     heading_rate_form: Literal["corrected", "printed"] = given("1", "signs of the inertial terms of the heading rate")
     heading_alignment_form: Literal["corrected", "sign_only", "printed"] = given(
         "1", "form of the heading alignment law: corrected, with only its sign mended, or as printed"
@@ -116,9 +117,16 @@ class StochasticEntryInputs(DensityInputs):
     def _consistent(self):
         cycles = self.time_limit / self.guidance_period
         if cycles > LARGEST_CYCLE_COUNT:
-            raise ValueError(f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}")
+            raise ValueError(
+                f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}: lower it, or raise "
+                "guidance_period"
+            )
         intervals = (self.partition_interval, *self.partition_study)
-        if any(round(i / self.guidance_period) * self.guidance_period != i for i in intervals):
+        multiples = (interval / self.guidance_period for interval in intervals)
+        if not all(
+            math.isfinite(number) and round(number) * self.guidance_period == interval
+            for number, interval in zip(multiples, intervals, strict=True)
+        ):
             raise ValueError("partition_interval and partition_study must be multiples of guidance_period")
         for earlier, later in (("deadband_times", 1), ("ramp_velocities", -1)):
             first, second = getattr(self, earlier)

@@ -1,0 +1,615 @@
+"""Readings that are malformed by construction, drawn by the hundred for every paper: each is refused, and how is held.
+
+A fault is the text of a user's file and what the refusal has to say beside the file: the key and the remedy. Nothing
+here may be valid, so that nothing has to be decided after the fact.
+"""
+
+import contextlib
+import functools
+import json
+import math
+import signal
+import string
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from marsedl.papers import SLUGS, input_model
+from marsedl.replication import inputs
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import load_studies, nearest, read_yaml
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+MODELS = {slug: input_model(slug) for slug in SLUGS}
+KEYS = {slug: model.keys() for slug, model in MODELS.items()}
+SCHEMAS = {slug: model.model_json_schema()["properties"] for slug, model in MODELS.items()}
+EXAMPLES = 35  # of each kind of fault
+SECONDS = 20  # within which each is refused, on a machine that does much else
+LONGEST = 6000  # characters of a refusal: a paper has a hundred names that it may have to list
+
+SLUG = st.sampled_from(SLUGS)
+WORDS = st.text(string.ascii_lowercase, min_size=2, max_size=12)
+LETTERS = string.ascii_letters + string.digits + "_"
+
+
+def number(value) -> str:
+    """A number as YAML reads it back."""
+    if isinstance(value, int):
+        return str(value)
+    if math.isnan(value):
+        return ".nan"
+    if math.isinf(value):
+        return ".inf" if value > 0 else "-.inf"
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def listed(values) -> str:
+    """A list, perhaps of lists, in one line."""
+    return "[" + ", ".join(listed(v) if isinstance(v, list) else number(v) for v in values) + "]"
+
+
+def key_of(slug: str, name: str) -> str:
+    """The first way in which an input may be written."""
+    return next(key for key, (target, _) in KEYS[slug].items() if target == name)
+
+
+def entry(slug: str, name: str, value: str) -> str:
+    return f"{key_of(slug, name)}: {{value: {value}, source: 'assumed: test'}}"
+
+
+def reading(slug: str, *lines: str, based_on: str = "corrected") -> str:
+    """A user's file with one reading of the given inputs."""
+    body = "".join(f"\n        {line}" for line in lines) or " {}"
+    return f"{slug}:\n  readings:\n    mine:\n      based_on: {based_on}\n      inputs:{body}\n"
+
+
+def about(slug: str, name: str, value: str, *said: str) -> tuple[str, tuple[str, ...]]:
+    """The fault that an input has a value that it must not have."""
+    return reading(slug, entry(slug, name, value)), (f"readings.mine.inputs.{key_of(slug, name)}", *said)
+
+
+@functools.cache
+def fields(*wanted: str) -> list[tuple[str, str, dict]]:
+    """All inputs of all papers with the wanted keywords in their schema, or in that of the numbers in a list."""
+    found = []
+    for slug, schema in SCHEMAS.items():
+        for name, own in schema.items():
+            bounds = own.get("items", own)
+            kind = bounds.get("type")
+            if all(word in bounds or word in own or word == kind for word in wanted):
+                found.append((slug, name, bounds))
+    assert found, wanted
+    return found
+
+
+def written(slug: str, name: str, values: list) -> str:
+    """Numbers as the input takes them: one, or a list."""
+    return listed(values) if "items" in SCHEMAS[slug][name] else number(values[0])
+
+
+def length(slug: str, name: str) -> int:
+    """How many numbers an input takes, at least."""
+    return SCHEMAS[slug][name].get("minItems", 1)
+
+
+# -------------------------------------------------------------------------------------------------- kinds of faults
+
+
+@st.composite
+def wrong_type(draw):
+    """Something that is neither a number, a list of them, nor one of the input's words."""
+    slug = draw(SLUG)
+    name = draw(st.sampled_from([n for n in SCHEMAS[slug] if n != "density_table"]))
+    own = SCHEMAS[slug][name]
+    value = draw(
+        st.one_of(
+            WORDS.filter(lambda word: word not in own.get("enum", ()) and yaml.safe_load(word) == word),
+            st.sampled_from(["1e3", "-4E-5", "'3.7'", "''", "2017-08-17", "2017-08-17T12:00:00Z", "[]", "[[[]]]"]),
+            st.dictionaries(WORDS, st.integers(), min_size=1, max_size=2).map(json.dumps),
+            st.sampled_from(["{}", "[{}]", "[null]", "[true, false]", "[[1.0, 2.0], a]"]),
+            st.sampled_from(["true", "false"]).filter(lambda _: own.get("type") != "boolean"),
+            st.just("null").filter(lambda _: not any(way.get("type") == "null" for way in own.get("anyOf", ()))),
+        )
+    )
+    assume(not (value == "[]" and own.get("type") == "array" and "minItems" not in own and "maxItems" in own))
+    return about(slug, name, value, ("must be", "should "))
+
+
+@st.composite
+def not_finite(draw):
+    slug, name, _ = draw(st.sampled_from(fields("number")))
+    values = [1.0] * length(slug, name)
+    values[draw(st.integers(0, len(values) - 1))] = draw(st.sampled_from([math.nan, math.inf, -math.inf]))
+    return about(slug, name, written(slug, name, values), "should be")
+
+
+@st.composite
+def wrong_sign(draw):
+    slug, name, bounds = draw(st.sampled_from([*fields("exclusiveMinimum"), *fields("minimum")]))
+    least = bounds.get("exclusiveMinimum", bounds.get("minimum"))
+    values = [least + 1] * length(slug, name)
+    below = draw(st.integers(1, 10**15)) if bounds["type"] == "integer" else draw(st.floats(1e-3, 1e300))
+    at_least = "exclusiveMinimum" in bounds
+    values[draw(st.integers(0, len(values) - 1))] = least if at_least and draw(st.booleans()) else least - below
+    return about(slug, name, written(slug, name, values), "should be greater than")
+
+
+@st.composite
+def too_large(draw):
+    slug, name, bounds = draw(st.sampled_from([*fields("maximum"), *fields("exclusiveMaximum")]))
+    most = bounds.get("maximum", bounds.get("exclusiveMaximum"))
+    beyond = draw(st.one_of(st.integers(1, 10**18), st.integers(10**300, 10**310)))
+    if bounds["type"] == "number":
+        beyond = draw(st.floats(1e-3, 1e300))
+    values = [most - 1] * length(slug, name)
+    values[draw(st.integers(0, len(values) - 1))] = most + beyond
+    return about(slug, name, written(slug, name, values), "should be")
+
+
+@st.composite
+def not_whole(draw):
+    slug, name, bounds = draw(st.sampled_from(fields("integer")))
+    most = 1 if "enum" in bounds else min(bounds.get("maximum", 1000), 1000)
+    whole = draw(st.integers(bounds.get("minimum", 1), most))
+    values = [float(whole) + draw(st.sampled_from([0.0, 0.5, 0.25]))] * length(slug, name)
+    return about(slug, name, written(slug, name, values), "should be")
+
+
+@st.composite
+def wrong_word(draw):
+    slug, name, own = draw(st.sampled_from([f for f in fields("enum") if f[2]["type"] == "string"]))
+    word = draw(st.sampled_from(own["enum"]))
+    change = draw(st.sampled_from([str.upper, str.title, lambda w: w + "s", lambda w: w[:-1], lambda w: f"{w} {w}"]))
+    assume(change(word) not in own["enum"])
+    return about(slug, name, f"'{change(word)}'", "should be", own["enum"][0])
+
+
+@st.composite
+def wrong_length(draw):
+    """Too short, too long or enormously long."""
+    slug, name, own = draw(st.sampled_from([(s, n, SCHEMAS[s][n]) for s, n, _ in fields("items")]))
+    assume("maxItems" in own)
+    allowed = range(own.get("minItems", 0), own["maxItems"] + 1)
+    bounds = own["items"]
+    value = bounds.get("exclusiveMinimum", bounds.get("minimum", 0)) + 1  # of the right kind and size
+    items = draw(st.one_of(st.integers(0, 30), st.integers(own["maxItems"] + 1, 1500)))
+    assume(items not in allowed)
+    more_or_fewer = "at most" if items > own["maxItems"] else "at least"
+    return about(slug, name, listed([value] * items), f"should have {more_or_fewer} ", f"not {items} (given: [")
+
+
+@st.composite
+def no_covariance(draw):
+    """Indefinite, singular, negative, lopsided, or of another size."""
+    name = draw(st.sampled_from(["initial_covariance", "intermediate_covariance", "final_covariance"]))
+    deviations = np.array(draw(st.lists(st.floats(0.01, 100), min_size=4, max_size=4)))
+    i, j = draw(st.permutations(range(4)))[:2]
+    matrix = np.diag(deviations**2)
+    kind = draw(st.sampled_from(["correlation", "singular", "negative", "zero", "lopsided", "size", "huge", "mixed"]))
+    if kind in ("correlation", "singular"):
+        correlation = 1.0 if kind == "singular" else draw(st.floats(1.001, 1e6))
+        matrix[i, j] = matrix[j, i] = correlation * deviations[i] * deviations[j]
+        said = "give variances above zero and correlations between -1 and 1"
+    elif kind in ("negative", "zero"):
+        matrix[i, i] = -draw(st.floats(1e-9, 1e9)) if kind == "negative" else 0.0
+        said = "is not positive definite"
+    elif kind == "lopsided":
+        matrix[i, j], matrix[j, i] = 0.1 * deviations[i] * deviations[j], 0.2 * deviations[i] * deviations[j]
+        said = "is not symmetric: entry"
+    elif kind == "mixed":
+        rows = matrix.tolist()
+        rows[i] = 1.0
+        return about("powered_descent", name, listed(rows), "must be 4 variances, or 4 rows of 4 numbers")
+    else:
+        size = draw(st.integers(0, 9).filter(lambda n: n != 4)) if kind == "size" else draw(st.integers(500, 3000))
+        value = listed([1.0] * size) if kind == "huge" else listed(np.eye(size).tolist())
+        return about("powered_descent", name, value, f"has size {size}, must have size 4: give 4 variances")
+    diagonal = kind in ("negative", "zero") and draw(st.booleans())
+    return about("powered_descent", name, listed((np.diag(matrix) if diagonal else matrix).tolist()), said)
+
+
+@st.composite
+def wrong_unit(draw):
+    slug = draw(SLUG)
+    key, (name, factor) = draw(st.sampled_from(sorted(KEYS[slug].items())))
+    value = "1.0" if factor != 1.0 else "true"  # of which only the unit is looked at
+    unit = draw(
+        st.one_of(WORDS, st.sampled_from(["ft", "ft/s", "lb", "deg/min", "K", "furlong", "1.0", "null", "[m]"]))
+    )
+    assume(unit not in (MODELS[slug].unit(name), key.removeprefix(f"{name}_").replace("_", "/")))
+    place = f"readings.mine.inputs.{key}.unit"
+    return reading(slug, f"{key}: {{value: {value}, unit: {unit}, source: 'assumed: test'}}"), (place, "must be '")
+
+
+@st.composite
+def wrong_suffix(draw):
+    slug = draw(SLUG)
+    name, suffix = (
+        draw(st.sampled_from(sorted(MODELS[slug].model_fields))),
+        draw(st.sampled_from(inputs.KNOWN_SUFFIXES)),
+    )
+    key = name + draw(st.sampled_from(["", suffix]))
+    assume(key not in KEYS[slug])
+    said = (
+        "has the wrong unit suffix" if key != name else "needs its unit in its name",
+        f"write '{key_of(slug, name)}'",
+    )
+    return reading(slug, f"{key}: {{value: 1.0, source: 'assumed: test'}}"), (f"readings.mine.inputs.{key}: ", *said)
+
+
+@st.composite
+def misspelt(draw):
+    """A letter that is missing, doubled, exchanged or another one, in the name of an input or of another key."""
+    slug = draw(SLUG)
+    lines = ["based_on: corrected", "summary: mine", "inputs: {}"]
+    place, known = draw(
+        st.sampled_from(
+            [
+                ("", {*SLUGS, "size", "chunks"}),
+                (f"{slug}: ", {"readings"}),
+                ("readings.mine: ", {"based_on", "summary", "inputs", "frozen"}),
+                ("readings.mine.inputs: ", set(KEYS[slug])),
+                ("entry", {"value", "unit", "source"}),
+            ]
+        )
+    )
+    name = draw(st.sampled_from(sorted(known)))
+    at = draw(st.integers(0, len(name) - 1))
+    change = draw(st.sampled_from(["missing", "doubled", "another"]))
+    letter = {"missing": "", "doubled": 2 * name[at], "another": draw(st.sampled_from("jqxz"))}[change]
+    wrong = name[:at] + letter + name[at + 1 :]
+    assume(wrong and wrong not in known and yaml.safe_load(wrong) == wrong)
+    remedy = nearest(wrong, known)
+    if place == "":
+        return f"{wrong}: {{}}\n", (f"unknown key '{wrong}'; {remedy}",)
+    if place.startswith(slug):
+        return f"{slug}:\n  {wrong}: {{}}\n", (f"{slug}: unknown key '{wrong}'; {remedy}",)
+    if place.startswith("readings.mine: "):
+        text = f"{slug}:\n  readings:\n    mine:\n" + "".join(f"      {line}\n" for line in [*lines, f"{wrong}: {{}}"])
+        return text, (f"readings.mine: unknown key '{wrong}'; {remedy}",)
+    if place == "entry":
+        known_name = draw(st.sampled_from(sorted(MODELS[slug].model_fields)))
+        key = key_of(slug, known_name)
+        line = f"{key}: {{value: 1.0, source: 'assumed: test', {wrong}: 1}}"
+        return reading(slug, line), (f"readings.mine.inputs.{key}: unknown key '{wrong}'; {remedy}",)
+    for target in MODELS[slug].model_fields:  # another input's name with another unit, of which `wrong_suffix` is
+        assume(
+            not (wrong == target or (wrong.startswith(target + "_") and wrong[len(target) :] in inputs.KNOWN_SUFFIXES))
+        )
+    said = f"readings.mine.inputs: unknown key '{wrong}'; {remedy}"
+    return reading(slug, f"{wrong}: {{value: 1.0, source: 'assumed: test'}}"), (said,)
+
+
+@st.composite
+def unknown(draw):
+    """A key that has nothing to do with any other, may be of any length, and may be no name at all."""
+    slug = draw(SLUG)
+    key = draw(
+        st.one_of(
+            st.text(min_size=1, max_size=20),
+            st.text("qxz\n\t \0", min_size=1, max_size=8),
+            st.integers(),
+            st.floats(),
+            st.booleans(),
+            st.none(),
+            st.dates(),
+            st.integers(1_000, 50_000).map(lambda size: "x" * size),
+        )
+    )
+    assume(not isinstance(key, str) or key not in KEYS[slug])
+    body = {"value": 1.0, "source": "assumed: test"}
+    document = {slug: {"readings": {"mine": {"based_on": "corrected", "inputs": {key: body}}}}}
+    said = "unknown key" if isinstance(key, str) else "must be a name"
+    return yaml.safe_dump(document, allow_unicode=True), ("readings.mine.inputs: ", said)
+
+
+@st.composite
+def no_source(draw):
+    slug = draw(SLUG)
+    key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
+    place = f"readings.mine.inputs.{key}"
+    body, *said = draw(
+        st.sampled_from(
+            [
+                ("{value: 1.0}", f"{place}: the key 'source' is missing; add it"),
+                ("{source: Eq. 1}", f"{place}: the key 'value' is missing; add it"),
+                ("{}", f"{place}: the key 'source' is missing; add it"),
+                *((f"{{value: 1.0, source: {what}}}", f"{place}.source: say where")
+                  for what in ("''", "' '", "null", "7", "[Eq. 1]", "true", "{Eq: 1}")),
+                *((f"{{value: 1.0, source: '{what}'}}", f"{place}.source: write 'assumed: ' and the reason")
+                  for what in ("assumed", "assumed:", "assumed: ", "assumed:because", "assumed because")),
+                *((what, f"{place}: write {{value: ..., source:") for what in ("3.7", "[3.7, Eq. 1]", "null", "Eq. 1")),
+            ]
+        )
+    )  # fmt: skip
+    return reading(slug, f"{key}: {body}"), tuple(said)
+
+
+@st.composite
+def set_twice(draw):
+    slug = draw(SLUG)
+    name = draw(st.sampled_from(sorted(SCHEMAS[slug])))
+    ways = [key for key, (target, _) in KEYS[slug].items() if target == name]
+    first, second = draw(st.sampled_from(ways)), draw(st.sampled_from(ways))
+    same = first == second
+    value = listed([1.0] * length(slug, name)) if "items" in SCHEMAS[slug][name] else "1.0"
+    lines = [f"{key}: {{value: {value}, source: 'assumed: test'}}" for key in (first, second)]
+    return reading(slug, *lines), (
+        (f"the key '{first}' stands twice",) if same else (f"'{name}' is set twice, also as",)
+    )
+
+
+@functools.cache
+def names_of(slug: str) -> list[str]:
+    """The readings of the project."""
+    return list(yaml.safe_load((CONFIGS / f"{slug}.yaml").read_text(encoding="utf-8"))["readings"])
+
+
+@st.composite
+def bad_reading(draw):
+    """A reading that is none, of no name, or of no base."""
+    slug = draw(SLUG)
+    base = draw(st.sampled_from(names_of(slug)))
+    length = draw(st.integers(1, 300))
+    circle = ", ".join(f"r{i}: {{based_on: r{(i + 1) % length}}}" for i in range(length))
+    name = draw(
+        st.one_of(
+            st.text(min_size=1, max_size=60).filter(lambda n: not n.isascii() or n != n.lower() or " " in n),
+            st.integers(41, 5000).map(lambda size: "m" * size),
+            st.sampled_from(
+                ["../mine", "Mine", "mine/fig07", "1st", "_mine", "min-e", "mine.h5", "min*", "m\nn", ".."]
+            ),
+        )
+    )
+    nowhere = draw(WORDS.filter(lambda name: name not in names_of(slug) and yaml.safe_load(name) == name))
+    nothing = draw(st.sampled_from(["[]", "null", "3", "a", "true", "[{a: b}]"]))
+    other = draw(st.sampled_from(["[a]", "3", "true", "{a: b}", "1.0e+300"]))
+    missing = ("readings.mine.inputs: '", "is missing; give it, or name a complete reading under based_on")
+    body, *said = draw(
+        st.sampled_from(
+            [
+                (
+                    f"{{{json.dumps(name)}: {{based_on: {base}}}}}",
+                    "a reading's name is lower case letters",
+                    "rename it",
+                ),
+                (f"{{{base}: {{based_on: {base}}}}}", f"readings.{base}: the name is taken", "choose another name"),
+                (f"{{{circle}}}", ".based_on: 'r", "is in the end based on 'r", "name another reading"),
+                (f"{{mine: {{based_on: {other}}}}}", "readings.mine.based_on: must be the name of a reading, not "),
+                (
+                    f"{{mine: {{based_on: {nowhere}}}}}",
+                    f"readings.mine.based_on: there is no reading '{nowhere}'; ",
+                    nearest(nowhere, [*names_of(slug), "mine"]),
+                ),
+                (
+                    f"{{mine: {{based_on: {base}, summary: {other}}}}}",
+                    "readings.mine.summary: must be a sentence, not ",
+                ),
+                (f"{{mine: {{based_on: {base}, frozen: {other}}}}}", "readings.mine.frozen: must be the digest of the"),
+                (
+                    f"{{mine: {{based_on: {base}, frozen: {nowhere}}}}}",
+                    "readings.mine: is frozen, and",
+                    "based_on: mine",
+                ),
+                (
+                    f"{{mine: {{based_on: {base}, inputs: {nothing}}}}}",
+                    "readings.mine.inputs: must be keys with values",
+                ),
+                (f"{{mine: {nothing}}}", "readings.mine: must be keys with values, not "),
+                (nothing, f"{slug}.readings: must be keys with values, not "),
+                (f"{{mine: {{summary: {nowhere}}}}}", *missing),
+                ("{mine: {inputs: {}}}", *missing),
+            ]
+        )
+    )
+    return f"{slug}:\n  readings: {body}\n", tuple(said)
+
+
+@st.composite
+def bad_yaml(draw):
+    """What the language of the file itself allows, and a configuration does not, or what is no file of it at all."""
+    slug, word = draw(SLUG), draw(WORDS)
+    name = draw(st.sampled_from([n for n, own in SCHEMAS[slug].items() if own.get("type") == "number"]))
+    good = reading(slug, entry(slug, name, "1.0"))
+    number = draw(st.integers(1, 59))
+    tags = ["!!float", "!!str", "!!binary", "!!set", "!!omap", "!", "!mine", "!<tag:yaml.org,2002:int>"]
+    tag = draw(st.sampled_from([*tags, "!!python/object/apply:os.system", "!!python/name:os.getcwd"]))
+    value = {
+        "tag": f"{tag} '1'",
+        "anchor": f"&{word} 1.0",
+        "alias": f"*{word}",
+        "base 60": f"{number}:{draw(st.integers(0, 59)):02}" + draw(st.sampled_from(["", ".5", ":00"])),
+        "base 8": f"0{oct(draw(st.integers(1, 10**6)))[2:]}",
+    }
+    kind = draw(
+        st.sampled_from(
+            [*value, "merge", "cut off", "tab", "control", "two", "deep", "huge", "not UTF-8", "list", "bomb"]
+        )
+    )
+    if kind in value:
+        text = reading(slug, entry(slug, name, value[kind]))
+    else:
+        text = {
+            "merge": good.replace("based_on: corrected", "<<: {based_on: corrected}"),
+            "cut off": good[: good.index("1.0") + draw(st.integers(0, 20))],
+            "tab": good.replace("        ", "\t", 1),
+            "control": good.replace("1.0", f"1.0{chr(draw(st.integers(0, 8)))}"),
+            "two": good + "---\n" + good,
+            "deep": f"{slug}: " + draw(st.sampled_from(["[", "{a: "])) * draw(st.integers(2000, 5000)),
+            "huge": good + "#" * (inputs.LARGEST_FILE + draw(st.integers(0, 10))),
+            "not UTF-8": good.replace("mine", chr(draw(st.integers(0xDC80, 0xDCFF)))),
+            "list": f"- {slug}\n- {word}\n",
+            "bomb": "\n".join(["a0: &a0 [1]", *(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60))]),
+        }[kind]
+    said = {
+        "huge": ("is larger than", "name another file"),
+        "list": ("must be keys with values",),
+        "tag": ("is not valid YAML: line 6: the tag '", "write the plain value"),
+        "anchor": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
+        "alias": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
+        "merge": ("is not valid YAML: line 4: '<<' is not used here; write it out",),
+        "base 60": ("is not valid YAML: line 6: YAML reads '", "to base 60; write a decimal"),
+        "base 8": ("is not valid YAML: line 6: YAML reads '", "to base 8; write a decimal"),
+        "bomb": ("is not valid YAML: line 1: anchors and aliases are not used here",),
+    }
+    return text, said.get(kind, ("is not valid YAML: ",))
+
+
+@st.composite
+def bad_table(draw):
+    """A density table that is no table, or cannot be read, or has no end."""
+    slug = draw(st.sampled_from([slug for slug in SLUGS if "density_table" in SCHEMAS[slug]]))
+    rows = [[1e4 * i, 0.02 * math.exp(-i)] for i in range(draw(st.integers(3, 9)))]
+    at = draw(st.integers(1, len(rows) - 1))
+    fault, *said = draw(
+        st.sampled_from(
+            [
+                ((0, math.nan), "finite"),
+                ((1, math.inf), "finite"),
+                ((1, -draw(st.floats(0, 1e3))), f"row {at + 1}: density", "is not positive; remove or mend the row"),
+                ((0, -1.0), f"row {at + 1}: non-monotone density table", "strictly increasing altitude"),
+                (None, f"{at if at < 3 else 2} rows are too few for a density table; give at least 3"),
+                ("/dev/zero", "it is no ordinary file", "give a UTF-8 CSV file"),
+                ("/proc/self", "it is no ordinary file", "give a UTF-8 CSV file"),
+                (f"data/{draw(WORDS)}.csv", "there is no such density table; check the path"),
+                ("x" * draw(st.integers(300, 9000)), "give a UTF-8 CSV file"),
+                ("true", "should be"),
+                ("3.7", "should be"),
+                ("[[0, a], [1, 2], [3, 4]]", "should be"),
+                ("[['0', '1'], ['1', '2'], ['3', '4']]", "should be"),
+                ("[[0, 1, 2], [1, 2, 3]]", "should have"),
+                ("\"data\\u0000\\n\"", "cannot be read as a density table", "give a UTF-8 CSV file"),
+            ]
+        )
+    )  # fmt: skip
+    if fault is None:
+        value = listed(rows[: min(at, 2)])
+    elif isinstance(fault, tuple):
+        rows[at][fault[0]] = fault[1]
+        value = listed(rows)
+    else:
+        value = fault
+    return about(slug, "density_table", value, *said)
+
+
+POSITIVE = st.floats(1e-3, 1e6)
+REVERSED = st.tuples(POSITIVE, POSITIVE).filter(lambda pair: pair[0] != pair[1]).map(lambda pair: sorted(pair)[::-1])
+TINY = st.floats(5e-324, 1e-200)
+UNFIT = [  # inputs that are each in order and do not go together
+    ("powered_descent", "time_step", TINY, "steps in a segment, more than"),
+    ("powered_descent", "finest_time_step", TINY, "steps in a segment, more than"),
+    ("powered_descent", "output_interval", TINY, "steps in a segment, more than"),
+    ("powered_descent", "design_interval", TINY, "steps in a segment, more than"),
+    ("random_field", "output_interval", TINY, "is no multiple of "),
+    ("random_field", "time_step", st.floats(0.30001, 0.39999), "is no multiple of time_step"),
+    ("random_field", "double_integrator_output_interval", TINY, "is no multiple of "),
+    ("random_field", "field_interval", TINY, "makes more than 100000 nodes"),
+    ("random_field", "control_limits", REVERSED, "stand in the wrong order"),
+    ("random_field", "delta_v_window", REVERSED, "stand in the wrong order"),
+    ("random_field", "paper_trials", st.integers(10**8, 10**9), "must not be fewer than paper_trials"),
+    ("random_field", "partition", st.lists(POSITIVE, min_size=2, max_size=9), "must begin at 0"),
+    ("desensitized", "final_time_bounds", REVERSED, "wrong way round: write the smaller one first"),
+    ("desensitized", "final_altitude", st.floats(1e7, 1e300), "is not below entry_altitude: exchange them"),
+    ("desensitized", "infinite_weights", REVERSED, "does not increase"),
+    ("desensitized", "guess_banks", st.lists(POSITIVE, min_size=12, max_size=20), "give one less than there are banks"),
+    ("desensitized", "initial_bank_rate", st.floats(1e3, 1e300), "lies beyond bank_rate_bound"),
+    ("desensitized", "studied_intervals", st.sampled_from([[20, 30], [40, 40], [80, 40]]), "must be a multiple"),
+    ("desensitized", "tuning_errors", st.permutations([0.0, 1.0, 2.0, 3.0]).map(list), "has a zero", "leave it out"),
+    ("desensitized", "density_profile", st.just("table"), "density_table names none: write its file"),
+    ("funnels", "final_velocity_bounds", REVERSED, "wrong way round: write the smaller one first"),
+    ("funnels", "final_altitude", st.floats(1e7, 1e300), "is not below entry_altitude: exchange them"),
+    ("funnels", "least_velocity", st.floats(1e5, 1e300), "lies above the first of final_velocity_bounds: lower it"),
+    ("funnels", "guess_final_time", st.floats(1e5, 1e300), "lies outside of its bounds"),
+    ("funnels", "steps_per_slice", st.integers(7001, 10_000), "is not a multiple of steps_per_slice"),
+    ("funnels", "fig4_slice", st.integers(6000, 10_000), "no stage begins at slice"),
+    ("funnels", "fig4_coordinates", st.integers(1, 6).map(lambda i: [i, i]), "two different ones span a plane"),
+    ("stochastic_entry", "time_limit", st.floats(1e9, 1e300), "guidance periods, more than 100000"),
+    ("stochastic_entry", "guidance_period", TINY, "guidance periods, more than 100000"),
+    (
+        "stochastic_entry",
+        "partition_interval",
+        st.integers(0, 1000).map(lambda n: n + 0.123),
+        "must be multiples of guidance_period",
+    ),
+    ("stochastic_entry", "ramp_velocities", REVERSED.map(lambda pair: pair[::-1]), "stand in the wrong order"),
+    ("stochastic_entry", "deadband_times", REVERSED, "stand in the wrong order"),
+    ("stochastic_entry", "paper_trials", st.integers(10**8, 10**9), "must not be fewer than paper_trials"),
+    ("stochastic_entry", "density_profile", st.just("table"), "density_table names none: write its file"),
+]
+
+
+@st.composite
+def unfit(draw):
+    slug, name, values, *said = draw(st.sampled_from(UNFIT))
+    value = draw(values)
+    text = value if isinstance(value, str) else listed(value) if isinstance(value, list) else number(value)
+    return reading(slug, entry(slug, name, text)), ("readings.mine.inputs", name, *said)
+
+
+KINDS = [
+    *(wrong_type, not_finite, wrong_sign, too_large, not_whole, wrong_word, wrong_length, no_covariance, wrong_unit),
+    *(wrong_suffix, misspelt, unknown, no_source, set_twice, bad_reading, bad_yaml, bad_table, unfit),
+]
+
+# ------------------------------------------------------------------------------------------------------------ the test
+
+
+@contextlib.contextmanager
+def within(seconds: float):
+    """An error, and not a test without end, if something hangs."""
+
+    def late(*_):
+        raise AssertionError(f"not refused within {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def project_read_once():
+    """The project's own files are read once: they are the same for all."""
+    remembered = functools.cache(read_yaml)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inputs, "read_yaml", lambda path: (remembered if path.parent == CONFIGS else read_yaml)(path))
+        yield
+
+
+def test_enough_is_drawn():
+    assert len(KINDS) * EXAMPLES >= 500
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory, kind):
+    path = tmp_path_factory.mktemp(kind.__name__) / "mine.yaml"
+    drawn = Counter()
+
+    @settings(
+        max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
+    )
+    @given(fault=kind())
+    def refused(fault):
+        text, said = fault
+        path.write_bytes(text.encode("utf-8", "surrogateescape"))
+        with within(SECONDS), pytest.raises(InputError) as caught:
+            load_studies(MODELS, CONFIGS, read_yaml(path) or {}, [path])
+        message = str(caught.value)
+        assert message.startswith(f"{path}: ")
+        for fragment in said:
+            assert any(text in message for text in ([fragment] if isinstance(fragment, str) else fragment)), fragment
+        assert message.isprintable(), "one line that a terminal shows as it is"
+        assert len(message) <= LONGEST
+        drawn[text] += 1
+
+    refused()
+    assert drawn.total() >= EXAMPLES
