@@ -46,6 +46,10 @@ _NO_PERMISSION = (errno.EACCES, errno.EPERM, errno.EROFS)
 _JSON_MARK = "json:"
 _SEAL = b"marsedl:sha256:"  # behind HDF5's own end of file, followed by the checksum of all bytes before it
 _SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HEAD_BYTES = 48  # of HDF5's oldest format, up to the address of the file's end
+# Filters that are part of every HDF5; for others it would look for libraries to load.
+_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 
 @dataclass(frozen=True)
@@ -140,16 +144,14 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     followed.
     """
     path = Path(path)
-    with opened(path) as file:
+    with opened(path, sealed=True) as file:
         _check_identity(path, file, artifact_type, paper, reading)
         declared = quantities(artifact_type)
         for name in file:
             if name != PROVENANCE and name not in declared:
-                raise _refusal(path, f"'{name}' is no field of {artifact_type.__name__}")
+                raise _refusal(path, f"{_shown(name)} is no field of {artifact_type.__name__}")
         arrays = {name: _read_field(path, file, name, declared[name].dtype) for name in declared}
     _check_shapes_and_values(path, artifact_type, arrays, REBUILD)
-    if not _has_seal(path):
-        raise _refusal(path, "was edited with other tools after it was written, or its end is cut off")
     values = {}
     for name, array in arrays.items():
         array.setflags(write=False)
@@ -184,6 +186,9 @@ def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
     creation = dataset.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
         raise _refusal(path, f"field '{name}' takes its values from another file, which is not followed")
+    filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
+    if foreign := sorted(filters - set(_FILTERS)):
+        raise _refusal(path, f"field '{name}' went through the filter {foreign[0]}, which is not used here")
     if dataset.shape is None:
         raise _refusal(path, f"field '{name}' holds no value")
     declared = math.prod(dataset.shape) * dataset.dtype.itemsize
@@ -198,14 +203,18 @@ def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
 
 
 @contextmanager
-def opened(path: str | Path) -> Iterator[h5py.File]:
-    """An HDF5 file open for reading; whatever HDF5 says of a damaged one becomes an ArtifactError naming the file."""
+def opened(path: str | Path, *, sealed: bool = False) -> Iterator[h5py.File]:
+    """An HDF5 file open for reading; whatever HDF5 says of a damaged one becomes an ArtifactError naming the file.
+
+    sealed: refuse a file without the seal of `save`. HDF5 never sees it then, which damaged files can crash.
+    """
     path = Path(path)
     if not path.exists():
         raise ArtifactError(f"{path}: there is no such file: run snakemake, which builds it")
     if not path.is_file():
         raise ArtifactError(f"{path}: is not a file: move it away and run snakemake again")
-    _check_seal(path)
+    if not _check_seal(path) and sealed:
+        raise _refusal(path, _reason_without_seal(path))
     try:
         # Files are replaced, never changed in place, so no lock is needed; some file systems have none.
         file = h5py.File(path, "r", locking=False)
@@ -437,11 +446,11 @@ def _writing_error(path: Path, error: OSError) -> ArtifactError:
 # ----------------------------------------------------------------------------------------------------------- reading
 
 
-def _check_seal(path: Path) -> None:
-    """Raise ArtifactError if the file has a seal and its bytes are not those that were sealed.
+def _check_seal(path: Path) -> bool:
+    """Return whether the file has a seal; raise ArtifactError if its bytes are not those that were sealed.
 
-    HDF5 can crash or hang on damaged files, so this comes before HDF5 sees the file. A truncated file has no seal, but
-    HDF5 itself knows that it is too short; nor has one that HDF5 has edited, but that is sound enough to be looked at.
+    HDF5 can crash or hang on damaged files, so this comes before HDF5 sees the file. A file that was truncated, or
+    edited with other tools, has no seal.
     """
     hasher = hashlib.sha256()
     try:
@@ -457,12 +466,20 @@ def _check_seal(path: Path) -> None:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): remove the cause and run again") from error
     if seal.startswith(_SEAL) and seal != _SEAL + hasher.digest():
         raise _refusal(path, "is damaged, its bytes are not those that were written")
+    return seal.startswith(_SEAL)
 
 
-def _has_seal(path: Path) -> bool:
+def _reason_without_seal(path: Path) -> str:
+    """What has become of a file that has no seal, from its first bytes alone."""
     with path.open("rb") as stream:
-        stream.seek(-_SEAL_BYTES, os.SEEK_END)
-        return stream.read(len(_SEAL)) == _SEAL
+        head = stream.read(_HEAD_BYTES)
+    if len(head) < _HEAD_BYTES or not head.startswith(_SIGNATURE):
+        return "is truncated, damaged or no HDF5 file"
+    # The oldest file format, which `save` writes, holds the address of the file's end here.
+    end = int.from_bytes(head[-8:], "little")
+    if head[len(_SIGNATURE)] == 0 and path.stat().st_size < end:
+        return f"is truncated: {path.stat().st_size} bytes are left of {end}"
+    return "was edited with other tools after it was written, or its end is cut off"
 
 
 def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str | None, reading: str | None) -> None:
@@ -470,10 +487,10 @@ def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str
     name = artifact_type.__name__
     found = {key: file.attrs.get(key) for key in ("artifact", "paper", "reading", "format", "schema")}
     if found["artifact"] != name:
-        raise _refusal(path, f"holds the artifact {found['artifact']!r}, not {name!r}")
+        raise _refusal(path, f"holds the artifact {_shown(found['artifact'])}, not {name!r}")
     for key, expected in (("paper", paper), ("reading", reading)):
         if expected is not None and found[key] != expected:
-            raise _refusal(path, f"artifact {name} is of the {key} {found[key]!r}, not {expected!r}")
+            raise _refusal(path, f"artifact {name} is of the {key} {_shown(found[key])}, not {expected!r}")
     if found["format"] != FORMAT or found["schema"] != schema_digest(artifact_type):
         missing = sorted(set(quantities(artifact_type)) - set(file))
         hint = f" (it lacks {', '.join(missing)})" if missing else ""
@@ -486,7 +503,9 @@ def _read_field(path: Path, file: h5py.File, name: str, dtype: str) -> np.ndarra
         text = h5py.check_string_dtype(dataset.dtype)
         fits = text is not None and text.length is not None
     else:
-        fits = dataset.dtype == np.dtype(_STORED_DTYPES[dtype])
+        # A bool is an enumeration to HDF5, another one is not a number here.
+        named = dtype != "bool" and h5py.check_enum_dtype(dataset.dtype)
+        fits = dataset.dtype == np.dtype(_STORED_DTYPES[dtype]) and not named
     if not fits:
         raise _refusal(path, f"field '{name}' is of type {dataset.dtype}, not {dtype}")
     try:
@@ -512,6 +531,12 @@ def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:
 
 def _refusal(path: Path, what: str) -> ArtifactError:
     return ArtifactError(f"{path}: {what}: {REBUILD}")
+
+
+def _shown(value: object) -> str:
+    """A value that a file holds as a message shows it: in one line, and short."""
+    text = repr(value).replace("\n", " ")
+    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _first_line(error: BaseException) -> str:

@@ -204,7 +204,7 @@ def solver_rows(paths: Paths) -> list[list[str]]:
 def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
     """What an artifact says of its solves: their name, how each ended, their numbers of iterations, their residuals."""
     found = []
-    with artifacts.opened(path) as file:
+    with artifacts.opened(path, sealed=True) as file:
 
         def values(*names):
             fields = [artifacts.read_array(path, file[name]).ravel() for name in names if name in file]
@@ -236,7 +236,7 @@ def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed:
         return []
     rows = [["artifact", "meaning", "made from", "seed", "digests of script and code"]]
     for name, path in files.items():
-        with artifacts.opened(path) as file:
+        with artifacts.opened(path, sealed=True) as file:
             meaning = file.attrs["meaning"]
         if name in stages:
             kept = artifacts.provenance(path)
