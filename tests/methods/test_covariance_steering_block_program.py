@@ -634,7 +634,7 @@ def test_solver_that_does_not_converge_is_an_error():
     assert law.status == "optimal_inaccurate"
     assert law.objective == pytest.approx(6.72126e-6, rel=1e-5)
     free = drag_passage(control_trust=None, control_constraints=(), state_trust=())
-    with pytest.raises(RuntimeError, match="'unbounded'; limit the mean control"):
+    with pytest.raises(RuntimeError, match=r"'unbounded' after \d+ iterations, .*; limit the mean control"):
         solve(free)
 
 

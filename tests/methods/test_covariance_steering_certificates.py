@@ -51,7 +51,7 @@ def test_held_feedback_costs_more_by_order_one(descent, segment, excess, varianc
 def test_too_few_intervals_are_an_error(descent):
     with pytest.raises(ValueError, match="cannot steer"):
         mean_certificate(descent.problem(0), 1)
-    with pytest.raises(RuntimeError, match="solver status infeasible"):
+    with pytest.raises(RuntimeError, match=r"with the status 'infeasible' .* after \d+ iterations, with residuals"):
         covariance_certificate(descent.axis(1, 1), 1)
     with pytest.raises(ValueError, match="at least 1"):
         mean_certificate(descent.problem(0), 0)

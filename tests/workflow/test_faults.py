@@ -9,6 +9,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from marsedl.papers.powered_descent.gains import Gains
@@ -118,14 +119,14 @@ CASE = f"{CACHE}/corrected/montecarlo.closed_loop_large.h5"
 
 
 def jobs_of(process) -> list[int]:
-    """Processes of the session of a started Snakemake that run a stage."""
+    """Processes of the session of a started Snakemake that run the script of a job."""
     found = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit() and int(folder.name) != process.pid:
             with contextlib.suppress(OSError, IndexError):
                 session = int((folder / "stat").read_text().rpartition(")")[2].split()[3])
                 command = (folder / "cmdline").read_bytes().split(b"\0")
-                if session == process.pid and b"python" in command[0] and b".stage.py" in command[1]:
+                if session == process.pid and b"python" in command[0] and b"/.snakemake/scripts/" in command[1]:
                     found.append(int(folder.name))
     return found
 
@@ -187,6 +188,127 @@ def test_a_killed_snakemake_can_go_on(without_case):
     assert tree.digests() == digests
     assert not list(tree.folder.glob("data/cache/**/*.partial"))
     assert tree.plan("all").rules == set()
+
+
+MOMENTS = np.random.default_rng(20170817).uniform(0.02, 0.98, 20)  # shares of the time that the jobs take
+VICTIMS = ("job", "snakemake", "everything")  # the second leaves its jobs running, the third is a power cut
+USUAL = 5  # of these moments; the others take minutes and are for `pytest -m long`
+LOST = [
+    *(f"{CACHE}/kilonewton_noise/{name}.h5" for name in ("nominal", "linearization", "gains")),
+    CASE,
+    FIGURE,
+    "figures/powered_descent/eq54.csv",
+]
+
+
+SECONDS = []  # that the lost files take to be made, with nothing that disturbs but what else the machine does
+
+
+def lose(tree) -> None:
+    for name in LOST:
+        tree.path(name).unlink(missing_ok=True)
+
+
+def undisturbed(tree) -> float:
+    """Seconds of an undisturbed run, measured once."""
+    if not SECONDS:
+        lose(tree)
+        start = time.monotonic()
+        works(tree, *LOST)
+        SECONDS.append(time.monotonic() - start)
+    return SECONDS[0]
+
+
+def kill_at(tree, seconds: float, victim: str) -> bool:
+    """Start making the lost files and kill after some time; returns whether there still was something to kill."""
+    process = tree.start(*LOST)
+    try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(seconds)
+            return False
+        if victim == "job":
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(first_job_of(process), signal.SIGKILL)
+            process.wait(120)
+        elif victim == "snakemake":
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+        else:
+            killed(process)
+        return True
+    finally:
+        if victim != "snakemake":
+            killed(process)
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(n, marks=pytest.mark.long if n >= USUAL else ()) for n in range(len(MOMENTS))]
+)
+def test_a_kill_at_any_moment_loses_nothing(tree, number):
+    """Whoever is killed, and whenever: the next run makes what an undisturbed one would have made."""
+    digests = tree.digests()
+    victim, seconds = VICTIMS[number % len(VICTIMS)], MOMENTS[number] * undisturbed(tree)
+    lose(tree)
+    while not kill_at(tree, seconds, victim):  # the machine was faster this time
+        seconds /= 2
+        lose(tree)
+    done = tree.run(*LOST)  # perhaps beside jobs that nobody waits for any more
+    if done.returncode:
+        assert "--unlock" in done.stdout, done.stdout[-3000:]
+        works(tree, "--unlock")
+        works(tree, *LOST)
+    if victim == "snakemake":
+        wait_for_orphans(tree)
+        works(tree, *LOST)  # whatever these wrote at last
+    assert tree.digests() == digests
+    assert not list(tree.folder.glob("data/cache/**/.*.partial"))
+
+
+def wait_for_orphans(tree, seconds=120) -> None:
+    """Wait until no job of this tree runs, which a killed Snakemake leaves behind."""
+    end, scripts = time.monotonic() + seconds, str(tree.path(".snakemake/scripts")).encode()
+    while time.monotonic() < end:
+        commands = []
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):
+                commands.append(path.read_bytes())
+        if not any(scripts in command for command in commands):
+            return
+        time.sleep(0.1)
+    raise AssertionError("a job of a killed Snakemake does not end")
+
+
+def test_a_second_run_of_the_same_files_is_refused_and_disturbs_nothing(without_case):
+    tree, digests = without_case
+    process = tree.start(CASE)
+    try:
+        first_job_of(process)
+        said = failed(tree, CASE)
+        assert "lock" in said.lower()
+        assert process.wait(timeout=300) == 0
+    finally:
+        killed(process)
+    assert tree.digests() == digests
+    works(tree, CASE)  # no lock is left
+
+
+def test_two_runs_at_the_same_moment_do_no_harm(without_case):
+    """Of the same files: the lock lets one in, and were both let in, files would still be whole. One of others too."""
+    tree, digests = without_case
+    other = f"{CACHE}/kilonewton_noise/gains.h5"
+    tree.path(other).unlink()
+    processes = [tree.start(target) for target in (CASE, CASE, other)]
+    try:
+        codes = [process.wait(timeout=600) for process in processes]
+    finally:
+        for process in processes:
+            killed(process)
+    assert 0 in codes
+    done = tree.run(CASE, other)
+    if done.returncode:
+        works(tree, "--unlock")
+        works(tree, CASE, other)
+    assert tree.digests() == digests
 
 
 # -------------------------------------------------------------------------------------------------------------- disks

@@ -615,14 +615,20 @@ def _build_history(model):
 def _solve(model, cone_program, solver, tolerance, accept_inaccurate, accept_ill_conditioned):
     """Run the solver and turn its solution into a law."""
     report = _run(cone_program.problem, solver, tolerance, accept_inaccurate)
+    reached = (
+        f"after {report['iterations']} iterations, with residuals {report['primal_residual']:.2g} (primal) and "
+        f"{report['dual_residual']:.2g} (dual)"
+    )
     if report["status"] in ("infeasible", "infeasible_inaccurate"):
-        raise InfeasibleProgram(_explain(model))
+        raise InfeasibleProgram(f"{_explain(model)} ({solver} ended with the status {report['status']!r} {reached})")
     if report["status"] != "optimal" and not (accept_inaccurate and report["status"] == "optimal_inaccurate"):
         advice = {
             "optimal_inaccurate": "; a looser tolerance or accept_inaccurate=True takes its solution",
             "unbounded": "; limit the mean control by its weight or its trust region",
         }.get(report["status"], "")
-        raise RuntimeError(f"covariance steering program: {solver} ended with the status {report['status']!r}{advice}")
+        raise RuntimeError(
+            f"covariance steering program: {solver} ended with the status {report['status']!r} {reached}{advice}"
+        )
     law = cone_program.law(model, report)
     if law.largest_gain > _LARGEST_GAIN and not accept_ill_conditioned:
         raise IllConditionedError(

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
+
 __all__ = ["HeldCovariance", "HeldMean", "covariance_certificate", "mean_certificate"]
 
 
@@ -108,9 +110,7 @@ def covariance_certificate(problem, intervals):
         constraints.append(model[k] @ moments[k] @ model[k].T + noise[k] / both == after)
     cost = sum(step[k] * cvxpy.trace(moments[k][n:, n:]) for k in range(intervals))
     program = cvxpy.Problem(cvxpy.Minimize(cost), constraints)
-    program.solve(solver=cvxpy.CLARABEL, direct_solve_method="qdldl")
-    if program.status != cvxpy.OPTIMAL:
-        raise RuntimeError(f"covariance program with {intervals} intervals: solver status {program.status}")
+    iterations = solve_to_optimum(program, f"covariance program with {intervals} intervals")
 
     value = np.array([moment.value for moment in moments])
     covariance, cross, effort = value[:, :n, :n], value[:, n:, :n], value[:, n:, n:]
@@ -123,7 +123,7 @@ def covariance_certificate(problem, intervals):
         cost=float(program.value * control_unit**2),
         lossless_gap=float(np.abs(gap).max() / np.trace(effort, axis1=1, axis2=2).max()),
         status=program.status,
-        iterations=int(program.solver_stats.num_iters),
+        iterations=iterations,
     )
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
 from marsedl.methods.lincov import DiscreteSystem, propagate
 
 __all__ = [
@@ -314,10 +315,9 @@ def solve_cone_program(problem, reference):
     directions = problem.final_directions * scale[-1] / problem.final_limits[:, None]
     constraints += [direction @ covariance @ direction <= 1 for direction in directions]
     program = cvxpy.Problem(cvxpy.Minimize(objective @ covariance @ objective + sum(effort)), constraints)
-    program.solve(solver=cvxpy.CLARABEL, direct_solve_method="qdldl")
-    if program.status not in (cvxpy.OPTIMAL, cvxpy.OPTIMAL_INACCURATE):
-        raise RuntimeError(f"semidefinite program of {len(limits)} intervals: solver status {program.status}")
-    return ConeProgram(float(program.value * unit), program.status, int(program.solver_stats.num_iters))
+    what = f"semidefinite program of {len(limits)} intervals"
+    iterations = solve_to_optimum(program, what, accept=(cvxpy.OPTIMAL, cvxpy.OPTIMAL_INACCURATE))
+    return ConeProgram(float(program.value * unit), program.status, iterations)
 
 
 def solve_over_weights(problem, start=None):

@@ -11,6 +11,7 @@ from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.gains import Gains, problems_of
 from marsedl.papers.powered_descent.linearization import Linearization
 from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,11 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
     rows = []
     for number, (problem, model) in enumerate(zip(problems, models, strict=True)):
         row = _forward(problem, model, gains.riccati_initial[number], gains.mean_costate[number])
-        held_mean = [mean_certificate(problem, size) for size in sizes]
-        held = [covariance_certificate(problem, size) for size in sizes]
+        try:
+            held_mean = [mean_certificate(problem, size) for size in sizes]
+            held = [covariance_certificate(problem, size) for size in sizes]
+        except (ValueError, RuntimeError) as error:
+            raise MarsedlError(f"segment {number + 1}: {error}; raise certificate_intervals") from None
         row["mean_cost_ratio"] = [bound.cost / gains.mean_cost[number] for bound in held_mean]
         row["covariance_cost_ratio"] = [bound.cost / gains.covariance_cost[number] for bound in held]
         row["lossless_gap"] = [bound.lossless_gap for bound in held]

@@ -9,7 +9,6 @@ from marsedl.methods.covariance_steering.closed_form import (
     escape_margin,
     predicted_covariance,
     riccati_initial,
-    steer,
 )
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.linearization import Linearization
@@ -63,7 +62,7 @@ def compute(inputs, linearization: Linearization) -> Gains:
     The second segment is designed from the target covariance at the switch, and predicted from the one really reached.
     """
     problems = problems_of(inputs, linearization)
-    steerings = [steer(problem) for problem in problems]
+    steerings = segments.steered(problems)
     noise_density = segments.plant_noise_density(inputs)
     covariances, reached = [], inputs.initial_covariance
     for problem, steering in zip(problems, steerings, strict=True):

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.closed_form import steer
 from marsedl.papers.powered_descent import segments
 from marsedl.replication.artifacts import quantity
 from marsedl.replication.errors import MarsedlError
@@ -69,7 +68,7 @@ def compute(inputs) -> Nominal:
 def design(inputs, times, masses):
     """Steering of both segments for given mass profiles; a list of `Steering`."""
     models = [segments.linear_model(mass, inputs.gravity) for (mass,) in masses]
-    return [steer(problem) for problem in segments.steering_problems(inputs, times, models)]
+    return segments.steered(segments.steering_problems(inputs, times, models))
 
 
 def fly_mean(inputs, times, steerings):

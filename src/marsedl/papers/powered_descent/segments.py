@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.closed_form import SteeringProblem, equivalent_squared_noise_density
+from marsedl.methods.covariance_steering.closed_form import (
+    SteeringError,
+    SteeringProblem,
+    equivalent_squared_noise_density,
+    steer,
+)
+from marsedl.replication.errors import MarsedlError
 
 SEGMENTS = 2
 
@@ -94,3 +100,17 @@ def steering_problems(inputs, times, models):
         )
         for number, (time, model) in enumerate(zip(times, models, strict=True))
     ]
+
+
+def steered(problems):
+    """The steering of every segment; MarsedlError that names the segment whose problem has no solution."""
+    found = []
+    for number, problem in enumerate(problems, start=1):
+        try:
+            found.append(steer(problem))
+        except SteeringError as error:
+            raise MarsedlError(
+                f"segment {number}: {error}; give the segment another duration or target covariance, or write "
+                "boundary_condition 'corrected'"
+            ) from None
+    return found

@@ -4,11 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.lqg_dual import lqg_gains, solve_cone_program, solve_over_weights
+from marsedl.methods.covariance_steering.lqg_dual import (
+    InfeasibleProblem,
+    lqg_gains,
+    solve_cone_program,
+    solve_over_weights,
+)
 from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains, problem, solved
 from marsedl.papers.stochastic_entry.linearization import Linearization
 from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
 
 COARSE = 10.0  # s, intervals on which the slow formulations are solved
 SMALL_WEIGHTS = 1e-6  # of the usual start, from which the search is also begun
@@ -44,8 +50,14 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
 
 def _trigger(inputs, linearization, gains, trigger):
     coarse = problem(inputs, linearization, trigger, interval=COARSE)
-    reference = solved(coarse)
-    cone = solve_cone_program(coarse, reference)
+    where = f"the {TRIGGERS[trigger]} trigger on intervals of {COARSE:g} s"
+    try:
+        reference = solved(coarse)
+        cone = solve_cone_program(coarse, reference)
+    except (InfeasibleProblem, RuntimeError) as error:
+        raise MarsedlError(
+            f"{where}: {error}; raise altitude_limit, flight_path_angle_limit or control_limit"
+        ) from None
     searches = [solve_over_weights(coarse), solve_over_weights(coarse, _small_start(coarse))]
 
     own = problem(inputs, linearization, trigger)

@@ -8,6 +8,7 @@ from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, nois
 from marsedl.papers.stochastic_entry.gains import TRIGGERS, final_weights, problem, solved
 from marsedl.papers.stochastic_entry.linearization import Linearization
 from marsedl.replication.artifacts import quantity
+from marsedl.replication.errors import MarsedlError
 
 COARSE = 10.0  # s, a second partition for the altitude limits: on the reading's own the floor may hide the trade-off
 
@@ -31,7 +32,7 @@ class Tradeoff:
 def compute(inputs, linearization: Linearization) -> Tradeoff:
     """Solve Problem 1 on every partition and with every altitude limit."""
     triggers = range(len(TRIGGERS))
-    found = [[solved(problem(inputs, linearization, t, interval=i)) for i in inputs.partition_study] for t in triggers]
+    found = [[_solved(inputs, linearization, t, interval) for interval in inputs.partition_study] for t in triggers]
     limited = (inputs.partition_interval, COARSE)
     return Tradeoff(
         interval=inputs.partition_study,
@@ -53,6 +54,16 @@ def compute(inputs, linearization: Linearization) -> Tradeoff:
             ]
         ),
     )
+
+
+def _solved(inputs, linearization, trigger, interval):
+    try:
+        return solved(problem(inputs, linearization, trigger, interval=interval))
+    except InfeasibleProblem as error:
+        raise MarsedlError(
+            f"partition_study: the {TRIGGERS[trigger]} trigger on intervals of {interval:g} s: {error}; leave it out, "
+            "or raise altitude_limit, flight_path_angle_limit or control_limit"
+        ) from None
 
 
 def _range_variance(inputs, linearization, trigger, solution):

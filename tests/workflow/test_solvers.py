@@ -1,0 +1,71 @@
+"""Programs that come to no solution, by configuration alone: a message each, and the rest of the run is finished."""
+
+import re
+
+import pytest
+
+from marsedl.papers import SLUGS
+
+pytestmark = pytest.mark.workflow
+
+# Of each paper: what its reading sets, the artifact that cannot be made, and what is said: the case, the status, how
+# far the solver came.
+FAILING = {
+    "powered_descent": (
+        {"certificate_intervals": "[2, 3]"},
+        "certificates",
+        [
+            "segment 1: covariance program with 2 intervals: ",
+            "status 'infeasible' (PrimalInfeasible) after ",
+            "residuals",
+            "raise certificate_intervals",
+        ],
+    ),
+    "random_field": (
+        {"double_integrator_final_three_sigma": "[1.0e-5, 1.0e-5]"},
+        "double_integrator",
+        ["double integrator: ", "status 'infeasible' after ", "residuals"],
+    ),
+    "desensitized": (
+        {"solver_iterations": "3"},
+        "nominal",
+        ["nominal: ", "Maximum_Iterations_Exceeded after 3 iterations", "the worst constraint is ", "off by "],
+    ),
+    "funnels": (
+        {"nominal_iterations": "3"},
+        "nominal",
+        ["nominal: ", "Maximum_Iterations_Exceeded after 3 iterations", "the worst constraint is ", "off by "],
+    ),
+    "stochastic_entry": (
+        {"altitude_limit": "1.0"},
+        "gains",
+        ["the stochastic law of the time trigger: ", "cannot be met", "standard deviation", "altitude_limit"],
+    ),
+}
+
+
+def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished(tree, tmp_path):
+    digests = tree.digests()
+    path = tmp_path / "mine.yaml"
+    readings, targets = [], []
+    for slug, (inputs, artifact, _) in FAILING.items():
+        entries = ", ".join(f'{key}: {{value: {value}, source: "assumed: test"}}' for key, value in inputs.items())
+        readings.append(f"{slug}: {{readings: {{unsolved: {{based_on: corrected, inputs: {{{entries}}}}}}}}}\n")
+        targets.append(f"data/cache/{slug}/unsolved/{artifact}.h5")
+    path.write_text("".join(readings), encoding="utf-8")
+    lost = [f"data/cache/{slug}/corrected/nominal.h5" for slug in SLUGS]
+    for name in lost:
+        tree.path(name).unlink()
+
+    done = tree.run(*targets, *lost, configfile=path)
+    assert done.returncode != 0
+    assert "Traceback" not in done.stdout
+    for slug, (_, artifact, fragments) in FAILING.items():
+        said = re.findall(rf"^paper {slug}, reading unsolved, job {slug}_{artifact}: (.*)$", done.stdout, re.MULTILINE)
+        assert said, f"{slug}: {done.stdout[-5000:]}"
+        for fragment in fragments:
+            assert fragment in said[0]
+        assert f"(log: logs/{slug}/unsolved/{artifact}.log)" in done.stdout
+        assert not tree.path(f"data/cache/{slug}/unsolved/{artifact}.h5").exists()
+    found = tree.digests()
+    assert {name: found.get(name) for name in digests} == digests, "what can be made was made"
