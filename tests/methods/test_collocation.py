@@ -749,6 +749,15 @@ def test_too_few_iterations_are_reported_with_the_last_iterate():
     np.testing.assert_array_equal(accepted.states, last.states)
 
 
+def test_a_cost_without_a_least_value_is_reported():
+    problem = double_integrator(final={}, running_cost=lambda position, velocity, acceleration: -acceleration)
+    with pytest.raises(
+        NotConvergedError, match=r"ended with \w+ after \d+ iterations, at objective -.* off by "
+    ) as caught:
+        Program(problem, 10).solve(flat(problem, 10, 2.0), iterations=200)
+    assert caught.value.solution.status in ("Diverging_Iterates", "Maximum_Iterations_Exceeded")
+
+
 @pytest.mark.parametrize("rate", [lambda x: np.sqrt(x - 5), lambda x: 1 / (x - 0.1)], ids=["nan", "infinite"])
 def test_rates_that_are_not_finite_at_the_guess(rate):
     problem = double_integrator(rates=lambda x, v, a: (v, a + rate(x)))

@@ -1,6 +1,7 @@
 """What goes wrong outside of the code: lost, damaged and foreign files, killed processes, full and read-only disks."""
 
 import contextlib
+import hashlib
 import os
 import resource
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -77,6 +79,76 @@ def test_a_damaged_or_foreign_artifact_is_refused_and_rebuilt_when_deleted(tree,
     assert "Traceback" not in said
     tree.path(GAINS).unlink()
     works(tree, FIGURE)
+    assert tree.digests() == digests
+
+
+def sealed(path, edit):
+    """Edit an artifact with another tool, and give it the seal of one that was not."""
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    content = path.read_bytes()
+    path.write_bytes(content + artifacts._SEAL + hashlib.sha256(content).digest())
+
+
+def with_flipped_bits(path):
+    content, random = bytearray(path.read_bytes()), np.random.default_rng(20170817)
+    for place in random.integers(len(content), size=9):
+        content[place] ^= 1 << int(random.integers(8))
+    path.write_bytes(content)
+
+
+def of_an_older_schema(path):
+    sealed(path, lambda file: file.attrs.modify("schema", "0" * 16))
+
+
+def with_an_external_link(path):
+    def edit(file):
+        del file["time"]
+        file["time"] = h5py.ExternalLink("/etc/passwd", "/")
+
+    sealed(path, edit)
+
+
+def with_a_huge_dimension(path):
+    def edit(file):
+        del file["time"]
+        file.create_dataset("time", (2**55,), "f8", chunks=(1024,))
+
+    sealed(path, edit)
+
+
+def with_the_content_of_another_paper(path):
+    shutil.copyfile(path.parents[2] / "powered_descent" / "corrected" / path.name, path)
+
+
+# Of every paper, what is damaged and how, what is made from it, and what is said.
+DAMAGED = {
+    "powered_descent/corrected/linearization": (with_flipped_bits, "gains", "are not those that were written"),
+    "random_field/corrected/nominal": (with_an_external_link, "linearization", "is a link to somewhere else"),
+    "desensitized/corrected/nominal": (of_an_older_schema, "linearization", "was written by another version"),
+    "funnels/corrected/linearization": (with_the_content_of_another_paper, "gains", "the paper 'powered_descent', not"),
+    "stochastic_entry/corrected/nominal": (with_a_huge_dimension, "linearization", "bytes of values but the file"),
+}
+
+
+def test_damaged_artifacts_of_every_paper_are_refused_in_one_run_until_they_are_deleted(tree):
+    digests = tree.digests()
+    targets = []
+    for name, (damage, target, _) in DAMAGED.items():
+        damage(tree.path(f"data/cache/{name}.h5"))
+        targets.append(f"data/cache/{name.rpartition('/')[0]}/{target}.h5")
+    for _ in range(2):  # the second run does not take them either
+        said = failed(tree, *targets)
+        assert "Traceback" not in said
+        for name, (_, target, reason) in DAMAGED.items():
+            slug = name.split("/")[0]
+            start = f"paper {slug}, reading corrected, job {slug}_{target}: data/cache/{name}.h5: "
+            (refusal,) = (line for line in said.splitlines() if line.startswith(start))
+            assert reason in refusal
+            assert "delete it and run snakemake again" in refusal
+    for name in DAMAGED:
+        tree.path(f"data/cache/{name}.h5").unlink()
+    works(tree, *targets)
     assert tree.digests() == digests
 
 

@@ -1,5 +1,7 @@
 """Cone programs that have to be solved: an optimum by Clarabel, or an error that says how far it came."""
 
+OPTIONS = {"direct_solve_method": "qdldl"}
+
 
 def solve_to_optimum(problem, what, accept=("optimal",)):
     """Solve a cvxpy problem with Clarabel from a cold start.
@@ -19,10 +21,9 @@ def solve_to_optimum(problem, what, accept=("optimal",)):
 
     import cvxpy
 
-    options = {"direct_solve_method": "qdldl"}
     # Not problem.solve, which hides the residuals.
-    data, chain, inverse = problem.get_problem_data(cvxpy.CLARABEL, solver_opts=options)
-    solution = chain.solve_via_data(problem, data, warm_start=False, verbose=False, solver_opts=options)
+    data, chain, inverse = problem.get_problem_data(cvxpy.CLARABEL, solver_opts=OPTIONS)
+    solution = chain.solve_via_data(problem, data, warm_start=False, verbose=False, solver_opts=OPTIONS)
     try:
         with warnings.catch_warnings():
             # The status says it.
