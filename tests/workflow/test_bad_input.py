@@ -49,6 +49,8 @@ def test_malformed_inputs_of_a_reading_of_the_user_are_refused(tree, tmp_path, s
         ("powerd_descent: {}\n", ["did you mean 'powered_descent'?"]),
         ("size: smoke\nsize: full\n", ["'size'", "twice"]),
         ("size: &anchor smoke\n", ["anchors"]),
+        ("size: !!str smoke\n", ["the tag 'tag:yaml.org,2002:str'", "write the plain value"]),
+        ("chunks: 1:30\n", ["'1:30' to base 60", "write a decimal"]),
     ],
 )
 def test_a_malformed_file_of_the_user_is_refused(tree, tmp_path, content, fragments):
