@@ -137,7 +137,8 @@ def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenanc
 def load(path: str | Path, artifact_type: type, *, paper: str | None = None, reading: str | None = None) -> Any:
     """Read an artifact back; its arrays are read-only.
 
-    path: the HDF5 file; artifact_type: the dataclass it must hold; paper, reading: whose it must be (None: anyone's)
+    path: the HDF5 file; artifact_type: the dataclass it must hold, or a direct subclass of which: that has all of its
+    fields and more; paper, reading: whose it must be (None: anyone's)
 
     Raises ArtifactError naming file, field and remedy for a file that is missing, damaged, of another type, paper,
     reading or layout, or whose fields do not fit their declarations. Links and data outside of the file are not
@@ -145,6 +146,8 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     """
     path = Path(path)
     with opened(path, sealed=True) as file:
+        subclasses = {kind.__name__: kind for kind in artifact_type.__subclasses__()}
+        artifact_type = subclasses.get(file.attrs.get("artifact"), artifact_type)
         _check_identity(path, file, artifact_type, paper, reading)
         declared = quantities(artifact_type)
         for name in file:

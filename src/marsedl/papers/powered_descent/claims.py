@@ -4,7 +4,9 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import predicted_covariance
 from marsedl.models.dynamics.powered_descent import mass_flow_constant
-from marsedl.montecarlo.statistics import covariance_standard_errors, mean_standard_error
+from marsedl.montecarlo.ensembles import CRASHED
+from marsedl.montecarlo.statistics import mean_standard_error
+from marsedl.montecarlo.streaming import FinalMoments, observed_maxima, outcome_count
 from marsedl.papers.powered_descent.certificates import Certificates
 from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
 from marsedl.papers.powered_descent.flight import THRUST
@@ -16,6 +18,7 @@ from marsedl.papers.powered_descent.nominal import Nominal
 from marsedl.plotting.ellipses import probability_inside
 from marsedl.replication.claims import Declaration, Evaluation
 
+STATE, MASS = slice(4), 4  # components of the final state
 UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))
 
 # "Steered to the target": what a mission designer would call met, beyond sampling error. Stated before any run.
@@ -68,11 +71,11 @@ def evaluate(
 
 
 def _mass_claims(nominal, ensemble, open_loop):
-    mass = ensemble.final_state[:, 4]
-    error = mean_standard_error(mass.var(ddof=1), len(mass))
+    mass = FinalMoments(ensemble, MASS)
+    error = mean_standard_error(mass.variance, mass.count)
     prior = float(nominal.mass[-1])
     contraction = nominal.integrated_change[1:] / nominal.integrated_change[:-1]
-    spread = open_loop.final_state[:, 4].std()
+    spread, deviation = FinalMoments(open_loop, MASS).population_deviation, np.sqrt(mass.variance)
     return {
         "prior_final_mass": Evaluation(
             prior,
@@ -80,39 +83,38 @@ def _mass_claims(nominal, ensemble, open_loop):
             f"{nominal.mass_of_pass[1, -1]:.2f} kg",
         ),
         "mc_mean_final_mass": Evaluation(
-            mass.mean(), error, len(mass), f"standard deviation {mass.std(ddof=1):.3f} kg", {"spread": mass.std(ddof=1)}
+            mass.mean, error, mass.count, f"standard deviation {deviation:.3f} kg", {"spread": deviation}
         ),
         "mc_mass_above_prior": Evaluation(
-            bool(mass.mean() - prior > SIGMAS * error),
-            trials=len(mass),
-            evidence=f"mean minus prior {mass.mean() - prior:+.4f} kg, standard error {error:.4f} kg",
-            numbers={"difference": mass.mean() - prior},
+            bool(mass.mean - prior > SIGMAS * error),
+            trials=mass.count,
+            evidence=f"mean minus prior {mass.mean - prior:+.4f} kg, standard error {error:.4f} kg",
+            numbers={"difference": mass.mean - prior},
         ),
         "mass_iteration_converges": Evaluation(
             bool((contraction < 1).all()),
             evidence=f"largest contraction factor {contraction.max():.3g} over {len(contraction) + 1} passes",
         ),
         "mass_variation_from_feedback_only": Evaluation(
-            bool(spread < 1e-9 * mass.mean() and mass.std() > 1e-6 * mass.mean()),
-            evidence=f"standard deviation of the final mass {spread:.1e} kg open loop, {mass.std():.2f} kg closed loop",
+            bool(spread < 1e-9 * mass.mean and mass.population_deviation > 1e-6 * mass.mean),
+            evidence=f"standard deviation of the final mass {spread:.1e} kg open loop, "
+            f"{mass.population_deviation:.2f} kg closed loop",
         ),
     }
 
 
 def _moment_claims(ensemble, integrator_error):
-    state = ensemble.final_state[:, :4]
-    covariance = np.cov(state, rowvar=False)
-    errors = covariance_standard_errors(state)
-    trials = len(state)
+    state = FinalMoments(ensemble, STATE)
+    covariance, errors, trials = state.covariance, state.covariance_errors, state.count
     mean_numbers = {}
     if integrator_error is not None:
         euler = [str(name) for name in integrator_error.scheme].index("euler_maruyama")
         mean_numbers = {"euler_step": integrator_error.step[1], "euler_bias": integrator_error.bias[euler, 1, :4]}
-    evidence = f"{ensemble.excluded} trials not finite, {int((ensemble.outcome == 1).sum())} below the ground"
+    evidence = f"{ensemble.excluded} trials not finite, {outcome_count(ensemble, CRASHED)} below the ground"
     return {
         "mc_final_mean": Evaluation(
-            state.mean(axis=0),
-            mean_standard_error(state.var(axis=0, ddof=1), len(state)),
+            state.mean,
+            mean_standard_error(state.variance, trials),
             trials,
             evidence,
             mean_numbers,
@@ -188,13 +190,14 @@ def _target_claims(inputs, nominal, linearization, gains, ensemble):
 
 
 def _loop_claims(inputs, gains, ensemble, open_loop, paper_size):
-    difference = open_loop.final_state[:, :4].mean(axis=0) - ensemble.final_state[:, :4].mean(axis=0)
-    spread = open_loop.final_state[:, :4].std(axis=0)
+    without = FinalMoments(open_loop, STATE)
+    difference, spread = without.mean - FinalMoments(ensemble, STATE).mean, without.population_deviation
     before, after = np.flatnonzero(gains.segment == 0)[-1], np.flatnonzero(gains.segment == 1)[0]
     gain_jump = np.abs(gains.gain[after] - gains.gain[before]).max() / np.abs(gains.gain).max()
     thrust = np.linalg.norm(gains.feedforward[[before, after]], axis=1) / inputs.maximum_thrust
-    largest = ensemble.observed_maximum[:, THRUST] / inputs.maximum_thrust
-    at_paper_size = paper_size.observed_maximum[:, THRUST].max() / inputs.maximum_thrust
+    largest = observed_maxima(ensemble, THRUST) / inputs.maximum_thrust
+    at_paper_size = observed_maxima(paper_size, THRUST).max() / inputs.maximum_thrust
+    trials = ensemble.count + ensemble.excluded
     return {
         "open_loop_mean_equals_closed_loop_mean": Evaluation(
             bool((np.abs(difference) < MEAN_TOLERANCE * spread).all()),
@@ -213,9 +216,9 @@ def _loop_claims(inputs, gains, ensemble, open_loop, paper_size):
         "max_thrust_not_exceeded": Evaluation(
             bool(largest.max() < 1),
             None,
-            len(largest),
+            trials,
             f"largest control {at_paper_size:.4f} of the maximum thrust in {paper_size.count:,} trials, "
-            f"{largest.max():.4f} in {len(largest):,}",
+            f"{largest.max():.4f} in {trials:,}",
             {"largest": at_paper_size},
         ),
     }

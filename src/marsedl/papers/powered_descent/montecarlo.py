@@ -1,10 +1,11 @@
 """Monte Carlo flights of the nonlinear plant, closed and open loop, scattered in chunks and gathered."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.papers import streamed
 from marsedl.papers.powered_descent import flight, segments
 from marsedl.papers.powered_descent.gains import Gains
 from marsedl.replication.artifacts import quantity
@@ -58,6 +59,16 @@ class FlightEnsemble(Flights):
     observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean thrust and depth", allow_nan=True)
 
 
+@dataclass(frozen=True)
+class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
+    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
+
+
+@dataclass(frozen=True)
+class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
+    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
+
+
 def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
     """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
     options = {"case": case, "trials": trials, "block_size": block_size}
@@ -79,10 +90,17 @@ def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks
         block_size=block_size,
         histogram_edges=np.array([thrust_edges, np.linspace(*DEPTH_RANGE, THRUST_BINS + 1)]),
         kept=min(inputs.drawn_trials, trials),
+        trials=trials,
+        centre=np.append(gains.mean[-1], _mass_without_feedback(inputs, gains)),
     )
-    return FlightChunk(
-        **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)}
-    )
+    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
+    return kind(**{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)})
+
+
+def _mass_without_feedback(inputs, gains):
+    """Final mass under the mean control alone, kg; trials end within a few kilograms of it."""
+    thrust = np.linalg.norm(gains.feedforward, axis=1)
+    return inputs.wet_mass - flight.plant_of(inputs).mass_flow_constant * np.trapezoid(thrust, gains.time)
 
 
 def block_simulator(inputs, gains, case):
@@ -113,13 +131,15 @@ def block_simulator(inputs, gains, case):
 
 def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = ensembles.merge([ensembles.Chunk(**asdict(chunk)) for chunk in chunks])
+    large = isinstance(chunks[0], StreamedFlightChunk)
+    kind = ensembles.StreamedChunk if large else ensembles.Chunk
+    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
     outputs = [
         np.linspace(0.0, duration, flight.step_count(duration, np.inf, inputs.output_interval)[0] + 1)
         for duration in inputs.segment_durations
     ]
     time, segment = segments.joined_time(outputs)
-    return FlightEnsemble(
+    return (StreamedFlightEnsemble if large else FlightEnsemble)(
         time=time, segment=segment, **{field.name: getattr(merged, field.name) for field in fields(merged)}
     )
 

@@ -3,12 +3,12 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import (
-    covariance_standard_errors,
     mean_standard_error,
     two_sample_covariance_deviance,
 )
+from marsedl.montecarlo.streaming import FinalMoments, observed_maxima
 from marsedl.papers.powered_descent.certificates import Certificates
-from marsedl.papers.powered_descent.claims import UPPER
+from marsedl.papers.powered_descent.claims import MASS, STATE, UPPER
 from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
 from marsedl.papers.powered_descent.flight import THRUST
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
@@ -31,18 +31,17 @@ def printed_covariance(published):
 def agreement(published, ensemble):
     """Likelihood-ratio tests of the printed covariance against an ensemble's: whole, and without downrange position."""
     printed, trials = printed_covariance(published), published["mc_final_cov_diag"].trials
-    measured = np.cov(ensemble.final_state[:, :4], rowvar=False)
-    count = len(ensemble.final_state)
-    whole = two_sample_covariance_deviance(printed, trials, measured, count)
-    return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, measured[1:, 1:], count)
+    state = FinalMoments(ensemble, STATE)
+    whole = two_sample_covariance_deviance(printed, trials, state.covariance, state.count)
+    return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, state.covariance[1:, 1:], state.count)
 
 
 def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None):
     """Mean and covariance of the final state beside Eq. 54, with standard errors and distances in standard errors."""
     ensemble = closed_loop_large or closed_loop
-    state = ensemble.final_state[:, :4]
+    state = FinalMoments(ensemble, STATE)
     trials = published["mc_final_mean"].trials
-    share = np.sqrt(len(state) / trials)  # the paper's sampling error in units of ours
+    share = np.sqrt(state.count / trials)  # the paper's sampling error in units of ours
     rows = [("quantity", "in the paper", "here", "standard error", "paper's standard error", "z", "trials")]
 
     def row(name, printed, value, error):
@@ -55,25 +54,21 @@ def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: Flig
                 f"{error:.4f}",
                 f"{error * share:.4f}",
                 f"{z:+.1f}",
-                f"{len(state)}",
+                f"{state.count}",
             )
         )
 
-    means, errors = state.mean(axis=0), mean_standard_error(state.var(axis=0, ddof=1), len(state))
+    means, errors = state.mean, mean_standard_error(state.variance, state.count)
     for i, name in enumerate(NAMES):
         row(f"mean {name}", published["mc_final_mean"].printed[i], means[i], errors[i])
-    printed, covariance, errors = (
-        printed_covariance(published),
-        np.cov(state, rowvar=False),
-        covariance_standard_errors(state),
-    )
+    printed, covariance, errors = printed_covariance(published), state.covariance, state.covariance_errors
     for i in range(4):
         for j in range(i, 4):
             name = f"var {NAMES[i]}" if i == j else f"cov {NAMES[i]}, {NAMES[j]}"
             row(name, printed[i, j], covariance[i, j], errors[i, j])
     for name, test in zip(("whole covariance", "without r1"), agreement(published, ensemble), strict=True):
         statistic = f"deviance {test.statistic:.1f} on {test.degrees_of_freedom}"
-        rows.append((name, "", statistic, "", "", f"p = {test.p_value:.2g}", f"{len(state)}"))
+        rows.append((name, "", statistic, "", "", f"p = {test.p_value:.2g}", f"{state.count}"))
     return rows
 
 
@@ -176,21 +171,21 @@ def readings(artifacts, published):
         ensemble = items.get("closed_loop_large") or paper_size
         target = np.diag(inputs.final_covariance)
         whole, rest = agreement(published, ensemble)
-        mass = ensemble.final_state[:, 4]
+        mass = FinalMoments(ensemble, MASS)
         rows.append(
             (
                 name,
                 f"{gains.noise_density_design:.4g} / {gains.noise_density_plant:.4g}",
                 f"{target[0]:g}",
                 f"{nominal.mass[-1]:.3f}",
-                f"{mass.mean():.3f} ± {mean_standard_error(mass.var(ddof=1), len(mass)):.3f}",
+                f"{mass.mean:.3f} ± {mean_standard_error(mass.variance, mass.count):.3f}",
                 f"{100 * np.abs(np.diag(gains.covariance[-1]) / target - 1).max():.3g}",
                 f"{whole.statistic:.1f}",
                 f"{whole.p_value:.2g}",
                 f"{rest.statistic:.1f}",
                 f"{rest.p_value:.2g}",
-                f"{paper_size.observed_maximum[:, THRUST].max() / inputs.maximum_thrust:.3f}",
-                f"{len(mass)}",
+                f"{observed_maxima(paper_size, THRUST).max() / inputs.maximum_thrust:.3f}",
+                f"{mass.count}",
             )
         )
     return rows

@@ -7,6 +7,14 @@ from marsedl.methods.lincov import trigger_time_variance
 from marsedl.models import density_variation
 from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile, wishart_deviance
+from marsedl.montecarlo.streaming import (
+    FinalMoments,
+    final_extremes,
+    final_percentile,
+    is_streamed,
+    observed_maxima,
+    outcome_count,
+)
 from marsedl.papers.stochastic_entry import environment, flight
 from marsedl.papers.stochastic_entry.certificates import Certificates
 from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
@@ -96,7 +104,7 @@ def evaluate(
 
 
 def finite(ensemble):
-    """Which trials are finite, (trials,) bool."""
+    """Which trials are finite, (trials,) bool; of a streamed ensemble those of the first."""
     return ensemble.outcome != NON_FINITE
 
 
@@ -106,9 +114,15 @@ def final_percentiles(ensemble, trials=None, index=None):
     trials: the first of all trials, or all. index: states, or the rows of Table 4. NaN where fewer than two trials are
     finite.
     """
+    states, found = [row[0] for row in ROWS] if index is None else index, {}
+    if is_streamed(ensemble) and trials is None:
+        for state in states:
+            reference = ensemble.nominal_final[state]
+            pairs = [final_percentile(ensemble, state, level, reference) for level in LEVELS]
+            found[state] = tuple(map(np.array, zip(*pairs, strict=True)))
+        return found
     error = errors(ensemble, trials)[finite(ensemble)[:trials]]
-    found = {}
-    for state in [row[0] for row in ROWS] if index is None else index:
+    for state in states:
         if len(error) < 2:
             found[state] = np.full(2, np.nan), np.full(2, np.nan)
         else:
@@ -141,7 +155,7 @@ def halving(stochastic, apollo, side):
 def outcomes(ensemble):
     """How many trials ended otherwise than they should, in words; empty if none did."""
     names = {CRASHED: "below the ground", ESCAPED: "trigger not reached", NON_FINITE: "not finite"}
-    counts = {text: int((ensemble.outcome == code).sum()) for code, text in names.items()}
+    counts = {text: outcome_count(ensemble, code) for code, text in names.items()}
     return ", ".join(f"{count:,} {text}" for text, count in counts.items() if count)
 
 
@@ -566,9 +580,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
     ends = " and ".join(
         f"{_crossrange_interval(flights[f'{name}_time']):.0f} m ({100 * nulled[name]:.1f} %, {name})" for name in LAWS
     )
-    changes = [
-        np.nanmax(ensemble.observed_maximum[:, flight.BANK_CHANGE], initial=0.0) for ensemble in flights.values()
-    ]
+    changes = [np.nanmax(observed_maxima(ensemble, flight.BANK_CHANGE), initial=0.0) for ensemble in flights.values()]
     steps = np.abs(np.diff(nominal.bank)).max()
     allowed = inputs.bank_rate_limit * inputs.guidance_period
     excluded = flights["stochastic_time"].excluded
@@ -668,6 +680,8 @@ class _LawDispersion:
 
 def _crossrange_interval(ensemble):
     """Distance between the 1st and 99th percentile of the final crossrange, m."""
+    if is_streamed(ensemble):
+        return float(np.ptp([final_percentile(ensemble, flight.CROSSRANGE, level)[0] for level in LEVELS]))
     crossrange = ensemble.final_state[finite(ensemble), flight.CROSSRANGE]
     return float(np.ptp(np.quantile(crossrange, LEVELS))) if len(crossrange) else np.nan
 
@@ -793,6 +807,8 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
             + f" from the moments of the flights at {since:.0f} s"
         )
     rule = f"approximately is {100 * REASONABLE:g} %"
+    if is_streamed(flights["apollo_velocity"]):
+        rule += f"; ends are those of the first {len(flights['apollo_velocity'].outcome):,} trials"
     return {
         "trigger_time_statistics": Evaluation(
             met[0],
@@ -813,12 +829,11 @@ def _table_4(inputs, flights, tails):
     found = {}
     for case in CASES:
         ensemble = flights[case]
-        known = int(finite(ensemble).sum())
-        ended = outcomes(ensemble)
+        known, ended = ensemble.count, outcomes(ensemble)
         for state, name, factor, unit in ROWS:
             row = f"tab4_{name}_{case}"
             if name == "velocity" and case.endswith("velocity"):
-                off = np.abs(ensemble.final_state[finite(ensemble), flight.VELOCITY] - inputs.end_velocity)
+                off = _velocity_errors(inputs, ensemble)
                 largest = float(off.max()) if known else np.nan
                 found[row] = Evaluation(
                     [-largest, largest],
@@ -828,24 +843,40 @@ def _table_4(inputs, flights, tails):
                 )
                 continue
             values, deviations = tails[case][state]
-            middle = errors(ensemble)[finite(ensemble), state] * factor
+            mean, deviation = _middle(ensemble, state, factor)
             found[row] = Evaluation(
                 values * factor,
                 deviations * factor,
                 known,
-                (
-                    f"mean {middle.mean():+.3f}, standard deviation {middle.std():.3f} {unit}"
-                    if known
-                    else "no finite trial"
-                )
+                (f"mean {mean:+.3f}, standard deviation {deviation:.3f} {unit}" if known else "no finite trial")
                 + (ended and f"; {ended}"),
                 _by_number_of_reversals(ensemble) if name == "downrange" else {},
             )
     return found
 
 
+def _velocity_errors(inputs, ensemble):
+    """Distances from the velocity of the trigger of all finite trials, or the largest; empty without any."""
+    if is_streamed(ensemble):
+        ends = final_extremes(ensemble, flight.VELOCITY)
+        return np.abs(ends[np.isfinite(ends)] - inputs.end_velocity)
+    return np.abs(ensemble.final_state[finite(ensemble), flight.VELOCITY] - inputs.end_velocity)
+
+
+def _middle(ensemble, state, factor):
+    """Mean and standard deviation of a final error over the finite trials, times a factor; NaN without any."""
+    if is_streamed(ensemble):
+        moments = FinalMoments(ensemble, state)
+        return (moments.mean - ensemble.nominal_final[state]) * factor, moments.population_deviation * factor
+    error = errors(ensemble)[finite(ensemble), state] * factor
+    return (error.mean(), error.std()) if len(error) else (np.nan, np.nan)
+
+
 def _by_number_of_reversals(ensemble):
-    """Mean range error, km, of the trials with up to three bank reversals, and with more; NaN where there is none."""
+    """Mean range error, km, of the trials with up to three bank reversals, and with more; NaN where there is none.
+
+    Of a streamed ensemble it is that of its first trials.
+    """
     known = finite(ensemble)
     more = ensemble.final_state[known, flight.REVERSALS] > MOST_REVERSALS
     error = errors(ensemble)[known, flight.DOWNRANGE] / 1e3
@@ -869,7 +900,7 @@ def _headline_claims(inputs, flights, tails, error_budget):
     widths = {case: width(ranges[case]) for case in CASES}
     saved, error = reduction(ranges["stochastic_velocity"], ranges["apollo_velocity"])
     saved_time, error_time = reduction(ranges["stochastic_time"], ranges["apollo_time"])
-    trials = {case: int(finite(flights[case]).sum()) for case in CASES}
+    trials = {case: flights[case].count for case in CASES}
     count = min(trials["apollo_velocity"], trials["stochastic_velocity"])
 
     def shown(case):
@@ -882,11 +913,7 @@ def _headline_claims(inputs, flights, tails, error_budget):
         gain, deviation = reduction(ranges[f"{law}_velocity"], ranges[f"{law}_time"])
         helped.append(bool(gain > SIGMAS * deviation))
         changes.append(f"{law}: width {-100 * gain:+.1f} ± {100 * deviation:.1f} %")
-    off = max(
-        np.abs(flights[case].final_state[finite(flights[case]), flight.VELOCITY] - inputs.end_velocity).max(initial=0.0)
-        for case in CASES
-        if case.endswith("velocity")
-    )
+    off = max(_velocity_errors(inputs, flights[case]).max(initial=0.0) for case in CASES if case.endswith("velocity"))
     result = {
         "headline_range_reduction": Evaluation(
             100 * saved,

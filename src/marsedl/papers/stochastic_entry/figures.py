@@ -8,6 +8,7 @@ from marsedl.methods.guidance.targeting import targeting
 from marsedl.models import density_variation
 from marsedl.montecarlo.ensembles import COMPLETED
 from marsedl.montecarlo.statistics import variance_standard_error
+from marsedl.montecarlo.streaming import FinalMoments, is_streamed
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.stochastic_entry import environment, flight
 from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
@@ -540,6 +541,10 @@ def floor(
         objective = objectives[number]
         predicted = np.sqrt(objective @ getattr(gains, f"{law}_covariance")[number, -1] @ objective)
         measured, error = _deviation(errors(ensemble)[:, flight.DOWNRANGE])
+        if is_streamed(ensemble):
+            range_error = FinalMoments(ensemble, slice(flight.DOWNRANGE, flight.DOWNRANGE + 1))
+            measured = float(np.sqrt(range_error.variance[0]))
+            error = float(range_error.covariance_errors[0, 0]) / (2 * measured)
         bars = (
             (np.sqrt(gains.noise_floor[number]), "none", {"edgecolor": BLACK}),
             (predicted, LAW_COLOR[law], {"alpha": 0.45}),
@@ -563,7 +568,9 @@ def floor(
                 rotation=0 if np.isfinite(value) else 90,
             )
         lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, flight.DOWNRANGE]))
-        name = f"{LAW_NAME[law]}, {trigger}\n{len(ensemble.outcome):,} trials"
+        if is_streamed(ensemble):
+            lost = ensemble.excluded
+        name = f"{LAW_NAME[law]}, {trigger}\n{ensemble.count + ensemble.excluded:,} trials"
         names.append(name + (f",\n{lost:,} not finite" if lost else ""))
     for label, style in (
         ("floor: density noise after the last control", {"color": "none", "edgecolor": BLACK}),
@@ -586,7 +593,7 @@ def reversals(
     stochastic_time: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
 ) -> Figure:
-    """Final range error, split by the number of bank reversals."""
+    """Final range error, split by the number of bank reversals; of a streamed ensemble in its first trials."""
     figure, panels = new_figure(7.4, 5.4, nrows=2, ncols=2)
     cases = (
         ("Apollo, time", apollo_time),
@@ -675,7 +682,7 @@ def _errors_over_time(inputs, nominal, gains, number, ensembles):
             axes.set_xlim(0, nominal.end_time)
             _say_if_empty(axes, mean)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
-        column[0].set_title(f"{LAW_NAME[law]}, {len(ensemble.outcome):,} trials{lost}")
+        column[0].set_title(f"{LAW_NAME[law]}, {ensemble.count + ensemble.excluded:,} trials{lost}")
         column[-1].set_xlabel(TIME_LABEL)
     for axes, (_, _, label) in zip(panels[:, 0], COMPONENTS, strict=True):
         axes.set_ylabel(label)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from marsedl.montecarlo import ensembles
+from marsedl.papers import streamed
 from marsedl.papers.stochastic_entry import environment, flight
 from marsedl.papers.stochastic_entry.gains import Gains, law
 from marsedl.papers.stochastic_entry.linearization import Linearization
@@ -72,6 +73,16 @@ class FlightEnsemble(Flights):
     observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean of the observed quantities", allow_nan=True)
 
 
+@dataclass(frozen=True)
+class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
+    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
+
+
+@dataclass(frozen=True)
+class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
+    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
+
+
 def compute(
     inputs, nominal: Nominal, linearization: Linearization, gains: Gains, *, case: str, trials: int, block_size: int
 ) -> FlightEnsemble:
@@ -106,8 +117,12 @@ def simulate(
         block_size=block_size,
         histogram_edges=np.array([edges, edges]),
         kept=min(inputs.drawn_trials, trials),
+        trials=trials,
+        # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
+        centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
-    return FlightChunk(
+    kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
+    return kind(
         time=flight.outputs(*_end(inputs, nominal, case)),
         nominal_final=nominal_final(nominal),
         **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)},
@@ -150,10 +165,10 @@ def _end(inputs, nominal, case):
 
 def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
-    merged = ensembles.merge(
-        [ensembles.Chunk(**{f.name: getattr(chunk, f.name) for f in fields(ensembles.Chunk)}) for chunk in chunks]
-    )
-    return FlightEnsemble(
+    large = isinstance(chunks[0], StreamedFlightChunk)
+    kind = ensembles.StreamedChunk if large else ensembles.Chunk
+    merged = ensembles.merge([kind(**{f.name: getattr(chunk, f.name) for f in fields(kind)}) for chunk in chunks])
+    return (StreamedFlightEnsemble if large else FlightEnsemble)(
         time=chunks[0].time,
         nominal_final=chunks[0].nominal_final,
         **{field.name: getattr(merged, field.name) for field in fields(merged)},
@@ -167,7 +182,10 @@ def nominal_final(nominal):
 
 
 def errors(ensemble, trials=None):
-    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5)."""
+    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5).
+
+    Of a streamed ensemble they are those of its first trials.
+    """
     return ensemble.final_state[:trials, :5] - ensemble.nominal_final[:5]
 
 

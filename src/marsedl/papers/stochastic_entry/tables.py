@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo.ensembles import COMPLETED
 from marsedl.montecarlo.statistics import percentile_spread
+from marsedl.montecarlo.streaming import FinalMoments, is_streamed, outcome_count
 from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.certificates import COARSE, Certificates
 from marsedl.papers.stochastic_entry.claims import (
@@ -142,7 +143,7 @@ def tab04(
                 except ValueError:  # too few trials for two sets
                     spread = NO_VALUE
                 # The paper's own sampling error: that of as many trials, if they spread like ours.
-                paper = error * np.sqrt(len(sample) / (claim.trials or size))
+                paper = error * np.sqrt(ensemble.count / (claim.trials or size))
                 combined = np.sqrt(error**2 + paper**2 + resolution**2 / 12)
                 distance = (value - printed) / combined if claim.kind == "monte_carlo" else np.nan
                 rows.append(
@@ -157,13 +158,13 @@ def tab04(
                         _number(value, ".3f"),
                         _number(error, ".3f"),
                         _number(distance, "+.1f"),
-                        f"{len(sample):,}",
+                        f"{ensemble.count:,}",
                     )
                 )
     for case, ensemble in flights.items():
-        completed = int((ensemble.outcome == COMPLETED).sum())
+        completed, trials = outcome_count(ensemble, COMPLETED), ensemble.count + ensemble.excluded
         told = f"{completed:,} {OUTCOMES[COMPLETED]}" + (", " + outcomes(ensemble) if outcomes(ensemble) else "")
-        rows.append(("how trials ended", _case(case), *[""] * 5, told, "", "", f"{len(ensemble.outcome):,}"))
+        rows.append(("how trials ended", _case(case), *[""] * 5, told, "", "", f"{trials:,}"))
     return rows
 
 
@@ -276,7 +277,7 @@ def reversal_split(
     stochastic_time: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
 ):
-    """Final range error by the number of bank reversals."""
+    """Final range error by the number of bank reversals; of a streamed ensemble in its first trials."""
     flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
     rows = [
         (
@@ -330,7 +331,8 @@ def readings(artifacts, published):
         for case in CASES:
             cells += [_interval(items[case]), _mean_reversals(items[case])]
         label = f"{name} (hypothesis)" if hypothesis(inputs) else name
-        rows.append((label, *cells, f"{len(items[CASES[0]].outcome):,}"))
+        trials = items[CASES[0]].count + items[CASES[0]].excluded
+        rows.append((label, *cells, f"{trials:,}"))
     return rows
 
 
@@ -396,5 +398,7 @@ def _interval(ensemble):
 
 
 def _mean_reversals(ensemble):
+    if is_streamed(ensemble):
+        return _number(FinalMoments(ensemble, flight.REVERSALS).mean, ".2f")
     number = ensemble.final_state[finite(ensemble), flight.REVERSALS]
     return f"{number.mean():.2f}" if len(number) else NO_VALUE
