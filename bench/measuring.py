@@ -1,9 +1,11 @@
 """What the benchmarks of all papers share: inputs, taking turns, rows with targets."""
 
+import json
 import os
 import re
 import resource
 import statistics
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -78,6 +80,28 @@ def children_cpu(tree, target):
     assert done.returncode == 0, done.stdout[-3000:]
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def measure_ensembles(row, paper, sizes, largest_memory):
+    """Rows for ensembles of these sizes, each flown and gathered by a process of its own, which runs one thread.
+
+    The paper's benchmark has `ensemble_in_this_process(trials)`, which calls `tell_ensemble`. largest_memory: limit of
+    the peak memory, MB, whatever the size. Returns the seconds of the last one.
+    """
+    for trials in sizes:
+        say(f"{paper.slug}: ensemble of {trials:,} trials")
+        command = [sys.executable, str(RUN), "--ensemble", paper.slug, str(trials)]
+        done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        row(f"ensemble of {trials:,} trials, speed", done["trials"] / done["seconds"], "trials per s and core")
+        row(f"ensemble of {trials:,} trials, peak memory of the process", done["memory"], "MB", below=largest_memory)
+    return done["seconds"]
+
+
+def tell_ensemble(fly, trials):
+    """Call `fly()`, which flies this number of trials, and print its seconds and the peak memory (MB) as JSON."""
+    start = time.perf_counter()
+    fly()
+    print(json.dumps({"seconds": time.perf_counter() - start, "trials": trials, "memory": peak_memory()}))
 
 
 def peak_memory(process="self"):

@@ -1,14 +1,11 @@
 """The powered descent: kernel against array code and adaptive integration, scaling, ensembles, design."""
 
-import json
 import statistics
-import subprocess
-import sys
 import time
 
 import numba
 import numpy as np
-from measuring import CORES, REPETITIONS, RUN, interleaved, peak_memory, say, stage_inputs
+from measuring import CORES, REPETITIONS, interleaved, measure_ensembles, say, stage_inputs, tell_ensemble
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -29,8 +26,8 @@ TRIALS = 2000  # the paper's
 SCALING_TRIALS = 20_000  # enough work for both threads
 ADAPTIVE_TRIALS = 3
 PAPER_CORE_SECONDS = 12 * 3600 * 32 / 2000  # per trial: 12 h on 32 cores for 2,000 trials
-ENSEMBLE_SIZES = (1_000, 10_000, 100_000, 1_000_000)
-LARGEST_MEMORY = 2000.0  # MB
+ENSEMBLE_SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
+LARGEST_MEMORY = 500.0  # MB, of any ensemble, most of it libraries and compiled code
 
 
 # --- the problem ------------------------------------------------------------------------------------------------------
@@ -153,15 +150,14 @@ def ensemble_in_this_process(trials):
     """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
     inputs, made = stage_inputs(PAPER, "montecarlo"), design()
-    options = {"case": "closed_loop", "chunk": 0, "chunks": 1, "block_size": PAPER.trials_per_block}
-    montecarlo.simulate(inputs, made, trials=100, **options)  # loads the compiled code
-    start = time.perf_counter()
-    ensemble = montecarlo.gather(
-        stage_inputs(PAPER, "montecarlo_gather"), [montecarlo.simulate(inputs, made, trials=trials, **options)]
-    )
-    seconds = time.perf_counter() - start
-    assert ensemble.count + ensemble.excluded == trials
-    print(json.dumps({"seconds": seconds, "memory": peak_memory()}))
+    options = {"case": "closed_loop", "block_size": PAPER.trials_per_block}
+    montecarlo.compute(inputs, made, trials=100, **options)  # loads the compiled code
+
+    def fly():
+        ensemble = montecarlo.compute(inputs, made, trials=trials, **options)
+        assert ensemble.count + ensemble.excluded == trials
+
+    tell_ensemble(fly, trials)
 
 
 def measure(row):
@@ -231,14 +227,7 @@ def measure(row):
     numba.set_num_threads(1)
     row(f"speed of 2 threads over 1 ({CORES} cores)", one / two, "ratio", at_least=1.8)
 
-    for trials in ENSEMBLE_SIZES:
-        say(f"ensemble of {trials:,} trials")
-        command = [sys.executable, str(RUN), "--ensemble", PAPER.slug, str(trials)]
-        done = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        row(f"ensemble of {trials:,} trials, speed", trials / done["seconds"], "trials per s and core")
-        limit = LARGEST_MEMORY if trials == max(ENSEMBLE_SIZES) else None
-        row(f"ensemble of {trials:,} trials, peak memory of the process", done["memory"], "MB", below=limit)
-    ours = done["seconds"] / trials
+    ours = measure_ensembles(row, PAPER, ENSEMBLE_SIZES, LARGEST_MEMORY) / max(ENSEMBLE_SIZES)
     row("ensemble, statistics included", ours, "core-s per trial")
     row("the same in the paper", PAPER_CORE_SECONDS, "core-s per trial")
     row("paper over ours", PAPER_CORE_SECONDS / ours, "ratio")

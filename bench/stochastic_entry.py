@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numba
 import numpy as np
-from measuring import CORES, interleaved, say, stage_inputs
+from measuring import CORES, interleaved, measure_ensembles, say, stage_inputs, tell_ensemble
 
 from marsedl.methods.covariance_steering.lqg_dual import solve, solve_over_weights
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
@@ -29,6 +29,8 @@ FIGURE = "fig12"
 TRIALS = 1000  # the paper's
 SCALING_TRIALS = 10_000  # enough work for both threads
 ALL_TRIALS = 100_000  # of each cell
+ENSEMBLE_SIZES = (1_000, 10_000, 100_000, 1_000_000)  # of the two cells with the velocity trigger
+LARGEST_MEMORY = 700.0  # MB, of any ensemble, most of it libraries and compiled code
 PARTITION = 10.0  # s, 24 intervals
 CASES = ("apollo_velocity", "stochastic_velocity")
 
@@ -184,6 +186,20 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
 # --- measuring --------------------------------------------------------------------------------------------------------
 
 
+def ensemble_in_this_process(trials):
+    """Fly and gather this number of trials under each law; prints seconds and peak memory (MB) as JSON."""
+    numba.set_num_threads(1)
+    inputs, made, options = stage_inputs(PAPER, "montecarlo"), design(), {"block_size": PAPER.trials_per_block}
+    montecarlo.compute(inputs, *made, case=CASES[0], trials=100, **options)  # loads the compiled code
+
+    def fly():
+        for case in CASES:
+            ensemble = montecarlo.compute(inputs, *made, case=case, trials=trials, **options)
+            assert ensemble.count + ensemble.excluded == trials
+
+    tell_ensemble(fly, len(CASES) * trials)
+
+
 def compare_with_array_code(row, inputs, made, case):
     """Agreement of both, then their times with the drawing of all random numbers of the density."""
     posed, substeps = problem(inputs, made, case, TRIALS), inputs.flight_substeps
@@ -275,3 +291,4 @@ def measure(row):
         assert ensemble.count + ensemble.excluded == ALL_TRIALS
     seconds = time.process_time() - start
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)
+    measure_ensembles(row, PAPER, ENSEMBLE_SIZES, LARGEST_MEMORY)

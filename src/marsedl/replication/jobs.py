@@ -113,7 +113,9 @@ class Job:
             "code": self.params.code,
             "options": self.params.get("options", {}),
             "made_from": {Path(path).name: digests.digest(path) for path in files},
-            "versions": artifacts.library_versions("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py"),
+            "versions": artifacts.library_versions(
+                "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "ddsketch"
+            ),
         }
         artifacts.save(self.output[0], artifact, paper=self.paper, reading=self.reading, provenance=provenance)
 

@@ -1,0 +1,42 @@
+"""More trials than are kept one by one, asked for by configuration alone."""
+
+import pytest
+
+from marsedl.montecarlo.streaming import EXACT_TRIALS, final_percentile
+from marsedl.papers.powered_descent.montecarlo import FlightEnsemble, StreamedFlightEnsemble
+from marsedl.replication import artifacts
+from marsedl.replication.digests import digest
+
+pytestmark = pytest.mark.workflow
+
+TRIALS = EXACT_TRIALS + 12_345
+TARGET = "data/cache/powered_descent/mine/montecarlo.closed_loop.h5"
+MINE = """
+powered_descent:
+  readings:
+    mine:
+      based_on: corrected
+      summary: More trials than are kept one by one.
+      inputs:
+        trials: {value: %d, source: "assumed: many"}
+"""
+
+
+def test_a_large_case_is_the_same_for_any_chunks_and_keeps_its_first_trials(tree, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(MINE % TRIALS, encoding="utf-8")
+    digests = []
+    for chunks in (5, 1):
+        tree.config = [f"chunks={chunks}"]  # of the full size: the smoke size limits trials
+        tree.path(TARGET).unlink(missing_ok=True)
+        done = tree.run(TARGET, configfile=mine)
+        assert done.returncode == 0, done.stdout[-3000:]
+        digests.append(digest(tree.path(TARGET)))
+    assert digests[0] == digests[1]
+
+    ensemble = artifacts.load(tree.path(TARGET), FlightEnsemble, paper="powered_descent", reading="mine")
+    assert isinstance(ensemble, StreamedFlightEnsemble)
+    assert ensemble.count + ensemble.excluded == ensemble.outcome_counts.sum() == TRIALS
+    assert len(ensemble.final_state) == EXACT_TRIALS
+    altitude, error = final_percentile(ensemble, 1, 0.5)
+    assert abs(altitude - 50.0) < 5 * error and error == pytest.approx(0.5 * (1.5708 / TRIALS) ** 0.5, rel=0.1)
