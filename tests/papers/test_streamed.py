@@ -11,6 +11,7 @@ from marsedl.montecarlo import streaming
 from marsedl.replication import artifacts
 
 TRIALS, EXACT, BLOCK = 2000, 1200, 100
+MODULES = ("claims", "tables", "figures")
 PAPERS = ("powered_descent", "stochastic_entry")
 
 
@@ -117,3 +118,25 @@ def test_tables_and_figures_are_made_and_tell_all_trials(flown):
         else:
             plt.close(getattr(flown.module("figures"), stem)(inputs, **made))
     assert "2,000" in told or " 2000" in told
+
+
+def test_a_case_without_finite_trials_is_told_as_such(entry, entry_published, monkeypatch):
+    """The stochastic law as printed has no gains; its claims, tables and figures say so of a large case too."""
+    monkeypatch.setattr(streaming, "EXACT_TRIALS", EXACT // 10)
+    cases = list(entry.model.CASES)
+    made = {name: entry.stage(name, "printed") for name in ("nominal", "linearization", "gains")}
+    gains = entry.gains("printed")
+    made |= {case: entry.fly("printed", gains, case, trials=TRIALS // 10, block_size=BLOCK) for case in cases}
+    lost = made["stochastic_velocity"]
+    assert streaming.is_streamed(lost) and (lost.count, lost.excluded) == (0, TRIALS // 10)
+    claims, tables, figures = (import_module(f"marsedl.papers.stochastic_entry.{name}") for name in MODULES)
+    inputs = entry.all_inputs("printed")
+    found = claims.evaluate(inputs, **made)
+    assert np.isnan(found["tab4_downrange_stochastic_velocity"].value).all()
+    assert "200 not finite" in found["tab4_downrange_stochastic_velocity"].evidence
+    flights = {case: made[case] for case in cases}
+    rows = tables.tab04(inputs, entry_published, **flights)
+    assert ("200 not finite" in " ".join(map(str, rows[-1]))) and rows[-1][-1] == "200"
+    tables.reversal_split(inputs, entry_published, **flights)
+    plt.close(figures.reversals(inputs, **flights))
+    plt.close(figures.floor(inputs, made["linearization"], made["gains"], **flights))

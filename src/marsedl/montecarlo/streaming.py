@@ -317,8 +317,13 @@ class FinalMoments:
 
     @cached_property
     def covariance_errors(self):
-        """Standard errors of the covariance, (n, n); of a streamed ensemble those of its first trials, scaled."""
+        """Standard errors of the covariance, (n, n); of a streamed ensemble those of its first trials, scaled.
+
+        NaN if fewer than two of these are finite.
+        """
         if not self._streamed:
             return covariance_standard_errors(self._samples)
         kept = self._samples[np.isfinite(self._ensemble.final_state).all(axis=1)]
+        if len(kept) < 2:
+            return np.full(2 * kept.shape[1:], np.nan)
         return covariance_standard_errors(kept) * np.sqrt(len(kept) / self.count)
