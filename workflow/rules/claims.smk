@@ -66,6 +66,8 @@ rule all_claims:
         badge="report/badge.json",
     log:
         "logs/claims.log",
+    benchmark:
+        "benchmarks/claims.tsv"
     conda:
         "../envs/marsedl.yaml"
     params:

@@ -15,6 +15,8 @@ rule digests:
         "report/digests.json",
     log:
         "logs/digests.log",
+    benchmark:
+        "benchmarks/digests.tsv"
     conda:
         "../envs/marsedl.yaml"
     params:
@@ -33,6 +35,8 @@ rule index:
         "report/index.html",
     log:
         "logs/report.log",
+    benchmark:
+        "benchmarks/report.tsv"
     conda:
         "../envs/marsedl.yaml"
     params:
