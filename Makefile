@@ -6,7 +6,11 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: all test lint verify bench docs clean lock environment
+# Wheels only, but for connection_pool, which is published as source alone.
+INSTALL := $(if $(UV),uv pip install -q --python $(BIN)/python --require-hashes --only-binary :all: --no-binary connection-pool,$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes --only-binary :all: --no-binary connection_pool)
+COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
+
+.PHONY: all test lint verify bench docs slurm clean lock environment
 
 all: $(STAMP)
 	. $(BIN)/activate && snakemake all
@@ -27,18 +31,22 @@ bench: $(STAMP)
 docs: $(STAMP)
 	. $(BIN)/activate && python -m sphinx -q -W --keep-going docs docs/_build
 
+# What sends jobs to Slurm, into the same environment: only where it is wanted, as every start of Snakemake loads it.
+slurm: $(STAMP)
+	$(INSTALL) -r requirements-slurm.lock
+
 environment: $(STAMP)
 
-# Wheels only, but for connection_pool, which is published as source alone.
 $(STAMP): requirements.lock pyproject.toml
 	$(if $(UV),test -x $(BIN)/python || uv venv -q --python $(PYTHON) $(VENV),test -x $(BIN)/python || $(PYTHON) -m venv $(VENV))
-	$(if $(UV),uv pip install -q --python $(BIN)/python --require-hashes --only-binary :all: --no-binary connection-pool -r requirements.lock,$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes --only-binary :all: --no-binary connection_pool -r requirements.lock)
+	$(INSTALL) -r requirements.lock
 	$(if $(UV),uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .,$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .)
 	@touch $@
 
 # Resolve again, without any package index address in the result.
 lock:
-	uv pip compile -q --universal --python-version 3.11 --extra dev --extra docs --generate-hashes --no-emit-index-url --no-header pyproject.toml -o requirements.lock
+	uv pip compile $(COMPILE) --extra dev --extra docs pyproject.toml -o requirements.lock
+	uv pip compile $(COMPILE) --extra slurm --constraint requirements.lock pyproject.toml -o requirements-slurm.lock
 
 # Everything that can be regenerated; the environment stays.
 clean:

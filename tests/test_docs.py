@@ -136,13 +136,16 @@ def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
             assert section["readings"].keys() <= studies[slug].readings.keys()
 
 
-def test_the_lock_has_everything_that_is_installed_and_no_address():
+@pytest.mark.parametrize(
+    ("lock", "extras"), [("requirements.lock", ("dev", "docs")), ("requirements-slurm.lock", ("slurm",))]
+)
+def test_the_lock_has_everything_that_is_installed_and_no_address(lock, extras):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     wanted = [
         *project["dependencies"],
-        *(name for extra in ("dev", "docs") for name in project["optional-dependencies"][extra]),
+        *(name for extra in extras for name in project["optional-dependencies"][extra]),
     ]
-    lock = (ROOT / "requirements.lock").read_text("utf-8")
+    lock = (ROOT / lock).read_text("utf-8")
     assert set(map(str.lower, re.findall(r"(?m)^([A-Za-z0-9_.-]+)==", lock))) >= {
         re.split("[>=<]", name)[0] for name in wanted
     }

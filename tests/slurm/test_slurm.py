@@ -1,0 +1,358 @@
+"""The workflow on a real Slurm, brought up on this machine: the same bytes as without it, whatever dies.
+
+`pytest tests/slurm` runs what is short, after `make slurm` and with Slurm and munge installed. With MARSEDL_SLURM=all
+in the environment, it also runs the whole smoke pipeline, a paper at full size, and the faults that take minutes.
+"""
+
+import contextlib
+import functools
+import importlib.util
+import os
+import random
+import re
+import runpy
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+import yaml
+
+from marsedl.replication.digests import digest
+from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
+
+pytestmark = [pytest.mark.slurm, pytest.mark.workflow]
+
+ROOT = Path(__file__).parents[2]
+PLUGIN = "snakemake_executor_plugin_slurm"
+PROFILE = Path("profiles/slurm")
+QUICK = ("--slurm-init-seconds-before-status-checks", "1", "--latency-wait", "10")  # everything is on one machine
+SMOKE = ("--config", "size=smoke", "chunks=3")
+CACHE = "data/cache/powered_descent"
+CASE = f"{CACHE}/corrected/montecarlo.closed_loop_large.h5"  # its design, three chunks, and their gathering
+FIGURES = "figures/powered_descent"
+TARGETS = (CASE, *(f"{FIGURES}/{name}" for name in ("fig01.png", "fig05.png", "fig06a.png", "fig07.png")))
+CHUNK, GATHER = "powered_descent_montecarlo_chunk", "powered_descent_montecarlo_gather"
+EVERYTHING = os.environ.get("MARSEDL_SLURM") == "all"
+long = pytest.mark.skipif(not EVERYTHING, reason="long: MARSEDL_SLURM=all pytest tests/slurm")
+tools = runpy.run_path(str(Path(__file__).parent / "cluster.py"))
+
+
+def digests(folder):
+    """Digests of all products of a folder."""
+    paths = sorted(path for pattern in PRODUCTS for path in folder.glob(pattern) if path.is_file())
+    return {str(path.relative_to(folder)): digest(path) for path in paths}
+
+
+@pytest.fixture(scope="session")
+def cluster(tmp_path_factory):
+    """A Slurm of two cores; the tests are skipped, and that is said aloud, where it is not installed."""
+    lacking = tools["missing"]()
+    if importlib.util.find_spec(PLUGIN) is None:
+        lacking.append(PLUGIN.replace("_", "-"))
+    if lacking:
+        said = f"NOT TESTED: the workflow on Slurm, as {', '.join(lacking)} is not installed (docs/scaling.md)"
+        warnings.warn(said, stacklevel=1)
+        pytest.skip(said)
+    cluster = tools["Cluster"](tmp_path_factory.mktemp("slurm"))
+    try:
+        cluster.up()
+        yield cluster
+    finally:
+        cluster.down()
+
+
+class Submitted:
+    """A Snakemake that gives its jobs to the cluster."""
+
+    def __init__(self, cluster, folder, *arguments, size=SMOKE, profile=PROFILE):
+        self.cluster, self.folder, self.before = cluster, folder, set(cluster.jobs())
+        self.log = folder / "submitted.log"
+        with self.log.open("w", encoding="utf-8") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "snakemake", *arguments, "--workflow-profile", str(profile), *QUICK, *size],
+                cwd=folder,
+                env={**os.environ, **cluster.environment, "PYTHONPATH": str(folder / "src")},
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                process_group=0,
+            )
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        """Leave nothing behind, whatever happened."""
+        if self.process.poll() is None:
+            self.kill()
+            snakemake(self.folder, "--unlock")
+        for job in self.jobs("pending,running"):
+            self.cluster.command("scancel", str(job))
+
+    def kill(self):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+    def said(self):
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def jobs(self, states="all"):
+        return {job: state for job, state in self.cluster.jobs(states).items() if job not in self.before}
+
+    def works(self, seconds=1800):
+        assert self.process.wait(timeout=seconds) == 0, self.said()[-5000:]
+        return self.said()
+
+    def running(self, rule, seconds=180):
+        """Wait until a job of a rule runs; returns its number."""
+        return self.wait_for(
+            lambda: next((job for job in self.jobs("running") if self._rule(job) == rule), None), seconds
+        )
+
+    def stage(self, job, seconds=60):
+        """Wait until the process of a running job that runs the stage is there; returns its number."""
+        return self.wait_for(functools.partial(_stage_of, self.cluster, job), seconds)
+
+    def cancelled(self, seconds):
+        """Wait until no job is left that could run."""
+        end = time.monotonic() + seconds
+        while self.jobs("pending,running,completing"):
+            assert time.monotonic() < end, self.jobs()
+            time.sleep(0.2)
+
+    def wait_for(self, found, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if (value := found()) is not None:
+                return value
+            assert self.process.poll() is None, f"Snakemake ended before:\n{self.said()[-5000:]}"
+            time.sleep(0.05)
+        raise AssertionError(f"not seen in {seconds} s:\n{self.said()[-5000:]}")
+
+    def _rule(self, job):
+        done = self.cluster.command("squeue", "--noheader", f"--jobs={job}", "--format=%k")  # the comment
+        return re.sub(r"_wildcards_.*", "", done.stdout.strip()).removeprefix("rule_")
+
+
+def _stage_of(cluster, job):
+    marks = f"SLURM_JOB_ID={job}\0".encode(), f"SLURM_CONF={cluster.configuration}\0".encode()
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with contextlib.suppress(OSError, IndexError):
+                command = (entry / "cmdline").read_bytes().split(b"\0")
+                runs = b"python" in command[0] and command[1].endswith(b".stage.py")
+                environment = (entry / "environ").read_bytes()
+                if runs and all(mark in environment for mark in marks):
+                    return int(entry.name)
+    return None
+
+
+def is_whole(folder, expected, *targets):
+    """Everything is there with the right content, nothing is left half-written, and nothing would run again."""
+    assert digests(folder) == expected
+    assert not list(folder.glob("data/cache/**/*.partial"))
+    plan = snakemake(folder, *(targets or [CASE]), "--cores", "2", *SMOKE, "--dry-run")
+    assert "Nothing to be done" in plan.stdout, plan.stdout[-3000:]
+
+
+# ----------------------------------------------------------------------------------------------------- the same bytes
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A folder with a few products as they are without Slurm, and their digests."""
+    folder = copy_tree(ROOT, tmp_path_factory.mktemp("slurm") / "project")
+    done = snakemake(folder, *TARGETS, "--cores", "2", *SMOKE)
+    assert done.returncode == 0, done.stdout[-3000:]
+    return folder, digests(folder)
+
+
+def test_products_through_slurm_are_the_same_as_without_it(project, cluster):
+    """The design, scattered flights and others, and what is drawn from them, from nothing."""
+    folder, expected = project
+    for name in ("data/cache", "figures"):
+        shutil.rmtree(folder / name)
+    with Submitted(cluster, folder, *TARGETS) as run:
+        said = run.works()
+        jobs = run.jobs()
+    assert set(jobs.values()) == {"COMPLETED"}
+    assert len(jobs) == 7 < said.count("Finished jobid") == 12, "the design and the figures went together"
+    is_whole(folder, expected, *TARGETS)
+
+
+@long
+def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp_path):
+    folder = copy_tree(ROOT, tmp_path / "local")
+    done = snakemake(folder, "all", "--cores", "2", *SMOKE)
+    assert done.returncode == 0, done.stdout[-3000:]
+    other = copy_tree(ROOT, tmp_path / "slurm")
+    with Submitted(cluster, other, "all") as run:
+        run.works(seconds=7200)
+        assert set(run.jobs().values()) == {"COMPLETED"}
+    assert digests(other) == digests(folder)
+
+
+@long
+def test_a_paper_at_full_size_through_slurm_is_the_same_as_without_it(cluster, tmp_path):
+    folder = copy_tree(ROOT, tmp_path / "local")
+    done = snakemake(folder, "powered_descent", "--cores", "2")
+    assert done.returncode == 0, done.stdout[-3000:]
+    other = copy_tree(ROOT, tmp_path / "slurm")
+    with Submitted(cluster, other, "powered_descent", size=("--config", "chunks=2")) as run:
+        run.works(seconds=3600)
+        assert set(run.jobs().values()) == {"COMPLETED"}
+    assert digests(other) == digests(folder)
+
+
+# ------------------------------------------------------------------------------------------------------------- faults
+
+
+@pytest.fixture
+def undone(project):
+    """The folder without the flights, whose chunks and gathering have to run; the design stays."""
+    folder, expected = project
+    assert digests(folder) == expected, "as the test before has left it"
+    (folder / CASE).unlink()
+    shutil.rmtree(folder / CACHE / "corrected" / "chunks", ignore_errors=True)
+    return folder, expected
+
+
+def other_profile(folder, **resources):
+    """The profile in a folder with other resources of the chunks; on the command line they would replace all others."""
+    profile = yaml.safe_load((folder / PROFILE / "config.yaml").read_text(encoding="utf-8"))
+    profile["set-resources"][CHUNK].update(resources)
+    path = folder / "profiles" / "other" / "config.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(yaml.safe_dump(profile), encoding="utf-8")
+    return path.parent.relative_to(folder)
+
+
+def test_a_job_cancelled_by_hand_is_sent_again(undone, cluster):
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE) as run:
+        job = run.running(CHUNK)
+        run.stage(job)
+        cluster.command("scancel", str(job))
+        said = run.works()
+        assert run.jobs()[job] == "CANCELLED"
+    assert f"SLURM-job '{job}' failed, SLURM status is: 'CANCELLED'" in said
+    is_whole(folder, expected)
+
+
+@long
+@pytest.mark.parametrize("moment", range(10))
+def test_jobs_cancelled_at_any_moment_are_sent_again(undone, cluster, moment):
+    """Two jobs of every run, some time after they started: as Snakemake starts, as they fly, or at their end."""
+    folder, expected = undone
+    draw = random.Random(moment)
+    with Submitted(cluster, folder, CASE, "--retries", "4") as run:
+        for rule in (CHUNK, draw.choice((CHUNK, GATHER))):
+            job = run.running(rule)
+            time.sleep(draw.uniform(0, 5))
+            cluster.command("scancel", str(job))
+        run.works()
+    is_whole(folder, expected)
+
+
+@long
+def test_a_job_without_retries_fails_and_the_next_run_resumes(undone, cluster):
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE, "--retries", "0") as run:
+        job = run.running(CHUNK)
+        run.stage(job)
+        cluster.command("scancel", str(job))
+        assert run.process.wait(timeout=600) != 0
+        assert f"SLURM-job '{job}' failed" in run.said()
+    assert not (folder / CASE).exists()
+    with Submitted(cluster, folder, CASE) as run:
+        said = run.works()
+    assert said.count("Finished jobid") == 2, "the cancelled chunk and the gathering"
+    is_whole(folder, expected)
+
+
+@long
+def test_a_job_over_its_memory_is_killed_and_gets_more(undone, cluster):
+    folder, expected = undone
+    profile = other_profile(folder, mem_mb="120 if attempt == 1 else 1500")
+    with Submitted(cluster, folder, CASE, profile=profile) as run:
+        said = run.works()
+        assert sorted(run.jobs().values()) == ["COMPLETED"] * 4 + ["FAILED"] * 3
+    assert said.count("Exceeded job memory limit") + said.count("exceeded memory limit") >= 3, said[-5000:]
+    is_whole(folder, expected)
+
+
+@long
+def test_a_job_over_its_time_is_killed_and_gets_more(undone, cluster):
+    """One that hangs: its process is stopped, until Slurm's limit of one minute ends it."""
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE, profile=other_profile(folder, runtime="1 * attempt")) as run:
+        job = run.running(CHUNK)
+        os.kill(run.stage(job), signal.SIGSTOP)
+        said = run.works()
+        assert run.jobs()[job] == "TIMEOUT"
+    assert f"SLURM-job '{job}' failed, SLURM status is: 'TIMEOUT'" in said
+    is_whole(folder, expected)
+
+
+@long
+@pytest.mark.parametrize("seen", [False, True])
+def test_a_node_that_dies_and_comes_back_takes_its_jobs_up_again(undone, cluster, seen):
+    """It comes back before or after the controller has seen that it is gone."""
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE) as run:
+        job = run.running(CHUNK)
+        run.stage(job)
+        cluster.kill_node()
+        if seen:
+            cluster.wait_for_node("down", "down*", seconds=180)
+        else:
+            time.sleep(15)  # no machine starts faster than this, and Slurm takes no younger job for lost
+        cluster.start_node()
+        run.works()
+    is_whole(folder, expected)
+
+
+@long
+def test_a_node_daemon_that_dies_alone_loses_no_job(undone, cluster):
+    """What it has started goes on without it."""
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE) as run:
+        job = run.running(CHUNK)
+        run.stage(job)
+        cluster.kill_node_daemon()
+        time.sleep(3)
+        cluster.start_node()
+        run.works()
+        assert set(run.jobs().values()) == {"COMPLETED"}
+    is_whole(folder, expected)
+
+
+@long
+def test_a_killed_snakemake_can_go_on_while_its_jobs_still_run(undone, cluster):
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE) as run:
+        run.stage(run.running(CHUNK))
+        run.kill()
+        done = snakemake(folder, "--unlock")
+        assert done.returncode == 0, done.stdout
+        with Submitted(cluster, folder, CASE) as again:
+            again.works()
+    is_whole(folder, expected)
+
+
+@long
+def test_a_stopped_snakemake_cancels_its_jobs_and_can_go_on(undone, cluster):
+    folder, expected = undone
+    with Submitted(cluster, folder, CASE) as run:
+        run.stage(run.running(CHUNK))
+        os.kill(run.process.pid, signal.SIGINT)
+        assert run.process.wait(timeout=120) != 0
+        run.cancelled(seconds=30)
+    with Submitted(cluster, folder, CASE) as run:
+        run.works()
+    is_whole(folder, expected)
