@@ -196,6 +196,36 @@ def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
     assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in said
 
 
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "(No space left on device): free space and run again"),
+        (errno.EDQUOT, ": free space and run again"),
+        (errno.EROFS, "(Read-only file system): give yourself permission to write there and run again"),
+    ],
+)
+def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned, capsys, number, remedy):
+    for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, "out")):
+        with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+            raise OSError(number, os.strerror(number), path and str(path))
+        said = capsys.readouterr().err
+        assert f"paper p, reading r, job p_stage: {named}: cannot be written or read " in said
+        assert remedy in said
+        assert "Traceback" not in said
+
+
+def test_a_log_that_cannot_be_written_is_said(tmp_path, pinned, capsys, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "logs/job.log")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
+        raise AssertionError("must not begin")
+    said = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: logs/job.log: cannot be written or read (No space left on device)" in said
+    assert "Traceback" not in said
+
+
 def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):

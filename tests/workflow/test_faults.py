@@ -416,6 +416,22 @@ def test_a_full_disk_is_said_and_nothing_else_is_lost(tree):
     assert tree.digests()[target] == digests[target]
 
 
+def test_a_disk_that_is_full_in_the_middle_of_a_figure_is_said(tree):
+    """The pictures of a reading lie on a disk that holds the beginning of one; they are no artifacts."""
+    target = "figures/powered_descent/kilonewton_noise/fig06a.png"
+    folder = tree.path(target).parent
+    folder.mkdir(parents=True)
+    digests = tree.digests()
+    with mounted("-t", "tmpfs", "-o", "size=8k", "tmpfs", folder):
+        said = failed(tree, target)
+        assert "paper powered_descent, reading kilonewton_noise, job figure: " in said
+        assert "(No space left on device): free space and run again" in said
+        assert "Traceback" not in said
+        assert not list(folder.iterdir()), "no half-written file stays"
+    works(tree, target)
+    assert tree.digests().keys() - digests.keys() == {target, target.replace(".png", ".pdf")}
+
+
 def test_a_limit_of_file_sizes_is_said(tree):
     """As a full disk, but without a disk: the artifact is larger than any file may be."""
     digests = tree.digests()

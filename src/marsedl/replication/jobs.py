@@ -1,6 +1,7 @@
 """What every job of the workflow does around its science: pin the numerics, load, save, and report failures."""
 
 import contextlib
+import errno
 import fcntl
 import os
 import sys
@@ -22,6 +23,11 @@ NUMERIC_ENVIRONMENT = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
     "SOURCE_DATE_EPOCH": "1502928000",
     "MPLBACKEND": "agg",
+}
+# Errors of the system that are no fault of the code, with what to do.
+OUTSIDE = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "give yourself permission to write there and run again"),
 }
 
 
@@ -212,6 +218,16 @@ def compile_in_turn() -> None:
     event.register("numba:compiler_lock", Turns())
 
 
+def _described(error: Exception, outputs: typing.Iterable[str]) -> tuple[str, bool]:
+    """Return an error in one line, and whether it was foreseen, so that its traceback tells a user nothing more."""
+    if isinstance(error, MarsedlError):
+        return str(error), True
+    if isinstance(error, OSError) and error.errno in OUTSIDE:
+        where = error.filename or ", ".join(outputs)
+        return f"{where}: cannot be written or read ({error.strerror}): {OUTSIDE[error.errno]}", True
+    return f"{type(error).__name__}: {error}", False
+
+
 def _kept_iterate(path: Path, iterate: dict) -> str:
     """Write a solver's last iterate beside the job's log; returns the words that say where."""
     import numpy as np
@@ -227,10 +243,10 @@ def _kept_iterate(path: Path, iterate: dict) -> str:
 def guarded(snakemake) -> typing.Iterator[Job]:
     """Run a job's body: warnings and tracebacks go to its log, a failure ends in one message that names job and log."""
     log = Path(snakemake.log[0])
-    log.parent.mkdir(parents=True, exist_ok=True)
-    log.write_text("")
     job = Job(snakemake)
     try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_text("")
         assert_numerics()
         yield job
     except Exception as error:
@@ -241,9 +257,9 @@ def guarded(snakemake) -> typing.Iterator[Job]:
             for what, value in (("paper", job.paper), ("reading", job.reading), ("job", snakemake.rule))
             if value
         )
-        if not isinstance(error, MarsedlError):
+        what, foreseen = _described(error, snakemake.output)
+        if not foreseen:
             traceback.print_exc()
-        what = str(error) if isinstance(error, MarsedlError) else f"{type(error).__name__}: {error}"
         if isinstance(error, SolverError):
             what += _kept_iterate(log.with_suffix(".iterate.csv"), error.iterate)
         print(f"\n{where}: {what}\n(log: {log})\n", file=sys.stderr)
