@@ -118,33 +118,56 @@ def with_a_huge_dimension(path):
 
 
 def with_the_content_of_another_paper(path):
-    shutil.copyfile(path.parents[2] / "powered_descent" / "corrected" / path.name, path)
+    shutil.copyfile(path.parents[2] / "desensitized" / "corrected" / path.name, path)
 
 
-# Of every paper, what is damaged and how, what is made from it, and what is said.
+# Of every paper, what is damaged and how, what is made from it and by which job, and what is said.
 DAMAGED = {
-    "powered_descent/corrected/linearization": (with_flipped_bits, "gains", "are not those that were written"),
-    "random_field/corrected/nominal": (with_an_external_link, "linearization", "is a link to somewhere else"),
-    "desensitized/corrected/nominal": (of_an_older_schema, "linearization", "was written by another version"),
-    "funnels/corrected/linearization": (with_the_content_of_another_paper, "gains", "the paper 'powered_descent', not"),
-    "stochastic_entry/corrected/nominal": (with_a_huge_dimension, "linearization", "bytes of values but the file"),
+    "powered_descent/corrected/linearization": (
+        with_flipped_bits,
+        "data/cache/powered_descent/corrected/gains.h5",
+        "powered_descent_gains",
+        "are not those that were written",
+    ),
+    "random_field/corrected/nominal": (
+        with_an_external_link,
+        "data/cache/random_field/corrected/linearization.h5",
+        "random_field_linearization",
+        "field 'time' is a link to somewhere else (ExternalLink)",
+    ),
+    "desensitized/corrected/nominal": (
+        of_an_older_schema,
+        "figures/desensitized/fig01b.png",
+        "default_figure",
+        "artifact Nominal was written by another version",
+    ),
+    "funnels/corrected/linearization": (
+        with_the_content_of_another_paper,
+        "data/cache/funnels/corrected/gains.h5",
+        "funnels_gains",
+        "artifact Linearization is of the paper 'desensitized', not 'funnels'",
+    ),
+    "stochastic_entry/corrected/nominal": (
+        with_a_huge_dimension,
+        "data/cache/stochastic_entry/corrected/linearization.h5",
+        "stochastic_entry_linearization",
+        "bytes of values but the file stores 0",
+    ),
 }
 
 
 def test_damaged_artifacts_of_every_paper_are_refused_in_one_run_until_they_are_deleted(tree):
     digests = tree.digests()
-    targets = []
-    for name, (damage, target, _) in DAMAGED.items():
+    targets = [target for _, target, _, _ in DAMAGED.values()]
+    for name, (damage, *_) in DAMAGED.items():
         damage(tree.path(f"data/cache/{name}.h5"))
-        targets.append(f"data/cache/{name.rpartition('/')[0]}/{target}.h5")
     for _ in range(2):  # the second run does not take them either
         said = failed(tree, *targets)
         assert "Traceback" not in said
-        for name, (_, target, reason) in DAMAGED.items():
-            slug = name.split("/")[0]
-            start = f"paper {slug}, reading corrected, job {slug}_{target}: data/cache/{name}.h5: "
-            (refusal,) = (line for line in said.splitlines() if line.startswith(start))
-            assert reason in refusal
+        for name, (_, _, job, reason) in DAMAGED.items():
+            start = f"paper {name.split('/')[0]}, reading corrected, job {job}: data/cache/{name}.h5: "
+            refusal = next((line for line in said.splitlines() if line.startswith(start)), "")
+            assert reason in refusal, said[-8000:]
             assert "delete it and run snakemake again" in refusal
     for name in DAMAGED:
         tree.path(f"data/cache/{name}.h5").unlink()
@@ -420,7 +443,7 @@ def test_a_disk_that_is_full_in_the_middle_of_a_figure_is_said(tree):
     """The pictures of a reading lie on a disk that holds the beginning of one; they are no artifacts."""
     target = "figures/powered_descent/kilonewton_noise/fig06a.png"
     folder = tree.path(target).parent
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     digests = tree.digests()
     with mounted("-t", "tmpfs", "-o", "size=8k", "tmpfs", folder):
         said = failed(tree, target)
