@@ -108,6 +108,11 @@ def finite(ensemble):
     return ensemble.outcome != NON_FINITE
 
 
+def finite_count(ensemble):
+    """How many of all trials are finite."""
+    return ensemble.count if is_streamed(ensemble) else int(finite(ensemble).sum())
+
+
 def final_percentiles(ensemble, trials=None, index=None):
     """1st and 99th percentile of the final errors with standard errors, SI: {state index: ((2,), (2,))}.
 
@@ -829,7 +834,7 @@ def _table_4(inputs, flights, tails):
     found = {}
     for case in CASES:
         ensemble = flights[case]
-        known, ended = ensemble.count, outcomes(ensemble)
+        known, ended = finite_count(ensemble), outcomes(ensemble)
         for state, name, factor, unit in ROWS:
             row = f"tab4_{name}_{case}"
             if name == "velocity" and case.endswith("velocity"):
@@ -900,7 +905,7 @@ def _headline_claims(inputs, flights, tails, error_budget):
     widths = {case: width(ranges[case]) for case in CASES}
     saved, error = reduction(ranges["stochastic_velocity"], ranges["apollo_velocity"])
     saved_time, error_time = reduction(ranges["stochastic_time"], ranges["apollo_time"])
-    trials = {case: flights[case].count for case in CASES}
+    trials = {case: finite_count(flights[case]) for case in CASES}
     count = min(trials["apollo_velocity"], trials["stochastic_velocity"])
 
     def shown(case):

@@ -18,6 +18,7 @@ from marsedl.papers.stochastic_entry.claims import (
     crossrange_of_azimuth,
     final_percentiles,
     finite,
+    finite_count,
     halving,
     outcomes,
     reduction,
@@ -143,7 +144,7 @@ def tab04(
                 except ValueError:  # too few trials for two sets
                     spread = NO_VALUE
                 # The paper's own sampling error: that of as many trials, if they spread like ours.
-                paper = error * np.sqrt(ensemble.count / (claim.trials or size))
+                paper = error * np.sqrt(finite_count(ensemble) / (claim.trials or size))
                 combined = np.sqrt(error**2 + paper**2 + resolution**2 / 12)
                 distance = (value - printed) / combined if claim.kind == "monte_carlo" else np.nan
                 rows.append(
@@ -158,7 +159,7 @@ def tab04(
                         _number(value, ".3f"),
                         _number(error, ".3f"),
                         _number(distance, "+.1f"),
-                        f"{ensemble.count:,}",
+                        f"{finite_count(ensemble):,}",
                     )
                 )
     for case, ensemble in flights.items():
