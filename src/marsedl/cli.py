@@ -34,8 +34,18 @@ def main(arguments: list[str] | None = None) -> int:
     trial.add_argument("--case", help="the same as an option")
     verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
+    machines = commands.add_parser("machines", help="compare the smoke size under other instruction sets and libraries")
+    machines.add_argument("names", nargs="*", metavar="machine", help="of instruction sets; all of them unless given")
+    machines.add_argument(
+        "--libraries", action="append", default=[], metavar="NAME=PYTHON", help="a Python with other versions"
+    )
+    machines.add_argument("--cores", type=int, default=2)
     commands.add_parser("accept", help="show what the full size changes in the stored numbers, and store it")
     commands.add_parser("audit", help="count claims, figures, inputs, errata, targets; find what is left hanging")
+    crate = commands.add_parser(
+        "crate", help="describe the build for others: workflow, inputs, products, digests (RO-Crate)"
+    )
+    crate.add_argument("--config", nargs="*", default=[], help="as for snakemake, if it is not the full size")
     new = commands.add_parser("new-paper", help="write a small complete paper to begin another replication with")
     new.add_argument("slug", help="its name in files and targets, such as powered_descent")
     new.add_argument("--title", default="Title to be given")
@@ -247,6 +257,14 @@ def _verify(options) -> int:
     return 0 if verification.compare_reference(root, SLUGS, rounding_noise()) and agree else 1
 
 
+def _machines(options) -> int:
+    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.replication import machines
+
+    asked = machines.chosen(options.names, options.libraries)
+    return 0 if machines.measure(project_root(), asked, SLUGS, rounding_noise(), options.cores) else 1
+
+
 def _accept(options) -> int:
     from marsedl.papers import SLUGS, rounding_noise
     from marsedl.replication import audit, verification
@@ -271,6 +289,14 @@ def _audit(options) -> int:
     if changed:
         print(REMEDY)
     return 1 if changed or audit.findings(results) else 0
+
+
+def _crate(options) -> int:
+    from marsedl.papers import SLUGS, catalogue
+    from marsedl.replication.crate import write_crate
+
+    print(f"wrote {write_crate(project_root(), {slug: catalogue(slug) for slug in SLUGS}, *options.config)}")
+    return 0
 
 
 def _new_paper(options) -> int:
@@ -310,8 +336,10 @@ _COMMANDS = {
     "diff": _diff,
     "trial": _trial,
     "verify": _verify,
+    "machines": _machines,
     "accept": _accept,
     "audit": _audit,
+    "crate": _crate,
     "new-paper": _new_paper,
 }
 

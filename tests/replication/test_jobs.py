@@ -81,6 +81,25 @@ def test_an_unpinned_environment_is_refused(pinned, monkeypatch):
         jobs.assert_numerics()
 
 
+def test_a_machine_that_pretends_keeps_its_instruction_sets_and_nothing_else(monkeypatch, tmp_path):
+    """In a process of its own, as the numerics are pinned for good."""
+    code = "import os; from pathlib import Path; from marsedl.replication import jobs\n"
+    code += f"jobs.pin_numerics(Path({str(SOURCE.parent)!r})); jobs.assert_numerics()\n"
+    code += "print(os.environ.get('OPENBLAS_CORETYPE'), os.environ.get('NPY_DISABLE_CPU_FEATURES'),"
+    code += " os.environ['OMP_NUM_THREADS'], jobs.pretended_machine(), sep='|')"
+    clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
+    given = {"MARSEDL_UNPINNED": "1", "OPENBLAS_CORETYPE": "Prescott", "OMP_NUM_THREADS": "8"}
+
+    def said(environment):
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    assert said({**clean, **given}) == "Prescott|None|1|OPENBLAS_CORETYPE=Prescott"
+    assert said({**clean, "MARSEDL_UNPINNED": "1"}) == "None|None|1|this machine's own"
+    features = jobs.NUMERIC_ENVIRONMENT["NPY_DISABLE_CPU_FEATURES"]
+    assert said({**clean, **given, "MARSEDL_UNPINNED": ""}) == f"Haswell|{features}|1|"
+
+
 # ------------------------------------------------------------------------------------------------- inputs and artifacts
 
 

@@ -178,6 +178,8 @@ def example(folder, hostile="plain"):
         "versions": {"numpy": "2.3.1", "casadi": "3.7.0"},
         "digests": {f"figures/powered_descent/fig{i:02d}.png": f"{i:064x}" for i in range(20)},
         "benchmarks": [["rule", "s", "MB"], ["montecarlo", "12.3", "310"]],
+        "machines": [["machine", "worst margin"], ["sse", f"0.2 {hostile}"]],
+        "margins": [["paper", "artifact", "sse"], ["powered_descent", "gains", "0.0417"]],
     }
     return [
         paper,
@@ -393,6 +395,12 @@ def test_an_erratum_leads_to_the_claims_that_name_it(written, page):
     first, _, rest = errata.partition('id="powered_descent-E11"')
     assert 'href="#powered_descent-prior_final_mass"' in first
     assert 'href="#powered_descent-mc_final_mean"' in rest.partition('id="powered_descent-E12"')[0]
+
+
+def test_other_machines_are_shown_with_every_margin(page):
+    text = " ".join("".join(page.text).split())
+    assert "On other machines" in text
+    assert "0.0417" in text
 
 
 def test_a_figure_stands_between_what_the_paper_says_and_the_claims_about_it(written, page):

@@ -252,6 +252,18 @@ def test_other_shapes_and_lost_numbers_are_described():
 # -------------------------------------------------------------------------------------------------------------- accept
 
 
+def test_a_machine_that_pretends_to_be_another_one_accepts_nothing(project, capsys, monkeypatch):
+    monkeypatch.setenv("MARSEDL_UNPINNED", "1")
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
+    committed = verification.read_reference(project, SLUG)
+    store(project, scale=1.5)
+    assert cli.main(["accept"]) == 2
+    assert "are those of the pinned instruction sets; unset MARSEDL_UNPINNED (OPENBLAS_CORETYPE=Prescott" in (
+        capsys.readouterr().err
+    )
+    assert verification.read_reference(project, SLUG) == committed
+
+
 def test_accept_shows_the_table_and_then_verify_agrees(project, capsys):
     store(project, scale=1.1)
     claim(project, 1500.0, verdict="close")

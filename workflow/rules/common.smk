@@ -8,6 +8,7 @@ from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_studies
+from marsedl.replication.jobs import pretended_machine
 
 DIGESTS = remembered_digests(Path(workflow.basedir))
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
@@ -46,7 +47,7 @@ def needs(paper, name):
 
 def code_of(entry, script):
     """Digest of the code that a job can reach: its script and its function."""
-    return f"{DIGESTS.script(script)[:16]} {DIGESTS.code(entry)[:16]}"
+    return f"{script_of(script)} {DIGESTS.code(entry)[:16]}"
 
 
 def stage(paper, name):
@@ -211,8 +212,8 @@ def described(paper):
 
 
 def script_of(script):
-    """Digest of the code that a script without a paper's function can reach."""
-    return DIGESTS.script(script)[:16]
+    """Digest of the code that a script without a paper's function can reach, and the machine it runs on if unpinned."""
+    return f"{DIGESTS.script(script)[:16]} {pretended_machine()}".strip()
 
 
 def claims_code(paper):

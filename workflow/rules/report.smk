@@ -44,6 +44,8 @@ rule index:
         size=str(config.get("size", "full")),
         benchmarks="data/reference/benchmarks.csv",
         benchmark_digest=file_digest("data/reference/benchmarks.csv"),
+        machines="data/reference/machines.csv",
+        machines_digest=file_digest("data/reference/machines.csv"),
         artifacts={
             paper: {
                 reading: artifacts(paper, reading)

@@ -17,5 +17,7 @@ with guarded(snakemake) as job:
         )
         for slug, readings in job.params.readings.items()
     ]
-    around = assembly.environment(job.params.size, Path(snakemake.input.digests), benchmarks, job.params.readings)
+    machines = assembly.measurements(Path(job.params.machines))
+    digests = Path(snakemake.input.digests)
+    around = assembly.environment(job.params.size, digests, benchmarks, job.params.readings, machines)
     build_report(snakemake.output[0], papers, around, assembly.comparison(COMPARISONS))

@@ -140,8 +140,14 @@ def _table(folder: Path, stem: str, caption: str, beyond: bool = False) -> Table
     return TableEntry(stem, caption, read_table(path), (f"{path}", f"{folder / stem}.md"), beyond)
 
 
-def environment(size: str, digests: Path, benchmarks: Sequence[Sequence[str]], slugs: Iterable[str]) -> dict:
-    """Say what holds for all papers: size, software, digests of the products, and measurements of no single paper."""
+def environment(
+    size: str,
+    digests: Path,
+    benchmarks: Sequence[Sequence[str]],
+    slugs: Iterable[str],
+    machines: Sequence[Sequence[str]] = (),
+) -> dict:
+    """Say what holds for all papers: size, software, digests, measurements of no single paper, other machines."""
     return {
         "size": size,
         "citation": CITATION,
@@ -149,11 +155,13 @@ def environment(size: str, digests: Path, benchmarks: Sequence[Sequence[str]], s
         "versions": artifacts.library_versions(*LIBRARIES),
         "digests": json.loads(digests.read_text(encoding="utf-8")),
         "benchmarks": run_times(benchmarks, {row[0] for row in benchmarks[1:]}.difference(slugs)),
+        "machines": machine_rows(machines),
+        "margins": margin_rows(machines),
     }
 
 
 def measurements(path: Path) -> list[list[str]]:
-    """The committed benchmark table, the first row its header; empty if nothing was measured."""
+    """A committed table of measurements, the first row its header; empty if nothing was measured."""
     return read_table(path) if path.exists() else []
 
 
@@ -162,6 +170,48 @@ def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> lis
     papers = set(papers)
     rows = [list(row[1:]) for row in benchmarks[1:] if row[0] in papers]
     return [list(benchmarks[0][1:]), *rows] if rows else []
+
+
+def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
+    """What differs on other machines, one row for each, the first row the header; empty if nothing was measured.
+
+    machines: the table of `replication.machines`.
+    """
+    if not machines:
+        return []
+    found = [["machine", "what is different there", "verdicts changed", "numbers beyond tolerance", "worst margin"]]
+    rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
+    for name in dict.fromkeys(row["machine"] for row in rows):
+        mine = [row for row in rows if row["machine"] == name]
+        verdicts = [row for row in mine if not row["margin"]]
+        numbers = [row for row in mine if row["margin"]]
+        worst = max(numbers, key=lambda row: float(row["margin"]))
+        counts = [f"{_sum(part, 'beyond'):,} of {_sum(part, 'numbers'):,}" for part in (verdicts, numbers)]
+        where = f"{worst['margin']} ({worst['paper']}, {worst['artifact']}: {worst['worst']})"
+        found.append([name, mine[0]["setting"], *counts, where])
+    return found
+
+
+def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
+    """The worst margin of every artifact on every other machine, in tolerances; the first row is the header.
+
+    machines: the table of `replication.machines`; empty if nothing was measured, and so is the result.
+    """
+    rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
+    names = list(dict.fromkeys(row["machine"] for row in rows))
+    cells = {
+        (row["paper"], row["artifact"], row["machine"]): row["margin"]
+        + (f" ({row['beyond']} of {row['numbers']} beyond)" if row["beyond"] != "0" else "")
+        for row in rows
+        if row["margin"]
+    }
+    artifacts = dict.fromkeys(key[:2] for key in cells)
+    found = [[*key, *(cells.get((*key, name), "–") for name in names)] for key in artifacts]
+    return [["paper", "artifact", *names], *found] if found else []
+
+
+def _sum(rows: Iterable[Mapping[str, str]], column: str) -> int:
+    return sum(int(row[column]) for row in rows)
 
 
 def solver_rows(paths: Paths) -> list[list[str]]:

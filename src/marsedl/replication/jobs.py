@@ -29,6 +29,13 @@ OUTSIDE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "give yourself permission to write there and run again"),
 }
+# What of it, and beside it, says which instructions are used. It is not pinned if UNPINNED is set, so that this machine
+# can pretend to be another one, see replication/machines.py; threads, seeds and dates are pinned all the same.
+INSTRUCTION_SETS = (
+    *("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES"),
+    *("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES"),
+)
+UNPINNED = "MARSEDL_UNPINNED"
 
 
 def pin_numerics(root: Path) -> None:
@@ -39,7 +46,7 @@ def pin_numerics(root: Path) -> None:
     """
     from marsedl.replication.code_digest import remembered_digests
 
-    os.environ.update(NUMERIC_ENVIRONMENT)
+    os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
     os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / remembered_digests(root).source()[:16])
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
@@ -47,10 +54,24 @@ def pin_numerics(root: Path) -> None:
 
 def assert_numerics() -> None:
     """Raise MarsedlError if this process was started without the pinned numeric environment."""
-    unset = [name for name, value in NUMERIC_ENVIRONMENT.items() if os.environ.get(name) != value]
+    unset = [name for name, value in _pinned().items() if os.environ.get(name) != value]
     unset += [name for name in ("PYTHONHASHSEED", "NUMBA_CACHE_DIR") if name not in os.environ]
     if unset:
         raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")
+
+
+def pretended_machine() -> str:
+    """Return the instruction sets that this process was given in place of the pinned ones; empty if they are pinned."""
+    if not os.environ.get(UNPINNED):
+        return ""
+    given = [f"{name}={os.environ[name]}" for name in INSTRUCTION_SETS if name in os.environ]
+    return "; ".join(given) or "this machine's own"
+
+
+def _pinned() -> dict[str, str]:
+    """The variables that have to have a fixed value."""
+    free = INSTRUCTION_SETS if os.environ.get(UNPINNED) else ()
+    return {name: value for name, value in NUMERIC_ENVIRONMENT.items() if name not in free}
 
 
 class Slice(types.SimpleNamespace):

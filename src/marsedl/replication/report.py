@@ -26,7 +26,7 @@ from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.inputs import nearest
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks")
+_ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks", "machines", "margins")
 _CAUSES = 3  # errata of a paper that the overview names
 _COLOURS = 256  # of an embedded figure: all that a palette holds
 _MARKS = {
@@ -175,7 +175,7 @@ def build_report(
         comparison: what to say of all of them together.
         environment: what holds for all of them; every key may be left out:
             `size` (text), `citation` (text), `rebuild` (list of commands), `versions` (text by package), `digests`
-            (text by file), and the table `benchmarks` (rows of text, the first one the header).
+            (text by file), and the tables `benchmarks`, `machines`, `margins` (rows of text, the first one the header).
 
     Raises:
         InputError: an unknown key, a paper or name given twice, or an input without a value in a listed reading.

@@ -17,6 +17,7 @@ import numpy as np
 from marsedl.replication.claims import UNEXPLAINED, read_claims, write_text
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.jobs import UNPINNED, pretended_machine
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
@@ -54,17 +55,24 @@ def copy_tree(root: Path, destination: Path) -> Path:
 
 
 def snakemake(
-    folder: Path, *arguments: str, nice: int = 0, offline: bool = False, **environment: str
+    folder: Path,
+    *arguments: str,
+    nice: int = 0,
+    offline: bool = False,
+    python: str = sys.executable,
+    **environment: str | None,
 ) -> subprocess.CompletedProcess:
     """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
 
     nice: by how much it and its jobs give way to other processes, as for the command of this name. offline: without
-    network, where `offline_works`.
+    network, where `offline_works`. python: the interpreter, whose environment may have other versions of the libraries.
+    environment: further variables; None takes one away.
     """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
+    environment = {name: value for name, value in environment.items() if value is not None}
     around = [*_OFFLINE] * offline
     return subprocess.run(
-        [*around, "nice", "-n", str(nice), sys.executable, "-m", "snakemake", *arguments],
+        [*around, "nice", "-n", str(nice), python, "-m", "snakemake", *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -398,6 +406,16 @@ def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
 def built_artifacts(root: Path, *config: str) -> list[str]:
     """Return the artifacts behind the claims of a build that is whole and up to date, as paths below `root`.
 
+    config: what was given with `--config` if it is not the plain full-size build.
+
+    Raises MarsedlError that says what is missing or not up to date.
+    """
+    return sorted(name for name in built_files(root, "claims", *config) if name.startswith("data/cache/"))
+
+
+def built_files(root: Path, target: str, *config: str) -> dict[str, dict[str, str]]:
+    """Return the files behind a target of a build that is whole and up to date, as `planned_files` does.
+
     Snakemake itself decides, by the rules of reruns: files, inputs in the configuration, code. So a build of another
     size or of an edited configuration is not taken for the full one, and files of other builds are left out.
 
@@ -405,7 +423,7 @@ def built_artifacts(root: Path, *config: str) -> list[str]:
 
     Raises MarsedlError that says what is missing or not up to date.
     """
-    files = planned_files(root, "claims", *(["--config", *config] if config else []))
+    files = planned_files(root, target, *(["--config", *config] if config else []))
     files = {name: file for name, file in files.items() if "/chunks/" not in name}  # which are temporary
     # A lost file that nothing needs any more is no reason for Snakemake to plan an update.
     pending = sorted(name for name, file in files.items() if file["plan"] != "no update" or file["status"] == "missing")
@@ -415,7 +433,7 @@ def built_artifacts(root: Path, *config: str) -> list[str]:
             f"there is no full build that is up to date with configuration and code: {len(pending)} of {len(files)} "
             f"files are missing or older, the first is {root / name} ({files[name]['status']}); run 'snakemake all'"
         )
-    return sorted(name for name in files if name.startswith("data/cache/"))
+    return files
 
 
 def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Sequence[str]] | None = None) -> list[Path]:
@@ -425,9 +443,13 @@ def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Seque
 
     noise: as for `compare_reference`.
 
-    Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, or if a verdict
-    is not explained.
+    Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, if a verdict is
+    not explained, or if this machine pretends to be another one.
     """
+    if machine := pretended_machine():
+        raise MarsedlError(
+            f"the committed numbers are those of the pinned instruction sets; unset {UNPINNED} ({machine})"
+        )
     artifacts, accepted = built_artifacts(root), {}
     for slug in slugs:
         if unexplained := _unexplained(root, slug):
