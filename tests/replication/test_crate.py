@@ -172,9 +172,6 @@ def test_the_smoke_build_is_a_valid_crate(tree, validate):
     assert validate(tree.folder) == []
     found = graph(tree.folder)
     assert {name for name in tree.state() if "/chunks/" not in name} == names(found["#run"], "result")
-    before = (tree.folder / crate.NAME).read_bytes()
-    assert tree.marsedl("crate", "--config", *tree.config).returncode == 0
-    assert (tree.folder / crate.NAME).read_bytes() == before
 
 
 def test_a_build_that_is_not_up_to_date_is_not_described(project, monkeypatch):

@@ -1,0 +1,188 @@
+"""Other machines: what is asked for, what is compared, and the table that is committed."""
+
+import csv
+import sys
+from pathlib import Path
+
+import pytest
+
+from marsedl import cli
+from marsedl.papers import SLUGS, catalogue
+from marsedl.replication import jobs, machines
+from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.machines import HEADER, MACHINES, Machine
+from marsedl.replication.verification import Change, Comparison
+
+ROOT = Path(__file__).parents[2]
+
+
+def comparison(changes=(), margins=None, by_shape=()):
+    return Comparison(list(changes), margins or {}, set(by_shape))
+
+
+# -------------------------------------------------------------------------------------------------- what is asked for
+
+
+def test_instruction_sets_are_set_and_others_of_the_caller_are_taken_away():
+    found = Machine("m", {"OPENBLAS_CORETYPE": "Prescott"}).environment
+    assert found["MARSEDL_UNPINNED"] == "1"
+    assert found["OPENBLAS_CORETYPE"] == "Prescott"
+    assert {name for name, value in found.items() if value is None} == {*jobs.INSTRUCTION_SETS} - {"OPENBLAS_CORETYPE"}
+
+
+def test_another_python_runs_with_the_pinned_instruction_sets():
+    assert Machine("m", python="bin/python").environment == {"MARSEDL_UNPINNED": None}
+
+
+@pytest.mark.parametrize("machine", MACHINES.values(), ids=MACHINES)
+def test_machines_change_instruction_sets_alone(machine):
+    assert set(machine.instruction_sets) <= set(jobs.INSTRUCTION_SETS)
+    assert all(name in machine.setting() for name in machine.instruction_sets)
+
+
+def test_the_setting_of_another_python_is_its_versions():
+    assert Machine("m").setting().startswith(f"Python {sys.version.split()[0]}, numpy ")
+
+
+def test_a_python_without_the_libraries_is_refused_by_path(tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} -I -S "$@"\n')
+    python.chmod(0o755)
+    with pytest.raises(MarsedlError, match=rf"{python}: does not hold the libraries; it says:\n(.*\n)*.*numpy"):
+        Machine("m", python=str(python)).setting()
+
+
+def test_all_machines_are_taken_unless_some_are_named(monkeypatch):
+    monkeypatch.setattr(machines, "_has", lambda feature: True)
+    named = f"older={sys.executable}"
+    assert [machine.name for machine in machines.chosen([])] == list(MACHINES)
+    assert [machine.name for machine in machines.chosen(["sse"])] == ["sse"]
+    assert [machine.name for machine in machines.chosen([], [named])] == ["older"]
+    assert [machine.name for machine in machines.chosen(["sse"], [named])] == ["sse", "older"]
+
+
+def test_a_machine_beyond_this_processor_is_refused(monkeypatch):
+    monkeypatch.setattr(machines, "_has", lambda feature: False)
+    with pytest.raises(InputError, match="'avx512' cannot be run on a processor without avx512f; name others"):
+        machines.chosen(["avx512"])
+    assert machines.chosen(["sse"])
+
+
+@pytest.mark.parametrize("text", ["older", "older=/nowhere", f"sse={sys.executable}", f"a b={sys.executable}", "=x"])
+def test_libraries_are_named_once_and_exist(text):
+    with pytest.raises(InputError, match=r"give a new name and a Python, as in older=build"):
+        machines.chosen([], [text])
+
+
+def test_an_unknown_machine_ends_in_a_message(capsys):
+    assert cli.main(["machines", "sse2"]) == 2
+    assert "there is no machine 'sse2'; did you mean 'sse'?" in capsys.readouterr().err
+
+
+# --------------------------------------------------------------------------------------------------- what is compared
+
+
+def test_rows_hold_the_worst_margin_of_every_artifact_over_readings():
+    found = machines.rows(
+        "sse",
+        "X=1",
+        "p",
+        comparison(
+            [Change("c, printed", "holds", "fails", 2.0, verdict=True), Change("printed/gains/K", "1", "2", 30.0)],
+            {
+                "claims/c/printed": 2.0,
+                "corrected/gains/K": 0.25,
+                "printed/gains/K": 30.0,
+                "printed/gains/S": 0.0,
+                "corrected/nominal/mass": 0.0,
+                "corrected/nominal/noise": 1e9,
+            },
+            ["corrected/nominal/noise"],
+        ),
+        verdicts=12,
+    )
+    assert [row[3:] for row in found] == [
+        ("verdicts", "12", "1", "", "c, printed"),
+        ("claims", "1", "1", "2.0e+00", "c/printed"),
+        ("gains", "3", "1", "3.0e+01", "printed/K"),
+        ("nominal", "1", "0", "0.0e+00", ""),
+    ]
+    assert {row[:3] for row in found} == {("sse", "X=1", "p")}
+
+
+def test_a_number_that_one_build_lacks_is_beyond_tolerance():
+    lost = Change("corrected/gains/K", "1", "–", float("inf"))
+    found = machines.rows("sse", "X=1", "p", comparison([lost], {"corrected/gains/S": 0.5}), verdicts=0)
+    assert found[1][3:] == ("gains", "2", "1", "inf", "corrected/K")
+
+
+def test_stored_rows_replace_those_of_the_same_machine(tmp_path):
+    def row(machine, margin):
+        return (machine, "X=1", "p", "gains", "1", "0", margin, "")
+
+    (tmp_path / "data" / "reference").mkdir(parents=True)
+    machines.store(tmp_path, [row("sse", "1"), row("older", "2")])
+    machines.store(tmp_path, [row("sse", "3"), row("newer", "4")])
+    with (tmp_path / machines.TABLE).open(encoding="utf-8") as file:
+        assert [tuple(line) for line in csv.reader(file)] == [
+            HEADER,
+            row("sse", "3"),
+            row("older", "2"),
+            row("newer", "4"),
+        ]
+
+
+# ------------------------------------------------------------------------------------------------ the committed table
+
+
+@pytest.fixture(scope="module")
+def committed():
+    with (ROOT / machines.TABLE).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def explained():
+    """The first cells of the rows of all tables in the page, without the marks of code."""
+    text = (ROOT / "docs" / "reproducibility.md").read_text(encoding="utf-8")
+    rows = [line.replace("`", "").strip("|").split("|") for line in text.splitlines() if line.startswith("| `")]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def test_the_committed_table_says_what_the_machines_are(committed):
+    settings = {row["machine"]: row["setting"] for row in committed}
+    assert "sse" in settings
+    for name, setting in settings.items():
+        assert setting == MACHINES[name].setting() if name in MACHINES else setting.startswith("Python 3.")
+
+
+def test_the_committed_table_has_every_artifact_of_every_paper(committed):
+    for machine in {row["machine"] for row in committed}:
+        for slug in SLUGS:
+            mine = [row["artifact"] for row in committed if (row["machine"], row["paper"]) == (machine, slug)]
+            stages = {"montecarlo" if stage.startswith("montecarlo") else stage for stage in catalogue(slug).stages}
+            assert {artifact.split(".")[0] for artifact in mine} == {"verdicts", "claims", *stages}
+
+
+def test_verdicts_change_on_another_machine_only_where_the_page_says_why(committed, explained):
+    reasons = {row[0] for row in explained if len(row) == 2}
+    verdicts = [row for row in committed if row["artifact"] == "verdicts"]
+    assert all(int(row["numbers"]) > 50 for row in verdicts)
+    changed = {name for row in verdicts for name in row["worst"].split("; ") if name}
+    assert sum(int(row["beyond"]) for row in verdicts) == sum(
+        len(row["worst"].split("; ")) for row in verdicts if row["worst"]
+    )
+    assert changed == reasons
+
+
+def test_numbers_are_beyond_their_tolerance_only_where_the_page_says_why(committed, explained):
+    reasons = {tuple(row[:2]) for row in explained if len(row) == 4}
+    numbers = [row for row in committed if row["margin"]]
+    assert all((float(row["margin"]) > 1) == (row["beyond"] != "0") for row in numbers)
+    assert {(row["paper"], row["artifact"]) for row in numbers if row["beyond"] != "0"} == reasons
+
+
+def test_other_machines_are_others(committed):
+    """Numbers that are the same to the last bit everywhere would mean that nothing was switched."""
+    for machine in {row["machine"] for row in committed}:
+        assert any(float(row["margin"] or 0) > 0 for row in committed if row["machine"] == machine)
