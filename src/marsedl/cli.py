@@ -39,6 +39,9 @@ def main(arguments: list[str] | None = None) -> int:
     machines.add_argument(
         "--libraries", action="append", default=[], metavar="NAME=PYTHON", help="a Python with other versions"
     )
+    machines.add_argument(
+        "--paper", action="append", default=[], help="of this paper alone; may be given several times"
+    )
     machines.add_argument("--cores", type=int, default=2)
     commands.add_parser("accept", help="show what the full size changes in the stored numbers, and store it")
     commands.add_parser("audit", help="count claims, figures, inputs, errata, targets; find what is left hanging")
@@ -260,9 +263,13 @@ def _verify(options) -> int:
 def _machines(options) -> int:
     from marsedl.papers import SLUGS, rounding_noise
     from marsedl.replication import machines
+    from marsedl.replication.inputs import nearest
 
+    if unknown := next((paper for paper in options.paper if paper not in SLUGS), None):
+        raise InputError(f"there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
     asked = machines.chosen(options.names, options.libraries)
-    return 0 if machines.measure(project_root(), asked, SLUGS, rounding_noise(), options.cores) else 1
+    slugs = options.paper or SLUGS
+    return 0 if machines.measure(project_root(), asked, slugs, rounding_noise(), options.cores) else 1
 
 
 def _accept(options) -> int:

@@ -117,10 +117,10 @@ MACHINES = [
 
 def test_other_machines_are_counted_over_all_papers():
     header, *rows = assembly.machine_rows(MACHINES)
-    assert len(header) == 5
+    assert len(header) == 6
     assert rows == [
-        ["sse", "X=1", "1 of 15", "1 of 1,012", "3.0e+00 (a, gains: printed/K)"],
-        ["older", "numpy 1", "0 of 10", "0 of 4", "1.0e-03 (a, gains: corrected/K)"],
+        ["sse", "X=1", "2", "1 of 15", "1 of 1,012", "3.0e+00 (a, gains: printed/K)"],
+        ["older", "numpy 1", "1", "0 of 10", "0 of 4", "1.0e-03 (a, gains: corrected/K)"],
     ]
 
 

@@ -179,7 +179,8 @@ def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     """
     if not machines:
         return []
-    found = [["machine", "what is different there", "verdicts changed", "numbers beyond tolerance", "worst margin"]]
+    header = ("machine", "what is different there", "papers", "verdicts changed", "numbers beyond tolerance")
+    found = [[*header, "worst margin"]]
     rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
     for name in dict.fromkeys(row["machine"] for row in rows):
         mine = [row for row in rows if row["machine"] == name]
@@ -187,8 +188,9 @@ def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
         numbers = [row for row in mine if row["margin"]]
         worst = max(numbers, key=lambda row: float(row["margin"]))
         counts = [f"{_sum(part, 'beyond'):,} of {_sum(part, 'numbers'):,}" for part in (verdicts, numbers)]
-        where = f"{worst['margin']} ({worst['paper']}, {worst['artifact']}: {worst['worst']})"
-        found.append([name, mine[0]["setting"], *counts, where])
+        place = f" ({worst['paper']}, {worst['artifact']}: {worst['worst']})" if worst["worst"] else ""
+        papers = str(len({row["paper"] for row in mine}))
+        found.append([name, mine[0]["setting"], papers, *counts, worst["margin"] + place])
     return found
 
 

@@ -120,13 +120,13 @@ def _has(feature: str) -> bool:
     return get_host_cpu_features().get(feature, False)
 
 
-def build(root: Path, folder: Path, machine: Machine = _PINNED, cores: int = 2) -> None:
-    """Build all claims of the smoke size in an empty folder, as on another machine or as it is pinned.
+def build(root: Path, folder: Path, slugs: Iterable[str], machine: Machine = _PINNED, cores: int = 2) -> None:
+    """Build the claims of some papers at the smoke size in an empty folder, as on another machine or as it is pinned.
 
     Raises MarsedlError with the end of what Snakemake said if that fails.
     """
     copy_tree(root, folder)
-    arguments = ("claims", "--cores", str(cores), "--config", "size=smoke")
+    arguments = (*(f"report/claims/{slug}.json" for slug in slugs), "--cores", str(cores), "--config", "size=smoke")
     done = snakemake(folder, *arguments, nice=19, python=machine.python, **machine.environment)
     if done.returncode:
         raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
@@ -178,7 +178,7 @@ def measure(
 ) -> bool:
     """Build and compare one machine after the other; prints what differs and stores the table.
 
-    The builds are made in `build/machines`. Rows of machines that were not asked for stay in the table.
+    The builds are made in `build/machines`. Rows of machines and papers that were not asked for stay in the table.
 
     Returns whether every verdict is the same and every number within its tolerance. Raises MarsedlError if a build
     fails.
@@ -186,12 +186,12 @@ def measure(
     settings = {machine.name: machine.setting() for machine in machines}
     folder = root / "build" / "machines"
     print(f"smoke build in {folder / PINNED}", flush=True)
-    build(root, folder / PINNED, cores=cores)
+    build(root, folder / PINNED, slugs, cores=cores)
     measured = []
     for machine in machines:
         setting = settings[machine.name]
         print(f"smoke build in {folder / machine.name} ({setting})", flush=True)
-        build(root, folder / machine.name, machine, cores=cores)
+        build(root, folder / machine.name, slugs, machine, cores)
         for slug in slugs:
             comparison = compared(folder / PINNED, folder / machine.name, slug, noise.get(slug, ()))
             verdicts = sum(map(len, built_verdicts(folder / PINNED, slug).values()))
@@ -205,11 +205,11 @@ def measure(
 
 
 def store(root: Path, measured: Sequence[Sequence[str]]) -> None:
-    """Write rows into the table, in place of those of the same machines."""
-    now = {row[0] for row in measured}
+    """Write rows into the table, in place of those of the same machines and papers."""
     old = read_table(root / TABLE)[1:] if (root / TABLE).exists() else []
     names = list(dict.fromkeys(row[0] for row in [*old, *measured]))
-    kept = [*(row for row in old if row[0] not in now), *measured]
+    now = {(row[0], row[2]) for row in measured}
+    kept = [*(row for row in old if (row[0], row[2]) not in now), *measured]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([HEADER, *sorted(kept, key=lambda row: names.index(row[0]))])
     write_text(root / TABLE, text.getvalue())
