@@ -24,11 +24,6 @@ NUMERIC_ENVIRONMENT = {
     "SOURCE_DATE_EPOCH": "1502928000",
     "MPLBACKEND": "agg",
 }
-# Errors of the system that are no fault of the code, with what to do.
-OUTSIDE = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
-    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "give yourself permission to write there and run again"),
-}
 # What of it, and beside it, says which instructions are used. It is not pinned if UNPINNED is set, so that this machine
 # can pretend to be another one, see replication/machines.py; threads, seeds and dates are pinned all the same.
 INSTRUCTION_SETS = (
@@ -36,6 +31,11 @@ INSTRUCTION_SETS = (
     *("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES"),
 )
 UNPINNED = "MARSEDL_UNPINNED"
+# Errors of the system that are no fault of the code, with what to do.
+OUTSIDE = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "give yourself permission to write there and run again"),
+}
 
 
 def pin_numerics(root: Path) -> None:
