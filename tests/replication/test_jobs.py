@@ -65,8 +65,10 @@ def test_the_numeric_environment_is_pinned_for_children():
     code += (
         f"jobs.pin_numerics(Path({str(SOURCE.parent)!r})); jobs.assert_numerics(); assert 'numpy' not in sys.modules\n"
     )
+    code += "assert 'NUMBA_CPU_NAME' not in os.environ, 'whatever a shell says'\n"
     code += "print(os.environ['OPENBLAS_CORETYPE'], os.environ['OMP_NUM_THREADS'], os.environ['NUMBA_CACHE_DIR'])"
     clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
+    clean["NUMBA_CPU_NAME"] = "generic"
     done = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
     core, threads, cache = done.stdout.split()
     assert (core, threads) == ("Haswell", "1")

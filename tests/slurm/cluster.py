@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "scancel", "squeue", "scontrol")
-_FOLDERS = ("/usr/sbin", "/usr/local/sbin", "/sbin")  # which not every user's PATH holds
+_FOLDERS = tuple(f"/{folder}sbin" for folder in ("usr/", "usr/local/", ""))  # which not every user's PATH holds
 _CONFIGURATION = """\
 ClusterName=marsedl
 SlurmctldHost={host}(127.0.0.1)
@@ -132,7 +132,8 @@ class Cluster:
         """Return the state of the node, in Slurm's words; empty while the controller does not answer."""
         done = self.command("scontrol", "--oneliner", "show", "node", "node")
         found = [word.partition("=")[2] for word in done.stdout.split() if word.startswith("State=")]
-        return found[0].lower() if found else ""
+        state = found[0].lower() if found else ""
+        return "down" if state.startswith("down") else state  # Slurm adds whether the node answers
 
     def command(self, name: str, *arguments: str) -> subprocess.CompletedProcess:
         """Run one of Slurm's commands on this cluster; returns the finished process with its output."""

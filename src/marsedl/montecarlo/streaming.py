@@ -7,14 +7,11 @@ Up to `EXACT_TRIALS` trials an ensemble holds all of their final states. Of a la
   meet follows from their numbers alone, so a chunk may join what it has of them, and holds few at any time;
 - how many trials end in which outcome, and the lowest and highest values;
 - how many values fall into which bin of a DDSketch (Masson, Rim, Lee 2019), from which percentiles follow. With the
-  relative accuracy a and x_q the order statistic of the level q,
-
-      |percentile - x_q| <= a |x_q - centre|,
-
-  where the centre is subtracted beforehand: errors count from there, and bins are finest there. Counts add up, so
-  sketches of chunks merge into that of the whole in any order, exactly. Bins and their bound are those of the library
-  `ddsketch`, its cubic mapping, which is arithmetic on mantissa and exponent and thus the same on every machine; they
-  are found for whole arrays here.
+  relative accuracy `a` and `x` the order statistic of the level, `|percentile - x| <= a |x - centre|`, where the centre
+  is subtracted beforehand: errors count from there, and bins are finest there. Counts add up, so sketches of chunks
+  merge into that of the whole in any order, exactly. Bins and their bound are those of the library `ddsketch`, its
+  cubic mapping, which is arithmetic on mantissa and exponent and thus the same on every machine; they are found for
+  whole arrays here.
 
 The functions at the end answer for both kinds of ensembles, so that claims, tables and figures need not know the kind.
 """

@@ -46,6 +46,9 @@ def pin_numerics(root: Path) -> None:
     """
     from marsedl.replication.code_digest import remembered_digests
 
+    if not os.environ.get(UNPINNED):
+        for name in INSTRUCTION_SETS:  # what the pinned ones leave open is not for the caller's shell to say
+            os.environ.pop(name, None)
     os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
     os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / remembered_digests(root).source()[:16])

@@ -50,7 +50,7 @@ class Machine:
     name: str
     instruction_sets: Mapping[str, str] = field(default_factory=dict)  # environment variables; none: the pinned ones
     needs: str = ""  # the feature of the processor without which it cannot be run, as LLVM calls it
-    python: str = sys.executable  # whose environment holds the libraries
+    python: str | None = None  # whose environment holds the libraries, if it is not this one
 
     @property
     def environment(self) -> dict[str, str | None]:
@@ -62,9 +62,10 @@ class Machine:
         """What is different, in words: instruction sets, or versions; raises MarsedlError if Python lacks a library."""
         if self.instruction_sets:
             return "; ".join(f"{name}={value}" for name, value in self.instruction_sets.items())
-        done = subprocess.run([self.python, "-c", _VERSIONS], capture_output=True, text=True, check=False)
+        python = self.python or sys.executable
+        done = subprocess.run([python, "-c", _VERSIONS], capture_output=True, text=True, check=False)
         if done.returncode:
-            raise MarsedlError(f"{self.python}: does not hold the libraries; it says:\n{done.stderr[-1000:]}")
+            raise MarsedlError(f"{python}: does not hold the libraries; it says:\n{done.stderr[-1000:]}")
         return ", ".join(f"{name} {version}" for name, version in json.loads(done.stdout).items())
 
 

@@ -59,20 +59,20 @@ def snakemake(
     *arguments: str,
     nice: int = 0,
     offline: bool = False,
-    python: str = sys.executable,
+    python: str | None = None,
     **environment: str | None,
 ) -> subprocess.CompletedProcess:
     """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
 
     nice: by how much it and its jobs give way to other processes, as for the command of this name. offline: without
-    network, where `offline_works`. python: the interpreter, whose environment may have other versions of the libraries.
+    network, where `offline_works`. python: another interpreter, whose environment may have other versions of libraries.
     environment: further variables; None takes one away.
     """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
     environment = {name: value for name, value in environment.items() if value is not None}
     around = [*_OFFLINE] * offline
     return subprocess.run(
-        [*around, "nice", "-n", str(nice), python, "-m", "snakemake", *arguments],
+        [*around, "nice", "-n", str(nice), python or sys.executable, "-m", "snakemake", *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
