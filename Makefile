@@ -16,7 +16,7 @@ all: $(STAMP)
 	. $(BIN)/activate && snakemake all
 
 test: $(STAMP)
-	. $(BIN)/activate && pytest
+	. $(BIN)/activate && pytest -n 3 --dist loadgroup --no-loadscope-reorder
 
 lint: $(STAMP)
 	. $(BIN)/activate && ruff check . && ruff format --check . && lint-imports && snakefmt --check Snakefile workflow && snakemake --lint

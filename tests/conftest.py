@@ -1,8 +1,9 @@
 """A built copy of the project for the tests of the pipeline: built once in a session, restored for every test.
 
-Builds take most of the time of a session. They run in the background, at low priority: the smoke builds from its start,
-then the full-size build. The tests that need none come first, then those of the smoke builds, last those of the full
-size. Nothing is built if no selected test needs it.
+Builds take most of the time of a session. They run in the background: the smoke builds from its start, then the
+full-size build. The tests that need none come first, then those of the smoke builds, last those of the full size. Where
+tests are distributed (`pytest -n 3 --dist loadgroup`), one process waits for the builds and has all of their tests, the
+tests of a paper share a process too, and so do those of a file. Nothing is built if no selected test needs it.
 """
 
 import os
@@ -267,22 +268,54 @@ def needs(item, fixture: str) -> bool:
     return fixture in getattr(item, "fixturenames", ())
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: needs(item, "built") + needs(item, "full"))  # otherwise in their order
+def distributed(config) -> bool:
+    return hasattr(config, "workerinput")
+
+
+def group(item) -> str:
+    """What shares a process where tests are distributed."""
+    if needs(item, "built"):
+        return "builds"
+    path = item.path.relative_to(Path(__file__).parent)
+    return paper_of(path.name.removeprefix("test_")) or str(path)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config, items):
+    if not distributed(config):
+        yield
+        items.sort(key=lambda item: needs(item, "built") + needs(item, "full"))  # otherwise in their order
+        return
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(group(item)))
+    yield
+    longest = ["builds", *SLUGS]  # which have to begin first
+    items.sort(key=lambda item: longest.index(group(item)) if group(item) in longest else len(longest))
+    items.sort(key=lambda item: needs(item, "full") - needs(item, "built"))
+
+
+def pytest_runtest_setup(item):
+    if distributed(item.config) and group(item) != "builds" and os.nice(0) == 0:
+        os.nice(10)  # the builds and their tests take longest
+
+
+@pytest.fixture(scope="session")
+def background(request, tmp_path_factory):
+    """The builds beside the tests, of the sizes that selected tests need."""
+    if distributed(request.config):
+        (tmp_path_factory.getbasetemp().parent / "builds").mkdir()  # fails if another process has begun them, too
+    folder = tmp_path_factory.mktemp("pipeline") / "project"
+    full = any(needs(item, "full") for item in request.session.items)
+    builds = Background(copy_tree(ROOT, folder), *["full"] * full)
+    yield builds
+    builds.kill()
 
 
 @pytest.fixture(scope="session", autouse=True)
-def background(request):
-    """The builds beside the tests, of the sizes that selected tests need; none if there is no such test."""
-    items = request.session.items
-    if not any(needs(item, "built") for item in items):
-        yield None
-        return
-    folder = request.getfixturevalue("tmp_path_factory").mktemp("pipeline") / "project"
-    builds = Background(copy_tree(ROOT, folder), *["full"] * any(needs(item, "full") for item in items))
-    yield builds
-    builds.kill()
+def early(request):
+    """Begin the builds before the first test; where tests are distributed, the process that needs them begins so."""
+    if not distributed(request.config) and any(needs(item, "built") for item in request.session.items):
+        request.getfixturevalue("background")
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Build a copy of the project beside the tests, at the lowest priority: `python build.py folder tasks...`.
+"""Build a copy of the project beside the tests: `python build.py folder tasks...`.
 
 First the smoke size, whole, twice; what came of it is then written beside the folder. If `full` is a task, the full
 size follows in the place of the first build, in fewer readings (size `check`) and without figures, which show no other
@@ -44,5 +44,4 @@ def build(folder: Path, tasks: list[str]) -> int:
 
 if __name__ == "__main__":
     threading.Thread(target=end_with_the_tests, daemon=True).start()
-    os.nice(10)
     sys.exit(build(Path(sys.argv[1]), sys.argv[2:]))

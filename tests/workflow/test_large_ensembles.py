@@ -1,5 +1,8 @@
 """More trials than are kept one by one, asked for by configuration alone."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from marsedl.montecarlo.streaming import EXACT_TRIALS, final_percentile
@@ -8,6 +11,8 @@ from marsedl.replication import artifacts
 from marsedl.replication.digests import digest
 
 pytestmark = pytest.mark.workflow
+
+PAGE = Path(__file__).parents[2] / "docs" / "scaling.md"
 
 TRIALS = EXACT_TRIALS + 12_345
 TARGET = "data/cache/powered_descent/mine/montecarlo.closed_loop.h5"
@@ -22,7 +27,7 @@ powered_descent:
 """
 
 
-def test_a_large_case_is_the_same_for_any_chunks_and_keeps_its_first_trials(tree, tmp_path):
+def test_a_large_case_is_the_same_for_any_chunks_and_keeps_its_first_trials(tree, tmp_path, monkeypatch):
     mine = tmp_path / "mine.yaml"
     mine.write_text(MINE % TRIALS, encoding="utf-8")
     digests = []
@@ -38,5 +43,11 @@ def test_a_large_case_is_the_same_for_any_chunks_and_keeps_its_first_trials(tree
     assert isinstance(ensemble, StreamedFlightEnsemble)
     assert ensemble.count + ensemble.excluded == ensemble.outcome_counts.sum() == TRIALS
     assert len(ensemble.final_state) == EXACT_TRIALS
+
+    (example,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tree.folder)
+    names = {}
+    exec(compile(example, str(PAGE), "exec"), names)
+    assert (names["value"], names["standard_error"]) == final_percentile(ensemble, 0, 0.999)
     altitude, error = final_percentile(ensemble, 1, 0.5)
     assert abs(altitude - 50.0) < 5 * error and error == pytest.approx(0.5 * (1.5708 / TRIALS) ** 0.5, rel=0.1)
