@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from marsedl.replication.digests import digest
+from marsedl.replication.digests import digest_tree
 from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
 
 pytestmark = [pytest.mark.slurm, pytest.mark.workflow]
@@ -38,12 +38,6 @@ FIGURES = "figures/powered_descent"
 TARGETS = (CASE, *(f"{FIGURES}/{name}" for name in ("fig01.png", "fig05.png", "fig06a.png", "fig07.png")))
 CHUNK, GATHER = "powered_descent_montecarlo_chunk", "powered_descent_montecarlo_gather"
 tools = runpy.run_path(str(Path(__file__).parent / "cluster.py"))
-
-
-def digests(folder):
-    """Digests of all products of a folder."""
-    paths = sorted(path for pattern in PRODUCTS for path in folder.glob(pattern) if path.is_file())
-    return {str(path.relative_to(folder)): digest(path) for path in paths}
 
 
 @pytest.fixture(scope="session")
@@ -152,7 +146,7 @@ def _stage_of(cluster, job):
 
 def is_whole(folder, expected, *targets):
     """Everything is there with the right content, nothing is left half-written, and nothing would run again."""
-    assert digests(folder) == expected
+    assert digest_tree(folder, PRODUCTS) == expected
     assert not list(folder.glob("data/cache/**/*.partial"))
     plan = snakemake(folder, *(targets or [CASE]), "--cores", "2", *SMOKE, "--dry-run")
     assert "Nothing to be done" in plan.stdout, plan.stdout[-3000:]
@@ -167,7 +161,7 @@ def project(tmp_path_factory):
     folder = copy_tree(ROOT, tmp_path_factory.mktemp("slurm") / "project")
     done = snakemake(folder, *TARGETS, "--cores", "2", *SMOKE)
     assert done.returncode == 0, done.stdout[-3000:]
-    return folder, digests(folder)
+    return folder, digest_tree(folder, PRODUCTS)
 
 
 def test_products_through_slurm_are_the_same_as_without_it(project, cluster):
@@ -192,7 +186,7 @@ def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp
     with Submitted(cluster, other, "all") as run:
         run.works(seconds=7200)
         assert set(run.jobs().values()) == {"COMPLETED"}
-    assert digests(other) == digests(folder)
+    assert digest_tree(other, PRODUCTS) == digest_tree(folder, PRODUCTS)
 
 
 @pytest.mark.long
@@ -204,7 +198,7 @@ def test_a_paper_at_full_size_through_slurm_is_the_same_as_without_it(cluster, t
     with Submitted(cluster, other, "powered_descent", size=("--config", "chunks=2")) as run:
         run.works(seconds=3600)
         assert set(run.jobs().values()) == {"COMPLETED"}
-    assert digests(other) == digests(folder)
+    assert digest_tree(other, PRODUCTS) == digest_tree(folder, PRODUCTS)
 
 
 # ------------------------------------------------------------------------------------------------------------- faults
