@@ -25,10 +25,12 @@ import pytest
 
 from marsedl.papers import SLUGS
 from marsedl.replication.digests import digest
+from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
 
 ROOT = Path(__file__).parents[1]
 BUILD = Path(__file__).parent / "workflow" / "build.py"
+OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
 
 
@@ -96,8 +98,14 @@ class Tree:
     folder: Path
     config: list[str] = field(default_factory=lambda: ["size=smoke", "chunks=3"])
 
+    @property
+    def build(self) -> Path:
+        """Where the products are of the size that Snakemake is run with."""
+        return build_folder(self.folder, size_of(self.config))
+
     def path(self, name: str) -> Path:
-        return self.folder / name
+        """A file of the project or, named as in a full build, of the build."""
+        return (self.build if name.startswith(OF_A_BUILD) else self.folder) / name
 
     def edit(self, name: str, old: str, new: str) -> None:
         """Replace a text that occurs exactly once in a file."""
@@ -151,13 +159,13 @@ class Tree:
         files = {name: (name, *state) for name, state in self.state().items()}
         for name, key in files.items():
             if key not in _DIGESTS:
-                _DIGESTS[key] = digest(self.folder / name)
+                _DIGESTS[key] = digest(self.build / name)
         return {name: _DIGESTS[key] for name, key in files.items()}
 
     def state(self) -> dict[str, tuple[int, int]]:
         """Time and size of every product: unchanged exactly if nothing was written."""
-        paths = [path for pattern in PRODUCTS for path in self.folder.glob(pattern) if path.is_file()]
-        return {str(p.relative_to(self.folder)): (p.stat().st_mtime_ns, p.stat().st_size) for p in sorted(paths)}
+        paths = [path for pattern in PRODUCTS for path in self.build.glob(pattern) if path.is_file()]
+        return {str(p.relative_to(self.build)): (p.stat().st_mtime_ns, p.stat().st_size) for p in sorted(paths)}
 
     def marsedl(self, *arguments: str) -> subprocess.CompletedProcess:
         """Run the command `marsedl` in this folder, with this folder's package."""
@@ -261,7 +269,7 @@ class Built:
     said: str
     digests: tuple[dict[str, str], ...]
     logs: tuple[set[str], ...]
-    spare: Spare  # of the second one; the first one's place is the full-size build's
+    spare: Spare  # of the second one
 
 
 def needs(item, fixture: str) -> bool:
@@ -320,7 +328,7 @@ def early(request):
 
 @pytest.fixture(scope="session")
 def built(background) -> Built:
-    """The smoke size built twice, as `marsedl verify` does; the full size takes the place of the first."""
+    """The smoke size built twice, as `marsedl verify` does."""
     found = background.smoke()
     tree = Tree(background.folder / "build" / "verify" / "1")
     _DIGESTS.update({(name, *state): found["digests"][1][name] for name, state in tree.state().items()})
@@ -338,6 +346,6 @@ def tree(built) -> Tree:
 
 @pytest.fixture(scope="session")
 def full(built, background) -> Path:
-    """A full-size build in the place of a smoke build, of which nothing may be left that depends on the size."""
+    """The tree in which the size `check` is built: the full numbers of trials, in fewer readings, without figures."""
     background.wait()
     return background.folder / "build" / "verify" / "0"

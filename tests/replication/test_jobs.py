@@ -43,6 +43,7 @@ def job_of(tmp_path, **params):
         wildcards=Named(reading="r"),
         log=Named(log=str(tmp_path / "logs" / "job.log")),
         rule="p_stage",
+        scriptdir=str(Path.cwd() / "workflow" / "scripts"),
     )
 
 

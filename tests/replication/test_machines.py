@@ -13,6 +13,7 @@ from marsedl.papers import SLUGS, catalogue
 from marsedl.replication import jobs, machines
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.machines import HEADER, MACHINES, Machine
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.tables import read_table
 from marsedl.replication.verification import Change, Comparison
 
@@ -139,8 +140,9 @@ def builds(tmp_path, monkeypatch):
     def snakemake(folder, *arguments, **settings):
         recorded.append((folder.name, arguments[0], settings["MARSEDL_UNPINNED"]))
         rows = [{"id": "c", "readings": {"corrected": {"value": numbers[folder.name], "verdict": "holds"}}}]
-        (folder / "report" / "claims").mkdir(parents=True)
-        (folder / arguments[0]).write_text(json.dumps(rows), encoding="utf-8")
+        build = build_folder(folder, "smoke")
+        (build / "report" / "claims").mkdir(parents=True)
+        (build / arguments[0]).write_text(json.dumps(rows), encoding="utf-8")
         return subprocess.CompletedProcess(arguments, numbers.get("code", 0), "why it failed", "")
 
     monkeypatch.setattr(machines, "snakemake", snakemake)

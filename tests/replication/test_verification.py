@@ -12,6 +12,7 @@ from marsedl import cli
 from marsedl.replication import artifacts, verification
 from marsedl.replication.claims import UNEXPLAINED
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import (
     BUILDS,
     COUNT_TOLERANCE,
@@ -47,6 +48,7 @@ def project(tmp_path, monkeypatch):
     verification.accept_reference(tmp_path, [SLUG])
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     monkeypatch.setattr(cli, "_audited", lambda root: [])
+    monkeypatch.setattr(cli, "_studies", dict)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -305,7 +307,7 @@ def test_only_a_build_that_is_up_to_date_is_accepted(project, monkeypatch, capsy
     calls = summarised(monkeypatch, plan="update pending", status="params changed")
     assert cli.main(["accept"]) == 2
     said = capsys.readouterr().err
-    assert "no full build that is up to date with configuration and code: 1 of 2 files" in said
+    assert "no build of size full that is up to date with configuration and code: 1 of 2 files" in said
     assert f"{project / ARTIFACT} (params changed); run 'snakemake all'" in said
     assert calls == [("claims", "--summary")], "the plain configuration decides, not that of the last build"
     summarised(monkeypatch, code=1)
@@ -340,7 +342,7 @@ def builder(monkeypatch, contents, code=0):
 
     def fake(folder, *arguments, **environment):
         calls.append((folder, arguments, environment))  # in any order: the builds run at the same time
-        table = folder / "figures" / SLUG / "eq54.csv"
+        table = build_folder(folder, "smoke") / "figures" / SLUG / "eq54.csv"
         table.parent.mkdir(parents=True)
         table.write_text(contents[int(folder.name)], encoding="utf-8")
         return subprocess.CompletedProcess(arguments, code, "what Snakemake said", "")
@@ -405,7 +407,9 @@ def test_different_builds_are_named(project, monkeypatch, capsys):
     builder(monkeypatch, ["1\n", "2\n"])
     assert not verification.build_twice(project)
     said = capsys.readouterr().out
-    assert f"differs: figures/{SLUG}/eq54.csv" in said
+    table = f"figures/{SLUG}/eq54.csv"
+    assert f"differs: {table}" in said
+    assert f"marsedl diff build/verify/0/build/smoke/{table} build/verify/1/build/smoke/{table}" in said
     assert "1 differ" in said
 
 

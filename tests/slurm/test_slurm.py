@@ -32,6 +32,7 @@ PLUGIN = "snakemake_executor_plugin_slurm"
 PROFILE = Path("profiles/slurm")
 QUICK = ("--slurm-init-seconds-before-status-checks", "1", "--latency-wait", "10")  # everything is on one machine
 SMOKE = ("--config", "size=smoke", "chunks=3")
+BUILT = Path("build/smoke")  # where its products are
 CACHE = "data/cache/powered_descent"
 CASE = f"{CACHE}/corrected/montecarlo.closed_loop_large.h5"  # its design, three chunks, and their gathering
 FIGURES = "figures/powered_descent"
@@ -81,7 +82,7 @@ class Submitted:
         """Leave nothing behind, whatever happened."""
         if self.process.poll() is None:
             self.kill()
-            snakemake(self.folder, "--unlock")
+            snakemake(self.folder, "--unlock", *SMOKE)
         for job in self.jobs("pending,running"):
             self.cluster.command("scancel", str(job))
 
@@ -146,8 +147,8 @@ def _stage_of(cluster, job):
 
 def is_whole(folder, expected, *targets):
     """Everything is there with the right content, nothing is left half-written, and nothing would run again."""
-    assert digest_tree(folder, PRODUCTS) == expected
-    assert not list(folder.glob("data/cache/**/*.partial"))
+    assert digest_tree(folder / BUILT, PRODUCTS) == expected
+    assert not list((folder / BUILT).glob("data/cache/**/*.partial"))
     plan = snakemake(folder, *(targets or [CASE]), "--cores", "2", *SMOKE, "--dry-run")
     assert "Nothing to be done" in plan.stdout, plan.stdout[-3000:]
 
@@ -161,14 +162,14 @@ def project(tmp_path_factory):
     folder = copy_tree(ROOT, tmp_path_factory.mktemp("slurm") / "project")
     done = snakemake(folder, *TARGETS, "--cores", "2", *SMOKE)
     assert done.returncode == 0, done.stdout[-3000:]
-    return folder, digest_tree(folder, PRODUCTS)
+    return folder, digest_tree(folder / BUILT, PRODUCTS)
 
 
 def test_products_through_slurm_are_the_same_as_without_it(project, cluster):
     """The design, scattered flights and others, and what is drawn from them, from nothing."""
     folder, expected = project
     for name in ("data/cache", "figures"):
-        shutil.rmtree(folder / name)
+        shutil.rmtree(folder / BUILT / name)
     with Submitted(cluster, folder, *TARGETS) as run:
         said = run.works()
         jobs = run.jobs()
@@ -186,7 +187,7 @@ def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp
     with Submitted(cluster, other, "all") as run:
         run.works(seconds=7200)
         assert set(run.jobs().values()) == {"COMPLETED"}
-    assert digest_tree(other, PRODUCTS) == digest_tree(folder, PRODUCTS)
+    assert digest_tree(other / BUILT, PRODUCTS) == digest_tree(folder / BUILT, PRODUCTS)
 
 
 @pytest.mark.long
@@ -208,8 +209,8 @@ def test_a_paper_at_full_size_through_slurm_is_the_same_as_without_it(cluster, t
 def undone(project):
     """The folder without the flights, whose chunks and gathering have to run; the design stays."""
     folder, expected = project
-    (folder / CASE).unlink(missing_ok=True)
-    shutil.rmtree(folder / CACHE / "corrected" / "chunks", ignore_errors=True)
+    (folder / BUILT / CASE).unlink(missing_ok=True)
+    shutil.rmtree(folder / BUILT / CACHE / "corrected" / "chunks", ignore_errors=True)
     return folder, expected
 
 
@@ -259,7 +260,7 @@ def test_a_job_without_retries_fails_and_the_next_run_resumes(undone, cluster):
         cluster.command("scancel", str(job))
         assert run.process.wait(timeout=600) != 0
         assert f"SLURM-job '{job}' failed" in run.said()
-    assert not (folder / CASE).exists()
+    assert not (folder / BUILT / CASE).exists()
     with Submitted(cluster, folder, CASE) as run:
         said = run.works()
     assert said.count("Finished jobid") == 2, "the cancelled chunk and the gathering"
@@ -274,7 +275,7 @@ def test_a_job_over_its_memory_is_killed_and_gets_more(undone, cluster):
         run.works()
         jobs = run.jobs()
     assert sorted(jobs.values()) == ["COMPLETED"] * 4 + ["FAILED"] * 3
-    logs = {int(path.stem): path.read_text("utf-8") for path in folder.glob(".snakemake/slurm_logs/**/*.log")}
+    logs = {int(path.stem): path.read_text("utf-8") for path in (folder / BUILT).glob(".snakemake/slurm_logs/**/*.log")}
     killed = {job for job, state in jobs.items() if state == "FAILED"}
     assert {job for job in killed if "exceeded memory limit" in logs[job]} == killed
     is_whole(folder, expected)
@@ -332,7 +333,7 @@ def test_a_killed_snakemake_can_go_on_while_its_jobs_still_run(undone, cluster):
     with Submitted(cluster, folder, CASE) as run:
         run.stage(run.running(CHUNK))
         run.kill()
-        done = snakemake(folder, "--unlock")
+        done = snakemake(folder, "--unlock", *SMOKE)
         assert done.returncode == 0, done.stdout
         with Submitted(cluster, folder, CASE) as again:
             again.works()

@@ -1,7 +1,7 @@
 """Build a copy of the project beside the tests: `python build.py folder tasks...`.
 
 First the smoke size, whole, twice; what came of it is then written beside the folder. If `full` is a task, the full
-size follows in the place of the first build, in fewer readings (size `check`) and without figures, which show no other
+size follows in the tree of the first build, in fewer readings (size `check`) and without figures, which show no other
 code. `marsedl verify` builds and compares all of it.
 
 Ends with 0 unless a build fails. Ends at once, with all that it started, when its standard input closes: it does not
@@ -16,6 +16,7 @@ import threading
 from pathlib import Path
 
 from marsedl.replication.digests import digest_tree
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS, build_twice, snakemake
 
 
@@ -27,10 +28,11 @@ def end_with_the_tests():
 def build(folder: Path, tasks: list[str]) -> int:
     agree = build_twice(folder)
     folders = [folder / "build" / "verify" / str(number) for number in range(2)]
+    builds = [build_folder(project, "smoke") for project in folders]
     built = {
         "agree": agree,
-        "digests": [digest_tree(each, PRODUCTS) for each in folders],
-        "logs": [sorted(str(path.relative_to(each)) for path in each.glob("logs/**/*.log")) for each in folders],
+        "digests": [digest_tree(build, PRODUCTS) for build in builds],
+        "logs": [sorted(str(path.relative_to(build)) for path in build.glob("logs/**/*.log")) for build in builds],
     }
     unfinished = folder.with_name("smoke.json.part")
     unfinished.write_text(json.dumps(built), encoding="utf-8")

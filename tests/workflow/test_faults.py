@@ -281,7 +281,7 @@ def test_a_killed_snakemake_can_go_on(without_case):
     works(tree, "--unlock")
     works(tree, CASE)
     assert tree.digests() == digests
-    assert not list(tree.folder.glob("data/cache/**/*.partial"))
+    assert not list(tree.build.glob("data/cache/**/*.partial"))
     assert tree.plan("all").rules == set()
 
 
@@ -356,7 +356,7 @@ def test_a_kill_at_any_moment_loses_nothing(tree, number):
         wait_for_orphans(tree)
         works(tree, *LOST)  # whatever these wrote at last
     assert tree.digests() == digests
-    assert not list(tree.folder.glob("data/cache/**/.*.partial"))
+    assert not list(tree.build.glob("data/cache/**/.*.partial"))
 
 
 def wait_for_orphans(tree, seconds=120) -> None:

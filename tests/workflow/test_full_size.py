@@ -12,9 +12,11 @@ from marsedl.papers import SLUGS, input_model, rounding_noise
 from marsedl.replication.artifacts import opened
 from marsedl.replication.claims import COUNTED_VERDICTS, LISTED_VERDICTS, UNEXPLAINED, load_published
 from marsedl.replication.inputs import load_study
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import compare_reference
 
 pytestmark = pytest.mark.workflow
+SIZE = "check"
 FACTS = {
     slug: yaml.safe_load((Path(__file__).parent / "facts" / f"{slug}.yaml").read_text(encoding="utf-8"))
     for slug in SLUGS
@@ -25,17 +27,17 @@ FACTS = {
 def studies(full):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(full)
-        return {s: load_study(s, input_model(s), full / "configs" / f"{s}.yaml", size="check") for s in SLUGS}
+        return {s: load_study(s, input_model(s), full / "configs" / f"{s}.yaml", size=SIZE) for s in SLUGS}
 
 
 @pytest.fixture(scope="module")
 def rows(full):
-    return json.loads((full / "report" / "claims.json").read_text(encoding="utf-8"))
+    return json.loads((build_folder(full, SIZE) / "report" / "claims.json").read_text(encoding="utf-8"))
 
 
 def test_the_numbers_agree_with_the_committed_ones(full, studies, capsys):
     built = {slug: study.compared for slug, study in studies.items()}
-    assert compare_reference(full, SLUGS, rounding_noise(), built), capsys.readouterr().out
+    assert compare_reference(full, SLUGS, rounding_noise(), built, SIZE), capsys.readouterr().out
 
 
 def test_every_printed_claim_has_a_computed_verdict_and_every_difference_a_reason(full, rows):
@@ -63,11 +65,11 @@ def test_the_ensembles_have_the_sizes_that_are_claimed(rows, slug, claim):
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_reading_has_all_of_its_trials(full, studies, slug):
-    """Counted in the artifacts, those that are not finite included: nothing of the smaller size is left."""
+    """Counted in the artifacts, those that are not finite included."""
     for name in studies[slug].compared:
         for case, size in input_model(slug).CASES.items():
             if trials := getattr(studies[slug].readings[name].inputs, size):
-                with opened(full / "data" / "cache" / slug / name / f"montecarlo.{case}.h5") as file:
+                with opened(build_folder(full, SIZE) / f"data/cache/{slug}/{name}/montecarlo.{case}.h5") as file:
                     assert file["outcome"].shape[-1] == trials  # of each law, where there are several
                     assert np.all(file["count"][()] + file["excluded"][()] == trials)
 

@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from marsedl.replication import artifacts, machines
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import digest_tree
 
 pytestmark = pytest.mark.workflow
@@ -16,9 +17,10 @@ TARGET = f"report/claims/{SLUG}.json"
 def test_numbers_stay_within_tolerance_without_vector_units(tree, tmp_path):
     """One reading of one paper is built again; `marsedl machines` does so with all of them."""
     pinned, machine = tmp_path / "pinned", machines.MACHINES["sse"]
+    copy = build_folder(pinned, "smoke")
     for name in (f"data/cache/{SLUG}", "report/claims"):
-        shutil.copytree(tree.path(name), pinned / name)
-    before = digest_tree(pinned, [f"{FOLDER}/*.h5"])
+        shutil.copytree(tree.path(name), copy / name)
+    before = digest_tree(copy, [f"{FOLDER}/*.h5"])
 
     # Without the parameters, which differ in all readings now, what is named is built again and nothing else.
     done = tree.run(TARGET, "--rerun-triggers", "mtime", "input", "--forcerun", *before, TARGET, **machine.environment)
@@ -26,7 +28,7 @@ def test_numbers_stay_within_tolerance_without_vector_units(tree, tmp_path):
 
     for name in before:
         assert machine.setting() in str(artifacts.provenance(tree.path(name))), name
-    after = digest_tree(tree.folder, [f"{FOLDER}/*.h5"])
+    after = digest_tree(tree.build, [f"{FOLDER}/*.h5"])
     assert after.keys() == before.keys()
     assert after != before, "nothing was switched"
     comparison = machines.compared(pinned, tree.folder, SLUG)

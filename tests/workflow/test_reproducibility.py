@@ -37,7 +37,7 @@ def test_the_builds_scattered_their_trials_differently(built, tree):
     first, second = built.logs
     assert chunk in second
     assert chunk not in first
-    assert not list(tree.folder.glob("data/cache/*/*/chunks/*.h5")), "chunks are temporary"
+    assert not list(tree.build.glob("data/cache/*/*/chunks/*.h5")), "chunks are temporary"
 
 
 def test_a_changed_product_would_be_noticed(built, tree):
@@ -104,7 +104,7 @@ def test_a_build_is_up_to_date_in_its_own_configuration_alone(tree):
     found = built_artifacts(tree.folder, *tree.config)
     assert set(found) == {name for name in tree.state() if name.startswith("data/cache/")}
     before = tree.state()
-    with pytest.raises(MarsedlError, match="no full build that is up to date"):
+    with pytest.raises(MarsedlError, match="no build of size full that is up to date"):
         built_artifacts(tree.folder)
     done = tree.marsedl("accept")
     assert done.returncode == 2

@@ -14,8 +14,8 @@ for _paper in PAPERS:
             f"{_paper}_claims"
         input:
             cache(_paper),
-            published=f"data/published/{_paper}.yaml",
-            measured=["data/reference/benchmarks.csv"] * PAPERS[_paper].measured,
+            published=source(f"data/published/{_paper}.yaml"),
+            measured=[source("data/reference/benchmarks.csv")] * PAPERS[_paper].measured,
         output:
             **{
                 stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]
@@ -53,6 +53,8 @@ for _paper in PAPERS:
             ),
             errata=[erratum.id for erratum in PAPERS[_paper].errata],
             summaries=list(PAPERS[_paper].summaries),
+            size=SIZE,
+            require_reasons=as_committed(_paper),
             code=claims_code(_paper),
         script:
             "../scripts/claims.py"

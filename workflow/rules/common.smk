@@ -7,18 +7,31 @@ from marsedl.comparison import COMPARISONS
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_studies
+from marsedl.replication.inputs import (
+    committed_inputs,
+    counted_inputs,
+    load_studies,
+)
 from marsedl.replication.jobs import pretended_machine
+from marsedl.replication.sizes import build_folder
 
-DIGESTS = remembered_digests(Path(workflow.basedir))
+ROOT = Path(workflow.basedir)
+SIZE = str(config.get("size", "full"))
+DIGESTS = remembered_digests(ROOT)
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
 DEFAULT = "corrected"
 
 try:
     MODELS = {slug: input_model(slug) for slug in SLUGS}
     STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+    COMMITTED = committed_inputs(ROOT)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
+
+# Every size but the full one has a folder of its own, so that it never touches full results.
+if SIZE != "full":
+
+    workdir: build_folder(ROOT, SIZE)
 
 
 wildcard_constraints:
@@ -30,6 +43,11 @@ wildcard_constraints:
     chunk=r"\d+",
     chunks=r"\d+",
     stem="[a-z0-9_]+",
+
+
+def source(path):
+    """A file of the project, from the folder that this size is built in."""
+    return path if SIZE == "full" else f"../../{path}"
 
 
 def cached(paper, name):
@@ -157,14 +175,18 @@ def product(kind, script, reading=None):
 
     def printed(wildcards):
         shown = PAPERS[wildcards.paper].product(wildcards.stem).published
-        return file_digest(f"data/published/{wildcards.paper}.yaml") if shown else ""
+        return (
+            file_digest(source(f"data/published/{wildcards.paper}.yaml"))
+            if shown
+            else ""
+        )
 
     return dict(
         paper=lambda wildcards: wildcards.paper,
         reading=lambda wildcards: reading or wildcards.reading,
         inputs=inputs,
         code=code,
-        published=lambda wildcards: f"data/published/{wildcards.paper}.yaml",
+        published=lambda wildcards: source(f"data/published/{wildcards.paper}.yaml"),
         printed=printed,
     )
 
@@ -214,6 +236,11 @@ def described(paper):
 def script_of(script):
     """Digest of the code that a script without a paper's function can reach, and the machine it runs on if unpinned."""
     return f"{DIGESTS.script(script)[:16]} {pretended_machine()}".strip()
+
+
+def as_committed(paper):
+    """Whether verdicts count: the full size, with the inputs that the committed verdicts were found with."""
+    return SIZE == "full" and COMMITTED.get(paper) == counted_inputs(STUDIES[paper])
 
 
 def claims_code(paper):
@@ -285,14 +312,14 @@ def comparison_params():
 
     def measured(wildcards):
         shown = COMPARISONS[wildcards.stem].measured
-        return file_digest("data/reference/benchmarks.csv") if shown else ""
+        return file_digest(source("data/reference/benchmarks.csv")) if shown else ""
 
     return dict(
         reading=DEFAULT,
         inputs=inputs,
         artifacts=lambda wildcards: compared_artifacts(wildcards.stem),
         code=code,
-        benchmarks="data/reference/benchmarks.csv",
+        benchmarks=source("data/reference/benchmarks.csv"),
         measured=measured,
     )
 

@@ -41,11 +41,11 @@ rule index:
         "../envs/marsedl.yaml"
     params:
         readings={paper: described(paper) for paper in PAPERS},
-        size=str(config.get("size", "full")),
-        benchmarks="data/reference/benchmarks.csv",
-        benchmark_digest=file_digest("data/reference/benchmarks.csv"),
-        machines="data/reference/machines.csv",
-        machines_digest=file_digest("data/reference/machines.csv"),
+        size=SIZE,
+        benchmarks=source("data/reference/benchmarks.csv"),
+        benchmark_digest=file_digest(source("data/reference/benchmarks.csv")),
+        machines=source("data/reference/machines.csv"),
+        machines_digest=file_digest(source("data/reference/machines.csv")),
         artifacts={
             paper: {
                 reading: artifacts(paper, reading)
@@ -54,7 +54,7 @@ rule index:
             for paper in PAPERS
         },
         templates=[
-            file_digest(f"src/marsedl/replication/templates/report.{part}")
+            file_digest(source(f"src/marsedl/replication/templates/report.{part}"))
             for part in ("html.j2", "css", "js")
         ],
         code=script_of("report.py"),

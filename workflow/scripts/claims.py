@@ -1,5 +1,6 @@
 """Evaluate every claim of one paper in every reading, and write its verdicts and its tables over all readings."""
 
+import sys
 from importlib import import_module
 
 from marsedl.replication import claims
@@ -13,8 +14,18 @@ with guarded(snakemake) as job:
     rows = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
     measured = {"measured": rows[0]} if rows else {}
     evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
-    said = {"known_errata": set(job.params.errata), "left_out": job.params.left_out}
-    rows = claims.collect(published, module.DECLARATIONS, evaluations, require_reasons=False, **said)
+    rows = claims.collect(
+        published,
+        module.DECLARATIONS,
+        evaluations,
+        known_errata=set(job.params.errata),
+        require_reasons=job.params.require_reasons,
+        left_out=job.params.left_out,
+        size=job.params.size,
+    )
+    if names := claims.unexplained(rows):
+        verdicts = "verdict" if len(names) == 1 else "verdicts"
+        print(f"{job.paper}: {len(names)} {verdicts} without a reason: {', '.join(names)}", file=sys.stderr)
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)

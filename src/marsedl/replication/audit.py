@@ -14,7 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsedl.replication.catalogue import Paper
-from marsedl.replication.claims import STATED_READING, Declaration, PublishedClaim, write_text
+from marsedl.replication.claims import (
+    DEFAULT_READING,
+    REFUTED_VERDICTS,
+    STATED_READING,
+    Declaration,
+    PublishedClaim,
+    explains,
+    write_text,
+)
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import Study
@@ -95,6 +103,7 @@ def audit(
     has_function = _functions(root)
     of_papers: list[Callable[[Subject], Result]] = [
         lambda subject: evaluated_claims(subject, verdicts_of(root, subject.paper.slug)),
+        lambda subject: reasons(subject, verdicts_of(root, subject.paper.slug)),
         lambda subject: figures(subject.paper, planned, has_function),
         lambda subject: tables(subject.paper, planned, has_function),
         lambda subject: stages(subject.paper, planned, has_function),
@@ -136,6 +145,19 @@ def evaluated_claims(subject: Subject, verdicts: Mapping[str, Mapping[str, str]]
         if name not in ids
     ]
     return Result("printed claims, each with a result of an evaluator", slug, len(ids), tuple(findings))
+
+
+def reasons(subject: Subject, verdicts: Mapping[str, Mapping[str, str]]) -> Result:
+    """Every claim that differs or fails names an erratum or an input that the paper withholds."""
+    slug = subject.paper.slug
+    refuted = [name for name, entry in verdicts.items() if entry.get(DEFAULT_READING) in REFUTED_VERDICTS]
+    findings = [
+        f"{slug}: claim {name} differs or fails and is unexplained; name an erratum or a withheld input in "
+        f"src/marsedl/papers/{slug}/claims.py"
+        for name in refuted
+        if not explains(subject.declarations.get(name, Declaration()))
+    ]
+    return Result("claims that differ or fail, each with a reason", slug, len(refuted), tuple(findings))
 
 
 def figures(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> Result:

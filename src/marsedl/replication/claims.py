@@ -19,11 +19,13 @@ from typing import Any
 
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.inputs import nearest, read_yaml
+from marsedl.replication.sizes import FULL
 
 KINDS = ("deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context")
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
+DEFAULT_READING = "corrected"  # the reading whose verdict counts
 STATED_READING = "printed"  # the reading that must use every input as the paper states it
 NOT_EVALUATED = "–"
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
@@ -210,10 +212,11 @@ def collect(
     published: Sequence[PublishedClaim],
     declarations: Mapping[str, Declaration],
     evaluations_by_reading: Mapping[str, Mapping[str, Evaluation | None]],
-    default_reading: str = "corrected",
+    default_reading: str = DEFAULT_READING,
     known_errata: Collection[str] | None = None,
     require_reasons: bool = True,
     left_out: Collection[str] = (),
+    size: str = FULL,
 ) -> list[dict[str, Any]]:
     """Compare every printed claim with every reading.
 
@@ -225,8 +228,9 @@ def collect(
         default_reading: the reading whose verdict is shown first. Stated inputs are checked in the reading `printed`.
         known_errata: the paper's errata ids; when given, declarations may name no others.
         require_reasons: refuse an unexplained `differs` or `fails`; else its reason is `UNEXPLAINED`, as it must be for
-            builds with changed inputs or of another size.
+            builds with changed inputs or of a smaller size.
         left_out: readings that this size does not build; their numbers in reasons read "not built".
+        size: the size of the build, which every row names.
 
     Returns:
         One plain dictionary per claim, in the order of `published`, ready for `write_claims`.
@@ -250,7 +254,7 @@ def collect(
         verdict = judged[first][0]
         if verdict is None:
             raise InputError(f"{claim.paper}: claim {claim.id}: not evaluated in reading {first}, so it has no verdict")
-        if verdict in REFUTED_VERDICTS and not require_reasons and not _explains(declaration):
+        if verdict in REFUTED_VERDICTS and not require_reasons and not explains(declaration):
             reason = UNEXPLAINED
         else:
             reason = _reason(claim, declaration, verdict, first, evaluations, judged, left_out)
@@ -258,6 +262,7 @@ def collect(
         rows.append(
             {
                 "paper": claim.paper,
+                "size": size,
                 "id": claim.id,
                 "where": claim.where,
                 "quantity": claim.quantity,
@@ -404,7 +409,7 @@ def _refuse_unknown(problem: str, names: Iterable[str], known: Collection[str]) 
         raise InputError(f"{problem}: {', '.join(unknown)}; {nearest(unknown[0], known)}")
 
 
-def _explains(declaration) -> bool:
+def explains(declaration) -> bool:
     """Whether a declaration explains a difference: in words, with an erratum or an input that the paper withholds."""
     return bool(declaration.reason.strip() and (declaration.errata or declaration.withheld))
 
@@ -422,7 +427,7 @@ class _NotBuilt:
 def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -> str:
     """Write the reason: what it rests on, the declared sentence with its numbers, the tolerance if that decided."""
     where = f"{claim.paper}: claim {claim.id}"
-    if verdict in REFUTED_VERDICTS and not _explains(declaration):
+    if verdict in REFUTED_VERDICTS and not explains(declaration):
         value = evaluations[first].value
         raise InputError(
             f"{where}: {verdict} in reading {first} (printed {claim.printed!r}, found {value!r}) without a reason that"
@@ -546,6 +551,11 @@ def claims_table(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     lines = [header, ["---"] * len(header), *table]
     markdown = "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
     return text.getvalue(), markdown
+
+
+def unexplained(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the ids of claims that differ or fail without an erratum or a withheld input."""
+    return [row["id"] for row in rows if row["reason"] == UNEXPLAINED]
 
 
 def summary(rows: Iterable[Mapping[str, Any]], reading: str | None = None) -> dict[str, dict[str, int]]:

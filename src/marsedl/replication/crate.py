@@ -18,6 +18,7 @@ from marsedl.replication.catalogue import Paper
 from marsedl.replication.claims import write_text
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import NUMERIC_ENVIRONMENT
+from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import built_files
 
 NAME = "ro-crate-metadata.json"
@@ -75,7 +76,8 @@ def write_crate(root: Path, papers: Mapping[str, Paper], *config: str) -> Path:
     crate.metadata.extra_terms["sha256"] = "https://w3id.org/ro/terms/workflow-run#sha256"
     _add_root(crate, root, papers.values())
     inputs = _files(crate, root, sorted({path for pattern in INPUTS for path in root.glob(pattern)}))
-    results = _files(crate, root, [root / name for name in products])
+    build = build_folder(root, size_of(config))
+    results = _files(crate, root, [build / name for name in products], build)
     workflow = _add_workflow(crate, root, inputs, results)
     actions = [
         crate.add_action(
@@ -204,10 +206,14 @@ def _made(name: str, papers: Mapping[str, Paper]) -> tuple[str, str, str, str, t
     return None  # what is made of all readings or all papers
 
 
-def _files(crate: Any, root: Path, paths: Iterable[Path]) -> dict[str, Any]:
-    """Add files; returns them by their path in the crate."""
-    names = [path.relative_to(root).as_posix() for path in paths if path.is_file()]
-    return {name: crate.add_file(dest_path=name, properties=_said(root, name)) for name in names}
+def _files(crate: Any, root: Path, paths: Iterable[Path], folder: Path | None = None) -> dict[str, Any]:
+    """Add files; returns them by their path below `folder`, the crate's own if it is not given."""
+    entries = {}
+    for path in filter(Path.is_file, paths):
+        name = path.relative_to(root).as_posix()
+        entry = crate.add_file(dest_path=name, properties=_said(root, name))
+        entries[path.relative_to(folder or root).as_posix()] = entry
+    return entries
 
 
 def _said(root: Path, name: str) -> dict[str, str]:

@@ -32,6 +32,7 @@ KNOWN_SUFFIXES = (
     *("_rad", "_m", "_s", "_ms", "_h", "_kg", "_g", "_lb", "_t", "_N", "_kN", "_percent", "_ft", "_mi", "_m_s", "_K"),
 )
 
+COMMITTED_INPUTS = Path("data/reference/inputs.json")
 LARGEST_FILE = 2**20  # bytes; a configuration is a few kilobytes
 LONGEST_REASON = 5000  # characters of a message
 
@@ -284,6 +285,24 @@ def load_study(
     # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
     limited = {name: _limited(reading, limits, f"{path}: sizes.{size}") for name, reading in readings.items()}
     return Study(paper, limited, chunks, tuple(name for name in readings if name not in left_out))
+
+
+def counted_inputs(study: Study) -> str:
+    """Return the digest of the resolved inputs of the readings in which verdicts count."""
+    counted = {name: study.readings[name].inputs.model_dump(mode="json") for name in ("printed", "corrected")}
+    return hashlib.sha256(json.dumps(counted, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def committed_inputs(root: Path) -> dict[str, str]:
+    """Return the committed digests of `counted_inputs` by paper; a paper that was never accepted has none."""
+    path = root / COMMITTED_INPUTS
+    try:
+        digests = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); restore it with 'git checkout {path}'") from None
+    if not isinstance(digests, dict):
+        raise InputError(f"{path}: must hold a digest for each paper; restore it with 'git checkout {path}'")
+    return digests
 
 
 def load_studies(

@@ -276,15 +276,14 @@ def guarded(snakemake) -> typing.Iterator[Job]:
     except Exception as error:
         with contextlib.suppress(OSError):  # a full disk must not hide the error itself
             log.write_text(traceback.format_exc())
-        where = ", ".join(
-            f"{what} {value}"
-            for what, value in (("paper", job.paper), ("reading", job.reading), ("job", snakemake.rule))
-            if value
-        )
+        folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).parents[1])  # of a size that is not the full one
+        place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading}
+        place["job"] = snakemake.rule
+        where = ", ".join(f"{what} {value}" for what, value in place.items() if value)
         what, foreseen = _described(error, snakemake.output)
         if not foreseen:
             traceback.print_exc()
         if isinstance(error, SolverError):
             what += _kept_iterate(log.with_suffix(".iterate.csv"), error.iterate)
-        print(f"\n{where}: {what}\n(log: {log})\n", file=sys.stderr)
+        print(f"\n{where}: {what}\n(log: {Path(folder) / log})\n", file=sys.stderr)
         sys.exit(1)

@@ -20,6 +20,7 @@ from marsedl.replication.claims import write_text
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import nearest
 from marsedl.replication.jobs import INSTRUCTION_SETS, UNPINNED
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.tables import read_table
 from marsedl.replication.verification import (
     Comparison,
@@ -135,7 +136,8 @@ def build(root: Path, folder: Path, slugs: Iterable[str], machine: Machine = _PI
 
 def compared(pinned: Path, folder: Path, slug: str, noise: Sequence[str] = ()) -> Comparison:
     """Compare the verdicts and numbers of one paper in two builds; noise as for `verification.compare`."""
-    found = [fingerprints(root, slug, sorted(root.glob(f"data/cache/{slug}/*/*.h5"))) for root in (pinned, folder)]
+    builds = [build_folder(root, "smoke") for root in (pinned, folder)]
+    found = [fingerprints(build, slug, sorted(build.glob(f"data/cache/{slug}/*/*.h5"))) for build in builds]
     return compare(*found, noise)
 
 
@@ -195,7 +197,7 @@ def measure(
         build(root, folder / machine.name, slugs, machine, cores)
         for slug in slugs:
             comparison = compared(folder / PINNED, folder / machine.name, slug, noise.get(slug, ()))
-            verdicts = sum(map(len, built_verdicts(folder / PINNED, slug).values()))
+            verdicts = sum(map(len, built_verdicts(build_folder(folder / PINNED, "smoke"), slug).values()))
             found = rows(machine.name, setting, slug, comparison, verdicts)
             _print_rows(found)
             if comparison.changes:

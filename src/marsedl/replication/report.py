@@ -19,6 +19,7 @@ from marsedl.replication.claims import (
     format_result,
     reading_names,
     summary,
+    unexplained,
     write_text,
 )
 from marsedl.replication.closeups import CloseUp
@@ -206,6 +207,7 @@ def build_report(
         comparison=comparison and {"entry": comparison, "figures": _with_images(comparison.figures)},
         readings=list(dict.fromkeys(name for paper in papers for name in reading_names(paper.claims))),
         total=summary([row for paper in papers for row in paper.claims]),
+        unexplained=[(paper.slug, name) for paper in papers for name in unexplained(paper.claims)],
         counted=COUNTED_VERDICTS,
         listed=LISTED_VERDICTS,
         marks=_MARKS,

@@ -14,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from marsedl.replication.claims import UNEXPLAINED, read_claims, write_text
+from marsedl.replication.claims import read_claims, unexplained, write_text
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.jobs import UNPINNED, pretended_machine
+from marsedl.replication.sizes import FULL, build_folder, size_of
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
@@ -128,10 +130,12 @@ def build_twice(root: Path) -> bool:
     for folder, done in zip(folders, finished, strict=True):
         if done.returncode:
             raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
-    first, second = (digest_tree(folder, PRODUCTS) for folder in folders)
+    products = [build_folder(folder, "smoke") for folder in folders]
+    first, second = (digest_tree(folder, PRODUCTS) for folder in products)
     unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
     for name in unequal:
-        print(f"  differs: {name} (compare with 'marsedl diff build/verify/0/{name} build/verify/1/{name}')")
+        a, b = (folder.relative_to(root) / name for folder in products)
+        print(f"  differs: {name} (compare with 'marsedl diff {a} {b}')")
     print(f"{len(first)} products in each of two builds, {len(unequal)} differ", flush=True)
     return not unequal
 
@@ -329,22 +333,24 @@ def compare_reference(
     slugs: Iterable[str],
     noise: Mapping[str, Sequence[str]] | None = None,
     readings: Mapping[str, Iterable[str]] | None = None,
+    size: str = FULL,
 ) -> bool:
-    """Compare a full build with the committed numbers; prints the changes and the worst margin of every paper.
+    """Compare a build with the committed numbers; prints the changes and the worst margin of every paper.
 
     noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
-    all of them if not given. False, too, if a verdict is not explained.
+    all of them if not given. size: of the build; its numbers of trials have to be the full ones. False, too, if a
+    verdict is not explained.
     """
-    agree = True
+    agree, build = True, build_folder(root, size)
     for slug in slugs:
         reference = read_reference(root, slug)
         if readings is not None:
             reference = _of_readings(reference, set(readings[slug]))
-        found = fingerprints(root, slug, _artifacts_of(root, slug, reference))
+        found = fingerprints(build, slug, _artifacts_of(build, slug, reference))
         comparison = compare(reference, found, (noise or {}).get(slug, ()))
-        unexplained = _unexplained(root, slug)
-        _print_comparison(slug, comparison, unexplained)
-        agree = agree and not comparison.changes and not unexplained
+        names = _unexplained(build, slug)
+        _print_comparison(slug, comparison, names)
+        agree = agree and not comparison.changes and not names
     if not agree:
         print(REMEDY, flush=True)
     return agree
@@ -368,11 +374,10 @@ def _artifacts_of(root: Path, slug: str, reference: Iterable[str]) -> list[Path]
 
 
 def _unexplained(root: Path, slug: str) -> list[str]:
-    rows = read_claims(_product(root, f"report/claims/{slug}.json"))
-    return [row["id"] for row in rows if row["reason"] == UNEXPLAINED]
+    return unexplained(read_claims(_product(root, f"report/claims/{slug}.json")))
 
 
-def _print_comparison(slug: str, comparison: Comparison, unexplained: Iterable[str]) -> None:
+def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterable[str]) -> None:
     margins, verdicts = comparison.margins, [change for change in comparison.changes if change.verdict]
     worst = max(margins, key=margins.get, default="none of them was built")
     rounding = len(comparison.by_shape)
@@ -384,7 +389,7 @@ def _print_comparison(slug: str, comparison: Comparison, unexplained: Iterable[s
     )
     if comparison.changes:
         print(format_changes(comparison.changes))
-    for claim in unexplained:
+    for claim in without_reason:
         print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")
     sys.stdout.flush()
 
@@ -392,7 +397,8 @@ def _print_comparison(slug: str, comparison: Comparison, unexplained: Iterable[s
 def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
     """Return Snakemake's summary of all files behind some targets: by path their `rule`, `status` and `plan`.
 
-    arguments: the targets, and other arguments of Snakemake. Raises MarsedlError with what it said if it cannot plan.
+    arguments: the targets, and other arguments of Snakemake. Paths are below the folder of the size that is built.
+    Raises MarsedlError with what it said if it cannot plan.
     """
     done = snakemake(root, *arguments, "--summary")
     lines = done.stdout.splitlines()
@@ -404,7 +410,7 @@ def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
 
 
 def built_artifacts(root: Path, *config: str) -> list[str]:
-    """Return the artifacts behind the claims of a build that is whole and up to date, as paths below `root`.
+    """Return the artifacts behind the claims of a build that is whole and up to date, as paths below its folder.
 
     config: what was given with `--config` if it is not the plain full-size build.
 
@@ -416,8 +422,8 @@ def built_artifacts(root: Path, *config: str) -> list[str]:
 def built_files(root: Path, target: str, *config: str) -> dict[str, dict[str, str]]:
     """Return the files behind a target of a build that is whole and up to date, as `planned_files` does.
 
-    Snakemake itself decides, by the rules of reruns: files, inputs in the configuration, code. So a build of another
-    size or of an edited configuration is not taken for the full one, and files of other builds are left out.
+    Snakemake itself decides, by the rules of reruns: files, inputs in the configuration, code. So a build of an edited
+    configuration is not taken for the plain one, and files of other builds are left out.
 
     config: what was given with `--config` if it is not the plain full-size build.
 
@@ -429,11 +435,22 @@ def built_files(root: Path, target: str, *config: str) -> dict[str, dict[str, st
     pending = sorted(name for name, file in files.items() if file["plan"] != "no update" or file["status"] == "missing")
     if pending:
         name = pending[0]
+        size = size_of(config)
+        command = " ".join(["snakemake all", *(["--config", *config] if config else [])])
         raise MarsedlError(
-            f"there is no full build that is up to date with configuration and code: {len(pending)} of {len(files)} "
-            f"files are missing or older, the first is {root / name} ({files[name]['status']}); run 'snakemake all'"
+            f"there is no build of size {size} that is up to date with configuration and code: {len(pending)} of "
+            f"{len(files)} files are missing or older, the first is {build_folder(root, size) / name} "
+            f"({files[name]['status']}); run '{command}'"
         )
     return files
+
+
+def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
+    """Commit the digests of the inputs that verdicts are found with: with these, each refuted claim needs a reason."""
+    path = root / COMMITTED_INPUTS
+    digests = {slug: counted_inputs(study) for slug, study in studies.items()}
+    write_text(path, json.dumps(digests, indent=1) + "\n")
+    return path
 
 
 def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Sequence[str]] | None = None) -> list[Path]:
@@ -452,9 +469,9 @@ def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Seque
         )
     artifacts, accepted = built_artifacts(root), {}
     for slug in slugs:
-        if unexplained := _unexplained(root, slug):
+        if names := _unexplained(root, slug):
             raise MarsedlError(
-                f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {unexplained[0]} differs or fails without a "
+                f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {names[0]} differs or fails without a "
                 f"reason that names an erratum; state it in src/marsedl/papers/{slug}/claims.py first"
             )
         path = _reference(root, slug)

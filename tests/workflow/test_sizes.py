@@ -1,0 +1,54 @@
+"""A size other than the full one lives in a folder of its own, and never touches full results."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from marsedl.replication.claims import read_claims
+
+pytestmark = pytest.mark.workflow
+
+FULL = tuple(f"figures/powered_descent/{name}" for name in ("fig02.png", "fig06a.png", "fig07.png", "eq54.csv"))
+CLAIMS = "report/claims/powered_descent.json"
+FLIGHTS = "data/cache/powered_descent/corrected/montecarlo.closed_loop.h5"
+
+
+@pytest.fixture
+def both(tree):
+    """The tree with full-size products of one paper beside the whole smoke build, and their digests."""
+    smoke, tree.config = tree.config, []
+    done = tree.run(*FULL)
+    assert done.returncode == 0, done.stdout[-3000:]
+    full = tree.state(), tree.digests()
+    tree.config = smoke
+    return tree, full
+
+
+def test_a_smoke_build_even_an_interrupted_one_leaves_full_products_alone(both):
+    tree, full = both
+    tree.path(FLIGHTS).unlink()
+    running = tree.start(CLAIMS, "--forcerun", "powered_descent_nominal")
+    end = time.monotonic() + 120
+    while not tree.path("data/cache/powered_descent/corrected/nominal.h5").stat().st_mtime_ns > time.time_ns() - 10**10:
+        assert time.monotonic() < end and running.poll() is None
+        time.sleep(0.05)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    done = tree.run("--unlock")
+    assert done.returncode == 0, done.stdout
+    done = tree.run(CLAIMS)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert "size smoke: everything is written to build/smoke" in done.stdout
+    assert tree.path(FLIGHTS).exists()
+
+    tree.config = []
+    assert (tree.state(), tree.digests()) == full
+    assert tree.plan(*FULL).rules == set(), "going back to the full size plans no job"
+
+
+def test_a_smoke_build_says_so(tree):
+    assert {row["size"] for row in read_claims(tree.path("report/claims.json"))} == {"smoke"}
+    page = tree.path("report/index.html").read_text(encoding="utf-8")
+    assert "This report comes from a run of size <b>smoke</b>: its trials are few" in page
