@@ -11,6 +11,8 @@ pytestmark = pytest.mark.workflow
 
 JOBS = 10
 RULES = f"""
+SIZE = "full"
+
 rule all:
     input: [f"made/{{number}}" for number in range({JOBS})]
 
