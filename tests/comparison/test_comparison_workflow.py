@@ -57,7 +57,7 @@ def test_edited_captions_draw_nothing_again(tree):
 def test_the_report_of_snakemake_holds_captions_categories_and_labels(tree):
     done = tree.run("all", "--report", "of_snakemake.html")
     assert done.returncode == 0, done.stdout[-3000:]
-    page = tree.path("of_snakemake.html").read_text(encoding="utf-8")
+    page = (tree.build / "of_snakemake.html").read_text(encoding="utf-8")
     results, categories = shown(page, "results"), shown(page, "categories")
     for slug in NAMES:
         for stem, product in catalogue(slug).figures.items():
