@@ -129,6 +129,31 @@ def test_printed_absolute_tolerance_stops_far_away(descent):
     assert final_variances(problem, repaired.riccati_initial, GAMMA)[0] == pytest.approx(3420, abs=0.5)
 
 
+@pytest.mark.parametrize("kind", ["relative", "absolute"])
+@pytest.mark.parametrize(
+    ("slower", "start", "end"), [("p_initial", [1.0, 2.0], [2.0, 1.0]), ("q_initial", [0.01, 0.01], [2.0, 2.0])]
+)
+def test_the_iteration_stops_when_the_slower_of_both_matrices_is_within_the_tolerance(slower, start, end, kind):
+    def run(**options):
+        start_covariance, end_covariance = np.diag(start), np.diag(end)
+        return fixed_point(
+            np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(2), start_covariance, end_covariance, 2.0, **options
+        )
+
+    def change(iteration, name):
+        before, after = (
+            getattr(run(tolerance=0.0, maximum_iterations=count), name) for count in (iteration - 1, iteration)
+        )
+        return np.linalg.norm(after - before) / (np.linalg.norm(after) if kind == "relative" else 1.0)
+
+    tolerance, (faster,) = 1e-6, {"p_initial", "q_initial"} - {slower}
+    stopped = run(tolerance=tolerance, tolerance_kind=kind)
+    last = stopped.iterations
+    assert stopped.converged
+    assert change(last - 1, slower) > tolerance > change(last, slower) > 5 * change(last, faster)
+    assert stopped.last_change == pytest.approx(change(last, slower), rel=1e-6)
+
+
 def test_corrected_iteration_in_newtons_does_not_converge(descent):
     result = iterate(descent.problem(0), maximum_iterations=20_000)
     assert (result.converged, result.iterations) == (False, 20_000)

@@ -84,6 +84,18 @@ def test_transition_and_control_of_a_constant_system_are_of_third_order():
     assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(3, abs=0.15)
 
 
+def test_one_sub_step_of_a_chain_of_integrators_is_exact():
+    """Where (Ah)^4 is zero, the series end: they are the exponentials that they stand for."""
+    h, a, b, root = 1.5, np.diag([1.3, -0.7, 0.9], 1), np.array([0.4, 1.1, -0.8, 0.0]), np.diag([0.3, 0.5, 0.2, 0.7])
+    root[3, :3] = 0.6, -0.4, 0.1
+    intensity = root @ root.T
+    system = discretize(a[None, None], b[None, None], intensity[None, None], [h])
+    whole, middle = expm(h * np.block([[a, b[:, None]], [np.zeros((1, 5))]])), expm(h / 2 * a)
+    expected = DiscreteSystem(whole[:4, :4], whole[:4, 4], h * middle @ intensity @ middle.T)
+    for field, exact in zip(system, expected, strict=True):
+        np.testing.assert_allclose(field[0], exact, rtol=0, atol=1e-14)
+
+
 def test_noise_is_symmetric_to_the_last_bit_and_positive():
     noise = discretized(7, 3).noise
     assert np.array_equal(noise, noise.swapaxes(1, 2))
