@@ -4,10 +4,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-UV := $(shell command -v uv 2>/dev/null)
+# Wheels with the hashes of the lock: nothing is built, and nothing beside the lock is fetched.
+LOCKED := --require-hashes --only-binary :all: --no-deps
+# The project itself: built by the lock's hatchling.
+EDITABLE := --no-deps --no-build-isolation -e .
 
-# Wheels only, but for connection_pool, which is published as source alone.
-INSTALL := $(if $(UV),uv pip install -q --python $(BIN)/python --require-hashes --only-binary :all: --no-binary connection-pool,$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes --only-binary :all: --no-binary connection_pool)
+ifneq ($(shell command -v uv 2>/dev/null),)
+CREATE := uv venv -q --python $(PYTHON) $(VENV)
+INSTALL := uv pip install --python $(BIN)/python
+else
+CREATE := $(PYTHON) -m venv $(VENV)
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
+endif
+
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 
 .PHONY: all test lint verify bench docs slurm clean lock environment
@@ -33,14 +42,18 @@ docs: $(STAMP)
 
 # What sends jobs to Slurm, into the same environment: only where it is wanted, as every start of Snakemake loads it.
 slurm: $(STAMP)
-	$(INSTALL) -r requirements-slurm.lock
+	@echo "make: installing what requirements-slurm.lock adds"
+	$(INSTALL) $(LOCKED) -r requirements-slurm.lock
 
 environment: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
-	$(if $(UV),test -x $(BIN)/python || uv venv -q --python $(PYTHON) $(VENV),test -x $(BIN)/python || $(PYTHON) -m venv $(VENV))
-	$(INSTALL) -r requirements.lock
-	$(if $(UV),uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .,$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .)
+	@echo "make: creating $(VENV)"
+	@test -x $(BIN)/python || $(CREATE)
+	@echo "make: installing the packages of requirements.lock (a few minutes)"
+	$(INSTALL) $(LOCKED) -r requirements.lock
+	@echo "make: installing marsedl itself"
+	$(INSTALL) $(EDITABLE)
 	@touch $@
 
 # Resolve again, without any package index address in the result.

@@ -36,12 +36,13 @@ def test_the_base_is_the_python_that_the_lock_is_made_for(instructions):
 
 
 def test_packages_come_from_the_lock_as_in_the_makefile(instructions):
-    options = ("--require-hashes", "--only-binary :all:", "--no-binary connection_pool", "-r requirements.lock")
+    options = ("--require-hashes", "--only-binary :all:", "--no-deps", "-r requirements.lock")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     installs = [run for run in arguments(instructions, "RUN") if "pip install" in run]
     for option in options:
         assert option in installs[0]
         assert option in makefile
+    assert "--no-binary" not in RECIPE
     assert "--no-deps --no-build-isolation -e ." in installs[1]
     assert not re.search(r"https?:|index-url|find-links|apt-get|curl|wget", RECIPE)
 

@@ -1,0 +1,103 @@
+"""The environment is that of the hashed locks: nothing else is fetched, and nothing is built but the project itself."""
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from importlib.metadata import distribution, distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+LOCKS = ("requirements.lock", "requirements-slurm.lock")
+EXCLUDED = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["uv"]["exclude-dependencies"]
+FROM_A_LOCK = {"--require-hashes", "--only-binary", ":all:", "--no-deps", "-r"}
+THE_PROJECT = {"--no-deps", "--no-build-isolation", "-e", "."}
+
+
+def locked(name: str) -> list[Requirement]:
+    """The pinned packages of a lock."""
+    lines = (ROOT / name).read_text("utf-8").splitlines()
+    return [Requirement(line.removesuffix(" \\")) for line in lines if not line.startswith((" ", "#"))]
+
+
+@pytest.mark.parametrize("uv", [True, False], ids=["uv", "pip"])
+def test_make_says_each_step_and_installs_the_locks_and_the_project_alone(tmp_path, uv):
+    for command in ("sh", "make"):
+        (tmp_path / command).symlink_to(shutil.which(command))
+    if uv:
+        (tmp_path / "uv").write_text("#!/bin/sh\n")
+        (tmp_path / "uv").chmod(0o755)
+    command = ["make", "--always-make", "--dry-run", "environment", "slurm"]
+    done = subprocess.run(command, cwd=ROOT, env={"PATH": str(tmp_path)}, capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    steps = [number for number, line in enumerate(lines) if " install " in line and not line.startswith("echo")]
+    assert [lines[step].startswith("uv ") for step in steps] == [uv] * 3
+    assert [{*lines[step].split()} > FROM_A_LOCK for step in steps] == [True, False, True]
+    assert {*lines[steps[1]].split()} > THE_PROJECT
+    assert [lines[step].rpartition(" ")[2] for step in steps] == [LOCKS[0], ".", LOCKS[1]]
+    assert all(lines[step - 1].startswith('echo "make: installing ') for step in steps)
+    assert not any({"-q", "--quiet"} & {*lines[step].split()} for step in steps), "it takes minutes"
+
+
+@pytest.mark.parametrize("name", LOCKS)
+def test_a_lock_pins_and_hashes_every_package(name):
+    text = (ROOT / name).read_text("utf-8")
+    packages = locked(name)
+    assert len(packages) > 50
+    assert all(re.fullmatch(r"==[^*,]+", str(package.specifier)) for package in packages)
+    for entry in re.split(r"(?m)^(?=[a-z])", text)[1:]:
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}\b", entry), entry.splitlines()[0]
+
+
+def test_the_locks_agree_in_their_versions():
+    first, second = ({(p.name, str(p.marker)): str(p.specifier) for p in locked(name)} for name in LOCKS)
+    assert len(first.keys() & second.keys()) > 40
+    assert {key: first[key] for key in first.keys() & second.keys()} == {
+        key: second[key] for key in first.keys() & second.keys()
+    }
+
+
+def test_every_requirement_of_a_locked_package_is_locked_or_excluded():
+    """What `pip check` says, but for what pyproject.toml excludes: the locks are installed without asking for more."""
+    names = {canonicalize_name(package.name) for name in LOCKS for package in locked(name)}
+    assert not names & set(EXCLUDED)
+    missing = set()
+    for package in distributions():
+        if canonicalize_name(package.name) in names:
+            required = [Requirement(text) for text in package.requires or ()]
+            required = [need for need in required if need.marker is None or need.marker.evaluate({"extra": ""})]
+            missing |= {canonicalize_name(need.name) for need in required} - names
+    assert missing == set(EXCLUDED), "exclude what nothing imports, and nothing else"
+
+
+def test_what_is_excluded_is_imported_by_none_that_requires_it():
+    assert EXCLUDED == ["connection-pool"], "name the module of another one here"
+    files = [distribution("snakemake").locate_file(file) for file in distribution("snakemake").files]
+    sources = [Path(file).read_text("utf-8") for file in files if file.suffix == ".py"]
+    assert len(sources) > 100
+    assert not [text for text in sources if re.search(r"\bconnection_pool\b", text)]
+
+
+@pytest.mark.long
+def test_make_builds_the_environment_of_the_lock_and_nothing_more(tmp_path):
+    """Needs a package index; a few minutes."""
+    for name in ("Makefile", "pyproject.toml", "README.md", "LICENSE", LOCKS[0]):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "src", tmp_path / "src")
+    done = subprocess.run(["make", "environment"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    ask = "from importlib.metadata import distributions as d; print(*{p.name + '==' + p.version for p in d()})"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    said = subprocess.check_output([tmp_path / ".venv/bin/python", "-c", ask], env=environment, text=True)
+    installed = {canonicalize_name(name): version for name, version in (item.split("==") for item in said.split())}
+    expected = {
+        canonicalize_name(package.name): str(package.specifier).removeprefix("==")
+        for package in locked(LOCKS[0])
+        if package.marker is None or package.marker.evaluate()
+    }
+    assert {name: version for name, version in installed.items() if name not in ("marsedl", "pip")} == expected
