@@ -44,6 +44,21 @@ def test_make_says_each_step_and_installs_the_locks_and_the_project_alone(tmp_pa
     assert not any({"-q", "--quiet"} & {*lines[step].split()} for step in steps), "it takes minutes"
 
 
+@pytest.mark.parametrize("folder", [".", "build/smoke"])
+def test_an_environment_of_conda_takes_the_lock_and_nothing_else(tmp_path, folder):
+    (tmp_path / LOCKS[0]).touch()
+    (tmp_path / "python").write_text('#!/bin/sh\nfor last; do :; done; test -e "$last" && echo "$@"\n')
+    (tmp_path / "python").chmod(0o755)
+    (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    script = ROOT / "workflow" / "envs" / "marsedl.post-deploy.sh"
+    done = subprocess.run(
+        ["sh", script], cwd=tmp_path / folder, env=environment, capture_output=True, text=True, check=True
+    )
+    assert {*done.stdout.split()} > FROM_A_LOCK
+    assert "pip:" not in script.with_name("marsedl.yaml").read_text("utf-8")
+
+
 @pytest.mark.parametrize("name", LOCKS)
 def test_a_lock_pins_and_hashes_every_package(name):
     text = (ROOT / name).read_text("utf-8")
