@@ -1,19 +1,33 @@
 """The command `marsedl`: what it says, what it returns, and what it does not import."""
 
+import argparse
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
+import h5py
 import pytest
 
 from marsedl import cli
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.claims import load_published
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "casadi", "cvxpy", "matplotlib", "scipy", "h5py", "snakemake")
+
+
+ESCAPE = "\x1b[2J"  # clears the screen of a terminal that is sent it
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal so wide that nothing is broken or cut, whoever runs the tests."""
+    monkeypatch.setenv("COLUMNS", "10000")
 
 
 @pytest.fixture
@@ -45,23 +59,66 @@ def refused(capsys, *arguments) -> str:
 # --------------------------------------------------------------------------------------------------------------- list
 
 
-def test_list_shows_all_there_is(project, capsys):
+def test_list_counts_what_every_paper_has(project, capsys):
     assert cli.main(["list"]) == 0
-    said = capsys.readouterr().out
+    shown = capsys.readouterr().out
     for slug in SLUGS:
         paper = catalogue(slug)
-        for name in (slug, paper.title, "printed", "corrected", "based on corrected", *paper.figures):
-            assert name in said
-        for name in (*paper.tables, *paper.summaries, *paper.stages, *cli.TARGETS):
-            assert name in said
-    assert "density_blind_velocity_adjoint  Hypothesis" in said, "the longest name is apart from what follows"
-    assert "  Eq. 77, element by element\n" in said, "an abbreviation ends no sentence"
+        assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in shown
+        assert f"{len(paper.figures)} figures, {len(paper.tables) + len(paper.summaries) + 1} tables" in shown
+    assert shown.splitlines()[-1] == "targets: " + ", ".join([*cli.TARGETS, *SLUGS])
+    assert len(shown.splitlines()) < 40
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_list_shows_all_of_a_paper(project, capsys, slug):
+    assert cli.main(["list", slug]) == 0
+    shown = capsys.readouterr().out
+    paper, inputs = catalogue(slug), input_model(slug)
+    names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.summaries, *paper.stages, *inputs.CASES]
+    for name in [*names, *(claim.id for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"))]:
+        assert f"\n    {name} " in shown
+
+
+def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
+    assert cli.main(["list", "stochastic_entry", "--figures"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
+    assert "\n    headline " not in shown, "a table"
+    assert cli.main(["list", "stochastic_entry", "--tables"]) == 0
+    shown = capsys.readouterr().out
+    assert "\n    headline " in shown
+    assert "  Eq. 77, element by element\n" in shown, "an abbreviation ends no sentence"
+    assert cli.main(["list", "--cases"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"\n    closed_loop +2,000 trials +input trials: \S", shown)
+    assert re.search(r"\n    aerocapture +[\d,]+ trials +input trials: \S", shown)
+
+
+def test_list_shows_the_trials_of_a_size(project, capsys):
+    assert cli.main(["list", "powered_descent", "--cases", "--size", "smoke"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"\n    closed_loop +200 trials", shown)
+    assert "add --config size=smoke)" in shown
+    assert "no such size; did you mean 'smoke'?" in refused(capsys, "list", "--size", "smok")
+    assert "did you mean 'funnels'?" in refused(capsys, "list", "funels")
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_tables_fit_the_terminal(project, capsys, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    for arguments in (["list", "powered_descent"], ["list", "--claims"], ["explain", "powered_descent", "fig07"]):
+        assert cli.main(arguments) == 0
+        lines = capsys.readouterr().out.splitlines()
+        rows = [line for line in lines if re.match(r" {4}\S+  +\S| {2}[a-z]+_[a-z_]+  +\S", line)]
+        assert len(rows) > 20
+        assert max(map(len, rows)) <= width
 
 
 def test_list_imports_nothing_heavy():
     """numpy alone comes with the checks of covariances."""
     code = (
-        "import sys; from marsedl.cli import main; main(['list'])\n"
+        "import sys; from marsedl.cli import main; main(['list', '--claims']); main(['explain', 'funnels'])\n"
         f"print('imported', [name for name in {HEAVY!r} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
@@ -72,7 +129,7 @@ def test_a_closed_pipe_is_no_error():
     """As in `marsedl list | head -1`."""
     command = f"{sys.executable} -m marsedl.cli list | head -1; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout == "powered_descent\n"
+    assert done.stdout == "powered_descent\n"  # of a pipe, whose reader has gone before the second line
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
     assert "BrokenPipe" not in done.stderr
@@ -95,6 +152,72 @@ def test_explain_a_figure(project, capsys):
     assert "deg" in said  # the unit in which the angle is written
     assert "powered_descent_rates" in said or "figures:fig07" in said
     assert "ellipse_sigma" not in said, "fig07 draws no ellipse"
+    assert re.search(r"\n  trials +2000 ", said), "the number of trials of the case that it shows"
+    assert "large_trials" not in said, "of another case"
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_explain_names_the_numbers_of_trials_behind_every_item(project, slug):
+    paper, cases = catalogue(slug), input_model(slug).CASES
+    needed = {name: cases[name] for name in cases}
+    items = {**paper.stages, **paper.figures, **paper.tables}
+    shown = {need.split(".")[1] for item in items.values() for need in item.needs if need.startswith("montecarlo.")}
+    assert shown
+    for item in items.values():
+        _, names = cli._behind(paper, item, cases)
+        direct = {need.split(".")[1] for need in item.needs if need.startswith("montecarlo.")}
+        assert {needed[case] for case in direct} <= names
+
+
+def test_explain_the_flights_names_the_trials_of_every_case(project, capsys):
+    shown = explained(capsys, "powered_descent", "montecarlo")
+    assert re.search(r"\n  trials +2000 ", shown)
+    assert re.search(r"\n  large_trials +100000 ", shown)
+
+
+def test_explain_shows_what_a_size_limits(project, capsys):
+    shown = explained(capsys, "powered_descent", "fig07", "--size", "smoke")
+    assert re.search(r"\n  trials +2000 \(size smoke: 200\) ", shown)
+    assert re.search(r"\n  gravity +3.71  ", shown)
+    assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in shown
+
+
+# ------------------------------------------------------------------------------------------------- explain whole papers
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_explain_a_paper(project, capsys, slug):
+    shown = explained(capsys, slug)
+    paper, study = catalogue(slug), cli._project().studies[slug]
+    assert shown.startswith(f"{slug}: {paper.title}\n  {paper.authors}\n  snakemake {slug}\n\nreadings\n")
+    for name, reading in study.readings.items():
+        assert f"\n  {name} " in shown
+        if name != "corrected" and reading.inputs != study.readings["corrected"].inputs:
+            assert re.search(rf"\n  \w+  .*\b{name} ", shown.split("\ninputs in which readings differ")[1])
+    assert f"{len(paper.figures)} figures" in shown
+
+
+def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(project, capsys):
+    shown = explained(capsys, "powered_descent")
+    row = r"\n  final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]; euler \[4.0"
+    assert re.search(row, shown)
+    assert "printed [5.0" not in shown, "it has the same target"
+    assert "specific_impulse" not in shown, "no reading changes it"
+    assert "none yet: run 'snakemake claims'" in shown
+    assert "none yet: run 'snakemake claims --config size=smoke'" in explained(
+        capsys, "powered_descent", "--size", "smoke"
+    )
+
+
+def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_project, capsys):
+    write_verdicts(bare_project, claim_row(id="a"), claim_row(id="b"), claim_row(id="c", verdict="reproduced"))
+    write_verdicts(bare_project / "build" / "smoke", claim_row(id="a", verdict="close"))
+    assert "\n  counted: 1 reproduced, 2 differs\n" in explained(capsys, "powered_descent")
+    assert "\n  counted: 1 close\n" in explained(capsys, "powered_descent", "--size", "smoke")
+    assert "\n  none yet: run 'snakemake claims'\n" in explained(capsys, "funnels")
+
+
+# -------------------------------------------------------------------------------------------- explain stages and claims
 
 
 def test_explain_a_figure_of_another_paper(project, capsys):
@@ -130,21 +253,67 @@ def test_explain_a_stage(project, capsys):
     assert "ellipse_sigma" not in said
 
 
-def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
-    assert "no verdict yet: run 'snakemake claims'" in explained(capsys, "powered_descent", "prior_final_mass")
+def claim_row(**given) -> dict:
+    """A row of `report/claims.json`."""
     result = {"value": 1349.4, "standard_error": None, "trials": None, "verdict": "differs", "evidence": "a sentence"}
     row = {"paper": "powered_descent", "id": "prior_final_mass", "verdict": "differs", "reading": "corrected"}
-    row |= {
-        "kind": "deterministic",
-        "reason": "E10",
-        "resolution": 1.0,
-        "readings": {"corrected": {**result, "z": None}},
-    }
-    (bare_project / "report").mkdir()
-    (bare_project / "report" / "claims.json").write_text(json.dumps([row]), encoding="utf-8")
+    row |= {"where": "Sec. V", "quantity": "mass", "unit": "kg", "kind": "deterministic", "printed": 1346.0}
+    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **given}
+
+
+def write_verdicts(folder, *rows):
+    (folder / "report").mkdir(parents=True)
+    (folder / "report" / "claims.json").write_text(json.dumps(rows), encoding="utf-8")
+
+
+def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
+    assert "no verdict yet: run 'snakemake claims'" in explained(capsys, "powered_descent", "prior_final_mass")
+    write_verdicts(bare_project, claim_row())
     said = explained(capsys, "powered_descent", "prior_final_mass")
     assert "verdict: differs (reading corrected)" in said
     assert "a sentence" in said
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_explain_a_claim_of_any_paper_that_others_were_judged_without(bare_project, capsys, slug):
+    """As of a new paper, which the verdicts of the last build do not hold."""
+    write_verdicts(bare_project, claim_row(paper="another"))
+    name = load_published(ROOT / "data" / "published" / f"{slug}.yaml")[0].id
+    assert "\n  no verdict yet: run 'snakemake claims'\n" in explained(capsys, slug, name)
+
+
+@pytest.mark.parametrize("content", ["", "[]]", "{}", "[1]", '[{"paper": "funnels"}]'])
+@pytest.mark.parametrize("arguments", [["powered_descent", "prior_final_mass"], ["powered_descent"]], ids=len)
+def test_explain_refuses_damaged_verdicts_with_a_remedy(bare_project, capsys, arguments, content):
+    write_verdicts(bare_project)
+    (bare_project / "report" / "claims.json").write_text(content, encoding="utf-8")
+    assert cli.main(["explain", *arguments]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"marsedl: {bare_project / 'report' / 'claims.json'}: ")
+    assert message.endswith("; delete the file and run 'snakemake claims'\n")
+    assert message.count("\n") == 1
+
+
+def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
+    """Sources of a reading, verdicts, and fields of artifacts hold what strangers wrote."""
+    (bare_project / "src").symlink_to(ROOT / "src")
+    write_verdicts(bare_project, claim_row(reason=f"E10{ESCAPE}\nverdict: holds\r", quantity="mass\u200b\ud800"))
+    assert "E10\\x1b[2J\n" in explained(capsys, "powered_descent", "prior_final_mass").replace("\\r", "\n")
+    path = tmp_path / "mine.yaml"
+    entry = 'gravity: {value: 3.9, source: "assumed: \\e[2J mine\\u200B"}'
+    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, inputs: {{{entry}}}}}}}}}\n")
+    shown = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
+    assert "assumed: \\x1b[2J mine\\u200b" in shown
+    shown += refused(capsys, "explain", f"powered{ESCAPE}descent")
+    for name, value in (("a.h5", 1.0), ("b.h5", 2.0)):
+        with h5py.File(tmp_path / name, "w") as file:
+            file[f"field{ESCAPE}"] = value
+            file.attrs[f"key{ESCAPE}\n"] = f"{value}{ESCAPE}"
+    assert cli.main(["diff", str(tmp_path / "a.h5"), str(tmp_path / "b.h5")]) == 1
+    compared = capsys.readouterr().out
+    assert "field\\x1b[2J: 1 of 1 values differ" in compared
+    assert len(compared.splitlines()) == 2
+    assert all(c.isprintable() or c == "\n" for c in shown + compared)
 
 
 def test_explain_an_own_reading(project, tmp_path, capsys):
@@ -154,6 +323,8 @@ def test_explain_an_own_reading(project, tmp_path, capsys):
     said = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
     assert "3.9" in said
     assert "assumed: mine" in said
+    drawn = explained(capsys, "powered_descent", "fig07", "--reading", "mine", "--configfile", str(path))
+    assert f"\n  snakemake figures/powered_descent/mine/fig07.png --configfile {path}\n" in drawn
 
 
 @pytest.mark.parametrize(
@@ -239,7 +410,7 @@ def test_a_new_paper_says_what_it_wrote_and_what_is_left(project, monkeypatch, c
     ]
     said = capsys.readouterr().out
     assert said.startswith("wrote configs/gravity_turn.yaml\n")
-    assert "snakemake --config size=smoke gravity_turn claims" in said
+    assert "snakemake gravity_turn claims --config size=smoke" in said
 
 
 def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
@@ -262,11 +433,49 @@ def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
     ],
 )  # fmt: skip
 def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, arguments, fragments):
-    (bare_project / "src").mkdir()
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)  # this process is up already
     said = refused(capsys, "trial", "powered_descent", *arguments)
     for fragment in fragments:
         assert fragment in said
+
+
+def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys, monkeypatch):
+    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
+    path = bare_project / "my own.yaml"
+    path.write_text("powered_descent: {readings: {mine: {based_on: corrected}}}\n", encoding="utf-8")
+    arguments = ("powered_descent", "mine", "12", "--size", "smoke", "--configfile", str(path))
+    message = refused(capsys, "trial", *arguments)
+    target = "data/cache/powered_descent/mine/gains.h5"
+    assert f"{bare_project / 'build' / 'smoke' / target} is not built yet" in message
+    assert f"run 'snakemake {target} --config size=smoke --configfile 'my own.yaml'' first" in message
+    assert "trial 300: case closed_loop has the trials 0 to 199" in refused(
+        capsys, "trial", "powered_descent", "mine", "300", *arguments[3:]
+    )
+
+
+def test_a_trial_of_a_paper_without_flights_is_refused(bare_project, capsys, monkeypatch):
+    monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
+    monkeypatch.setattr(input_model("funnels"), "CASES", {})
+    config = bare_project / "configs" / "funnels.yaml"
+    text, number = re.subn(r"(?m)^chunks: .*$", "chunks: {}", config.read_text(encoding="utf-8"))
+    assert number == 1
+    config.write_text(text, encoding="utf-8")
+    monkeypatch.setitem(sys.modules, "marsedl.papers.funnels.montecarlo", None)  # which then cannot be imported
+    message = refused(capsys, "trial", "funnels", "corrected", "1")
+    assert message == "marsedl: funnels has no Monte Carlo flights; 'marsedl list --cases' shows which do\n"
+
+
+def test_compiling_is_announced_once(tmp_path):
+    code = (
+        "from marsedl.replication.jobs import announce_compiling\n"
+        "announce_compiling()\n"
+        "from numba import njit\n"
+        "inner = njit(lambda x: x + 1.0)\n"
+        "print(njit(lambda x: inner(x))(1.0), njit(lambda x: 2 * x)(1.0))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "2.0 2.0\n"
+    assert done.stderr == "compiling kernels, once: the next run loads them\n"
 
 
 @pytest.mark.parametrize(
@@ -284,6 +493,80 @@ def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, argum
     monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *given: flown.append(given[3:5]))
     assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
     assert flown == [(case, 7)]
+
+
+# --------------------------------------------------------------------------------------------------- the command line
+
+
+def parsers():
+    """The parser and those of all commands, by name."""
+    whole = cli.command_line()
+    (commands,) = (action for action in whole._actions if isinstance(action, argparse._SubParsersAction))
+    return {"": whole, **commands.choices}
+
+
+def test_every_command_and_every_argument_says_what_it_is():
+    (commands,) = (action for action in parsers()[""]._actions if isinstance(action, argparse._SubParsersAction))
+    assert [action.dest for action in commands._choices_actions if action.help] == list(commands.choices)
+    assert set(commands.choices) == set(cli._COMMANDS)
+    for name, parser in parsers().items():
+        for action in parser._actions:
+            assert action.help, f"marsedl {name} {action.dest}"
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"marsedl {version('marsedl')}\n"
+
+
+@pytest.mark.parametrize("cores", ["0", "-1", "two", "1.5", ""])
+def test_a_number_of_cores_that_is_none_starts_no_build(project, capsys, monkeypatch, cores):
+    monkeypatch.setattr("marsedl.replication.machines.measure", lambda *given: pytest.fail("a build was started"))
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["machines", f"--cores={cores}"])
+    assert caught.value.code == 2
+    assert f"error: argument --cores: '{cores}' is not a whole number above zero\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("", {"list", "explain", "trial", "completion", "--version"}),
+        ("exp", {"explain"}),
+        ("explain f", {"funnels"}),
+        ("explain powered_descent fig0", {f"fig0{n}" for n in ("1", "2", "3", "4", "5", "6a", "6b", "7")}),
+        ("explain powered_descent prior_f", {"prior_final_mass"}),
+        ("trial powered_descent cor", {"corrected"}),
+        ("explain powered_descent --c", {"--configfile"}),
+        ("list --cl", {"--claims"}),
+        ("completion ", {"bash", "zsh", "-h", "--help"}),
+    ],
+)
+def test_a_shell_completes_commands(completions, words, completed):
+    *before, last = words.split(" ")
+    typed = " ".join(["marsedl", *before, f"'{last}'"])
+    code = f'. {completions}; COMP_WORDS=({typed}); COMP_CWORD={len(before) + 1}; _marsedl; echo "${{COMPREPLY[@]}}"'
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert completed == set(done.stdout.split()) or (words == "" and completed < set(done.stdout.split()))
+
+
+@pytest.fixture(scope="module")
+def completions(tmp_path_factory):
+    """The script for bash."""
+    command = [sys.executable, "-m", "marsedl.cli", "completion", "bash"]
+    path = tmp_path_factory.mktemp("completion") / "marsedl.bash"
+    path.write_text(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)
+    return path
+
+
+def test_the_completion_of_zsh_is_that_of_bash(project, capsys, completions):
+    assert cli.main(["completion", "zsh"]) == 0
+    first, rest = capsys.readouterr().out.split("\n", 1)
+    assert first == "autoload -Uz bashcompinit && bashcompinit"
+    assert rest == completions.read_text(encoding="utf-8")
 
 
 def test_a_request_that_is_none_is_refused(capsys):

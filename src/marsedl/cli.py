@@ -3,46 +3,74 @@
 import argparse
 import contextlib
 import re
+import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.sizes import FULL, build_folder
+from marsedl.replication.terminal import columns, printable_lines
 
 TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
+KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns 0, 1 if things differ or fail, 2 for a request that cannot be met."""
+    options = command_line().parse_args(arguments)
+    try:
+        return _COMMANDS[options.command](options)
+    except MarsedlError as error:
+        print(f"marsedl: {printable_lines(error)}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+def command_line() -> argparse.ArgumentParser:
+    """Return the parser of all commands with their arguments."""
     parser = argparse.ArgumentParser(
         prog="marsedl", description="Replications of papers on Mars entry, descent and landing under uncertainty."
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="command", help="see: marsedl COMMAND --help"
+    )
 
-    commands.add_parser("list", help="papers, readings, figures, tables and the targets that build them")
-    explain = commands.add_parser("explain", help="what a figure, table, stage or claim is made of")
-    explain.add_argument("paper")
-    explain.add_argument("item")
-    explain.add_argument("--reading", default="corrected")
+    shown = commands.add_parser("list", help="papers, their readings, figures, tables, stages, cases and claims")
+    shown.add_argument("paper", nargs="?", help="its name, such as powered_descent; all papers unless given")
+    for kind in KINDS:
+        shown.add_argument(
+            f"--{kind}",
+            dest="kinds",
+            action="append_const",
+            const=kind,
+            help=f"the {kind}, and no other kind",
+        )
+    explain = commands.add_parser("explain", help="what a paper, or its figure, table, stage or claim, is made of")
+    explain.add_argument("paper", help="its name, such as powered_descent")
+    explain.add_argument("item", nargs="?", help="a figure, table, stage or claim; the whole paper unless given")
+    explain.add_argument("--reading", default="corrected", help="the reading whose inputs are shown (%(default)s)")
     diff = commands.add_parser("diff", help="compare two artifacts, figures, tables or folders of them")
-    diff.add_argument("a", type=Path)
-    diff.add_argument("b", type=Path)
+    diff.add_argument("a", type=Path, help="a file or folder")
+    diff.add_argument("b", type=Path, help="another one of the same kind")
     trial = commands.add_parser("trial", help="fly one trial of a Monte Carlo case again")
-    trial.add_argument("paper")
-    trial.add_argument("reading")
+    trial.add_argument("paper", help="its name, such as powered_descent")
+    trial.add_argument("reading", help="the reading whose trial it is, such as corrected")
     trial.add_argument("case", nargs="?", default=argparse.SUPPRESS, help="the paper's first case unless given")
-    trial.add_argument("number", type=int)
-    trial.add_argument("--case", help="the same as an option")
+    trial.add_argument("number", type=int, help="the number of the trial, from 0")
+    trial.add_argument("--case", help="the case, as an option")
     verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
     machines = commands.add_parser("machines", help="compare the smoke size under other instruction sets and libraries")
-    machines.add_argument("names", nargs="*", metavar="machine", help="of instruction sets; all of them unless given")
+    machines.add_argument("names", nargs="*", metavar="machine", help="sse or avx512; both unless given")
     machines.add_argument(
         "--libraries", action="append", default=[], metavar="NAME=PYTHON", help="a Python with other versions"
     )
-    machines.add_argument(
-        "--paper", action="append", default=[], help="of this paper alone; may be given several times"
-    )
-    machines.add_argument("--cores", type=int, default=2)
+    machines.add_argument("--paper", action="append", default=[], help="only this paper; may be given several times")
+    machines.add_argument("--cores", type=_positive, default=2, help="cores of each build (%(default)s)")
     commands.add_parser("accept", help="show what the full size changes in the stored numbers, and store it")
     commands.add_parser("audit", help="count claims, figures, inputs, errata, targets; find what is left hanging")
     crate = commands.add_parser(
@@ -51,20 +79,32 @@ def main(arguments: list[str] | None = None) -> int:
     crate.add_argument("--config", nargs="*", default=[], help="as for snakemake, if it is not the full size")
     new = commands.add_parser("new-paper", help="write a small complete paper to begin another replication with")
     new.add_argument("slug", help="its name in files and targets, such as powered_descent")
-    new.add_argument("--title", default="Title to be given")
-    new.add_argument("--authors", default="Authors to be named")
+    new.add_argument("--title", default="Title to be given", help="the paper's title")
+    new.add_argument("--authors", default="Authors to be named", help="the paper's authors, in one line")
+    completion = commands.add_parser("completion", help="print a script that completes commands in your shell")
+    completion.add_argument("shell", choices=("bash", "zsh"), help='the shell; use: eval "$(marsedl completion bash)"')
+    for command in (shown, explain, trial):
+        command.add_argument("--size", metavar="NAME", help=f"of the build that is looked at, such as smoke ({FULL})")
     for command in (explain, trial):
         command.add_argument("--configfile", type=Path, help="a configuration of your own, as for snakemake")
+    return parser
 
-    options = parser.parse_args(arguments)
-    try:
-        return _COMMANDS[options.command](options)
-    except MarsedlError as error:
-        print(f"marsedl: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
+
+class _Version(argparse.Action):
+    """Print the version; it is looked up only then."""
+
+    def __call__(self, parser, *_):
+        from importlib.metadata import version
+
+        print(f"marsedl {version('marsedl')}")
+        parser.exit()
+
+
+def _positive(text: str) -> int:
+    """Read a whole number above zero; the parser refuses the argument otherwise."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above zero")
+    return int(text)
 
 
 def project_root() -> Path:
@@ -79,26 +119,57 @@ def project_root() -> Path:
     raise InputError(f"{here} is not inside a marsedl project; change to the folder that holds its Snakefile")
 
 
-def _studies(config_file=None) -> dict:
-    """Return the studies of all papers, with a user's own readings."""
+@dataclass(frozen=True)
+class _Project:
+    """The project as the options of a command show it: a size, and readings of the user's own."""
+
+    root: Path
+    size: str
+    studies: dict
+    options: str  # of snakemake, which build this size with these readings
+
+    @property
+    def folder(self) -> Path:
+        """The folder of this size's products."""
+        return build_folder(self.root, self.size)
+
+    def claims(self, slug: str) -> list[dict] | None:
+        """A paper's rows of the joined verdicts; None if nothing was judged yet."""
+        from marsedl.replication.claims import read_claims
+
+        path = self.folder / "report" / "claims.json"
+        return [row for row in read_claims(path) if row["paper"] == slug] if path.exists() else None
+
+
+def _project(size: str | None = None, config_file: Path | None = None) -> _Project:
+    """Load the studies of all papers in a size, with a user's own readings; a size that is given wins."""
     from marsedl.papers import SLUGS, input_model
     from marsedl.replication.inputs import load_studies, read_yaml
 
+    root = project_root()
     files = [] if config_file is None else [config_file.resolve()]
     config = {} if config_file is None else read_yaml(config_file) or {}
+    if size and isinstance(config, dict):
+        config = {**config, "size": size}
     models = {slug: input_model(slug) for slug in SLUGS}
-    with contextlib.chdir(project_root()):  # from where files named by inputs are read
-        return load_studies(models, Path("configs"), config, files)
+    with contextlib.chdir(root):  # from where files named by inputs are read
+        studies = load_studies(models, Path("configs"), config, files)
+    options = f" --config size={shlex.quote(size)}" if size and size != FULL else ""
+    if config_file is not None:
+        path = config_file.resolve()
+        path = path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path
+        options += f" --configfile {shlex.quote(str(path))}"
+    return _Project(root, str(config.get("size", FULL)), studies, options)
 
 
-def _study(paper, config_file=None):
-    """Return the catalogue and the study of a paper, with a user's own readings."""
+def _paper(slug):
+    """Return the catalogue of a paper."""
     from marsedl.papers import SLUGS, catalogue
     from marsedl.replication.inputs import nearest
 
-    if paper not in SLUGS:
-        raise InputError(f"there is no paper '{paper}'; {nearest(paper, SLUGS)}")
-    return catalogue(paper), _studies(config_file)[paper]
+    if slug not in SLUGS:
+        raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
+    return catalogue(slug)
 
 
 def _reading(study, name):
@@ -109,26 +180,92 @@ def _reading(study, name):
     return study.readings[name]
 
 
-def _list(options) -> int:
-    from marsedl.papers import SLUGS, catalogue
+def _published(root, slug) -> list:
+    """Return the printed claims of a paper."""
+    from marsedl.replication.claims import load_published
 
-    for slug, study in _studies().items():
-        paper = catalogue(slug)
-        print(f"{slug}\n  {paper.title}\n  {paper.authors}\n\n  readings")
-        readings = study.readings.values()
-        _print_columns(4, [(r.name, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for r in readings])
-        print("\n  figures (snakemake figures/" + slug + "/NAME.png, or figures/" + slug + "/READING/NAME.png)")
-        _print_columns(4, [(stem, _first_sentence(product.caption)) for stem, product in paper.figures.items()])
-        print("\n  tables (NAME.csv, NAME.md in the same places)")
+    return load_published(root / "data" / "published" / f"{slug}.yaml")
+
+
+def _say(text: object = "") -> None:
+    """Print a text, in which no control character of a file acts on the terminal."""
+    print(printable_lines(text))
+
+
+def _list(options) -> int:
+    from marsedl.papers import SLUGS
+
+    papers = [_paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
+    project = _project(options.size)
+    whole = not options.paper and not options.kinds
+    for paper in papers:
+        _say(paper.slug)
+        if not options.kinds:
+            _say(f"  {paper.title}\n  {paper.authors}")
+        rows = {kind: _rows(project, paper, kind) for kind in KINDS}
+        if whole:
+            _say(f"  {_counted(rows)}\n")
+            continue
+        for kind in options.kinds or KINDS:
+            _say(f"\n  {kind}{_command(paper, kind, project.options)}")
+            if rows[kind]:
+                _say(columns(rows[kind], 4, wrap=False))
+        _say()
+    if whole:
+        _say("marsedl list PAPER shows all of a paper, marsedl list --figures all figures, and so on")
+        _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
+    return 0
+
+
+def _counted(rows: dict) -> str:
+    """The number of rows of each kind, in words."""
+    return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in rows.items())
+
+
+def _command(paper, kind, options) -> str:
+    """The command that makes an item of a kind, in brackets."""
+    places = {
+        "figures": f"snakemake figures/{paper.slug}/NAME.png, or figures/{paper.slug}/READING/NAME.png",
+        "tables": f"snakemake figures/{paper.slug}/NAME.csv, or .md; READING as for figures",
+        "stages": f"snakemake data/cache/{paper.slug}/READING/NAME.h5",
+        "cases": f"snakemake data/cache/{paper.slug}/READING/montecarlo.NAME.h5",
+        "claims": "snakemake claims",
+    }
+    return f" ({places[kind]}{options and f'; add{options}'})" if kind in places else ""
+
+
+def _rows(project, paper, kind) -> list[tuple[str, ...]]:
+    """All that a paper has of a kind, a row for each with its name first."""
+    study = project.studies[paper.slug]
+    if kind == "readings":
+        return [
+            (r.name, r.summary + (f" (based on {r.based_on})" if r.based_on else "")) for r in study.readings.values()
+        ]
+    if kind == "figures":
+        return [(stem, _first_sentence(product.caption)) for stem, product in paper.figures.items()]
+    if kind == "tables":
         summaries = {**paper.summaries, "claims": "Every printed claim with its verdict."}
         rows = [(stem, _first_sentence(product.caption)) for stem, product in paper.tables.items()]
-        rows += [(stem, f"{_first_sentence(caption)} (all readings)") for stem, caption in summaries.items()]
-        _print_columns(4, rows)
-        print("\n  stages (snakemake data/cache/" + slug + "/READING/NAME.h5)")
-        _print_columns(4, [(name, stage.meaning) for name, stage in paper.stages.items()])
-        print()
-    print("targets: " + ", ".join([*TARGETS, *SLUGS]))
-    return 0
+        return [*rows, *((stem, f"{_first_sentence(caption)} (all readings)") for stem, caption in summaries.items())]
+    if kind == "stages":
+        return [(name, stage.meaning) for name, stage in paper.stages.items()]
+    if kind == "cases":
+        model = type(next(iter(study.readings.values())).inputs)
+        return [
+            (case, f"{_trials(study, field)} trials", f"input {field}: {model.model_fields[field].description}")
+            for case, field in model.CASES.items()
+        ]
+    verdicts = {row["id"]: row["verdict"] for row in project.claims(paper.slug) or []}
+    return [
+        (claim.id, verdicts.get(claim.id) or "–", claim.where, claim.quantity)
+        for claim in _published(project.root, paper.slug)
+    ]
+
+
+def _trials(study, field) -> str:
+    """The number of trials of a case: that of `corrected` if there is such a reading, else of the first."""
+    reading = study.readings.get("corrected") or next(iter(study.readings.values()))
+    return f"{getattr(reading.inputs, field):,}"
 
 
 def _first_sentence(caption) -> str:
@@ -136,72 +273,120 @@ def _first_sentence(caption) -> str:
     return re.split(r"\. (?=[A-Z])", caption)[0].removesuffix(".")
 
 
-def _print_columns(indent, rows) -> None:
-    """Print rows of texts with their columns aligned."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
-    for row in rows:
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        print(" " * indent + "  ".join(cells).rstrip())
-
-
 def _explain(options) -> int:
-    from marsedl.replication.claims import load_published
     from marsedl.replication.code_digest import reached
     from marsedl.replication.inputs import nearest
 
-    paper, study = _study(options.paper, options.configfile)
+    paper = _paper(options.paper)
+    project = _project(options.size, options.configfile)
+    study = project.studies[paper.slug]
     reading = _reading(study, options.reading)
-    root = project_root()
-    claims = {claim.id: claim for claim in load_published(root / "data" / "published" / f"{paper.slug}.yaml")}
+    if options.item is None:
+        return _explain_paper(project, paper, study, reading)
+    claims = {claim.id: claim for claim in _published(project.root, paper.slug)}
     name = options.item
     if name in claims:
         claim = claims[name]
-        print(f"claim {name}: {claim.quantity}\n  {claim.where}; printed {claim.printed} {claim.unit} ({claim.kind})")
-        _print_verdict(root, paper.slug, name)
+        _say(f"claim {name}: {claim.quantity}\n  {claim.where}; printed {claim.printed} {claim.unit} ({claim.kind})")
+        _say_verdict(project, paper.slug, name)
         return 0
     if name in paper.figures or name in paper.tables:
         item, kind = paper.product(name), "figures" if name in paper.figures else "tables"
         entry = f"marsedl.papers.{paper.slug}.{kind}:{name}"
         folder = f"figures/{paper.slug}" + ("" if reading.name == "corrected" else f"/{reading.name}")
-        target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}"
-        print(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}\n  snakemake {target}")
+        target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}{project.options}"
+        _say(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}\n  snakemake {target}")
     elif name in paper.stages:
         item, entry = paper.stages[name], paper.entry(name)
-        print(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
+        _say(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
     else:
         known = [*paper.figures, *paper.tables, *paper.stages, *claims]
         raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, known)}")
     namesakes = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)][1:]
     if namesakes:
-        print(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
-    stages, names = _behind(paper, item)
-    print("\nartifacts, in the order in which they are made")
-    _print_columns(2, [(stage, paper.stages[stage].meaning) for stage in stages])
-    print("\ninputs that it depends on")
+        _say(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
+    stages, names = _behind(paper, item, reading.inputs.CASES)
+    if name == "montecarlo":  # of which every case is one artifact
+        names.update(reading.inputs.CASES.values())
+    _say("\nartifacts, in the order in which they are made")
+    _say(columns([(stage, paper.stages[stage].meaning) for stage in stages], 2))
+    _say("\ninputs that it depends on")
     fields = [field for field in reading.inputs.__class__.model_fields if field in names]
-    sources = [(reading.sources[field], field) for field in fields]
-    _print_columns(2, [(s.key, str(s.written), study_unit(reading, s, field), s.source) for s, field in sources])
-    print("\ncode that draws or computes it")
-    for symbol in reached(entry, root / "src"):
+    unlimited = _unlimited(project, options, paper.slug, reading)
+    rows = []
+    for field in fields:
+        source, value = reading.sources[field], getattr(reading.inputs, field)
+        limited = "" if value == getattr(unlimited, field) else f" (size {project.size}: {value})"
+        rows.append((source.key, f"{source.written}{limited}", _unit(reading, source, field), source.source))
+    _say(columns(rows, 2))
+    _say("\ncode that draws or computes it")
+    for symbol in reached(entry, project.root / "src"):
         if "(at import)" not in symbol:
-            print(f"  {symbol}")
+            _say(f"  {symbol}")
     return 0
 
 
-def study_unit(reading, source, field) -> str:
+def _unlimited(project, options, slug, reading):
+    """The inputs of a reading at full size, where no size limits them."""
+    if project.size == FULL:
+        return reading.inputs
+    return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs
+
+
+def _explain_paper(project, paper, study, reading) -> int:
+    """Say what a whole paper is made of."""
+    _say(f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}")
+    _say("\nreadings")
+    _say(columns(_rows(project, paper, "readings"), 2))
+    _say(f"\ninputs in which readings differ from {reading.name}, of {len(type(reading.inputs).model_fields)}")
+    _say(columns(_differing(study, reading), 2))
+    _say("\nwhat there is (marsedl list " + paper.slug + ")")
+    _say(f"  {_counted({kind: _rows(project, paper, kind) for kind in KINDS})}")
+    rows = project.claims(paper.slug)
+    _say("\nverdicts")
+    if not rows:
+        _say(f"  none yet: run 'snakemake claims{project.options}'")
+        return 0
+    from marsedl.replication.claims import summary
+
+    for how, counts in summary(rows).items():
+        given = [f"{count} {verdict.replace('_', ' ')}" for verdict, count in counts.items() if count]
+        _say(f"  {how}: {', '.join(given) or 'none'}")
+    return 0
+
+
+def _differing(study, reading) -> list[tuple[str, str, str, str]]:
+    """Inputs that have another value in some reading: name, value in the given one, unit, values in the others."""
+    rows = []
+    for field in type(reading.inputs).model_fields:
+        mine = getattr(reading.inputs, field)
+        others = [r for r in study.readings.values() if getattr(r.inputs, field) != mine]
+        if others:
+            source = reading.sources[field]
+            values = "; ".join(f"{r.name} {r.sources[field].written}" for r in others)
+            rows.append((source.key, str(source.written), _unit(reading, source, field), values))
+    return rows
+
+
+def _unit(reading, source, field) -> str:
     """Return the unit in which an input is written."""
     suffix = source.key.removeprefix(field).removeprefix("_")
     return suffix.replace("_", "/") or reading.inputs.unit(field)
 
 
-def _behind(paper, item) -> tuple[list[str], set[str]]:
-    """All stages behind an item, first things first, and all inputs that they and the item use."""
-    stages, names = [], set(item.inputs)
+def _behind(paper, item, cases) -> tuple[list[str], set[str]]:
+    """All stages behind an item, first things first, and all inputs that they and the item use.
+
+    cases: the Monte Carlo cases of the paper, each with the input that holds its number of trials.
+    """
+    stages, names, seen = [], set(item.inputs), set()
 
     def visit(needed):
         for need in needed:
-            stage = need.split(".")[0]
-            if stage not in stages:
+            stage, _, case = need.partition(".")
+            names.update({cases[case]} if case in cases else ())
+            if stage not in seen:
+                seen.add(stage)
                 visit(paper.stages[stage].needs)
                 stages.append(stage)
                 names.update(paper.stages[stage].inputs)
@@ -210,29 +395,28 @@ def _behind(paper, item) -> tuple[list[str], set[str]]:
     return stages, names
 
 
-def _print_verdict(root, slug, claim) -> None:
-    from marsedl.replication.claims import format_result, read_claims
+def _say_verdict(project, slug, claim) -> None:
+    from marsedl.replication.claims import format_result
 
-    path = root / "report" / "claims.json"
-    if not path.exists():
-        print("  no verdict yet: run 'snakemake claims'")
+    row = next((row for row in project.claims(slug) or () if row["id"] == claim), None)
+    if row is None:
+        _say(f"  no verdict yet: run 'snakemake claims{project.options}'")
         return
-    row = next(row for row in read_claims(path) if (row["paper"], row["id"]) == (slug, claim))
-    print(f"  verdict: {row['verdict']} (reading {row['reading']})\n  {row['reason']}".rstrip())
-    _print_columns(
-        4,
-        [
-            (name, result["verdict"] or "–", ", ".join(format_result(row, name)), result["evidence"] or "")
-            for name, result in row["readings"].items()
-        ],
-    )
+    _say(f"  verdict: {row['verdict']} (reading {row['reading']})")
+    if row["reason"]:
+        _say(f"  {row['reason']}")
+    rows = [
+        (name, result["verdict"] or "–", ", ".join(format_result(row, name)), result["evidence"] or "")
+        for name, result in row["readings"].items()
+    ]
+    _say(columns(rows, 4))
 
 
 def _diff(options) -> int:
     from marsedl.replication.digests import difference, format_difference
 
     rows = difference(options.a, options.b)
-    print(format_difference(rows))
+    _say(format_difference(rows))
     return 1 if rows else 0
 
 
@@ -241,13 +425,34 @@ def _trial(options) -> int:
 
     from marsedl.replication import jobs
 
-    root = project_root()
-    jobs.pin_numerics(root)
-    paper, study = _study(options.paper, options.configfile)
-    reading = _reading(study, options.reading)
+    jobs.pin_numerics(project_root())
+    paper = _paper(options.paper)
+    project = _project(options.size, options.configfile)
+    reading = _reading(project.studies[paper.slug], options.reading)
+    cases = reading.inputs.CASES
+    if not cases:
+        raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
+    flown = [case for case, field in cases.items() if getattr(reading.inputs, field)]
+    case = options.case or next(iter(flown or cases))
+    jobs.announce_compiling()
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
-    case = options.case or next(iter(reading.inputs.CASES))
-    print(jobs.replay(root, paper, reading, case, options.number, module))
+    _say(jobs.replay(project.folder, paper, reading, case, options.number, module, project.options))
+    return 0
+
+
+def _completion(options) -> int:
+    from marsedl.papers import SLUGS
+    from marsedl.replication.completion import script
+
+    project = _project()
+    items = {}
+    for slug in SLUGS:
+        paper = _paper(slug)
+        items[slug] = {
+            "explain": [*paper.figures, *paper.tables, *paper.stages, *(c.id for c in _published(project.root, slug))],
+            "trial": [*project.studies[slug].readings],
+        }
+    print(script(command_line(), options.shell, items), end="")
     return 0
 
 
@@ -324,21 +529,21 @@ def _audited(root) -> list:
     from marsedl.comparison import COMPARISONS
     from marsedl.papers import catalogue
     from marsedl.replication import audit
-    from marsedl.replication.claims import load_published
 
     subjects = [
         audit.Subject(
             catalogue(slug),
             study,
-            load_published(root / "data" / "published" / f"{slug}.yaml"),
+            _published(root, slug),
             import_module(f"marsedl.papers.{slug}.claims").DECLARATIONS,
         )
-        for slug, study in _studies().items()
+        for slug, study in _project().studies.items()
     ]
     return audit.audit(root, subjects, COMPARISONS, TARGETS)
 
 
 _COMMANDS = {
+    "completion": _completion,
     "list": _list,
     "explain": _explain,
     "diff": _diff,

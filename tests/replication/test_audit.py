@@ -106,11 +106,15 @@ def test_claims_without_result_and_results_without_claim_are_found(subject):
 def test_results_are_those_of_the_build_or_else_the_committed_ones(tmp_path):
     assert audit.verdicts_of(tmp_path, SLUG) == {}
     (tmp_path / "data" / "reference").mkdir(parents=True)
-    committed = {"verdicts/mass": {"corrected": "holds"}, "claims/mass/corrected": {"shape": []}}
+    number = {"shape": [], "counts": False, "numbers": []}
+    committed = {"verdicts/mass": {"corrected": "holds"}, "claims/mass/corrected": number}
     (tmp_path / "data" / "reference" / f"{SLUG}.json").write_text(json.dumps(committed), encoding="utf-8")
     assert audit.verdicts_of(tmp_path, SLUG) == {"mass": {"corrected": "holds"}}
     (tmp_path / "report" / "claims").mkdir(parents=True)
-    rows = [{"id": "mass", "readings": {"corrected": {"verdict": "fails"}, "printed": {"verdict": None}}}]
+    result = {"value": None, "standard_error": None, "evidence": ""}
+    readings = {"corrected": {**result, "verdict": "fails"}, "printed": {**result, "verdict": None}}
+    texts = ("paper", "id", "where", "quantity", "unit", "kind", "verdict", "reading", "reason")
+    rows = [{**dict.fromkeys(texts, "mass"), "printed": True, "resolution": None, "readings": readings}]
     (tmp_path / "report" / "claims" / f"{SLUG}.json").write_text(json.dumps(rows), encoding="utf-8")
     assert audit.verdicts_of(tmp_path, SLUG) == {"mass": {"corrected": "fails"}}
 

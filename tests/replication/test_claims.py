@@ -1,5 +1,6 @@
 import csv
 import io
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -636,3 +637,46 @@ def test_a_result_shows_two_digits_more_than_the_print():
     assert format_result(row, "elsewhere") == ["–"]
     failed = {**row, "readings": {"printed": {**row["readings"]["printed"], "value": None}}}
     assert format_result(failed, "printed") == ["not finite"]
+
+
+# -------------------------------------------------------------------------------------------------------- damaged files
+
+
+def damaged(row, *path, by=None):
+    """A row in which the value at a path is another one, or missing."""
+    row = json.loads(json.dumps(row))
+    inner = row
+    for key in path[:-1]:
+        inner = inner[key]
+    if by is None:
+        del inner[path[-1]]
+    else:
+        inner[path[-1]] = by
+    return row
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda row: "", "is not JSON"),
+        (lambda row: "[" * 100_000, "is not JSON"),
+        (lambda row: {}, "is not a list of claims"),
+        (lambda row: ["mass"], "claim 1: is not a set of keys with values"),
+        (lambda row: [row, damaged(row, "paper")], "claim 2: the key 'paper' is missing or not a text"),
+        (lambda row: [damaged(row, "verdict", by=["holds"])], "claim 1: the key 'verdict' is missing or not a text"),
+        (lambda row: [damaged(row, "printed")], "claim 1: the key 'printed' is missing"),
+        (lambda row: [damaged(row, "readings", by=[])], "claim 1: the key 'readings' is missing or holds no readings"),
+        (lambda row: [damaged(row, "readings", "printed", by=1)], "claim 1: readings.printed is not a set of keys"),
+        (lambda row: [damaged(row, "readings", "printed", "value")], "'readings.printed.value' is missing"),
+        (lambda row: [damaged(row, "readings", "printed", "verdict", by=1)], "readings.printed.verdict is not a text"),
+    ],
+)  # fmt: skip
+def test_damaged_claims_are_refused_with_a_remedy(tmp_path, spoil, problem):
+    content = spoil(collected()[0])
+    path = tmp_path / "claims.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    with pytest.raises(ArtifactError) as caught:
+        read_claims(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert problem in str(caught.value)
+    assert str(caught.value).endswith("; delete the file and run 'snakemake claims'")

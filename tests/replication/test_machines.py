@@ -139,7 +139,9 @@ def builds(tmp_path, monkeypatch):
 
     def snakemake(folder, *arguments, **settings):
         recorded.append((folder.name, arguments[0], settings["MARSEDL_UNPINNED"]))
-        rows = [{"id": "c", "readings": {"corrected": {"value": numbers[folder.name], "verdict": "holds"}}}]
+        result = {"value": numbers[folder.name], "standard_error": None, "verdict": "holds", "evidence": ""}
+        texts = ("paper", "id", "where", "quantity", "unit", "kind", "verdict", "reading", "reason")
+        rows = [{**dict.fromkeys(texts, "c"), "printed": 1.0, "resolution": None, "readings": {"corrected": result}}]
         build = build_folder(folder, "smoke")
         (build / "report" / "claims").mkdir(parents=True)
         (build / arguments[0]).write_text(json.dumps(rows), encoding="utf-8")

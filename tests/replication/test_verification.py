@@ -61,8 +61,20 @@ def store(root, scale=1.0, iterations=100):
 def claim(root, value, reason="E10: not reproducible", verdict="differs", printed=None, names=("final_mass",)):
     path = root / "report" / "claims" / f"{SLUG}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    readings = {"corrected": {"value": value, "verdict": verdict}, "printed": {"value": None, "verdict": printed}}
-    rows = [{"paper": SLUG, "id": name, "reason": reason, "readings": readings} for name in names]
+    results = {"corrected": (value, verdict), "printed": (None, printed)}
+    readings = {
+        reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": ""}
+        for reading, (value, verdict) in results.items()
+    }
+    row = {**dict.fromkeys(("where", "quantity", "unit", "kind"), "x"), "printed": 1.0, "resolution": None}
+    row |= {
+        "paper": SLUG,
+        "verdict": verdict or "fails",
+        "reading": "corrected",
+        "reason": reason,
+        "readings": readings,
+    }
+    rows = [{**row, "id": name} for name in names]
     path.write_text(json.dumps(rows), encoding="utf-8")
 
 
@@ -331,6 +343,34 @@ def test_verdicts_can_be_read_alone(project):
     claim(project, 1349.4, verdict="close", printed="fails")
     assert verification.built_verdicts(project, SLUG) == {"final_mass": {"corrected": "close", "printed": "fails"}}
     assert verification.built_verdicts(project, "funnels") == verification.committed_verdicts(project, "funnels") == {}
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "is not JSON"),
+        ("[]", "holds no numbers by name"),
+        ('{"corrected/nominal/mass": 1.0}', "'corrected/nominal/mass' is not a set of keys with values"),
+        ('{"mass": {"shape": []}}', "'mass' is not a name of three parts"),
+        ('{"verdicts/mass": {"corrected": 1}}', "'verdicts/mass' holds a verdict that is no text"),
+        ('{"a/b/c": {"shape": 3, "counts": false, "numbers": []}}', "has no list of whole numbers under 'shape'"),
+        ('{"a/b/c": {"shape": [], "counts": 0, "numbers": []}}', "has neither true nor false under 'counts'"),
+        ('{"a/b/c": {"shape": [], "counts": false, "numbers": ["x"]}}', "has no list of numbers under 'numbers'"),
+        ('{"a/b/c": {"shape": [], "counts": false, "numbers": [1.0]}}', "has 1 of 5 numbers"),
+    ],
+)
+@pytest.mark.parametrize("command", [("verify", "--no-rebuild"), ("accept",), ("audit",)], ids=" ".join)
+def test_damaged_references_are_refused_with_a_remedy(project, capsys, monkeypatch, command, content, problem):
+    path = project / "data" / "reference" / f"{SLUG}.json"
+    path.write_text(content, encoding="utf-8")
+    if command == ("audit",):  # where nothing is built, the committed verdicts count
+        monkeypatch.setattr(cli, "_audited", lambda root: verification.committed_verdicts(root, SLUG))
+    assert cli.main(list(command)) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith(f"marsedl: {path}: ")
+    assert problem in captured.err
+    assert captured.err.endswith(f"; restore it with 'git checkout data/reference/{SLUG}.json'\n")
 
 
 # ---------------------------------------------------------------------------------------------------------- two builds

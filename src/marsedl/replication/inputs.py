@@ -17,6 +17,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError
 
 from marsedl.replication.errors import InputError
+from marsedl.replication.terminal import printable
 
 # Suffixes under which a quantity of an SI unit may be written, with their factors.
 SUFFIXES = {
@@ -444,7 +445,7 @@ def _reading(name, raw, done, model) -> Reading:
         message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
         shown = f" (given: {_shown(source.written)})" if source else ""
         # What a validator says of a file may hold whatever stands in its name.
-        message = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message[:LONGEST_REASON])
+        message = printable(message[:LONGEST_REASON])
         raise InputError(f"{origin}: {where}.{key}: {message}{shown}{_number_hint(first['input'])}") from None
     _check_frozen(frozen, name, values, origin)
     return Reading(name, summary, based_on, frozen, inputs, sources, origin)

@@ -174,11 +174,12 @@ def load_arguments(function: typing.Callable, files: typing.Mapping[str, str], p
     }
 
 
-def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
+def replay(folder: Path, paper, reading, case: str, number: int, module, options: str = "") -> str:
     """Fly one trial of a Monte Carlo case again and describe it; compares it with the ensemble if that is stored.
 
-    root: the project's folder. paper, reading: catalogue and reading. case, number: the case and its trial. module: the
-    paper's `montecarlo`, whose `replay` does it. Raises InputError for a case or trial that the reading does not have.
+    folder: of the build. paper, reading: catalogue and reading. case, number: the case and its trial. module: the
+    paper's `montecarlo`, whose `replay` does it. options: those of Snakemake with which a missing artifact is built.
+    Raises InputError for a case or trial that the reading does not have, or if an artifact is missing.
     """
     from marsedl.replication import artifacts
     from marsedl.replication.errors import InputError
@@ -191,19 +192,19 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
         )
     if not 0 <= number < trials[case]:
         raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
-    folder = root / "data" / "cache" / paper.slug / reading.name
+    cache = Path("data") / "cache" / paper.slug / reading.name
     needed = paper.stages["montecarlo"].needs
     hints = typing.get_type_hints(module.replay)
     loaded = {}
     for name in needed:
-        path = folder / f"{name}.h5"
+        path = folder / cache / f"{name}.h5"
         if not path.exists():
-            raise InputError(f"{path} is not built yet; run 'snakemake {path.relative_to(root)}' first")
+            raise InputError(f"{path} is not built yet; run 'snakemake {cache / path.name}{options}' first")
         loaded[name] = artifacts.load(path, hints[name], paper=paper.slug, reading=reading.name)
-    stored = folder / f"montecarlo.{case}.h5"
+    stored = folder / cache / f"montecarlo.{case}.h5"
     kind = _kind(hints["ensemble"])
     ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
-    if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # what is stored is of a smaller size
+    if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
         ensemble = None
     inputs = Slice(reading.slice(paper.stages["montecarlo"].inputs))
     return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)
@@ -212,6 +213,24 @@ def replay(root: Path, paper, reading, case: str, number: int, module) -> str:
 def _kind(annotation):
     """The artifact type of an annotation that may allow None."""
     return next((kind for kind in typing.get_args(annotation) if kind is not type(None)), annotation)
+
+
+def announce_compiling() -> None:
+    """Say on standard error, once, when a kernel is compiled: the reader then knows what takes so long."""
+    from numba.core import event
+
+    class Announcement(event.Listener):
+        said = False
+
+        def on_start(self, event):
+            if not self.said:
+                print("compiling kernels, once: the next run loads them", file=sys.stderr, flush=True)
+            self.said = True
+
+        def on_end(self, event):
+            pass
+
+    event.register("numba:compile", Announcement())
 
 
 def compile_in_turn() -> None:
@@ -240,6 +259,7 @@ def compile_in_turn() -> None:
                 fcntl.flock(lock, fcntl.LOCK_UN)
 
     event.register("numba:compiler_lock", Turns())
+    announce_compiling()
 
 
 def _described(error: Exception, outputs: typing.Iterable[str]) -> tuple[str, bool]:

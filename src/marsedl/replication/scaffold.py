@@ -66,7 +66,7 @@ def next_steps(slug: str) -> str:
     """Return what is left to do for a new paper, one step a line."""
     return "\n".join(
         [
-            f"build it:      snakemake --config size=smoke {slug} claims",
+            f"build it:      snakemake {slug} claims --config size=smoke",
             f"test it:       pytest tests/papers/test_{slug}.py",
             "replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where",
             f"tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time",

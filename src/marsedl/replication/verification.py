@@ -300,11 +300,44 @@ def format_changes(changes: Sequence[Change]) -> str:
 
 
 def read_reference(root: Path, slug: str) -> dict[str, dict]:
-    """Return the committed numbers of a paper; raises MarsedlError if there are none."""
+    """Return the committed numbers of a paper; raises MarsedlError if there are none, or if the file is damaged."""
     path = _reference(root, slug)
     if not path.exists():
         raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl accept' after a full build")
-    return json.loads(path.read_text(encoding="utf-8"))
+
+    def refuse(problem: str) -> MarsedlError:
+        return MarsedlError(f"{path}: {problem}; restore it with 'git checkout {path.relative_to(root)}'")
+
+    try:
+        reference = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise refuse(f"cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError) as error:
+        raise refuse(f"is not JSON ({error})") from None
+    if not isinstance(reference, dict):
+        raise refuse("holds no numbers by name")
+    for name, entry in reference.items():
+        if problem := _wrong_in_entry(name, entry):
+            raise refuse(f"'{name}' {problem}")
+    return reference
+
+
+def _wrong_in_entry(name: str, entry: object) -> str:
+    """What is wrong with an entry of a reference, in words; nothing if it is as `fingerprints` gives it."""
+    if not isinstance(entry, dict):
+        return "is not a set of keys with values"
+    if name.startswith(_VERDICTS):
+        return "" if all(isinstance(verdict, str) for verdict in entry.values()) else "holds a verdict that is no text"
+    if name.count("/") != 2:
+        return "is not a name of three parts"
+    shape, numbers = entry.get("shape"), entry.get("numbers")
+    if not isinstance(shape, list) or not all(isinstance(size, int) for size in shape):
+        return "has no list of whole numbers under 'shape'"
+    if not isinstance(entry.get("counts"), bool):
+        return "has neither true nor false under 'counts'"
+    if not isinstance(numbers, list) or not all(type(number) in (int, float) for number in numbers):
+        return "has no list of numbers under 'numbers'"
+    return "" if len(numbers) in (0, len(_MOMENTS)) else f"has {len(numbers)} of {len(_MOMENTS)} numbers"
 
 
 def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:

@@ -1,0 +1,56 @@
+"""Text for a terminal: nothing in it can act on the terminal, and tables fit its width."""
+
+import shutil
+import textwrap
+from collections.abc import Sequence
+from itertools import zip_longest
+
+UNLIMITED = 10**6  # columns of a pipe or a file: one line a row, so that `grep` finds whole rows
+NARROWEST = 8  # of a column that is made narrower
+
+
+def printable(text: object) -> str:
+    """Return a text without control characters: those that stand in a file are shown as in Python, \\x1b for one."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+
+
+def printable_lines(text: object) -> str:
+    """Return a text of several lines without control characters other than the line breaks."""
+    return "\n".join(map(printable, str(text).split("\n")))
+
+
+def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = True, width: int | None = None) -> str:
+    """Lay out rows of equal length as aligned columns.
+
+    Args:
+        rows: the cells; control characters in them are shown, not printed.
+        indent: spaces before each line.
+        wrap: break what is too long over several lines; otherwise it is cut off.
+        width: of the whole; that of the terminal unless given, without limit if the output goes elsewhere.
+
+    Returns:
+        The lines. The first column keeps its width, and the widest of the others give way.
+
+    """
+    if not rows:
+        return ""
+    width = width or shutil.get_terminal_size((UNLIMITED, 0)).columns
+    cells = [[printable(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    free = width - indent - 2 * (len(widths) - 1)
+    while sum(widths) > free and (wide := [i for i in range(1, len(widths)) if widths[i] > NARROWEST]):
+        widths[max(wide, key=widths.__getitem__)] -= 1
+    lines = []
+    for row in cells:
+        parts = [_broken(cell, size, wrap) for cell, size in zip(row, widths, strict=True)]
+        for line in zip_longest(*parts, fillvalue=""):
+            padded = "  ".join(part.ljust(size) for part, size in zip(line, widths, strict=True))
+            lines.append((" " * indent + padded).rstrip())
+    return "\n".join(lines)
+
+
+def _broken(cell: str, width: int, wrap: bool) -> list[str]:
+    """A cell as lines of at most a width."""
+    if len(cell) <= width:
+        return [cell]
+    return textwrap.wrap(cell, width) if wrap else [f"{cell[: width - 1].rstrip()}…"]
