@@ -42,18 +42,19 @@ docs: $(STAMP)
 
 # What sends jobs to Slurm, into the same environment: only where it is wanted, as every start of Snakemake loads it.
 slurm: $(STAMP)
-	@echo "make: installing what requirements-slurm.lock adds"
-	$(INSTALL) $(LOCKED) -r requirements-slurm.lock
+	@echo "Installing what sends jobs to Slurm into $(VENV)"
+	@$(INSTALL) $(LOCKED) -r requirements-slurm.lock
 
 environment: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
-	@echo "make: creating $(VENV)"
+	@echo "Making an environment in $(VENV)"
 	@test -x $(BIN)/python || $(CREATE)
-	@echo "make: installing the packages of requirements.lock (a few minutes)"
-	$(INSTALL) $(LOCKED) -r requirements.lock
-	@echo "make: installing marsedl itself"
-	$(INSTALL) $(EDITABLE)
+	@echo "Installing the packages of requirements.lock into it; this takes some minutes"
+	@$(INSTALL) $(LOCKED) -r requirements.lock
+	@echo "Installing marsedl itself"
+	@$(INSTALL) $(EDITABLE)
+	@echo "The environment is ready; enter it with: . $(BIN)/activate"
 	@touch $@
 
 # Resolve again, without any package index address in the result.

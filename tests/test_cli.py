@@ -582,18 +582,18 @@ def test_a_request_that_is_none_is_refused(capsys):
 
 @pytest.mark.workflow
 def test_a_trial_of_the_built_tree_is_the_same_to_the_last_bit(tree):
-    done = tree.marsedl("trial", "powered_descent", "corrected", "12")
+    done = tree.marsedl("trial", "powered_descent", "corrected", "12", "--size", "smoke")
     assert done.returncode == 0, done.stderr
     assert "trial 12 of closed_loop: completed" in done.stdout
     assert "the same to the last bit as in the stored ensemble" in done.stdout
-    done = tree.marsedl("trial", "powered_descent", "printed", "12", "--case", "open_loop")
+    done = tree.marsedl("trial", "powered_descent", "printed", "12", "--case", "open_loop", "--size", "smoke")
     assert "the same to the last bit as in the stored ensemble" in done.stdout, done.stderr
 
 
 @pytest.mark.workflow
 @pytest.mark.parametrize("case", input_model("stochastic_entry").CASES)
 def test_an_entry_of_the_built_tree_is_the_same_to_the_last_bit(tree, case):
-    done = tree.marsedl("trial", "stochastic_entry", "corrected", case, "7")
+    done = tree.marsedl("trial", "stochastic_entry", "corrected", case, "7", "--size", "smoke")
     assert f"trial 7 of {case}: completed" in done.stdout, done.stderr
     assert "bank reversals" in done.stdout
     assert "the same to the last bit as in the stored ensemble" in done.stdout
@@ -601,7 +601,7 @@ def test_an_entry_of_the_built_tree_is_the_same_to_the_last_bit(tree, case):
 
 @pytest.mark.workflow
 def test_a_trial_under_several_laws_is_the_same_under_each(tree):
-    done = tree.marsedl("trial", "random_field", "corrected", "150")
+    done = tree.marsedl("trial", "random_field", "corrected", "150", "--size", "smoke")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("the same to the last bit as in the stored ensemble") == 4
     assert "trial 150, law of iteration 3: captured" in done.stdout
@@ -609,7 +609,9 @@ def test_a_trial_under_several_laws_is_the_same_under_each(tree):
 
 @pytest.mark.workflow
 def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
-    """The tree holds 200 trials, the reading has 2000."""
+    """The flights are those of a smaller size, as after an edit of the number of trials."""
+    stored = "data/cache/powered_descent/corrected"
+    shutil.copytree(tree.path("build/smoke") / stored, tree.path(stored))
     done = tree.marsedl("trial", "powered_descent", "corrected", "1500")
     assert done.returncode == 0, done.stderr
     assert "trial 1500 of closed_loop: completed" in done.stdout
@@ -618,9 +620,9 @@ def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
 
 @pytest.mark.workflow
 def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
-    done = tree.marsedl("explain", "powered_descent", "prior_final_mass")
+    done = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
     assert "verdict: " in done.stdout, done.stderr
     assert os.linesep + "    printed " in done.stdout
-    done = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time")
+    done = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time", "--size", "smoke")
     assert "verdict: " in done.stdout, done.stderr
     assert os.linesep + "    marsgram_table  " in done.stdout

@@ -78,7 +78,7 @@ def test_it_passes_its_own_tests_and_the_contract_of_all_papers(sapling):
 
 @pytest.mark.workflow
 def test_its_trial_is_flown_again_to_the_last_bit(sapling):
-    done = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7")
+    done = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7", "--size", "smoke")
     assert done.returncode == 0, done.stderr
     assert "the same to the last bit" in done.stdout
 
@@ -123,6 +123,15 @@ def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
         assert "{{" not in text
         assert "__slug__" not in text
         assert text.endswith("\n") and not text.endswith("\n\n")
+
+
+def test_it_and_its_claim_are_explained_before_anything_is_built(tree):
+    new_paper(tree, SLUG, TITLE, AUTHORS)
+    done = run(tree, "marsedl.cli", "explain", SLUG)
+    assert done.stdout.startswith(f"{SLUG}: {TITLE}\n"), done.stderr
+    (claim,) = yaml.safe_load((tree / "data" / "published" / f"{SLUG}.yaml").read_text("utf-8"))["claims"]
+    done = run(tree, "marsedl.cli", "explain", SLUG, claim["id"])
+    assert done.stdout.endswith("\n  no verdict yet: run 'snakemake claims'\n"), done.stderr
 
 
 def test_it_is_registered_behind_the_other_papers(scaffolded):

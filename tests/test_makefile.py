@@ -1,0 +1,43 @@
+"""The Makefile: what it says while it sets itself up. What is installed is left to `make all` itself, which CI runs."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+STAND_IN = """\
+#!/bin/sh
+echo "$(basename "$0") $*"
+case "$*" in *venv*) mkdir -p .venv/bin && cp "$0" .venv/bin/python;; esac
+"""  # of uv, and of a Python with pip: says what it was asked for, and makes an environment of itself
+
+
+@pytest.mark.parametrize("installer", ["uv", "pip"])
+def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, installer):
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in ("uv", "python-of-mine") if installer == "uv" else ("python-of-mine",):
+        (tools / name).write_text(STAND_IN)
+        (tools / name).chmod(0o755)
+    for name in ("sh", "make", "echo", "touch", "test", "mkdir", "cp", "basename"):
+        (tools / name).symlink_to(shutil.which(name))
+    for name in ("Makefile", "requirements.lock", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    command = ["make", "environment", "PYTHON=python-of-mine"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, "PATH": str(tools)}, capture_output=True, text=True, check=True
+    )
+    announced = [line for line in done.stdout.splitlines() if not line.startswith(("uv ", "python"))]
+    assert announced == [
+        "Making an environment in .venv",
+        "Installing the packages of requirements.lock into it; this takes some minutes",
+        "Installing marsedl itself",
+        "The environment is ready; enter it with: . .venv/bin/activate",
+    ]
+    installs = [line for line in done.stdout.splitlines() if " install " in line]
+    assert [line.rpartition(" ")[2] for line in installs] == ["requirements.lock", "."]
+    assert not any(" -q" in line or "--quiet" in line for line in installs), "the installer shows how far it is"
+    assert all(line.startswith("uv " if installer == "uv" else "python -m pip ") for line in installs)
