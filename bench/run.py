@@ -23,6 +23,7 @@ del os.environ["NPY_DISABLE_CPU_FEATURES"]  # array code may be as fast as it ca
 from measuring import Rows, children_cpu, say  # noqa: E402
 
 from marsedl.papers import SLUGS  # noqa: E402
+from marsedl.replication.inputs import nearest  # noqa: E402
 from marsedl.replication.verification import copy_tree  # noqa: E402
 
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"
@@ -84,5 +85,7 @@ if __name__ == "__main__":
         import_module(sys.argv[2]).ensemble_in_this_process(int(sys.argv[3]))
     elif sys.argv[1:2] == ["--program"]:
         import_module(sys.argv[2]).program_in_this_process(sys.argv[3], int(sys.argv[4]))
+    elif unknown := next((slug for slug in sys.argv[1:] if slug not in SLUGS), None):
+        sys.exit(f"bench/run.py: there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
     else:
         main(sys.argv[1:] or SLUGS)

@@ -36,7 +36,7 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="command", help="see: marsedl COMMAND --help"
+        dest="command", required=True, metavar="command", help="'marsedl COMMAND --help' shows its arguments"
     )
 
     shown = commands.add_parser("list", help="papers, their readings, figures, tables, stages, cases and claims")
@@ -212,7 +212,7 @@ def _list(options) -> int:
                 _say(columns(rows[kind], 4, wrap=False))
         _say()
     if whole:
-        _say("marsedl list PAPER shows all of a paper, marsedl list --figures all figures, and so on")
+        _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
         _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
     return 0
 
@@ -295,7 +295,8 @@ def _explain(options) -> int:
         entry = f"marsedl.papers.{paper.slug}.{kind}:{name}"
         folder = f"figures/{paper.slug}" + ("" if reading.name == "corrected" else f"/{reading.name}")
         target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}{project.options}"
-        _say(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}\n  snakemake {target}")
+        _say(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}")
+        _say(f"  snakemake {target}")
     elif name in paper.stages:
         item, entry = paper.stages[name], paper.entry(name)
         _say(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
@@ -335,12 +336,13 @@ def _unlimited(project, options, slug, reading):
 
 def _explain_paper(project, paper, study, reading) -> int:
     """Say what a whole paper is made of."""
-    _say(f"{paper.slug}: {paper.title}\n  {paper.authors}\n  snakemake {paper.slug}{project.options}")
+    _say(f"{paper.slug}: {paper.title}\n  {paper.authors}")
+    _say(f"  snakemake {paper.slug}{project.options}")
     _say("\nreadings")
     _say(columns(_rows(project, paper, "readings"), 2))
     _say(f"\ninputs in which readings differ from {reading.name}, of {len(type(reading.inputs).model_fields)}")
     _say(columns(_differing(study, reading), 2))
-    _say("\nwhat there is (marsedl list " + paper.slug + ")")
+    _say(f"\nwhat there is (marsedl list {paper.slug})")
     _say(f"  {_counted({kind: _rows(project, paper, kind) for kind in KINDS})}")
     rows = project.claims(paper.slug)
     _say("\nverdicts")

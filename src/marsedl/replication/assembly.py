@@ -36,7 +36,7 @@ DEFAULT = "corrected"  # the reading that figures and close-ups show
 REBUILD = (
     "make all",
     "snakemake figures/powered_descent/fig07.png",
-    "snakemake --config size=smoke all",
+    "snakemake all --config size=smoke",
     "make verify",
 )
 CITATION = "The marsedl developers: marsedl, replications of papers on Mars entry, descent and landing, version 0.1.0."
