@@ -144,12 +144,12 @@ class _Project:
 def _project(size: str | None = None, config_file: Path | None = None) -> _Project:
     """Load the studies of all papers in a size, with a user's own readings; a size that is given wins."""
     from marsedl.papers import SLUGS, input_model
-    from marsedl.replication.inputs import load_studies, read_yaml
+    from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
 
     root = project_root()
-    files = [] if config_file is None else [config_file.resolve()]
-    config = {} if config_file is None else read_yaml(config_file) or {}
-    if size and isinstance(config, dict):
+    files = [] if config_file is None else [config_file.absolute()]
+    config = {} if config_file is None else read_own_file(config_file, (*SLUGS, *SETTINGS))
+    if size:
         config = {**config, "size": size}
     models = {slug: input_model(slug) for slug in SLUGS}
     with contextlib.chdir(root):  # from where files named by inputs are read

@@ -1,7 +1,7 @@
 """Readings that are malformed by construction, drawn by the hundred for every paper: each is refused, and how is held.
 
-A fault is the text of a user's file and what the refusal has to say beside the file: the key and the remedy. Nothing
-here may be valid, so that nothing has to be decided after the fact.
+A fault is the content of a user's file and what the refusal has to say beside the file: the key or line, and the
+remedy. Nothing here may be valid, so that nothing has to be decided after the fact.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication import inputs
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_studies, nearest, read_yaml
+from marsedl.replication.inputs import SETTINGS, load_studies, nearest, read_own_file, read_yaml
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MODELS = {slug: input_model(slug) for slug in SLUGS}
@@ -356,7 +356,7 @@ def bad_reading(draw):
     """A reading that is none, of no name, or of no base."""
     slug = draw(SLUG)
     base = draw(st.sampled_from(names_of(slug)))
-    length = draw(st.integers(1, 300))
+    length = draw(st.integers(1, inputs.MOST_READINGS))
     circle = ", ".join(f"r{i}: {{based_on: r{(i + 1) % length}}}" for i in range(length))
     name = draw(
         st.one_of(
@@ -427,11 +427,7 @@ def bad_yaml(draw):
         "base 60": f"{number}:{draw(st.integers(0, 59)):02}" + draw(st.sampled_from(["", ".5", ":00"])),
         "base 8": f"0{oct(draw(st.integers(1, 10**6)))[2:]}",
     }
-    kind = draw(
-        st.sampled_from(
-            [*value, "merge", "cut off", "tab", "control", "two", "deep", "huge", "not UTF-8", "list", "bomb"]
-        )
-    )
+    kind = draw(st.sampled_from([*value, "merge", "cut off", "tab", "control", "huge", "not UTF-8", "bomb"]))
     if kind in value:
         text = reading(slug, entry(slug, name, value[kind]))
     else:
@@ -440,16 +436,12 @@ def bad_yaml(draw):
             "cut off": good[: good.index("1.0") + draw(st.integers(0, 20))],
             "tab": good.replace("        ", "\t", 1),
             "control": good.replace("1.0", f"1.0{chr(draw(st.integers(0, 8)))}"),
-            "two": good + "---\n" + good,
-            "deep": f"{slug}: " + draw(st.sampled_from(["[", "{a: "])) * draw(st.integers(2000, 5000)),
             "huge": good + "#" * (inputs.LARGEST_FILE + draw(st.integers(0, 10))),
             "not UTF-8": good.replace("mine", chr(draw(st.integers(0xDC80, 0xDCFF)))),
-            "list": f"- {slug}\n- {word}\n",
             "bomb": "\n".join(["a0: &a0 [1]", *(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60))]),
         }[kind]
     said = {
         "huge": ("is larger than", "name another file"),
-        "list": ("must be keys with values",),
         "tag": ("is not valid YAML: line 6: the tag '", "write the plain value"),
         "anchor": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
         "alias": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
@@ -458,7 +450,167 @@ def bad_yaml(draw):
         "base 8": ("is not valid YAML: line 6: YAML reads '", "to base 8; write a decimal"),
         "bomb": ("is not valid YAML: line 1: anchors and aliases are not used here",),
     }
-    return text, said.get(kind, ("is not valid YAML: ",))
+    return text, said.get(kind, ("is not valid YAML: line ",))
+
+
+@st.composite
+def bad_encoding(draw):
+    """A file in another encoding than UTF-8, or with characters that YAML does not know."""
+    slug = draw(SLUG)
+    before = draw(st.integers(0, 9))
+    good = "# Länge\n" * before + reading(slug, "gravity: {value: 1.0, source: 'Höhe'}")
+    kind = draw(st.sampled_from(["utf-16", "utf-16-le", "utf-32", "latin-1", "cp1252", "mac-roman", "control"]))
+    if kind == "control":
+        unfit = draw(st.sampled_from([*range(9), 11, 12, *range(14, 32), *range(127, 133), *range(134, 160), 0xFFFF]))
+        at = draw(st.integers(0, len(good)))
+        line = good.count("\n", 0, at) + 1
+        return good[:at] + chr(unfit) + good[at:], (f"is not valid YAML: line {line}: has the character", "remove it")
+    line = "" if kind.startswith("utf") else 1 if before else 6
+    said = ("no UTF-8; save the file in this encoding", "has the character '\\x00'")  # of UTF-16 without its mark
+    return good.encode(kind), (f"is not valid YAML: line {line}", said)
+
+
+@st.composite
+def bad_document(draw):
+    """No document, several, or one that is not keys with values; and keys that are no names."""
+    slug, word = draw(SLUG), draw(WORDS)
+    blank = "\n" * draw(st.integers(0, 5))
+    good = f"{slug}: {{readings: {{}}}}\n"
+    begin = f"begin with one of {SLUGS[0]}, "
+    content, *said = draw(
+        st.sampled_from(
+            [
+                (blank, "must be keys with values, not nothing", begin),
+                (f"{blank}# {word}\n", "must be keys with values, not nothing", begin),
+                ("---\n...\n", "must be keys with values, not nothing", begin),
+                (f"{blank}- {slug}\n- {word}\n", f"must be keys with values, not ['{slug}', ", begin),
+                (f"{blank}3\n", "must be keys with values, not 3", begin),
+                (f"'{word}'\n", f"must be keys with values, not '{word}'", begin),
+                (f"{blank}{good}---\n{good}", f"line {len(blank) + 2}: a second document begins; keep one in a file"),
+                (f"{blank}? [{slug}]\n: 3\n", f"line {len(blank) + 1}: a key must be a plain name; write one"),
+                (f"{blank}? {{a: b}}\n: 3\n", f"line {len(blank) + 1}: a key must be a plain name; write one"),
+                (f"{good}{word}:\n\ta: 1\n", "line 3: ", "indent with spaces, not with tabs"),
+                (f"__use_yte__: true\n{good}", "unknown key '__use_yte__'; valid names: "),
+                (f"{slug}: &a {{b: *a}}\n", "line 1: anchors and aliases are not used here; write it out"),
+                (f"{slug}: !!python/object/apply:os.getcwd []\n", "line 1: the tag '", "write the plain value"),
+                (f"when: {draw(st.integers(1000, 9999))}-99-99\n", "line 1: month must be in 1..12", "write another"),
+            ]
+        )
+    )
+    return content, tuple(said)
+
+
+@st.composite
+def too_much(draw):
+    """More than a configuration holds: depth, digits, lengths, keys, readings."""
+    slug = draw(SLUG)
+    more = draw(st.sampled_from([1, 2, 50]))
+    deep = inputs.DEEPEST + draw(st.sampled_from([more, 20_000]))
+    digits = inputs.LONGEST_NUMBER + draw(st.sampled_from([more, 5000]))
+    lines = inputs.MOST_VALUES // 2 + more
+    own = "".join(f"    r{i}: {{based_on: corrected}}\n" for i in range(inputs.MOST_READINGS + more))
+    content, *said = draw(
+        st.sampled_from(
+            [
+                (f"{slug}: {'[' * deep}{']' * deep}", f"line 1: lists or keys more than {inputs.DEEPEST} deep"),
+                (f"{slug}: {'{a: ' * deep}1{'}' * deep}", f"line 1: lists or keys more than {inputs.DEEPEST} deep"),
+                (f"\nchunks: {'1' * digits}\n", f"line 2: a number of {digits} characters; write it shorter"),
+                (f"chunks: 0.{'1' * digits}\n", f"line 1: a number of {digits + 2} characters; write it shorter"),
+                (f"chunks: 0x{'f' * digits}\n", f"line 1: a number of {digits + 2} characters; write it shorter"),
+                (
+                    f"{slug}: [{'1, ' * (inputs.LONGEST_LIST + more)}]\n",
+                    f"line 1: a list of more than {inputs.LONGEST_LIST} entries; shorten it",
+                ),
+                (
+                    "".join(f"a{i}: 1\n" for i in range(lines)),
+                    f"line {inputs.MOST_VALUES // 2}: ",  # the document itself is one of the values
+                    f"more than {inputs.MOST_VALUES} keys and values; leave some out",
+                ),
+                (
+                    f"{slug}:\n  readings:\n{own}",
+                    f"{slug}.readings: {inputs.MOST_READINGS + more} readings are more than {inputs.MOST_READINGS}; ",
+                ),
+            ]
+        )
+    )
+    return content, tuple(said)
+
+
+@st.composite
+def periodic_name(draw):
+    """A name that Snakemake would take for the trace of a rule that calls itself."""
+    part = draw(st.text("abc_1", min_size=1, max_size=2))
+    times = draw(st.integers(20, 40 // len(part)))
+    before = draw(st.text("xyz", min_size=0, max_size=40 - times * len(part)))
+    name = before + part * times
+    assume(name[0].isalpha())
+    text = f"{draw(SLUG)}:\n  readings:\n    {name}: {{based_on: corrected}}\n"
+    return text, (f"readings.{name}: the name ends in '", "over and over", "rename it")
+
+
+BLANK = "\u200b\u200c\u200d\u2060\ufeff\u00ad\u202e\u3164\u115f\u00a0\u2003 "
+
+
+@st.composite
+def blank_source(draw):
+    """A source that no reader sees, or that no terminal shows."""
+    slug = draw(SLUG)
+    key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
+    blank = draw(st.text(BLANK, min_size=1, max_size=9))
+    unfit = draw(st.sampled_from([*range(9), *range(11, 32), *range(127, 160)]))
+    assume(unfit != 13)
+    source, *said = draw(
+        st.sampled_from(
+            [
+                (blank, "source: say where the value comes from"),
+                (f"assumed: {blank}", "source: write 'assumed: ' and the reason"),
+                (f"Eq. 1{chr(unfit)}", "source: has the character '", "which cannot be shown; remove it"),
+            ]
+        )
+    )
+    assume(not (source.startswith("assumed") and blank[0] == " "))
+    line = json.dumps({"value": 1.0, "source": source})  # characters that YAML does not take are written as escapes
+    return reading(slug, f"{key}: {line}"), (f"readings.mine.inputs.{key}.", *said)
+
+
+@st.composite
+def lone_surrogate(draw):
+    """Half of a character, which no file can hold and an escape in one can mean."""
+    where = draw(st.sampled_from(["source", "summary", "key"]))
+    half = f"\\u{draw(st.integers(0xD800, 0xDFFF)):04x}"
+    slug = draw(SLUG)
+    key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
+    text = {
+        "source": reading(slug, f'{key}: {{value: 1.0, source: "Eq. {half}"}}'),
+        "summary": reading(slug).replace("based_on: corrected", f'based_on: corrected\n      summary: "{half}"'),
+        "key": reading(slug, f'"{half}": {{value: 1.0, source: Eq. 1}}'),
+    }[where]
+    return text, ("is not valid YAML: line ", "mend it")
+
+
+@st.composite
+def implausible(draw):
+    """A magnitude or an angle that nothing here has, or a number of things that nobody wants."""
+    kind = draw(st.sampled_from(["large", "tiny", "angle", "count"]))
+    if kind == "count":
+        slug, name, bounds = draw(st.sampled_from(fields("integer", "maximum")))
+        values = [draw(st.integers(bounds["maximum"] + 1, bounds["maximum"] + 10**6))] * length(slug, name)
+        return about(slug, name, written(slug, name, values), ("should be at most", "should be less than or equal to"))
+    unbounded = [f for f in fields("number") if not {"maximum", "exclusiveMaximum"} & {*f[2]}]
+    slug, name, bounds = draw(st.sampled_from(unbounded))
+    sign = 1 if {"minimum", "exclusiveMinimum"} & {*bounds} else draw(st.sampled_from([-1, 1]))
+    unit = MODELS[slug].unit(name)
+    factor = KEYS[slug][key_of(slug, name)][1]
+    if kind == "angle":
+        assume(unit == "rad")
+        size = draw(st.floats(3601, 1e25))
+        said = ("deg are more than ten turns", "check the angle and its unit")
+    else:
+        size = draw(st.floats(1e35, 1e300) if kind == "large" else st.floats(5e-324, 1e-32))
+        assume(size * factor > 0.0)
+        said = (f"is neither 0 nor between {inputs.SMALLEST:g} and {inputs.LARGEST:g}", "check the number and its unit")
+    values = [sign * size] * length(slug, name)
+    return about(slug, name, written(slug, name, values), *said)
 
 
 @st.composite
@@ -500,12 +652,16 @@ def bad_table(draw):
 
 POSITIVE = st.floats(1e-3, 1e6)
 REVERSED = st.tuples(POSITIVE, POSITIVE).filter(lambda pair: pair[0] != pair[1]).map(lambda pair: sorted(pair)[::-1])
-TINY = st.floats(5e-324, 1e-200)
+TINY = st.floats(1e-29, 1e-20)
 UNFIT = [  # inputs that are each in order and do not go together
     ("powered_descent", "time_step", TINY, "steps in a segment, more than"),
     ("powered_descent", "finest_time_step", TINY, "steps in a segment, more than"),
     ("powered_descent", "output_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "design_interval", TINY, "steps in a segment, more than"),
+    ("powered_descent", "time_step", st.floats(15.1, 1e9), "is longer than a segment", "lower it"),
+    ("powered_descent", "trials", st.integers(1, 49), "drawn_trials (50) must not be more than trials", "lower it"),
+    ("stochastic_entry", "density_grid_interval", st.floats(1e-20, 1e-3), "altitudes up to atmosphere_altitude"),
+    ("stochastic_entry", "partition_interval", st.floats(401.0, 1e9), "is longer than time_limit", "lower it"),
     ("random_field", "output_interval", TINY, "is no multiple of "),
     ("random_field", "time_step", st.floats(0.30001, 0.39999), "is no multiple of time_step"),
     ("random_field", "double_integrator_output_interval", TINY, "is no multiple of "),
@@ -515,21 +671,26 @@ UNFIT = [  # inputs that are each in order and do not go together
     ("random_field", "paper_trials", st.integers(10**8, 10**9), "must not be fewer than paper_trials"),
     ("random_field", "partition", st.lists(POSITIVE, min_size=2, max_size=9), "must begin at 0"),
     ("desensitized", "final_time_bounds", REVERSED, "wrong way round: write the smaller one first"),
-    ("desensitized", "final_altitude", st.floats(1e7, 1e300), "is not below entry_altitude: exchange them"),
+    ("desensitized", "final_altitude", st.floats(1e7, 1e29), "is not below entry_altitude: exchange them"),
     ("desensitized", "infinite_weights", REVERSED, "does not increase"),
-    ("desensitized", "guess_banks", st.lists(POSITIVE, min_size=12, max_size=20), "give one less than there are banks"),
-    ("desensitized", "initial_bank_rate", st.floats(1e3, 1e300), "lies beyond bank_rate_bound"),
+    (
+        "desensitized",
+        "guess_banks",
+        st.lists(st.floats(1, 180), min_size=12, max_size=20),
+        "give one less than there are banks",
+    ),
+    ("desensitized", "initial_bank_rate", st.floats(1e3, 1e29), "lies beyond bank_rate_bound"),
     ("desensitized", "studied_intervals", st.sampled_from([[20, 30], [40, 40], [80, 40]]), "must be a multiple"),
     ("desensitized", "tuning_errors", st.permutations([0.0, 1.0, 2.0, 3.0]).map(list), "has a zero", "leave it out"),
     ("desensitized", "density_profile", st.just("table"), "density_table names none: write its file"),
     ("funnels", "final_velocity_bounds", REVERSED, "wrong way round: write the smaller one first"),
-    ("funnels", "final_altitude", st.floats(1e7, 1e300), "is not below entry_altitude: exchange them"),
-    ("funnels", "least_velocity", st.floats(1e5, 1e300), "lies above the first of final_velocity_bounds: lower it"),
-    ("funnels", "guess_final_time", st.floats(1e5, 1e300), "lies outside of its bounds"),
+    ("funnels", "final_altitude", st.floats(1e7, 1e29), "is not below entry_altitude: exchange them"),
+    ("funnels", "least_velocity", st.floats(1e5, 1e29), "lies above the first of final_velocity_bounds: lower it"),
+    ("funnels", "guess_final_time", st.floats(1e5, 1e29), "lies outside of its bounds"),
     ("funnels", "steps_per_slice", st.integers(7001, 10_000), "is not a multiple of steps_per_slice"),
     ("funnels", "fig4_slice", st.integers(6000, 10_000), "no stage begins at slice"),
     ("funnels", "fig4_coordinates", st.integers(1, 6).map(lambda i: [i, i]), "two different ones span a plane"),
-    ("stochastic_entry", "time_limit", st.floats(1e9, 1e300), "guidance periods, more than 100000"),
+    ("stochastic_entry", "time_limit", st.floats(1e9, 1e29), "guidance periods, more than 100000"),
     ("stochastic_entry", "guidance_period", TINY, "guidance periods, more than 100000"),
     (
         "stochastic_entry",
@@ -555,6 +716,7 @@ def unfit(draw):
 KINDS = [
     *(wrong_type, not_finite, wrong_sign, too_large, not_whole, wrong_word, wrong_length, no_covariance, wrong_unit),
     *(wrong_suffix, misspelt, unknown, no_source, set_twice, bad_reading, bad_yaml, bad_table, unfit),
+    *(bad_encoding, bad_document, too_much, periodic_name, blank_source, lone_surrogate, implausible),
 ]
 
 # ------------------------------------------------------------------------------------------------------------ the test
@@ -580,8 +742,12 @@ def within(seconds: float):
 def project_read_once():
     """The project's own files are read once: they are the same for all."""
     remembered = functools.cache(read_yaml)
+
+    def read(path, *remedy):
+        return remembered(path) if path.parent == CONFIGS else read_yaml(path, *remedy)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(inputs, "read_yaml", lambda path: (remembered if path.parent == CONFIGS else read_yaml)(path))
+        patch.setattr(inputs, "read_yaml", read)
         yield
 
 
@@ -599,17 +765,17 @@ def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory,
     )
     @given(fault=kind())
     def refused(fault):
-        text, said = fault
-        path.write_bytes(text.encode("utf-8", "surrogateescape"))
+        content, said = fault
+        path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
         with within(SECONDS), pytest.raises(InputError) as caught:
-            load_studies(MODELS, CONFIGS, read_yaml(path) or {}, [path])
+            load_studies(MODELS, CONFIGS, read_own_file(path, (*SLUGS, *SETTINGS)), [path])
         message = str(caught.value)
         assert message.startswith(f"{path}: ")
         for fragment in said:
             assert any(text in message for text in ([fragment] if isinstance(fragment, str) else fragment)), fragment
         assert message.isprintable(), "one line that a terminal shows as it is"
         assert len(message) <= LONGEST
-        drawn[text] += 1
+        drawn[content] += 1
 
     refused()
     assert drawn.total() >= EXAMPLES

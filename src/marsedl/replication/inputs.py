@@ -8,13 +8,30 @@ kilometres with `_km`; inside, everything is SI and radians.
 import difflib
 import hashlib
 import json
+import math
 import re
 import typing
+import unicodedata
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.cyaml import CParser
+from yaml.resolver import Resolver
 
 from marsedl.replication.errors import InputError
 from marsedl.replication.terminal import printable
@@ -34,8 +51,21 @@ KNOWN_SUFFIXES = (
 )
 
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
-LARGEST_FILE = 2**20  # bytes; a configuration is a few kilobytes
+# Limits of a configuration. The project's own are a tenth of them; the largest that is admitted is read in seconds.
+LARGEST_FILE = 2**18  # bytes
+MOST_VALUES = 20_000  # keys, values and lists in a file
+LONGEST_LIST = 5_000
+LONGEST_NUMBER = 1_000  # characters
+DEEPEST = 20  # lists or keys inside of one another
+MOST_READINGS = 200  # of a user's own, of one paper
+
+# Magnitudes that no quantity here has, in any SI unit: what lies beyond is a slip, and overflows when it is squared.
+SMALLEST, LARGEST = 1e-30, 1e30
+LARGEST_ANGLE = 20 * math.pi  # rad; ten turns
+
+SETTINGS = ("size", "chunks")  # at the top of a user's configuration, beside the papers
 LONGEST_REASON = 5000  # characters of a message
+INVISIBLE_LETTERS = "\u115f\u1160\u3164\uffa0"  # letters to Unicode, blank to a reader
 
 
 def _no_stand_in(value):
@@ -50,10 +80,28 @@ Number = typing.Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = typing.Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 NonNegative = typing.Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)]
 Fraction = typing.Annotated[float, Strict(), Field(gt=0, lt=1)]
-Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]
+Count = typing.Annotated[int, Strict(), Field(gt=0, le=1_000_000_000)]  # of flights in constant memory
 CountOrNone = typing.Annotated[int, Strict(), Field(ge=0, le=1_000_000_000)]
 Sign = typing.Annotated[typing.Literal[-1, 1], BeforeValidator(_no_stand_in)]
 Seed = typing.Annotated[int, Strict(), Field(ge=0, lt=2**63)]
+
+
+def at_most(most: int, reason: str) -> type:
+    """Return the type of a whole number from 1 to `most`; the message beyond it gives the reason."""
+
+    def check(value):
+        if value > most:
+            raise ValueError(f"should be at most {most}: {reason}")
+        return value
+
+    schema = WithJsonSchema({"type": "integer", "exclusiveMinimum": 0, "maximum": most})
+    return typing.Annotated[int, Strict(), Field(gt=0), AfterValidator(check), schema]
+
+
+Few = at_most(10_000, "each costs a computation of its own")
+Drawn = at_most(10_000, "a figure shows no more")
+Iterations = at_most(1_000_000, "what has not converged by then does not")
+StudyTrials = at_most(10_000_000, "a study keeps all of its trials in memory")
 
 
 def vector(length: int, of: type = Number) -> type:
@@ -111,6 +159,33 @@ class Inputs(BaseModel):
 
     # Monte Carlo ensembles of the paper, with the input that holds their number of trials.
     CASES: typing.ClassVar[dict[str, str]] = {}
+
+    @field_validator("*")
+    @classmethod
+    def _plausible(cls, value, info):
+        unit = cls.unit(info.field_name)
+        single = isinstance(value, float)
+        for number in (value,) if single else value if isinstance(value, tuple) else ():
+            if isinstance(number, tuple):  # a row, in which a tiny number may be the rounding of zero
+                if any(isinstance(entry, float) and abs(entry) > LARGEST for entry in number):
+                    raise ValueError(f"has a number above {LARGEST:g}: check it and its unit")
+            elif isinstance(number, float) and number and not SMALLEST <= abs(number) <= LARGEST:
+                raise ValueError(
+                    f"{number:g} is neither 0 nor between {SMALLEST:g} and {LARGEST:g}: check the number and its unit"
+                )
+            elif unit == "rad" and isinstance(number, float) and abs(number) > LARGEST_ANGLE:
+                raise ValueError(
+                    f"{math.degrees(number):g} deg are more than ten turns, {math.degrees(LARGEST_ANGLE):g} deg: "
+                    "check the angle and its unit"
+                )
+        return value
+
+    @model_validator(mode="after")
+    def _drawn_are_flown(self):
+        drawn, trials = getattr(self, "drawn_trials", 0), getattr(self, "trials", math.inf)
+        if drawn > trials:
+            raise ValueError(f"drawn_trials ({drawn}) must not be more than trials ({trials}): lower it")
+        return self
 
     @classmethod
     def unit(cls, name: str) -> str:
@@ -175,43 +250,62 @@ class Study:
     compared: tuple[str, ...]
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """YAML without repeated keys, anchors, aliases or tags: what is read is what is written there."""
+class _StrictLoader(Composer, CParser, SafeConstructor, Resolver):
+    """YAML within limits and without repeated keys, anchors, aliases or tags: what is read is what is written there."""
+
+    def __init__(self, text):
+        CParser.__init__(self, text)
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        Resolver.__init__(self)
+        self._values = self._depth = 0
 
     def compose_node(self, parent, index):
         event = self.peek_event()
+        self._values += 1
         if getattr(event, "anchor", None) is not None:
-            raise yaml.YAMLError(
-                f"line {event.start_mark.line + 1}: anchors and aliases are not used here; write it out"
-            )
+            raise _at(event, "anchors and aliases are not used here; write it out")
         if getattr(event, "tag", None) is not None:
-            raise yaml.YAMLError(
-                f"line {event.start_mark.line + 1}: the tag {_shown(event.tag)} is not used here; write the plain value"
-            )
-        return super().compose_node(parent, index)
+            raise _at(event, f"the tag {_shown(event.tag)} is not used here; write the plain value")
+        if self._values > MOST_VALUES:
+            raise _at(event, f"more than {MOST_VALUES} keys and values; leave some out")
+        if isinstance(index, int) and index >= LONGEST_LIST:
+            raise _at(event, f"a list of more than {LONGEST_LIST} entries; shorten it")
+        if self._depth >= DEEPEST:
+            raise _at(event, f"lists or keys more than {DEEPEST} deep; write them flat")
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_object(self, node, deep=False):
+        try:
+            return super().construct_object(node, deep)
+        except ValueError as error:  # such as a date in month 13
+            raise _at(node, f"{error}; write another value") from None
 
     def construct_mapping(self, node, deep=False):
         seen = {}
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
-                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: '<<' is not used here; write it out")
+                raise _at(key_node, "'<<' is not used here; write it out")
             key = self.construct_object(key_node, deep=True)
             try:
                 repeated = key in seen
             except TypeError:
-                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: a key must be a plain name") from None
+                raise _at(key_node, "a key must be a plain name; write one") from None
             if repeated:
-                raise yaml.YAMLError(f"line {key_node.start_mark.line + 1}: the key {_shown(key)} stands twice")
+                raise _at(key_node, f"the key {_shown(key)} stands twice; leave one out")
             seen[key] = True
         return super().construct_mapping(node, deep)
 
     def construct_decimal(self, node):
         """Numbers as they look: to YAML, 1:30 is ninety and 017 is fifteen."""
+        if len(node.value) > LONGEST_NUMBER:
+            raise _at(node, f"a number of {len(node.value)} characters; write it shorter, as in 1.0e+6")
         if ":" in node.value or re.fullmatch(r"[-+]?0[0-7_]+", node.value):
             base = 60 if ":" in node.value else 8
-            raise yaml.YAMLError(
-                f"line {node.start_mark.line + 1}: YAML reads {_shown(node.value)} to base {base}; write a decimal"
-            )
+            raise _at(node, f"YAML reads {_shown(node.value)} to base {base}; write a decimal")
         construct = self.construct_yaml_int if node.tag.endswith(":int") else self.construct_yaml_float
         return construct(node)
 
@@ -220,23 +314,61 @@ _StrictLoader.add_constructor("tag:yaml.org,2002:int", _StrictLoader.construct_d
 _StrictLoader.add_constructor("tag:yaml.org,2002:float", _StrictLoader.construct_decimal)
 
 
-def read_yaml(path: Path) -> object:
-    """Read a YAML file strictly; an unreadable or malformed one is an InputError naming file and line."""
+def _at(event, reason: str) -> yaml.YAMLError:
+    """Return the error that something is wrong in a line."""
+    return yaml.YAMLError(f"line {event.start_mark.line + 1}: {reason}")
+
+
+def read_yaml(path: Path, remedy: str = "restore it") -> object:
+    """Read a YAML file strictly; an unreadable or malformed one is an InputError naming file and line.
+
+    remedy: what to do if there is no such file, or none that can be read.
+    """
+    name = printable(str(path))
     try:
-        with Path(path).open("rb") as file:
+        path = Path(path)
+        if path.exists() and not path.is_file() and not path.is_dir():  # it may never end, or be read only once
+            raise InputError(f"{name}: is no ordinary file; save it as one")
+        with path.open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError(
-                f"{path}: is larger than {LARGEST_FILE} bytes, so it is no configuration; name another file"
-            )
-        return yaml.load(content.decode("utf-8"), Loader=_StrictLoader)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); restore it") from None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"line {mark.line + 1}: " if mark else ""
-        text = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(f"{path}: is not valid YAML: {place}{text}") from None
+    except (OSError, RuntimeError) as error:  # the latter of a loop of links
+        raise InputError(f"{name}: cannot be read ({getattr(error, 'strerror', error)}); {remedy}") from None
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{name}: is larger than {LARGEST_FILE} bytes, so it is no configuration; name another file")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{name}: is not valid YAML: line {line}: no UTF-8; save the file in this encoding") from None
+    if unfit := yaml.reader.Reader.NON_PRINTABLE.search(text):
+        line = text.count("\n", 0, unfit.start()) + 1
+        raise InputError(f"{name}: is not valid YAML: line {line}: has the character {unfit[0]!r}; remove it")
+    try:
+        return yaml.load(text, Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = printable(error.problem or error.context)
+        line = text.split("\n")[mark.line] if mark.line < text.count("\n") + 1 else ""
+        remedy = "indent with spaces, not with tabs" if re.match(r" *\t", line) else "mend it"
+        if "another document" in reason:
+            reason, remedy = "a second document begins", "keep one in a file"
+        raise InputError(f"{name}: is not valid YAML: line {mark.line + 1}: {reason}; {remedy}") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{name}: is not valid YAML: {printable(str(error).splitlines()[0])}") from None
+
+
+def read_own_file(path: Path, known: typing.Iterable[str]) -> dict:
+    """Read a user's own configuration: keys with values, and only the known ones at its top.
+
+    Snakemake reads such a file too, and would run what stands under `__use_yte__` in it. Whoever reads one reads it
+    with this first, so that all refuse the same files with the same words.
+    """
+    document = read_yaml(path, "check its path and permissions; write targets before --configfile, not after it")
+    name = printable(str(path))
+    if not isinstance(document, dict):
+        shown = "nothing" if document is None else _shown(document)
+        raise InputError(f"{name}: must be keys with values, not {shown}; begin with one of {', '.join(known)}")
+    return _mapping(document, name, "", set(known))
 
 
 def nearest(name: str, known: typing.Iterable[str]) -> str:
@@ -266,7 +398,13 @@ def load_study(
         raw[name] = (str(path), body)
     if overlay is not None:
         body = _mapping(overlay, overlay_name, paper, {"readings"}, required={"readings"})
-        for name, reading in _mapping(body["readings"], overlay_name, f"{paper}.readings").items():
+        own = _mapping(body["readings"], overlay_name, f"{paper}.readings")
+        if len(own) > MOST_READINGS:
+            raise InputError(
+                f"{overlay_name}: {paper}.readings: {len(own)} readings are more than {MOST_READINGS}; "
+                "write several files and run them one after the other"
+            )
+        for name, reading in own.items():
             if name in raw:
                 raise InputError(
                     f"{overlay_name}: {paper}.readings.{name}: the name is taken by a reading of {raw[name][0]}; "
@@ -315,11 +453,11 @@ def load_studies(
     paper's slug with readings; `size`; `chunks`); the files that it was read from.
     Returns the studies by slug. Raises InputError before anything is computed.
     """
-    names = [str(path) for path in config_files]
+    known = (*models, *SETTINGS)
     for path in config_files:
-        _mapping(read_yaml(path) or {}, str(path), "", {*models, "size", "chunks"})
-    origin = ", ".join(names) or "--config"
-    _mapping(config, origin, "", {*models, "size", "chunks"})
+        read_own_file(path, known)
+    origin = ", ".join(printable(str(path)) for path in config_files) or "--config"
+    _mapping(config, origin, "", set(known))
     chunks = config.get("chunks")
     if chunks is not None and (isinstance(chunks, bool) or not isinstance(chunks, int) or not 1 <= chunks <= 100_000):
         raise InputError(f"{origin}: chunks: {_shown(chunks)} is not a whole number from 1 to 100000")
@@ -385,6 +523,11 @@ def _lineage(name, raw, done) -> list[str]:
                 f"{origin}: readings.{_bare(name)}: a reading's name is lower case letters, digits and _, at most 40 "
                 "of them; rename it"
             )
+        if periodic := re.search(r"(.+?)\1{19,}$", name):
+            raise InputError(
+                f"{origin}: readings.{name}: the name ends in {periodic[1]!r} over and over, by which Snakemake knows "
+                "rules that call themselves; rename it"
+            )
         where = f"readings.{name}"
         based_on = _mapping(body, origin, where, {"summary", "based_on", "frozen", "inputs"}).get("based_on")
         if based_on is None or (isinstance(based_on, str) and based_on in done):
@@ -409,6 +552,7 @@ def _reading(name, raw, done, model) -> Reading:
     summary, based_on, frozen = body.get("summary", ""), body.get("based_on"), body.get("frozen", "")
     if not isinstance(summary, str):
         raise InputError(f"{origin}: {where}.summary: must be a sentence, not {_shown(summary)}")
+    _check_characters(summary, origin, f"{where}.summary")
     if not isinstance(frozen, str):
         raise InputError(f"{origin}: {where}.frozen: must be the digest of the reading's inputs, not {_shown(frozen)}")
     sources, values = {}, {}
@@ -492,10 +636,23 @@ def _accepted_key(key, accepted, model, origin, where) -> tuple[str, float]:
 
 
 def _check_source(source, origin, place) -> None:
-    if not isinstance(source, str) or not source.strip():
+    if not isinstance(source, str) or not _visible(source):
         raise InputError(f"{origin}: {place}.source: say where the value comes from, or 'assumed: why'")
-    if source.startswith("assumed") and not re.match(r"assumed: \S", source):
+    _check_characters(source, origin, f"{place}.source")
+    if source.startswith("assumed") and not (re.match(r"assumed: \S", source) and _visible(source[len("assumed: ") :])):
         raise InputError(f"{origin}: {place}.source: write 'assumed: ' and the reason")
+
+
+def _visible(text: str) -> bool:
+    """Whether a reader sees a letter or a digit of a text."""
+    return any(c.isalnum() and c not in INVISIBLE_LETTERS for c in text)
+
+
+def _check_characters(text, origin, place) -> None:
+    """Refuse what no file or terminal can show: control characters and lone surrogates."""
+    unfit = next((c for c in text if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs")), None)
+    if unfit is not None:
+        raise InputError(f"{origin}: {place}: has the character {unfit!r}, which cannot be shown; remove it")
 
 
 def _scaled(value, factor, origin, place):

@@ -6,13 +6,12 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
-from marsedl.replication.inputs import Count, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.inputs import Count, Drawn, Few, Iterations, NonNegative, Number, Positive, Seed, given, vector
 
 Angle = Number | None
 Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
 Substeps = Annotated[int, Strict(), Field(gt=0, le=1000)]
 Points = Annotated[int, Strict(), Field(ge=3, le=10_001)]
-Few = Annotated[int, Strict(), Field(gt=0, le=10_000)]
 Weights = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=200)]
 Profile = Annotated[tuple[Number, ...], Field(min_length=1, max_length=20)]
 Switches = Annotated[tuple[Positive, ...], Field(max_length=19)]
@@ -63,7 +62,7 @@ class DesensitizedInputs(DensityInputs):
     intervals: Intervals = given("1", "intervals of constant bank acceleration, one less than the nodes")
     scheme: Literal["midpoint", "trapezoid", "hermite_simpson"] = given("1", "transcription of the equations of motion")
     solver_tolerance: Positive = given("1", "tolerance of the solver on scaled equations and optimality")
-    solver_iterations: Count = given("1", "largest number of iterations of a solve")
+    solver_iterations: Iterations = given("1", "largest number of iterations of a solve")
 
     # The guess of the nominal, and its branch.
     guess_banks: Profile = given("rad", "bank angles of the first guess, one after the other")
@@ -104,12 +103,14 @@ class DesensitizedInputs(DensityInputs):
     )
     gain_step_limit: Positive = given("1", "largest change of the gains in one iteration")
     gain_tolerance: Positive = given("1", "change of the gains at which their iteration stops")
-    gain_iterations: Count = given("1", "largest number of iterations of the gains")
+    gain_iterations: Iterations = given("1", "largest number of iterations of the gains")
     downrange_gain_start: vector(6) = given(GAIN_UNIT, "gains at which the iteration starts that has to null downrange")
     all_columns_regularization: Weights = given("1", "weights on the squared gains, in turn, for all columns together")
     feedback_weight: Positive = given("1", "weight on the norm when trajectory and gains are solved for together")
-    unregularized_iterations: Count = given("1", "iterations after which that solve is ended")
-    all_columns_iterations: Count = given("1", "iterations after which one for gains against all columns is given up")
+    unregularized_iterations: Iterations = given("1", "iterations after which that solve is ended")
+    all_columns_iterations: Iterations = given(
+        "1", "iterations after which one for gains against all columns is given up"
+    )
     tuning_errors: Annotated[tuple[Number, ...], Field(min_length=2, max_length=50)] = given(
         "m", "initial errors whose flown final errors tuned gains make small"
     )
@@ -142,7 +143,7 @@ class DesensitizedInputs(DensityInputs):
     )
     seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "Monte Carlo trials of every law")
-    drawn_trials: Count = given("1", "trials drawn in the figures")
+    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
     @model_validator(mode="after")
     def _fits_together(self):

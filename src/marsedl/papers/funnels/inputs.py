@@ -5,11 +5,22 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from marsedl.replication.inputs import Count, Inputs, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.inputs import (
+    Count,
+    Drawn,
+    Few,
+    Inputs,
+    NonNegative,
+    Number,
+    Positive,
+    Seed,
+    StudyTrials,
+    given,
+    vector,
+)
 
 Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
 FineSteps = Annotated[int, Strict(), Field(ge=2, le=5000)]
-Few = Annotated[int, Strict(), Field(gt=0, le=10_000)]
 Order = Annotated[int, Strict(), Field(ge=1, le=3)]
 Exponent = Annotated[int, Strict(), Field(ge=0, le=10)]
 Flag = Annotated[bool, Strict()]
@@ -166,9 +177,9 @@ class FunnelsInputs(Inputs):
     adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
         "1", "directions among which that is chosen"
     )
-    dubins_trials: Count = given("1", "runs of the Dubins car")
-    dubins_wind_trials: Count = given("1", "runs of the Dubins car in constant wind")
-    drawn_trials: Count = given("1", "flights drawn in the figures")
+    dubins_trials: StudyTrials = given("1", "runs of the Dubins car")
+    dubins_wind_trials: StudyTrials = given("1", "runs of the Dubins car in constant wind")
+    drawn_trials: Drawn = given("1", "flights drawn in the figures")
 
     # What is drawn and judged.
     fig4_slice: Few = given("1", "slice of Fig. 4, counted from 1")

@@ -7,12 +7,16 @@ from pydantic import model_validator
 from marsedl.replication.inputs import (
     Count,
     CountOrNone,
+    Drawn,
     Fraction,
     Inputs,
+    Iterations,
     NonNegative,
     Number,
     Positive,
     Seed,
+    StudyTrials,
+    at_most,
     covariance,
     given,
     vector,
@@ -21,6 +25,7 @@ from marsedl.replication.inputs import (
 STATE_UNIT = "m, m, m/s, m/s"
 COVARIANCE_UNIT = "m^2, m^2, (m/s)^2, (m/s)^2"
 LARGEST_STEP_COUNT = 1_000_000
+HeldIntervals = at_most(1000, "a certificate is a semidefinite program with a matrix for every interval")
 
 
 class PoweredDescentInputs(Inputs):
@@ -61,22 +66,27 @@ class PoweredDescentInputs(Inputs):
     output_interval: Positive = given("s", "largest interval between stored states")
     design_interval: Positive = given("s", "largest interval of the grid on which gains and mass profile are tabulated")
     mass_tolerance: Positive = given("kg s", "integrated change of the mass profile at which its iteration stops")
-    mass_iterations: Count = given("1", "largest number of passes of the mass iteration")
+    mass_iterations: Iterations = given("1", "largest number of passes of the mass iteration")
     fixed_point_tolerance: Positive = given("1", "relative change at which Algorithm 1 stops")
-    fixed_point_iterations: Count = given("1", "largest number of iterations of Algorithm 1")
-    certificate_intervals: vector(2, Count) = given("1", "held intervals of the two optimality certificates")
+    fixed_point_iterations: Iterations = given("1", "largest number of iterations of Algorithm 1")
+    certificate_intervals: vector(2, HeldIntervals) = given("1", "held intervals of the two optimality certificates")
     seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "Monte Carlo trials, closed and open loop")
     large_trials: CountOrNone = given("1", "trials of the large ensembles, closed and open loop; 0: none")
-    convergence_trials: Count = given("1", "trials of the study of integrator error against step")
-    drawn_trials: Count = given("1", "trials drawn in the figures")
-    ellipses_per_segment: Count = given("1", "covariance ellipses drawn along each segment")
+    convergence_trials: StudyTrials = given("1", "trials of the study of integrator error against step")
+    drawn_trials: Drawn = given("1", "trials drawn in the figures")
+    ellipses_per_segment: Drawn = given("1", "covariance ellipses drawn along each segment")
     ellipse_sigma: Positive = given("1", "size of the drawn ellipses in standard deviations")
     thrust_percentile: Fraction = given("1", "the upper percentile of the control magnitude")
 
     @model_validator(mode="after")
     def _affordable(self):
         for step in ("time_step", "finest_time_step", "output_interval", "design_interval"):
+            if getattr(self, step) > min(self.segment_durations):
+                raise ValueError(
+                    f"{step} ({getattr(self, step):g} s) is longer than a segment ({min(self.segment_durations):g} s): "
+                    "lower it"
+                )
             steps = max(self.segment_durations) / getattr(self, step)
             if steps > LARGEST_STEP_COUNT:
                 raise ValueError(

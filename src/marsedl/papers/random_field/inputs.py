@@ -7,7 +7,18 @@ from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.inputs import Count, NonNegative, Number, Positive, Seed, Sign, given, vector
+from marsedl.replication.inputs import (
+    Count,
+    Drawn,
+    NonNegative,
+    Number,
+    Positive,
+    Seed,
+    Sign,
+    StudyTrials,
+    given,
+    vector,
+)
 
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
@@ -96,8 +107,8 @@ class RandomFieldInputs(DensityInputs):
     seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "Monte Carlo trials of the open loop and of each iteration's law")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
-    drawn_trials: Count = given("1", "trials drawn in the figures")
-    drawn_samples: Count = given("1", "samples of random fields drawn in the figures")
+    drawn_trials: Drawn = given("1", "trials drawn in the figures")
+    drawn_samples: Drawn = given("1", "samples of random fields drawn in the figures")
     delta_v_window: vector(2, Positive) = given("m/s", "delta-v interval shown for the closed loop")
 
     # The double integrator.
@@ -127,7 +138,7 @@ class RandomFieldInputs(DensityInputs):
     )
     double_integrator_time_step: Positive = given("1", "integration step")
     double_integrator_output_interval: Positive = given("1", "time between stored states")
-    double_integrator_trials: Count = given("1", "Monte Carlo trials of open and closed loop")
+    double_integrator_trials: StudyTrials = given("1", "Monte Carlo trials of open and closed loop")
     ellipse_probability: Level = given("1", "probability content of the drawn ellipses")
 
     # The illustrations of Figs. 1 and 2.
@@ -142,7 +153,7 @@ class RandomFieldInputs(DensityInputs):
 
     # The studies beside the paper.
     convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
-    study_trials: Count = given("1", "Monte Carlo trials of each variant in the studies")
+    study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
     navigation_factors: vector(9, Positive) = given("1", "factors of navigation_deviations in their study")
     variance_factors: vector(6, Positive) = given("1", "factors of variance_at_top in the study of the open loop")
     fine_partition: Partition = given("s", "the partition with short end steps, to be compared")

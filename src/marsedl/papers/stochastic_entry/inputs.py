@@ -6,9 +6,24 @@ from typing import ClassVar, Literal
 from pydantic import model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
-from marsedl.replication.inputs import Count, Fraction, NonNegative, Number, Positive, Seed, Sign, given, vector
+from marsedl.replication.inputs import (
+    Count,
+    Drawn,
+    Fraction,
+    NonNegative,
+    Number,
+    Positive,
+    Seed,
+    Sign,
+    StudyTrials,
+    at_most,
+    given,
+    vector,
+)
 
 LARGEST_CYCLE_COUNT = 100_000
+LARGEST_ALTITUDE_COUNT = 100_000
+Substeps = at_most(1000, "a flight with steps so short loses more to rounding than it gains")
 
 
 class StochasticEntryInputs(DensityInputs):
@@ -101,17 +116,17 @@ class StochasticEntryInputs(DensityInputs):
     gain_equation: Literal["corrected", "printed"] = given("1", "feedback gain: with the inverse, or as printed")
 
     # Numbers that the paper leaves open.
-    nominal_substeps: Count = given("1", "integration steps per guidance period of the nominal flight")
-    flight_substeps: Count = given("1", "integration steps per guidance period of the Monte Carlo flights")
+    nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight")
+    flight_substeps: Substeps = given("1", "integration steps per guidance period of the Monte Carlo flights")
     seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "Monte Carlo trials of each law and trigger")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
-    drawn_trials: Count = given("1", "trials drawn in the figures")
-    drawn_densities: Count = given("1", "density samples drawn in the figures")
+    drawn_trials: Drawn = given("1", "trials drawn in the figures")
+    drawn_densities: Drawn = given("1", "density samples drawn in the figures")
     fewest_flying: Count = given("1", "trials that must still fly for statistics over time to be shown")
     partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
     altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
-    source_trials: Count = given("1", "trials of each single source of uncertainty")
+    source_trials: StudyTrials = given("1", "trials of each single source of uncertainty")
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -120,6 +135,17 @@ class StochasticEntryInputs(DensityInputs):
             raise ValueError(
                 f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}: lower it, or raise "
                 "guidance_period"
+            )
+        for name in ("guidance_period", "partition_interval"):
+            if getattr(self, name) > self.time_limit:
+                raise ValueError(
+                    f"{name} ({getattr(self, name):g} s) is longer than time_limit ({self.time_limit:g} s): lower it"
+                )
+        altitudes = self.atmosphere_altitude / self.density_grid_interval
+        if not 1 <= altitudes <= LARGEST_ALTITUDE_COUNT:
+            raise ValueError(
+                f"density_grid_interval makes {altitudes:.3g} altitudes up to atmosphere_altitude; give one that makes "
+                f"1 to {LARGEST_ALTITUDE_COUNT}"
             )
         intervals = (self.partition_interval, *self.partition_study)
         multiples = (interval / self.guidance_period for interval in intervals)
