@@ -39,3 +39,18 @@ rule all:
         "report/claims.json",
         [products(paper) + cache(paper) for paper in PAPERS],
         compared(),
+
+
+# After all rules, whose names a user may ask for.
+try:
+    command_line.check_request(
+        sys.argv[1:],
+        size=str(config.get("size", "full")),
+        papers=PAPERS,
+        studies=STUDIES,
+        comparisons=COMPARISONS,
+        rules=[rule.name for rule in workflow.rules],
+        root=Path.cwd(),
+    )
+except InputError as error:
+    sys.exit(f"\nmarsedl: {error}\n")

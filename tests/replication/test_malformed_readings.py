@@ -695,7 +695,7 @@ UNFIT = [  # inputs that are each in order and do not go together
     (
         "stochastic_entry",
         "partition_interval",
-        st.integers(0, 1000).map(lambda n: n + 0.123),
+        st.integers(0, 399).map(lambda n: n + 0.123),
         "must be multiples of guidance_period",
     ),
     ("stochastic_entry", "ramp_velocities", REVERSED.map(lambda pair: pair[::-1]), "stand in the wrong order"),

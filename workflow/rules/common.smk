@@ -5,6 +5,7 @@ import sys
 
 from marsedl.comparison import COMPARISONS
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication import command_line
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import (
@@ -40,8 +41,8 @@ wildcard_constraints:
         sorted({name for study in STUDIES.values() for name in study.readings})
     ),
     case="[a-z_]+",
-    chunk=r"\d+",
-    chunks=r"\d+",
+    chunk=r"0|[1-9]\d*",
+    chunks=r"[1-9]\d*",
     stem="[a-z0-9_]+",
 
 
@@ -84,15 +85,15 @@ def stage(paper, name):
 
 def cases(paper, reading):
     """The Monte Carlo cases of a reading with their numbers of trials; a case without trials is left out."""
-    inputs = STUDIES[paper].readings[reading].inputs
-    trials = {case: getattr(inputs, name) for case, name in MODELS[paper].CASES.items()}
-    return {case: number for case, number in trials.items() if number}
+    return STUDIES[paper].readings[reading].flown()
 
 
 def number_of_chunks(paper, reading, case):
-    """The chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials, if any."""
-    blocks = -(-cases(paper, reading).get(case, 0) // PAPERS[paper].trials_per_block)
-    return min(STUDIES[paper].chunks[case], blocks)
+    """The chunks that a Monte Carlo case is scattered into."""
+    study = STUDIES[paper]
+    return command_line.number_of_chunks(
+        PAPERS[paper], study, study.readings[reading], case
+    )
 
 
 def chunk_files(paper):

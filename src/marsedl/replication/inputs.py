@@ -232,6 +232,11 @@ class Reading:
         values = self.inputs.model_dump(mode="json")
         return {name: values[name] for name in sorted(names)}
 
+    def flown(self) -> dict[str, int]:
+        """Return the Monte Carlo cases with their numbers of trials; a case without trials is left out."""
+        trials = {case: getattr(self.inputs, name) for case, name in self.inputs.CASES.items()}
+        return {case: number for case, number in trials.items() if number}
+
     def differences(self) -> dict[str, Source]:
         """Return the inputs that this reading sets itself."""
         return {name: source for name, source in self.sources.items() if source.reading == self.name}
