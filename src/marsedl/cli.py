@@ -486,7 +486,7 @@ def _accept(options) -> int:
     root = project_root()
     for path in verification.accept_reference(root, SLUGS, rounding_noise()):
         print(f"wrote {path}")
-    print(f"wrote {verification.accept_inputs(root, _studies())}")
+    print(f"wrote {verification.accept_inputs(root, _project().studies)}")
     results = _audited(root)
     print(audit.format_results(results, audit.read_counts(root)))
     print(f"wrote {audit.write_counts(root, results)}")

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -396,7 +397,7 @@ def test_accept_commits_the_counts_too(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(verification, "accept_reference", lambda *given: [])
     monkeypatch.setattr(cli, "_audited", lambda root: COUNTED)
-    monkeypatch.setattr(cli, "_studies", dict)
+    monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}))
     assert cli.main(["accept"]) == 0
     assert "data/reference/audit.json: no counts are committed" in capsys.readouterr().out
     assert audit.read_counts(tmp_path) == COMMITTED

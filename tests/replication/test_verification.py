@@ -48,7 +48,7 @@ def project(tmp_path, monkeypatch):
     verification.accept_reference(tmp_path, [SLUG])
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     monkeypatch.setattr(cli, "_audited", lambda root: [])
-    monkeypatch.setattr(cli, "_studies", dict)
+    monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from marsedl.cli import _studies
+from marsedl.cli import _project
 from marsedl.papers import SLUGS
 from marsedl.replication.inputs import COMMITTED_INPUTS, committed_inputs, counted_inputs, load_study
 from marsedl.replication.scaffold import new_paper
@@ -73,5 +73,5 @@ def test_it_is_refused_where_verdicts_count_and_named_elsewhere(project):
 
 def test_the_committed_inputs_are_those_of_the_configuration():
     """Otherwise no verdict would need a reason."""
-    assert committed_inputs(ROOT) == {slug: counted_inputs(study) for slug, study in _studies().items()}
+    assert committed_inputs(ROOT) == {slug: counted_inputs(study) for slug, study in _project().studies.items()}
     assert set(committed_inputs(ROOT)) == set(SLUGS)
