@@ -1,10 +1,15 @@
 # Regenerates every figure, table and number of the replicated papers. Plain `snakemake all` is right: see
 # profiles/default for the settings it uses and README.md for the targets.
+import sys
 from pathlib import Path
 
+from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import pin_numerics
 
-pin_numerics(Path(workflow.basedir))
+try:
+    pin_numerics(Path(workflow.basedir))
+except MarsedlError as error:
+    sys.exit(f"\nmarsedl: {error}\n")
 
 
 report: "workflow/report/workflow.rst"

@@ -436,7 +436,6 @@ def _trial(options) -> int:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
     flown = [case for case, field in cases.items() if getattr(reading.inputs, field)]
     case = options.case or next(iter(flown or cases))
-    jobs.announce_compiling()
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
     _say(jobs.replay(project.folder, paper, reading, case, options.number, module, project.options))
     return 0

@@ -1,13 +1,14 @@
 """Digests see content and nothing else; differences say what, how much and where."""
 
 import json
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import h5py
 import numpy as np
 import pytest
 
-from marsedl.replication.artifacts import quantity, save
+from marsedl.replication.artifacts import provenance, quantity, save, seal
 from marsedl.replication.digests import difference, digest, digest_tree, format_difference
 from marsedl.replication.errors import ArtifactError, InputError
 
@@ -35,9 +36,17 @@ def nominal(n=6):
     )
 
 
-def put(path, artifact, provenance=None, reading="corrected"):
-    save(path, artifact, paper="funnels", reading=reading, provenance=provenance or {"seed": 1})
+def put(path, artifact, kept=None, reading="corrected"):
+    save(path, artifact, paper="funnels", reading=reading, provenance=kept or {"seed": 1})
     return path
+
+
+@contextmanager
+def hdf5(path, mode, **options):
+    """An HDF5 file open for writing, which then gets the seal of an artifact."""
+    with h5py.File(path, mode, **options) as file:
+        yield file
+    path.write_bytes(seal(path.read_bytes()))
 
 
 def changed(array, index, value):
@@ -48,7 +57,7 @@ def changed(array, index, value):
 
 def test_digest_does_not_see_provenance_or_the_name(tmp_path):
     a = put(tmp_path / "a.h5", nominal())
-    b = put(tmp_path / "b.h5", nominal(), provenance={"seed": 2, "solver": {"name": "x"}})
+    b = put(tmp_path / "b.h5", nominal(), kept={"seed": 2, "solver": {"name": "x"}})
     assert a.read_bytes() != b.read_bytes()
     assert digest(a) == digest(b)
     assert len(digest(a)) == 64
@@ -68,7 +77,7 @@ def test_digest_does_not_see_storage(tmp_path):
             ("<f8", {"track_times": True}),
         ]
     ):
-        with h5py.File(tmp_path / f"{number}.h5", "w", libver="latest" if number % 2 else "earliest") as file:
+        with hdf5(tmp_path / f"{number}.h5", "w", libver="latest" if number % 2 else "earliest") as file:
             file.create_dataset("group/x", data=values.astype(dtype), **options)
             file["names"] = ["a", "b"] if number % 2 else np.array([b"a", b"b"])
             for key in ("p", "q") if number % 2 else ("q", "p"):
@@ -79,7 +88,7 @@ def test_digest_does_not_see_storage(tmp_path):
 
 def test_digest_does_not_see_which_nan(tmp_path):
     for name, nan in (("a", np.nan), ("b", -np.nan)):
-        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+        with hdf5(tmp_path / f"{name}.h5", "w") as file:
             file["x"] = np.array([1.0, np.copysign(np.nan, 1 if name == "a" else -1), nan])
     assert digest(tmp_path / "a.h5") == digest(tmp_path / "b.h5")
 
@@ -114,7 +123,7 @@ def test_digest_and_difference_see_every_edit(tmp_path, case):
     a = put(tmp_path / "a.h5", nominal())
     b = put(tmp_path / "b.h5", nominal())
     assert digest(a) == digest(b)
-    with h5py.File(b, "r+") as file:
+    with hdf5(b, "r+") as file:
         EDITS[case](file)
     assert digest(a) != digest(b)
     assert difference(a, b) != []
@@ -123,14 +132,14 @@ def test_digest_and_difference_see_every_edit(tmp_path, case):
 
 def test_values_do_not_slip_between_fields(tmp_path):
     for name, (x, y) in {"a": ([1.0], [2.0, 3.0]), "b": ([1.0, 2.0], [3.0])}.items():
-        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+        with hdf5(tmp_path / f"{name}.h5", "w") as file:
             file["x"], file["y"] = x, y
     assert digest(tmp_path / "a.h5") != digest(tmp_path / "b.h5")
 
 
 def test_a_docstring_is_no_content(tmp_path):
     a, b = put(tmp_path / "a.h5", nominal()), put(tmp_path / "b.h5", nominal())
-    with h5py.File(b, "r+") as file:
+    with hdf5(b, "r+") as file:
         file.attrs["meaning"] = "Another wording."
     assert digest(a) == digest(b)
 
@@ -141,17 +150,17 @@ def test_links_and_references_are_refused(tmp_path):
         "external": h5py.ExternalLink("other.h5", "/time"),
     }.items():
         path = put(tmp_path / f"{name}.h5", nominal())
-        with h5py.File(path, "r+") as file:
+        with hdf5(path, "r+") as file:
             file["more"] = value
         with pytest.raises(ArtifactError, match=rf"{name}\.h5: field 'more' is a link"):
             digest(path)
     path = put(tmp_path / "reference.h5", nominal())
-    with h5py.File(path, "r+") as file:
+    with hdf5(path, "r+") as file:
         file.create_dataset("more", data=file["time"].ref, dtype=h5py.ref_dtype)
     with pytest.raises(ArtifactError, match=r"reference\.h5"):
         digest(path)
     path = put(tmp_path / "circle.h5", nominal())
-    with h5py.File(path, "r+") as file:
+    with hdf5(path, "r+") as file:
         file["more"] = file["/"]
     with pytest.raises(ArtifactError, match=r"circle\.h5: group '/more' contains itself"):
         digest(path)
@@ -166,6 +175,28 @@ def test_damaged_and_missing_files(tmp_path):
         digest(tmp_path / "none.png")
     with pytest.raises(InputError, match="no such folder"):
         digest_tree(tmp_path / "none", ["*"])
+
+
+@pytest.mark.parametrize("cut", [1, 40, 47])
+def test_a_file_whose_seal_is_cut_off_is_not_read(tmp_path, monkeypatch, cut):
+    """Nor one that another tool edited: without its seal, HDF5 would have to see a file that may be damaged."""
+    whole, path = put(tmp_path / "whole.h5", nominal()), tmp_path / "cut.h5"
+    path.write_bytes(whole.read_bytes()[:-cut])
+    monkeypatch.setattr(h5py, "File", None)
+    for read in (digest, provenance, lambda path: difference(path, path)):
+        with pytest.raises(ArtifactError, match=r"cut\.h5: .*its end is cut off: delete it and run snakemake again"):
+            read(path)
+
+
+def test_values_far_larger_than_their_file_are_not_read(tmp_path):
+    """A file of 0.2 MB that fills 160 MB of memory."""
+    path = tmp_path / "zeros.h5"
+    with hdf5(path, "w") as file:
+        file.create_dataset("x", shape=(20_000_000,), dtype="f8", chunks=(100_000,), compression="gzip", fillvalue=0.0)
+        file["x"][...] = 0.0
+    assert path.stat().st_size < 400_000
+    with pytest.raises(ArtifactError, match=r"zeros\.h5: declares 160000000 bytes of values in a file of \d+ bytes"):
+        digest(path)
 
 
 def test_digest_of_other_files_is_of_their_bytes(tmp_path):
@@ -216,9 +247,9 @@ def test_difference_of_all_kinds(tmp_path):
 
 
 def test_difference_of_shapes_types_and_missing_fields(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
+    with hdf5(tmp_path / "a.h5", "w") as file:
         file["x"], file["y"], file["z"] = np.zeros(3), np.zeros(3), 1.0
-    with h5py.File(tmp_path / "b.h5", "w") as file:
+    with hdf5(tmp_path / "b.h5", "w") as file:
         file["x"], file["y"], file["w"] = np.zeros(4), np.zeros(3, "f4"), 1.0
     text = format_difference(difference(tmp_path / "a.h5", tmp_path / "b.h5"))
     assert "/x: shape (3,) and (4,)" in text
@@ -229,7 +260,7 @@ def test_difference_of_shapes_types_and_missing_fields(tmp_path):
 
 def test_large_integers_are_told_apart(tmp_path):
     for name, seed in (("a", 2**62), ("b", 2**62 + 1)):
-        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+        with hdf5(tmp_path / f"{name}.h5", "w") as file:
             file["seed"] = np.int64(seed)
         (tmp_path / f"{name}.json").write_text(json.dumps({"seed": seed}))
     (row,) = difference(tmp_path / "a.h5", tmp_path / "b.h5")

@@ -2,9 +2,9 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +14,7 @@ import pytest
 
 from marsedl.replication import artifacts, jobs
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.recipes import recipe_digest
 
 SOURCE = Path(__file__).parents[2] / "src"
 
@@ -37,7 +38,7 @@ class Named(dict):
 
 def job_of(tmp_path, **params):
     return SimpleNamespace(
-        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", **params}),
+        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", "libraries": "numpy 2.3.1", **params}),
         input=Named(),
         output=Named(out=str(tmp_path / "out.h5")),
         wildcards=Named(reading="r"),
@@ -49,13 +50,25 @@ def job_of(tmp_path, **params):
 
 @pytest.fixture
 def pinned(monkeypatch, tmp_path):
-    for name, value in {**jobs.NUMERIC_ENVIRONMENT, "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(tmp_path)}.items():
+    beside = dict.fromkeys(("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES"), "0")
+    for name, value in {**jobs.NUMERIC_ENVIRONMENT, **beside}.items():
         monkeypatch.setenv(name, value)
 
 
 def saved(path, reading="r", value=(1.0, 2.0)):
     artifacts.save(path, Thing(np.array(value)), paper="p", reading=reading, provenance={})
     return str(path)
+
+
+def made(folder, name, inputs, *needs, **params):
+    """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
+    snakemake = job_of(folder, inputs=inputs, build={"size": "smoke", "artifacts": dict(needs)}, **params)
+    snakemake.output = Named(out=str(folder / name))
+    jobs.Job(snakemake).save(Thing(np.array([1.0, 2.0])))
+    kept = dict(snakemake.params)
+    recipe = {key: kept.get(key, {}) for key in ("inputs", "options", "code", "libraries")}
+    recipe["needs"] = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
+    return str(folder / name), ("p", "r", recipe)
 
 
 # -------------------------------------------------------------------------------------------------------- environment
@@ -140,15 +153,64 @@ def test_an_artifact_of_another_reading_is_refused(tmp_path):
 
 
 def test_saving_keeps_where_a_result_comes_from(tmp_path):
-    snakemake = job_of(tmp_path, options={"case": "closed_loop"})
-    snakemake.input = Named(one=saved(tmp_path / "one.h5"))
-    jobs.Job(snakemake).save(Thing(np.array([3.0, 4.0])))
-    kept = artifacts.provenance(tmp_path / "out.h5")
-    assert kept["inputs"] == {"a": 1.0}
-    assert kept["code"] == "abc"
-    assert kept["options"] == {"case": "closed_loop"}
-    assert set(kept["made_from"]) == {"one.h5"}
-    assert {"numpy", "numba"} <= set(kept["versions"])
+    one = made(tmp_path, "one.h5", {"a": 1.0})
+    two, (_, _, recipe) = made(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
+    kept = artifacts.provenance(two)
+    assert {name: kept[name] for name in recipe} == recipe
+    assert recipe["options"] == {"case": "closed_loop"}
+    assert kept["needs"].keys() == kept["made_from"].keys() == {"one.h5"}
+    assert (kept["recipe"], kept["size"]) == (recipe_digest(recipe), "smoke")
+
+
+# ------------------------------------------------------------------------------------ artifacts that were copied here
+
+ELSEWHERE = {
+    "inputs": ({"inputs": {"a": 2.0, "b": [1.0]}}, "a is 2.0, not 1.0; b is [1.0], not None"),
+    "code": ({"code": "xyz"}, "other code"),
+    "libraries": ({"libraries": "numpy 2.4.0, scipy 1.16.0"}, "'numpy 2.4.0, scipy 1.16.0' among the libraries"),
+    "options": ({"options": {"trials": 200}}, "trials is 200, not None"),
+}
+
+
+@pytest.mark.parametrize("case", ELSEWHERE)
+def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinned, capsys, case):
+    """As `cp -p` puts it in place: whole, and older than what Snakemake knows of."""
+    different, said = ELSEWHERE[case]
+    here, planned = made(tmp_path, "one.h5", {"a": 1.0})
+    there, _ = made(tmp_path / "there", "one.h5", **{"inputs": {"a": 1.0}, **different})
+    shutil.copy2(there, here)
+    snakemake = job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})
+    with pytest.raises(SystemExit), jobs.guarded(snakemake):
+        pytest.fail("the job must not begin")
+    assert (
+        f"job p_stage: {here}: comes from another build, of size 'smoke': {said}: delete it and run snakemake again"
+    ) in capsys.readouterr().err
+
+
+def test_an_artifact_made_from_another_one_is_refused(tmp_path, pinned, capsys):
+    """Its own inputs and code are those of here."""
+    first = made(tmp_path, "one.h5", {"a": 1.0})
+    second = made(tmp_path, "two.h5", {"b": 1.0}, first)
+    there = made(tmp_path / "there", "one.h5", {"a": 2.0})
+    copied, _ = made(tmp_path / "there", "two.h5", {"b": 1.0}, there)
+    build = {"size": "full", "artifacts": dict([first, second])}
+    with jobs.guarded(job_of(tmp_path, build=build)):
+        pass
+    shutil.copy2(copied, second[0])
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, build=build)):
+        pytest.fail("the job must not begin")
+    assert "two.h5: comes from another build, of size 'smoke': another one.h5: delete it" in capsys.readouterr().err
+
+
+def test_an_artifact_that_says_nothing_of_its_recipe_is_refused(tmp_path, pinned, capsys):
+    here, planned = made(tmp_path, "one.h5", {"a": 1.0})
+    saved(here)
+    with (
+        pytest.raises(SystemExit),
+        jobs.guarded(job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})),
+    ):
+        pytest.fail("the job must not begin")
+    assert "one.h5: comes from another build, of size None: a is None, not 1.0; other code" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------------ failures
@@ -259,44 +321,3 @@ def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):
     with jobs.guarded(job_of(tmp_path)) as job:
         assert (job.paper, job.reading) == ("p", "r")
     assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
-
-
-KERNELS = """
-import sys
-import time
-from numba import njit
-from marsedl.replication.jobs import compile_in_turn
-
-compile_in_turn()
-
-
-@njit(cache=True)
-def inner(x):
-    return x + 1.0
-
-
-@njit(cache=True)
-def outer(x):
-    return inner(x) * 2.0
-
-
-while time.time() < float(sys.argv[1]):
-    pass
-outer(1.0)
-print(sum(outer.stats.cache_misses.values()))
-"""
-
-
-def test_of_jobs_that_need_a_kernel_at_once_one_compiles_it(tmp_path, pinned):
-    script = tmp_path / "kernels.py"
-    script.write_text(KERNELS, encoding="utf-8")
-    together = str(time.time() + 3.0)
-    command = [sys.executable, str(script), together]
-    started = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(3)]
-    try:
-        said = [process.communicate(timeout=120) for process in started]
-    finally:
-        for process in started:
-            process.kill()
-    announced = "compiling kernels, once: the next run loads them\n"  # once for the two that it compiles
-    assert sorted(said) == [("0\n", ""), ("0\n", ""), ("1\n", announced)]

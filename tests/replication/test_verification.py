@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest

@@ -56,6 +56,8 @@ for _paper in PAPERS:
             size=SIZE,
             require_reasons=as_committed(_paper),
             code=claims_code(_paper),
+            libraries=libraries_of("claims.py", *claims_entries(_paper)),
+            build=build,
         script:
             "../scripts/claims.py"
 

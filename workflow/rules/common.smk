@@ -1,7 +1,9 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
+import functools
 import hashlib
 import re
 import sys
+from types import SimpleNamespace
 
 from marsedl.comparison import COMPARISONS
 from marsedl.papers import SLUGS, catalogue, input_model
@@ -14,6 +16,8 @@ from marsedl.replication.inputs import (
     load_studies,
 )
 from marsedl.replication.jobs import pretended_machine
+from marsedl.replication.libraries import versions_used
+from marsedl.replication.recipes import recipe_digest
 from marsedl.replication.sizes import build_folder
 
 ROOT = Path(workflow.basedir)
@@ -69,6 +73,13 @@ def code_of(entry, script):
     return f"{script_of(script)} {DIGESTS.code(entry)[:16]}"
 
 
+@functools.cache
+def libraries_of(script, *entries):
+    """Versions of the libraries that a job's numbers can depend on: those that its script and its functions use."""
+    used = [DIGESTS.script_libraries(script), *map(DIGESTS.libraries, entries)]
+    return versions_used(frozenset().union(*used))
+
+
 def stage(paper, name):
     """The params of a stage's rule."""
     entry = PAPERS[paper].entry(name)
@@ -80,6 +91,8 @@ def stage(paper, name):
         .readings[wildcards.reading]
         .slice(inputs),
         code=code_of(entry, "stage.py"),
+        libraries=libraries_of("stage.py", entry),
+        build=build,
     )
 
 
@@ -109,6 +122,7 @@ def chunk_files(paper):
     return files
 
 
+@functools.cache
 def cases_of(paper, scattered):
     """Pattern of the Monte Carlo cases that have several chunks in some reading, or of those that have one in all."""
     readings = STUDIES[paper].readings
@@ -148,7 +162,51 @@ def gathered_from(paper, stage):
         inputs=STUDIES[paper].readings[wildcards.reading].slice(names),
         trials=cases(paper, wildcards.reading)[wildcards.case],
         code=code_of(PAPERS[paper].entry(stage), "stage.py"),
+        libraries=libraries_of("stage.py", PAPERS[paper].entry(stage)),
     )
+
+
+@functools.cache
+def recipe(path):
+    """Paper, reading and recipe of an artifact: what it would be made from now."""
+    _, _, paper, reading, *_, file = path.split("/")
+    name, _, part = file.removesuffix(".h5").partition(".")
+    wildcards, options, files = SimpleNamespace(reading=reading), {}, []
+    if "/chunks/" in path:
+        wildcards.case, (wildcards.chunk, wildcards.chunks) = name, part.split("of")
+        name, options = "montecarlo_chunk", chunk_options(paper)(wildcards)
+    elif part:
+        wildcards.case = part
+        if re.fullmatch(cases_of(paper, scattered=True), part):
+            name, files = "montecarlo_gather", chunk_files(paper)(wildcards)
+        else:
+            options = trial_options(paper)(wildcards)
+    params = stage(paper, name)
+    files = [*needs(paper, name).values(), *files]
+    made_from = [file.format(reading=reading) for file in files]
+    return (
+        paper,
+        reading,
+        dict(
+            inputs=params["inputs"](wildcards),
+            options=options,
+            code=params["code"],
+            libraries=params["libraries"],
+            needs={
+                Path(file).name: recipe_digest(recipe(file)[2]) for file in made_from
+            },
+        ),
+    )
+
+
+# Functions that take `input` as well are no reason to run a job again: an artifact whose recipe has changed is made
+# again itself.
+
+
+def build(wildcards, input):
+    """The size of the build, and paper, reading and recipe of each artifact that a job is given, by file."""
+    artifacts = {path: recipe(path) for path in input if path.endswith(".h5")}
+    return dict(size=str(config.get("size", "full")), artifacts=artifacts)
 
 
 def drawn_from(paper, stem, reading):
@@ -174,6 +232,11 @@ def product(kind, script, reading=None):
             f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}", script
         )
 
+    def libraries(wildcards):
+        return libraries_of(
+            script, f"marsedl.papers.{wildcards.paper}.{kind}:{wildcards.stem}"
+        )
+
     def printed(wildcards):
         shown = PAPERS[wildcards.paper].product(wildcards.stem).published
         return (
@@ -187,6 +250,8 @@ def product(kind, script, reading=None):
         reading=lambda wildcards: reading or wildcards.reading,
         inputs=inputs,
         code=code,
+        libraries=libraries,
+        build=build,
         published=lambda wildcards: source(f"data/published/{wildcards.paper}.yaml"),
         printed=printed,
     )
@@ -244,16 +309,16 @@ def as_committed(paper):
     return SIZE == "full" and COMMITTED.get(paper) == counted_inputs(STUDIES[paper])
 
 
+def claims_entries(paper):
+    """A paper's evaluators, its statements about claims, and its tables over all readings."""
+    names = ["claims:evaluate", "claims:DECLARATIONS"]
+    names += [f"tables:{stem}" for stem in PAPERS[paper].summaries]
+    return [f"marsedl.papers.{paper}.{name}" for name in names]
+
+
 def claims_code(paper):
-    """Digest of a paper's evaluators, its statements about claims, and its tables over all readings."""
-    entries = [
-        "claims:evaluate",
-        "claims:DECLARATIONS",
-        *(f"tables:{stem}" for stem in PAPERS[paper].summaries),
-    ]
-    digests = [
-        DIGESTS.code(f"marsedl.papers.{paper}.{entry}")[:16] for entry in entries
-    ]
+    """Digest of the code that judges a paper's claims."""
+    digests = [DIGESTS.code(entry)[:16] for entry in claims_entries(paper)]
     return " ".join([script_of("claims.py"), *digests])
 
 
@@ -303,13 +368,16 @@ def comparison_params():
             for paper, names in COMPARISONS[wildcards.stem].inputs.items()
         }
 
-    def code(wildcards):
+    def entries(wildcards):
         names = ("figure", "table", *COMPARISONS[wildcards.stem].papers)
-        digests = [
-            DIGESTS.code(f"marsedl.comparison.{wildcards.stem}:{name}")[:16]
-            for name in names
-        ]
+        return [f"marsedl.comparison.{wildcards.stem}:{name}" for name in names]
+
+    def code(wildcards):
+        digests = [DIGESTS.code(entry)[:16] for entry in entries(wildcards)]
         return " ".join([script_of("comparison.py"), *digests])
+
+    def libraries(wildcards):
+        return libraries_of("comparison.py", *entries(wildcards))
 
     def measured(wildcards):
         shown = COMPARISONS[wildcards.stem].measured
@@ -320,6 +388,8 @@ def comparison_params():
         inputs=inputs,
         artifacts=lambda wildcards: compared_artifacts(wildcards.stem),
         code=code,
+        libraries=libraries,
+        build=build,
         benchmarks=source("data/reference/benchmarks.csv"),
         measured=measured,
     )

@@ -21,6 +21,7 @@ rule digests:
         "../envs/marsedl.yaml"
     params:
         code=script_of("digests.py"),
+        build=build,
     script:
         "../scripts/digests.py"
 
@@ -58,6 +59,8 @@ rule index:
             for part in ("html.j2", "css", "js")
         ],
         code=script_of("report.py"),
+        libraries=libraries_of("report.py"),
+        build=build,
         closeups=[
             DIGESTS.code(f"marsedl.papers.{paper}.closeups:{name}")
             for paper in PAPERS

@@ -14,12 +14,11 @@ An artifact type is a frozen dataclass whose fields are declared with `quantity`
 import dataclasses
 import errno
 import hashlib
-import importlib.metadata
 import json
 import math
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,10 +28,12 @@ import h5py
 import numpy as np
 
 from marsedl.replication.errors import ArtifactError
+from marsedl.replication.recipes import recipe_changes, recipe_digest
 
 FORMAT = 1  # layout of the file itself: root attributes, /provenance, how strings are stored
 LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
 COMPRESS_ABOVE_BYTES = 64 * 2**10
+LARGEST_FROM_FILE = (16 * 2**20, 100)  # bytes of all values of a file: so many, and so many times the file's own
 DEFLATE_LIMIT = 1100  # deflate shrinks at most 1032-fold: whatever claims more is damaged
 
 REBUILD = "delete it and run snakemake again: it is rebuilt"
@@ -145,7 +146,7 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
     followed.
     """
     path = Path(path)
-    with opened(path, sealed=True) as file:
+    with opened(path) as file:
         subclasses = {kind.__name__: kind for kind in artifact_type.__subclasses__()}
         artifact_type = subclasses.get(file.attrs.get("artifact"), artifact_type)
         _check_identity(path, file, artifact_type, paper, reading)
@@ -153,13 +154,38 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
         for name in file:
             if name != PROVENANCE and name not in declared:
                 raise _refusal(path, f"{_shown(name)} is no field of {artifact_type.__name__}")
-        arrays = {name: _read_field(path, file, name, declared[name].dtype) for name in declared}
-    _check_shapes_and_values(path, artifact_type, arrays, REBUILD)
+        fields = {name: _field(path, file, name, declared[name].dtype) for name in declared}
+        _check_shapes(path, artifact_type, {name: field.shape for name, field in fields.items()}, REBUILD)
+        check_size(path, fields.values())
+        arrays = {name: _read_field(path, field, declared[name].dtype) for name, field in fields.items()}
+    _check_values(path, artifact_type, arrays, REBUILD)
     values = {}
     for name, array in arrays.items():
         array.setflags(write=False)
         values[name] = array.item() if array.ndim == 0 else array
     return artifact_type(**values)
+
+
+def check_recipe(path: str | Path, recipe: Mapping[str, Any], paper: str, reading: str) -> None:
+    """Refuse an artifact of another paper or reading, or one that its rule would make otherwise now.
+
+    recipe: what it would be made from now. Raises ArtifactError as `load` does, and naming what differs: a file that
+    was copied here from a build of other inputs, code or libraries is whole, and may be older than what is made of it.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        _check_owner(path, file, _shown(file.attrs.get("artifact")).strip("'"), paper, reading)
+        group = member(path, file, PROVENANCE, h5py.Group)
+        if group.attrs.get("recipe") == recipe_digest(recipe):
+            return
+        found = _read_provenance(path, group)
+        changes = "; ".join(recipe_changes(found, recipe))
+        raise _refusal(path, f"comes from another build, of size {_shown(found.get('size'))}: {changes}")
+
+
+def seal(image: bytes) -> bytes:
+    """The bytes of an HDF5 file with the checksum that ends an artifact; HDF5 takes no notice of it."""
+    return image + _SEAL + hashlib.sha256(image).digest()
 
 
 def provenance(path: str | Path) -> dict[str, Any]:
@@ -169,22 +195,25 @@ def provenance(path: str | Path) -> dict[str, Any]:
         return _read_provenance(path, member(path, file, PROVENANCE, h5py.Group))
 
 
-def library_versions(*names: str) -> dict[str, str]:
-    """Installed versions of the named distributions, for the provenance; "not installed" where there is none."""
-    versions = {}
-    for name in sorted(names):
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            versions[name] = "not installed"
-    return versions
-
-
 def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
     """All values of a dataset that lies wholly inside its file and whose declared size is plausible.
 
     Raises ArtifactError naming file and dataset otherwise.
     """
+    _check_stored(path, dataset)
+    return np.asarray(dataset[()])
+
+
+def check_size(path: Path, datasets: Iterable[h5py.Dataset]) -> None:
+    """Raise ArtifactError if the values of a file's datasets would take far more memory than the file is large."""
+    values = sum(math.prod(dataset.shape or ()) * dataset.dtype.itemsize for dataset in datasets)
+    least, times = LARGEST_FROM_FILE
+    if values > least + times * path.stat().st_size:
+        raise _refusal(path, f"declares {values} bytes of values in a file of {path.stat().st_size} bytes")
+
+
+def _check_stored(path: Path, dataset: h5py.Dataset) -> None:
+    """Raise ArtifactError unless a dataset lies wholly inside its file and stores what its shape declares."""
     name = dataset.name.lstrip("/")
     creation = dataset.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
@@ -202,22 +231,20 @@ def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
         plausible = DEFLATE_LIMIT * stored + COMPRESS_ABOVE_BYTES
     if declared > min(plausible, LARGEST_BYTES):
         raise _refusal(path, f"field '{name}' declares {declared} bytes of values but the file stores {stored}")
-    return np.asarray(dataset[()])
 
 
 @contextmanager
-def opened(path: str | Path, *, sealed: bool = False) -> Iterator[h5py.File]:
-    """An HDF5 file open for reading; whatever HDF5 says of a damaged one becomes an ArtifactError naming the file.
+def opened(path: str | Path) -> Iterator[h5py.File]:
+    """An artifact's file open for reading; whatever HDF5 says of a damaged one becomes an ArtifactError naming it.
 
-    sealed: refuse a file without the seal of `save`. HDF5 never sees it then, which damaged files can crash.
+    HDF5 never sees a file without the seal of `save`: damaged files can crash it.
     """
     path = Path(path)
     if not path.exists():
         raise ArtifactError(f"{path}: there is no such file: run snakemake, which builds it")
     if not path.is_file():
         raise ArtifactError(f"{path}: is not a file: move it away and run snakemake again")
-    if not _check_seal(path) and sealed:
-        raise _refusal(path, _reason_without_seal(path))
+    _check_seal(path)
     try:
         # Files are replaced, never changed in place, so no lock is needed; some file systems have none.
         file = h5py.File(path, "r", locking=False)
@@ -268,7 +295,8 @@ def _checked_values(path: Path, artifact: Any) -> dict[str, np.ndarray]:
             arrays[name] = _as_declared(np.asarray(value), declared.dtype)
         except (ValueError, TypeError) as error:
             raise ArtifactError(f"{where} must be of type {declared.dtype}: {_first_line(error)}: {remedy}") from error
-    _check_shapes_and_values(path, artifact_type, arrays, remedy)
+    _check_shapes(path, artifact_type, {name: array.shape for name, array in arrays.items()}, remedy)
+    _check_values(path, artifact_type, arrays, remedy)
     return arrays
 
 
@@ -300,33 +328,38 @@ def _as_text(array: np.ndarray) -> np.ndarray:
     return np.array(items, dtype=str).reshape(array.shape)
 
 
-def _check_shapes_and_values(path: Path, artifact_type: type, arrays: dict[str, np.ndarray], remedy: str) -> None:
-    """Raise ArtifactError for the first array whose shape or values do not fit the declaration."""
+def _check_shapes(path: Path, artifact_type: type, shapes: Mapping[str, tuple], remedy: str) -> None:
+    """Raise ArtifactError for the first field whose shape does not fit the declaration."""
     extents: dict[str, tuple[int, str]] = {}
     for name, declared in quantities(artifact_type).items():
-        array = arrays[name]
+        shape = shapes[name]
         where = f"{path}: artifact {artifact_type.__name__}, field '{name}'"
-        if array.ndim != len(declared.dims):
-            raise ArtifactError(
-                f"{where} has shape {array.shape} but its dimensions are {_spelled(declared.dims)}: {remedy}"
-            )
-        for dimension, extent in zip(declared.dims, array.shape, strict=True):
+        if len(shape) != len(declared.dims):
+            raise ArtifactError(f"{where} has shape {shape} but its dimensions are {_spelled(declared.dims)}: {remedy}")
+        for dimension, extent in zip(declared.dims, shape, strict=True):
             if isinstance(dimension, int):
                 expected, origin = dimension, "as declared"
             else:
                 expected, origin = extents.setdefault(dimension, (extent, f"as in field '{name}'"))
             if extent != expected:
                 raise ArtifactError(
-                    f"{where} has shape {array.shape} but its dimensions are {_spelled(declared.dims)}, "
+                    f"{where} has shape {shape} but its dimensions are {_spelled(declared.dims)}, "
                     f"where {dimension} is {expected} {origin}: {remedy}"
                 )
+
+
+def _check_values(path: Path, artifact_type: type, arrays: Mapping[str, np.ndarray], remedy: str) -> None:
+    """Raise ArtifactError for the first array with a number that is not finite and may not be so."""
+    for name, declared in quantities(artifact_type).items():
+        array = arrays[name]
         if array.dtype.kind == "f":
             bad = np.isinf(array) if declared.allow_nan else ~np.isfinite(array)
             if bad.any():
                 first = tuple(int(index) for index in np.argwhere(bad)[0])
                 raise ArtifactError(
-                    f"{where} is not finite: {np.count_nonzero(bad)} of {array.size} values, the first {array[first]} "
-                    f"at index {first}: {remedy}"
+                    f"{path}: artifact {artifact_type.__name__}, field '{name}' is not finite: "
+                    f"{np.count_nonzero(bad)} of {array.size} values, the first {array[first]} at index {first}: "
+                    f"{remedy}"
                 )
 
 
@@ -371,7 +404,7 @@ def _file_image(
         _write_provenance(path, file.create_group(PROVENANCE), provenance)
         file.flush()
         image = file.id.get_file_image()
-    return image + _SEAL + hashlib.sha256(image).digest()
+    return seal(image)
 
 
 def _write_provenance(path: Path, group: h5py.Group, items: dict[str, Any]) -> None:
@@ -449,8 +482,8 @@ def _writing_error(path: Path, error: OSError) -> ArtifactError:
 # ----------------------------------------------------------------------------------------------------------- reading
 
 
-def _check_seal(path: Path) -> bool:
-    """Return whether the file has a seal; raise ArtifactError if its bytes are not those that were sealed.
+def _check_seal(path: Path) -> None:
+    """Raise ArtifactError if the file has no seal, or if its bytes are not those that were sealed.
 
     HDF5 can crash or hang on damaged files, so this comes before HDF5 sees the file. A file that was truncated, or
     edited with other tools, has no seal.
@@ -467,9 +500,10 @@ def _check_seal(path: Path) -> bool:
         raise ArtifactError(f"{path}: may not be read: give yourself permission to read it") from error
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): remove the cause and run again") from error
-    if seal.startswith(_SEAL) and seal != _SEAL + hasher.digest():
+    if not seal.startswith(_SEAL):
+        raise _refusal(path, _reason_without_seal(path))
+    if seal != _SEAL + hasher.digest():
         raise _refusal(path, "is damaged, its bytes are not those that were written")
-    return seal.startswith(_SEAL)
 
 
 def _reason_without_seal(path: Path) -> str:
@@ -488,19 +522,25 @@ def _reason_without_seal(path: Path) -> str:
 def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str | None, reading: str | None) -> None:
     """Raise ArtifactError unless the file says that it is this artifact of this paper and reading in this layout."""
     name = artifact_type.__name__
-    found = {key: file.attrs.get(key) for key in ("artifact", "paper", "reading", "format", "schema")}
+    found = {key: file.attrs.get(key) for key in ("artifact", "format", "schema")}
     if found["artifact"] != name:
         raise _refusal(path, f"holds the artifact {_shown(found['artifact'])}, not {name!r}")
-    for key, expected in (("paper", paper), ("reading", reading)):
-        if expected is not None and found[key] != expected:
-            raise _refusal(path, f"artifact {name} is of the {key} {_shown(found[key])}, not {expected!r}")
+    _check_owner(path, file, name, paper, reading)
     if found["format"] != FORMAT or found["schema"] != schema_digest(artifact_type):
         missing = sorted(set(quantities(artifact_type)) - set(file))
         hint = f" (it lacks {', '.join(missing)})" if missing else ""
         raise _refusal(path, f"artifact {name} was written by another version, whose fields differ from today's{hint}")
 
 
-def _read_field(path: Path, file: h5py.File, name: str, dtype: str) -> np.ndarray:
+def _check_owner(path: Path, file: h5py.File, name: str, paper: str | None, reading: str | None) -> None:
+    for key, expected in (("paper", paper), ("reading", reading)):
+        found = file.attrs.get(key)
+        if expected is not None and found != expected:
+            raise _refusal(path, f"artifact {name} is of the {key} {_shown(found)}, not {expected!r}")
+
+
+def _field(path: Path, file: h5py.File, name: str, dtype: str) -> h5py.Dataset:
+    """A field whose values can be read: they are of the declared type, and stored in the file."""
     dataset = member(path, file, name, h5py.Dataset)
     if dtype == "str":
         text = h5py.check_string_dtype(dataset.dtype)
@@ -511,13 +551,16 @@ def _read_field(path: Path, file: h5py.File, name: str, dtype: str) -> np.ndarra
         fits = dataset.dtype == np.dtype(_STORED_DTYPES[dtype]) and not named
     if not fits:
         raise _refusal(path, f"field '{name}' is of type {dataset.dtype}, not {dtype}")
+    _check_stored(path, dataset)
+    return dataset
+
+
+def _read_field(path: Path, dataset: h5py.Dataset, dtype: str) -> np.ndarray:
     try:
-        array = read_array(path, dataset)
+        array = np.asarray(dataset[()])
         return np.asarray(np.char.decode(array, "utf-8")) if dtype == "str" else array
-    except ArtifactError:
-        raise
     except Exception as error:
-        raise _refusal(path, f"field '{name}' cannot be read ({_first_line(error)})") from error
+        raise _refusal(path, f"field '{dataset.name.lstrip('/')}' cannot be read ({_first_line(error)})") from error
 
 
 def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:

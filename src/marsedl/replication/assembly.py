@@ -16,6 +16,7 @@ from marsedl.replication.claims import read_claims
 from marsedl.replication.closeups import CloseUp
 from marsedl.replication.inputs import Inputs
 from marsedl.replication.jobs import load_arguments
+from marsedl.replication.libraries import library_versions
 from marsedl.replication.report import (
     Comparison,
     ErratumEntry,
@@ -152,7 +153,7 @@ def environment(
         "size": size,
         "citation": CITATION,
         "rebuild": list(REBUILD),
-        "versions": artifacts.library_versions(*LIBRARIES),
+        "versions": library_versions(*LIBRARIES),
         "digests": json.loads(digests.read_text(encoding="utf-8")),
         "benchmarks": run_times(benchmarks, {row[0] for row in benchmarks[1:]}.difference(slugs)),
         "machines": machine_rows(machines),
@@ -256,7 +257,7 @@ def solver_rows(paths: Paths) -> list[list[str]]:
 def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
     """What an artifact says of its solves: their name, how each ended, their numbers of iterations, their residuals."""
     found = []
-    with artifacts.opened(path, sealed=True) as file:
+    with artifacts.opened(path) as file:
 
         def values(*names):
             fields = [artifacts.read_array(path, file[name]).ravel() for name in names if name in file]
@@ -288,7 +289,7 @@ def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed:
         return []
     rows = [["artifact", "meaning", "made from", "seed", "digests of script and code"]]
     for name, path in files.items():
-        with artifacts.opened(path, sealed=True) as file:
+        with artifacts.opened(path) as file:
             meaning = file.attrs["meaning"]
         if name in stages:
             kept = artifacts.provenance(path)

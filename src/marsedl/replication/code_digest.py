@@ -18,7 +18,7 @@ What counts:
 
 What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
 because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose
-functions always count). Libraries outside the source folder are left to the provenance, which holds their versions.
+functions always count). Of libraries outside the source folder, `libraries` lists those that the code uses by name.
 
 Only the standard library is imported here, because the Snakefile calls this on every run.
 """
@@ -42,6 +42,7 @@ from marsedl.replication.errors import InputError, MarsedlError
 SOURCE_ROOT = Path(__file__).parents[2]
 
 _AT_IMPORT = "(at import)"
+_SCRIPT = "(script)"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 _DEFINITIONS = (*_FUNCTIONS, ast.ClassDef)
 _DOCUMENTED = (*_DEFINITIONS, ast.Module)
@@ -60,7 +61,7 @@ def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
 
     Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
     """
-    return _closure_of(entry, source_root).digest()
+    return _digest_and_libraries(_closure_of(entry, source_root))[0]
 
 
 def reached(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
@@ -71,18 +72,26 @@ def reached(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
     return _closure_of(entry, source_root).listing()
 
 
+def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
+    """Sorted top-level modules of the libraries whose names are used in the code that `code_digest` covers.
+
+    An imported name that nothing reached uses does not count, nor does the standard library. Arguments and errors as
+    for `code_digest`.
+    """
+    return _digest_and_libraries(_closure_of(entry, source_root))[1]
+
+
 def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
     """SHA-256 of a script outside the package: all of its own code, and all that it can reach inside `source_root`.
 
     Raises InputError if there is no such file, MarsedlError for code that is not valid Python.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such script: correct its name")
-    script = _parsed("(script)", False, str(path), path.read_bytes())
-    closure = _Closure(source_root)
-    closure.add_script(script)
-    return _sha256([script.text, closure.digest()])
+    return _digest_and_libraries(_closure_of_script(path, source_root))[0]
+
+
+def script_libraries(path: str | Path, source_root: Path = SOURCE_ROOT) -> list[str]:
+    """Of a script what `libraries` is of a function; errors as for `script_digest`."""
+    return _digest_and_libraries(_closure_of_script(path, source_root))[1]
 
 
 def source_digest(source_root: Path = SOURCE_ROOT) -> str:
@@ -131,11 +140,26 @@ class RememberedDigests:
 
     def code(self, entry: str) -> str:
         """See `code_digest`."""
-        return self._of(f"code {entry}", lambda: code_digest(entry, self._source_root))
+        return self._code(entry)[0]
+
+    def libraries(self, entry: str) -> list[str]:
+        """See `libraries`."""
+        return self._code(entry)[1]
 
     def script(self, name: str) -> str:
         """See `script_digest`."""
-        return self._of(f"script {name}", lambda: script_digest(self._scripts / name, self._source_root))
+        return self._script(name)[0]
+
+    def script_libraries(self, name: str) -> list[str]:
+        """See `script_libraries`."""
+        return self._script(name)[1]
+
+    def _code(self, entry: str) -> tuple[str, list[str]]:
+        return self._of(f"code {entry}", lambda: _digest_and_libraries(_closure_of(entry, self._source_root)))
+
+    def _script(self, name: str) -> tuple[str, list[str]]:
+        path = self._scripts / name
+        return self._of(f"script {name}", lambda: _digest_and_libraries(_closure_of_script(path, self._source_root)))
 
     def save(self) -> None:
         """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
@@ -199,6 +223,21 @@ def _closure_of(entry: str, source_root: Path) -> "_Closure":
         raise InputError(f"{entry}: {module.path} defines no '{symbol}'{hint}: name it as 'package.module:function'")
     closure.add_entry(module_name, symbol)
     return closure
+
+
+def _closure_of_script(path: str | Path, source_root: Path) -> "_Closure":
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such script: correct its name")
+    closure = _Closure(source_root)
+    closure.add_script(_parsed(_SCRIPT, False, str(path), path.read_bytes()))
+    return closure
+
+
+def _digest_and_libraries(closure: "_Closure") -> tuple[str, list[str]]:
+    script = closure.module(_SCRIPT)
+    digest = closure.digest()
+    return _sha256([script.text, digest]) if script else digest, sorted(closure.libraries)
 
 
 def _sha256(parts: Iterable[str]) -> str:
@@ -483,6 +522,7 @@ class _Closure:
 
     def __init__(self, source_root: Path) -> None:
         self.source_root = Path(source_root)
+        self.libraries: set[str] = set()  # top-level modules from outside of the source whose names are used
         self._modules: dict[str, _Module | None] = {}
         self._symbols: set[tuple[str, str]] = set()
         self._imported: set[str] = set()
@@ -556,6 +596,7 @@ class _Closure:
         self._followed.add((module_name, attributes))
         module = self.module(module_name)
         if module is None:
+            self._add_library(module_name)
             return
         self._import_module(module_name)
         if not attributes:
@@ -578,6 +619,11 @@ class _Closure:
         elif not found and not module.stars:  # what a star brings counts whole already
             self._add_whole(module_name)
 
+    def _add_library(self, module_name: str) -> None:
+        top = module_name.partition(".")[0]
+        if top not in sys.stdlib_module_names and self.module(top) is None:
+            self.libraries.add(top)
+
     def _add_symbol(self, module: _Module, name: str) -> None:
         if (module.name, name) not in self._symbols:
             self._symbols.add((module.name, name))
@@ -586,6 +632,8 @@ class _Closure:
     def _add_whole(self, module_name: str) -> None:
         """Everything in a module counts, and of a package everything below it too."""
         module = self.module(module_name)
+        if module is None:
+            self._add_library(module_name)
         if module is None or module_name in self._whole:
             return
         self._whole.add(module_name)

@@ -12,12 +12,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from marsedl.replication.artifacts import library_versions
 from marsedl.replication.assembly import CITATION, LIBRARIES
 from marsedl.replication.catalogue import Paper
 from marsedl.replication.claims import write_text
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import NUMERIC_ENVIRONMENT
+from marsedl.replication.libraries import library_versions
 from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import built_files
 

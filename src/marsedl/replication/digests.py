@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from marsedl.replication.artifacts import PROVENANCE, member, opened, read_array
+from marsedl.replication.artifacts import PROVENANCE, check_size, member, opened, read_array
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.terminal import printable
 
@@ -148,6 +148,9 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
         add_attributes(node, name)
 
     with opened(path) as file:
+        datasets: list[h5py.Dataset] = []
+        file.visititems(lambda _, node: datasets.append(node) if isinstance(node, h5py.Dataset) else None)
+        check_size(path, datasets)
         add(file, "", ())
         content.pop("@meaning", None)
         for array in content.values():

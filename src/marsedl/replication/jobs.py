@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import fcntl
 import os
 import sys
 import traceback
@@ -31,6 +30,7 @@ INSTRUCTION_SETS = (
     *("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES"),
 )
 UNPINNED = "MARSEDL_UNPINNED"
+_OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
 # Errors of the system that are no fault of the code, with what to do.
 OUTSIDE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
@@ -41,9 +41,9 @@ OUTSIDE = {
 def pin_numerics(root: Path) -> None:
     """Set the numeric environment of this process and its children; call it before numpy is imported.
 
-    Arguments: the project's folder, which also holds the cache of compiled kernels. The cache is keyed by a digest of
-    the source, since numba does not notice edits of functions called from another file.
+    root: the project's folder, which also holds the cache of compiled kernels.
     """
+    from marsedl.replication import kernels
     from marsedl.replication.code_digest import remembered_digests
 
     if not os.environ.get(UNPINNED):
@@ -51,14 +51,15 @@ def pin_numerics(root: Path) -> None:
             os.environ.pop(name, None)
     os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
-    os.environ["NUMBA_CACHE_DIR"] = str(root / ".cache" / "numba" / remembered_digests(root).source()[:16])
+    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).source()))
+    os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 
 
 def assert_numerics() -> None:
     """Raise MarsedlError if this process was started without the pinned numeric environment."""
     unset = [name for name, value in _pinned().items() if os.environ.get(name) != value]
-    unset += [name for name in ("PYTHONHASHSEED", "NUMBA_CACHE_DIR") if name not in os.environ]
+    unset += [name for name in _OF_THIS_PROJECT if name not in os.environ]
     if unset:
         raise MarsedlError(f"the numeric environment is not pinned ({', '.join(unset)}); start jobs through snakemake")
 
@@ -133,21 +134,37 @@ class Job:
             for reading, paths in self.params.artifacts.items()
         }
 
-    def save(self, artifact: object) -> None:
-        """Save the job's artifact with its provenance: inputs, code, the artifacts it was made from, versions."""
-        from marsedl.replication import artifacts, digests
+    def check_artifacts(self) -> None:
+        """Refuse input artifacts that their rules would make otherwise now; the params hold their recipes."""
+        for path, (paper, reading, recipe) in self._artifacts.items():
+            from marsedl.replication.artifacts import check_recipe
 
-        files = [path for _, paths in self.input.items() for path in ([paths] if isinstance(paths, str) else paths)]
-        provenance = {
+            check_recipe(path, recipe, paper, reading)
+
+    def save(self, artifact: object) -> None:
+        """Save the job's artifact with its provenance: its recipe, the artifacts it was made from, the build's size."""
+        from marsedl.replication import artifacts, digests
+        from marsedl.replication.recipes import recipe_digest
+
+        recipe = {
             "inputs": self.params.inputs,
-            "code": self.params.code,
             "options": self.params.get("options", {}),
-            "made_from": {Path(path).name: digests.digest(path) for path in files},
-            "versions": artifacts.library_versions(
-                "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "ddsketch"
-            ),
+            "code": self.params.code,
+            "libraries": self.params.libraries,
+            "needs": {Path(path).name: recipe_digest(recipe) for path, (_, _, recipe) in self._artifacts.items()},
+        }
+        provenance = {
+            **recipe,
+            "recipe": recipe_digest(recipe),
+            "made_from": {Path(path).name: digests.digest(path) for path in self._artifacts},
+            "size": self.params.build["size"],
         }
         artifacts.save(self.output[0], artifact, paper=self.paper, reading=self.reading, provenance=provenance)
+
+    @property
+    def _artifacts(self) -> dict[str, tuple]:
+        """Paper, reading and recipe of the job's input artifacts, by file."""
+        return self.params.get("build", {}).get("artifacts", {})
 
 
 def load_arguments(function: typing.Callable, files: typing.Mapping[str, str], paper: str, reading: str) -> dict:
@@ -215,53 +232,6 @@ def _kind(annotation):
     return next((kind for kind in typing.get_args(annotation) if kind is not type(None)), annotation)
 
 
-def announce_compiling() -> None:
-    """Say on standard error, once, when a kernel is compiled: the reader then knows what takes so long."""
-    from numba.core import event
-
-    class Announcement(event.Listener):
-        said = False
-
-        def on_start(self, event):
-            if not self.said:
-                print("compiling kernels, once: the next run loads them", file=sys.stderr, flush=True)
-            self.said = True
-
-        def on_end(self, event):
-            pass
-
-    event.register("numba:compile", Announcement())
-
-
-def compile_in_turn() -> None:
-    """Let one process at a time compile kernels, so that those that wait load what it stored.
-
-    Numba tells when it takes the lock of its compiler, before it looks into its cache, and when it gives it back, after
-    it has stored there. Processes that end without doing so hold nothing: the system takes their file locks away.
-    """
-    from numba.core import event
-
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = (folder / "lock").open("w")
-
-    class Turns(event.Listener):
-        depth = 0  # kernels compile those that they call
-
-        def on_start(self, event):
-            if self.depth == 0:
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            self.depth += 1
-
-        def on_end(self, event):
-            self.depth -= 1
-            if self.depth == 0:
-                fcntl.flock(lock, fcntl.LOCK_UN)
-
-    event.register("numba:compiler_lock", Turns())
-    announce_compiling()
-
-
 def _described(error: Exception, outputs: typing.Iterable[str]) -> tuple[str, bool]:
     """Return an error in one line, and whether it was foreseen, so that its traceback tells a user nothing more."""
     if isinstance(error, MarsedlError):
@@ -292,6 +262,7 @@ def guarded(snakemake) -> typing.Iterator[Job]:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text("")
         assert_numerics()
+        job.check_artifacts()
         yield job
     except Exception as error:
         with contextlib.suppress(OSError):  # a full disk must not hide the error itself

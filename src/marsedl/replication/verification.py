@@ -154,7 +154,7 @@ def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dic
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
     for artifact in filter(Path.exists, cached):
-        with opened(artifact, sealed=True) as file:
+        with opened(artifact) as file:
             for name, dataset in sorted(file.items()):
                 if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":
                     found[f"{artifact.parent.name}/{artifact.stem}/{name}"] = _reduced(np.array(dataset))
