@@ -1,6 +1,7 @@
 """The command `marsedl`: what it says, what it returns, and what it does not import."""
 
 import argparse
+import hashlib
 import json
 import os
 import re
@@ -15,6 +16,7 @@ import pytest
 
 from marsedl import cli
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication import artifacts
 from marsedl.replication.claims import load_published
 
 ROOT = Path(__file__).parents[1]
@@ -309,6 +311,8 @@ def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
         with h5py.File(tmp_path / name, "w") as file:
             file[f"field{ESCAPE}"] = value
             file.attrs[f"key{ESCAPE}\n"] = f"{value}{ESCAPE}"
+        content = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(content + artifacts._SEAL + hashlib.sha256(content).digest())
     assert cli.main(["diff", str(tmp_path / "a.h5"), str(tmp_path / "b.h5")]) == 1
     compared = capsys.readouterr().out
     assert "field\\x1b[2J: 1 of 1 values differ" in compared
