@@ -168,7 +168,7 @@ def test_what_something_makes_is_accepted():
          ["snakemake figures/powered_descent/fig07.png --config size=smoke"]),
         ("build/check/data/cache/funnels/corrected/funnel.h5",
          ["snakemake data/cache/funnels/corrected/funnel.h5 --config size=check"]),
-        (f"{ROOT}/figures/powered_descent/fig07.png", ["absolute path", "from the project's folder on"]),
+        (str(Path("figures/powered_descent/fig07.png").absolute()), ["absolute path", "from the project's folder on"]),
     ],
 )  # fmt: skip
 def test_what_nothing_makes_is_refused_with_the_nearest(target, fragments):
