@@ -141,7 +141,15 @@ def builds(tmp_path, monkeypatch):
         recorded.append((folder.name, arguments[0], settings["MARSEDL_UNPINNED"]))
         result = {"value": numbers[folder.name], "standard_error": None, "verdict": "holds", "evidence": ""}
         texts = ("paper", "id", "where", "quantity", "unit", "kind", "verdict", "reading", "reason")
-        rows = [{**dict.fromkeys(texts, "c"), "printed": 1.0, "resolution": None, "readings": {"corrected": result}}]
+        rows = [
+            {
+                **dict.fromkeys(texts, "c"),
+                "printed": 1.0,
+                "resolution": None,
+                "trials": None,
+                "readings": {"corrected": result},
+            }
+        ]
         build = build_folder(folder, "smoke")
         (build / "report" / "claims").mkdir(parents=True)
         (build / arguments[0]).write_text(json.dumps(rows), encoding="utf-8")

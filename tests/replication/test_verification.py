@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from marsedl import cli
 from marsedl.replication import artifacts, verification
-from marsedl.replication.claims import UNEXPLAINED
+from marsedl.replication.claims import UNEXPLAINED, load_published
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import (
@@ -25,6 +26,7 @@ from marsedl.replication.verification import (
     margin,
 )
 
+ROOT = Path(__file__).parents[2]
 SLUG = "powered_descent"
 ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 
@@ -67,8 +69,9 @@ def claim(root, value, reason="E10: not reproducible", verdict="differs", printe
         reading: {"value": value, "standard_error": None, "verdict": verdict, "evidence": ""}
         for reading, (value, verdict) in results.items()
     }
-    row = {**dict.fromkeys(("where", "quantity", "unit", "kind"), "x"), "printed": 1.0, "resolution": None}
+    row = {"where": "x", "quantity": "x", "printed": 1346, "unit": "kg", "kind": "deterministic", "resolution": 1}
     row |= {
+        "trials": None,
         "paper": SLUG,
         "verdict": verdict or "fails",
         "reading": "corrected",
@@ -141,10 +144,12 @@ def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
     found = verification.fingerprints(project, SLUG, project.glob("data/cache/*/*/*.h5"))
     assert set(found) == {
         "verdicts/final_mass",
+        "published/final_mass",
         "claims/final_mass/corrected",
         "corrected/nominal/mass",
         "corrected/nominal/iterations",
     }
+    assert found["published/final_mass"] == "1346 kg, deterministic, last digit 1"
     assert found["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
     assert found["corrected/nominal/mass"]["shape"] == [50]
     assert found["corrected/nominal/iterations"]["counts"]
@@ -207,6 +212,40 @@ def test_a_tampered_reference_fails(project, capsys):
     assert cli.main(["verify", "--no-rebuild"]) == 1
     found = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["claims/final_mass/corrected", "1350.4", "1349.4", "741"] in found
+
+
+@pytest.mark.parametrize(
+    ("change", "now"),
+    [
+        ({"printed": 1347}, "1347 kg, deterministic, last digit 1"),
+        ({"unit": "t"}, "1346 t, deterministic, last digit 1"),
+        ({"resolution": 10}, "1346 kg, deterministic, last digit 10"),
+        ({"kind": "monte_carlo", "trials": 50}, "1346 kg, monte_carlo, last digit 1, 50 trials"),
+    ],
+)
+def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now):
+    """Though no verdict and no number moves."""
+    path = project / "report" / "claims" / f"{SLUG}.json"
+    (row,) = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps([{**row, **change}]), encoding="utf-8")
+    assert cli.main(["verify", "--no-rebuild"]) == 1
+    said = capsys.readouterr().out
+    assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in said
+    assert "1 printed claims are not those that were accepted" in said
+    row = [cell for cell in said.splitlines()[2].split("  ") if cell]
+    assert row == ["the paper's final_mass", "1346 kg, deterministic, last digit 1", now, "inf"]
+    assert cli.main(["accept"]) == 0
+    assert cli.main(["verify", "--no-rebuild"]) == 0
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "data" / "reference").glob("*.json")), ids=lambda path: path.stem)
+def test_the_printed_claims_are_those_that_were_accepted(path):
+    """Without a build: a slip in `data/published` fails here; 'marsedl accept' takes a correction."""
+    published = ROOT / "data" / "published" / f"{path.stem}.yaml"
+    if published.exists():  # beside the papers' references stands that of the audit
+        accepted = verification.read_reference(ROOT, path.stem)
+        printed = {f"published/{claim.id}": verification._printed(vars(claim)) for claim in load_published(published)}
+        assert {name: entry for name, entry in accepted.items() if name.startswith("published/")} == printed
 
 
 def test_a_lost_artifact_fails(project, capsys):
@@ -461,11 +500,9 @@ def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):
 
 
 def test_a_copy_of_the_tree_holds_no_products(project, tmp_path):
-    (project / "data" / "published").mkdir()
-    (project / "data" / "published" / "x.yaml").touch()
     copied = verification.copy_tree(project, tmp_path / "copy")
     names = {path.relative_to(copied).as_posix() for path in copied.rglob("*") if path.is_file()}
-    assert names == {"Snakefile", "data/published/x.yaml", f"data/reference/{SLUG}.json"}
+    assert names == {"Snakefile", f"data/reference/{SLUG}.json"}
 
 
 def test_numbers_whose_squares_overflow_are_reduced_too():

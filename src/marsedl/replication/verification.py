@@ -36,10 +36,10 @@ SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as
 RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
 REMEDY = "what is meant to change is accepted by 'marsedl accept', after a full build"
-_VERDICTS = "verdicts/"  # before the id of a claim; other names have three parts
+_VERDICTS, _PUBLISHED = "verdicts/", "published/"  # before the id of a claim; other names have three parts
 _MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
 _NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
-_ROWS = 40  # of a table of changes, beside those of verdicts, which are all shown
+_ROWS = 40  # of a table of changes, beside those of claims, which are all shown
 
 
 def copy_tree(root: Path, destination: Path) -> Path:
@@ -140,15 +140,17 @@ def build_twice(root: Path) -> bool:
     return not unequal
 
 
-def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dict]:
+def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dict | str]:
     """Reduce a full build of a paper to what is compared, by name.
 
-    Of every claim the verdicts by reading, and the values as numbers; of the artifacts, moments of every field.
+    Of every claim what the paper prints, the verdicts by reading, and the values as numbers; of the artifacts, moments
+    of every field.
     """
     from marsedl.replication.artifacts import opened
 
     rows = read_claims(_product(root, f"report/claims/{slug}.json"))
     found = {f"{_VERDICTS}{row['id']}": _verdicts(row) for row in rows}
+    found |= {f"{_PUBLISHED}{row['id']}": _printed(row) for row in rows}
     for row in rows:
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
@@ -159,6 +161,15 @@ def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dic
                 if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":
                     found[f"{artifact.parent.name}/{artifact.stem}/{name}"] = _reduced(np.array(dataset))
     return found
+
+
+def _printed(row: Mapping) -> str:
+    """What the paper prints, as far as a verdict depends on it, in one line."""
+    value = str(row["printed"]).replace("'inf'", "inf")  # which JSON has as a text
+    parts = [f"{value} {row['unit']}".removesuffix(" 1"), row["kind"]]
+    parts += [f"last digit {row['resolution']}"] * (row["resolution"] is not None)
+    parts += [f"{row['trials']} trials"] * (row["trials"] is not None)
+    return ", ".join(parts)
 
 
 def _product(root: Path, name: str) -> Path:
@@ -206,20 +217,21 @@ def _margins(name: str, reference: dict, found: dict) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Change:
-    """What differs between the committed numbers and a build: a verdict, or a number beyond its tolerance."""
+    """What differs between committed and found: what a paper prints, a verdict, or a number beyond its tolerance."""
 
     name: str
     old: str
     new: str
     margin: float  # in tolerances; of a verdict that of its number, infinite where one of the two is missing
     verdict: bool = False
+    printed: bool = False
 
 
 @dataclass(frozen=True)
 class Comparison:
     """A build beside the committed numbers of one paper."""
 
-    changes: list[Change]  # verdicts first, then by margin
+    changes: list[Change]  # what is printed, then verdicts, then numbers by margin
     margins: dict[str, float]  # of the numbers that both have
     by_shape: set[str]  # those whose numbers are left to rounding
 
@@ -229,17 +241,23 @@ class Comparison:
         return [change for change in self.changes if change.new == _NOTHING]
 
 
-def compare(reference: Mapping[str, dict], found: Mapping[str, dict], noise: Sequence[str] = ()) -> Comparison:
+def compare(
+    reference: Mapping[str, dict | str], found: Mapping[str, dict | str], noise: Sequence[str] = ()
+) -> Comparison:
     """Compare what is committed with what was found, both as `fingerprints` gives them.
 
     noise: patterns of names of which only the shape is compared.
     """
     by_shape = {name for name in reference if any(fnmatchcase(name, pattern) for pattern in noise)}
-    margins, verdicts, numbers = {}, [], []
+    margins, printed, verdicts, numbers = {}, [], [], []
     for name in dict.fromkeys([*reference, *found]):
         old, new = reference.get(name), found.get(name)
         if name.startswith(_VERDICTS):
             verdicts.append(name)
+        elif name.startswith(_PUBLISHED):
+            claim = name.removeprefix(_PUBLISHED)
+            if old != new:
+                printed.append(Change(claim, old or _NOTHING, new or _NOTHING, np.inf, printed=True))
         elif old is None or new is None:
             numbers.append(Change(name, *map(_described, (old, new)), np.inf))
         else:
@@ -250,7 +268,7 @@ def compare(reference: Mapping[str, dict], found: Mapping[str, dict], noise: Seq
                 numbers.append(Change(name, _described(old, worst), _described(new, worst), margins[name]))
     numbers.sort(key=lambda change: -change.margin)
     changed = [change for name in verdicts for change in _verdict_changes(name, reference, found, margins)]
-    return Comparison([*changed, *numbers], margins, by_shape & margins.keys())
+    return Comparison([*printed, *changed, *numbers], margins, by_shape & margins.keys())
 
 
 def _verdict_changes(name: str, reference: Mapping, found: Mapping, margins: Mapping[str, float]) -> list[Change]:
@@ -284,13 +302,13 @@ def _described(entry: Mapping | None, moment: int = 0) -> str:
 
 
 def format_changes(changes: Sequence[Change]) -> str:
-    """Lay changes out as a table: what, old, new, margin; all verdicts, and as many numbers as one looks at."""
-    verdicts = [change for change in changes if change.verdict]
-    numbers = [change for change in changes if not change.verdict]
+    """Lay changes out as a table: what, old, new, margin; all claims, and as many numbers as one looks at."""
+    claims = [change for change in changes if change.printed or change.verdict]
+    numbers = [change for change in changes if not (change.printed or change.verdict)]
     rows = [("claim or field", "old", "new", "margin in tolerances")]
     rows += [
-        (("verdict of " if c.verdict else "") + c.name, c.old, c.new, f"{c.margin:.3g}")
-        for c in [*verdicts, *numbers[:_ROWS]]
+        ("the paper's " * c.printed + "verdict of " * c.verdict + c.name, c.old, c.new, f"{c.margin:.3g}")
+        for c in [*claims, *numbers[:_ROWS]]
     ]
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
@@ -299,7 +317,7 @@ def format_changes(changes: Sequence[Change]) -> str:
     return "\n".join(f"  {line}" for line in lines)
 
 
-def read_reference(root: Path, slug: str) -> dict[str, dict]:
+def read_reference(root: Path, slug: str) -> dict[str, dict | str]:
     """Return the committed numbers of a paper; raises MarsedlError if there are none, or if the file is damaged."""
     path = _reference(root, slug)
     if not path.exists():
@@ -324,6 +342,8 @@ def read_reference(root: Path, slug: str) -> dict[str, dict]:
 
 def _wrong_in_entry(name: str, entry: object) -> str:
     """What is wrong with an entry of a reference, in words; nothing if it is as `fingerprints` gives it."""
+    if name.startswith(_PUBLISHED):
+        return "" if isinstance(entry, str) else "is no text"
     if not isinstance(entry, dict):
         return "is not a set of keys with values"
     if name.startswith(_VERDICTS):
@@ -389,11 +409,13 @@ def compare_reference(
     return agree
 
 
-def _of_readings(reference: Mapping[str, dict], built: set[str]) -> dict[str, dict]:
+def _of_readings(reference: Mapping[str, dict | str], built: set[str]) -> dict[str, dict | str]:
     """The part of a reference that belongs to the readings that were built."""
     kept = {}
     for name, entry in reference.items():
-        if name.startswith(_VERDICTS):
+        if name.startswith(_PUBLISHED):
+            kept[name] = entry
+        elif name.startswith(_VERDICTS):
             kept[name] = {reading: verdict for reading, verdict in entry.items() if reading in built}
         elif built & {name.split("/")[i] for i in (0, 2)}:
             kept[name] = entry
@@ -402,7 +424,8 @@ def _of_readings(reference: Mapping[str, dict], built: set[str]) -> dict[str, di
 
 def _artifacts_of(root: Path, slug: str, reference: Iterable[str]) -> list[Path]:
     """The files of the artifacts that a reference holds numbers of."""
-    stems = {name.rpartition("/")[0] for name in reference if not name.startswith(("claims/", _VERDICTS))}
+    others = ("claims/", _PUBLISHED, _VERDICTS)
+    stems = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
     return [root / "data" / "cache" / slug / f"{stem}.h5" for stem in sorted(stems)]
 
 
@@ -411,17 +434,19 @@ def _unexplained(root: Path, slug: str) -> list[str]:
 
 
 def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterable[str]) -> None:
-    margins, verdicts = comparison.margins, [change for change in comparison.changes if change.verdict]
+    margins, changes = comparison.margins, comparison.changes
+    printed, verdicts = sum(change.printed for change in changes), sum(change.verdict for change in changes)
     worst = max(margins, key=margins.get, default="none of them was built")
     rounding = len(comparison.by_shape)
     print(
-        f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, {len(verdicts)} verdicts changed, "
+        f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, {verdicts} verdicts changed, "
         f"{sum(value > 1 for value in margins.values())} numbers beyond tolerance, {len(comparison.missing)} missing; "
         f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
         + (f"; {rounding} that rounding decides compared by shape" if rounding else "")
+        + (f"; {printed} printed claims are not those that were accepted" if printed else "")
     )
-    if comparison.changes:
-        print(format_changes(comparison.changes))
+    if changes:
+        print(format_changes(changes))
     for claim in without_reason:
         print(f"  {slug}: claim {claim} differs or fails without a reason that names an erratum")
     sys.stdout.flush()
