@@ -321,6 +321,17 @@ def test_snakemake_plans_what_is_shown(project, batch):
         assert "/" not in target or target in done.stdout, target
 
 
+@pytest.mark.workflow
+def test_all_makes_what_the_page_lists(project):
+    page = (ROOT / "docs" / "using.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"(?ms)^## What comes out\n\n```\n(.*?)^```$", page)
+    paths = [path for line in block.splitlines() for path in re.findall(r"^\S+|(?<=\w  )\w+\.\w+", line)]
+    assert len(paths) >= 7
+    done = snakemake(project, "all", "--dry-run", "--quiet", "host", "--cores", "1")
+    for path in paths:
+        assert re.search(rf"\n    output: .*\b{re.escape(path)}", done.stdout), path
+
+
 @pytest.mark.parametrize(
     "line", [command.line for command in GIVEN if not command.line.startswith("marsedl new-paper h")]
 )

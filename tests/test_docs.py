@@ -11,7 +11,6 @@ import pytest
 import yaml
 
 import marsedl
-from marsedl import cli
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.badge import badge
 from marsedl.replication.claims import COUNTED_VERDICTS
@@ -34,8 +33,8 @@ def pages(tmp_path_factory):
     return folder
 
 
-def code_blocks(page, language=""):
-    """The blocks of a page in a language, or those of commands, which name none."""
+def code_blocks(page, language):
+    """The blocks of a page in a language."""
     blocks = re.findall(r"(?ms)^```(\S*)\n(.*?)^```$", page.read_text(encoding="utf-8"))
     return [text for named, text in blocks if named == language]
 
@@ -104,18 +103,6 @@ def test_the_badge_says_what_the_committed_verdicts_are():
     drawn = (ROOT / "docs" / "images" / "badge.svg").read_text("utf-8")
     assert set(re.findall(r"\d+ of \d+[^<\"]*", drawn)) == {message}
     assert f"![replication: {message}](docs/images/badge.svg)" in PAGES[0].read_text("utf-8")
-
-
-def test_the_commands_exist(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(["--help"])
-    known = set(re.findall(r"(?m)^    ([a-z-]+)(?:  |$)", capsys.readouterr().out))
-    targets = set(re.findall(r"(?m)^([a-z]+):", (ROOT / "Makefile").read_text("utf-8")))
-    commands = [line for page in PAGES for block in code_blocks(page) for line in block.splitlines()]
-    asked = {name: set(re.findall(rf"(?m)^{name} ([a-z-]+)", "\n".join(commands))) for name in ("marsedl", "make")}
-    assert asked["marsedl"] <= known
-    assert asked["make"] <= targets
-    assert {"all", "test", "verify", "docs"} <= asked["make"]
 
 
 def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
