@@ -484,11 +484,11 @@ def _accept(options) -> int:
 
     root = project_root()
     for path in verification.accept_reference(root, SLUGS, rounding_noise()):
-        print(f"wrote {path}")
-    print(f"wrote {verification.accept_inputs(root, _project().studies)}")
+        _say(f"wrote {path}")
+    _say(f"wrote {verification.accept_inputs(root, _project().studies)}")
     results = _audited(root)
-    print(audit.format_results(results, audit.read_counts(root)))
-    print(f"wrote {audit.write_counts(root, results)}")
+    _say(audit.format_results(results, audit.read_counts(root)))
+    _say(f"wrote {audit.write_counts(root, results)}")
     return 1 if audit.findings(results) else 0
 
 
@@ -498,10 +498,10 @@ def _audit(options) -> int:
 
     root = project_root()
     results, committed = _audited(root), audit.read_counts(root)
-    print(audit.format_results(results, committed))
+    _say(audit.format_results(results, committed))
     changed = audit.count_changes(results, committed)
     if changed:
-        print(REMEDY)
+        _say(REMEDY)
     return 1 if changed or audit.findings(results) else 0
 
 
@@ -509,7 +509,7 @@ def _crate(options) -> int:
     from marsedl.papers import SLUGS, catalogue
     from marsedl.replication.crate import write_crate
 
-    print(f"wrote {write_crate(project_root(), {slug: catalogue(slug) for slug in SLUGS}, *options.config)}")
+    _say(f"wrote {write_crate(project_root(), {slug: catalogue(slug) for slug in SLUGS}, *options.config)}")
     return 0
 
 
@@ -518,8 +518,8 @@ def _new_paper(options) -> int:
 
     root = project_root()
     for path in new_paper(root, options.slug, options.title, options.authors):
-        print(f"wrote {path.relative_to(root)}")
-    print(f"\n{next_steps(options.slug)}")
+        _say(f"wrote {path.relative_to(root)}")
+    _say(f"\n{next_steps(options.slug)}")
     return 0
 
 

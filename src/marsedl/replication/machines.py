@@ -22,6 +22,7 @@ from marsedl.replication.inputs import nearest
 from marsedl.replication.jobs import INSTRUCTION_SETS, UNPINNED
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.tables import read_table
+from marsedl.replication.terminal import columns
 from marsedl.replication.verification import (
     Comparison,
     built_verdicts,
@@ -220,9 +221,4 @@ def store(root: Path, measured: Sequence[Sequence[str]]) -> None:
 
 def _print_rows(found: Sequence[Sequence[str]]) -> None:
     """Print rows of one machine and paper as a table."""
-    lines = [row[3:] for row in (HEADER, *found)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    print(f"{found[0][0]}, {found[0][2]}")
-    for line in lines:
-        print(("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))).rstrip())
-    sys.stdout.flush()
+    print(f"{found[0][0]}, {found[0][2]}\n{columns([row[3:] for row in (HEADER, *found)], 2)}", flush=True)

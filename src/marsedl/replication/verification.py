@@ -20,6 +20,7 @@ from marsedl.replication.errors import MarsedlError
 from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.jobs import UNPINNED, pretended_machine
 from marsedl.replication.sizes import FULL, build_folder, size_of
+from marsedl.replication.terminal import columns, printable
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
@@ -310,11 +311,8 @@ def format_changes(changes: Sequence[Change]) -> str:
         ("the paper's " * c.printed + "verdict of " * c.verdict + c.name, c.old, c.new, f"{c.margin:.3g}")
         for c in [*claims, *numbers[:_ROWS]]
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    if len(numbers) > _ROWS:
-        lines.append(f"and {len(numbers) - _ROWS} numbers more")
-    return "\n".join(f"  {line}" for line in lines)
+    more = f"\n  and {len(numbers) - _ROWS} numbers more" if len(numbers) > _ROWS else ""
+    return columns(rows, 2) + more
 
 
 def read_reference(root: Path, slug: str) -> dict[str, dict | str]:
@@ -441,7 +439,7 @@ def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterabl
     print(
         f"{slug}: {len(margins) - rounding} numbers compared with {slug}.json, {verdicts} verdicts changed, "
         f"{sum(value > 1 for value in margins.values())} numbers beyond tolerance, {len(comparison.missing)} missing; "
-        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({worst})"
+        f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({printable(worst)})"
         + (f"; {rounding} that rounding decides compared by shape" if rounding else "")
         + (f"; {printed} printed claims are not those that were accepted" if printed else "")
     )
