@@ -431,11 +431,9 @@ def _trial(options) -> int:
     paper = _paper(options.paper)
     project = _project(options.size, options.configfile)
     reading = _reading(project.studies[paper.slug], options.reading)
-    cases = reading.inputs.CASES
-    if not cases:
+    if not reading.inputs.CASES:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
-    flown = [case for case, field in cases.items() if getattr(reading.inputs, field)]
-    case = options.case or next(iter(flown or cases))
+    case = options.case or next(iter(reading.inputs.CASES))
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
     _say(jobs.replay(project.folder, paper, reading, case, options.number, module, project.options))
     return 0
