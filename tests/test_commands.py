@@ -165,12 +165,12 @@ def required(parser) -> list[str]:
 
 def of_page(path) -> list[Command]:
     """The commands of a page; those of a block are its lines without their comments."""
-    found, readings, where = [], "", str(path.relative_to(ROOT))
+    commands, readings, where = [], "", str(path.relative_to(ROOT))
     for prose, language, block in re.findall(
         r"(?ms)(.*?)(?:^```(\S*)\n(.*?)^```$|\Z)", path.read_text(encoding="utf-8")
     ):
         inline = [" ".join(code.split()) for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", prose)]
-        found += [Command(code, where, readings) for code in inline if COMMAND.fullmatch(code)]
+        commands += [Command(code, where, readings) for code in inline if COMMAND.fullmatch(code)]
         if language == "yaml" and re.match(r"[a-z_]+:\n  readings:", block):
             readings = block
         if language in ("", "sh", "bash", "console"):
@@ -179,8 +179,8 @@ def of_page(path) -> list[Command]:
             if lines and COMMAND.fullmatch(lines[0]):
                 unknown = [line for line in lines if not COMMAND.fullmatch(line)]
                 assert not unknown, f"{where}: among commands stands what is not known as one: {unknown}"
-                found += [Command(line, where, readings) for line in lines]
-    return found
+                commands += [Command(line, where, readings) for line in lines]
+    return commands
 
 
 @functools.cache
@@ -193,31 +193,31 @@ def printed_texts(path) -> list[str]:
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
     bodies = [node.body for node in ast.walk(tree) if isinstance(node, documented) and node.body]
     docstrings = {id(body[0].value) for body in bodies if isinstance(body[0], ast.Expr)}
-    found = []
+    texts = []
 
     def visit(node):
         if isinstance(node, ast.JoinedStr):
             parts = [p.value if isinstance(p, ast.Constant) else f"{{{ast.unparse(p.value)}}}" for p in node.values]
-            found.append("".join(parts))
+            texts.append("".join(parts))
         elif isinstance(node, ast.Constant):
             if isinstance(node.value, str) and id(node) not in docstrings:
-                found.append(node.value)
+                texts.append(node.value)
         else:
             for child in ast.iter_child_nodes(node):
                 visit(child)
 
     visit(tree)
-    return found
+    return texts
 
 
 def of_program() -> list[Command]:
     """The commands in the texts that the program prints, the help of its own commands among them."""
-    found = []
+    commands = []
     for path in SOURCES:
         where = str(path.relative_to(ROOT))
         texts = printed_texts(path)
-        found += [Command(text.strip(), where) for line in texts for text in IN_PROSE.findall(line)]
-    return [command for command in found if command.text not in PROSE]
+        commands += [Command(text.strip(), where) for line in texts for text in IN_PROSE.findall(line)]
+    return [command for command in commands if command.text not in PROSE]
 
 
 def of_templates() -> list[Command]:
@@ -243,10 +243,9 @@ def batches() -> list[tuple[str, ...]]:
     for command in PLANNED:
         prefix, _, rest = command.line.partition("snakemake ")
         words = shlex.split(rest)
-        first = next((place for place, word in enumerate(words) if word.startswith("-")), len(words))
-        options = tuple(words[first:])
-        targets = words[:first] if first else []
-        key = (prefix, command.readings if "--configfile" in options else "", options if first else (rest,))
+        number = next((place for place, word in enumerate(words) if word.startswith("-")), len(words))
+        targets, options = words[:number], tuple(words[number:])
+        key = (prefix, command.readings if "--configfile" in options else "", options if targets else (rest,))
         together.setdefault(key, []).extend(targets)
     return [(*key, tuple(dict.fromkeys(targets))) for key, targets in together.items()]
 
