@@ -12,8 +12,10 @@ from marsedl.replication.code_digest import (
     SOURCE_ROOT,
     RememberedDigests,
     code_digest,
+    libraries,
     reached,
     script_digest,
+    script_libraries,
     source_digest,
 )
 from marsedl.replication.errors import InputError, MarsedlError
@@ -304,6 +306,37 @@ def test_reached_lists_symbols(tree):
     assert not {"pkg.models.gravity:unused", "pkg.papers.stage:draw", "pkg.methods.steering:other"} & set(found)
 
 
+@pytest.mark.parametrize(
+    ("code", "used"),
+    [
+        ("import scipy\ndef compute():\n    return 1\n", []),
+        ("import scipy\ndef compute():\n    return scipy.sqrt(1)\n", ["scipy"]),
+        ("import scipy.linalg as la\ndef compute():\n    return la.inv(1)\n", ["scipy"]),
+        (
+            "from scipy.linalg import inv\ndef compute():\n    return helper()\ndef helper():\n    return inv\n",
+            ["scipy"],
+        ),
+        ("from scipy.linalg import *\ndef compute():\n    return inv\n", ["scipy"]),
+        (
+            "def compute():\n    from casadi import SX\n    import scipy.linalg\n    return SX, scipy.linalg\n",
+            ["casadi", "scipy"],
+        ),
+        ("from numba import njit\n@njit\ndef compute():\n    return 1\n", ["numba"]),
+        ("import math, os.path\ndef compute():\n    return math.pi, os.path.sep\n", []),
+        ("from pkg.models import gravity\ndef compute():\n    return gravity.kernel\n", []),
+        ("from pkg.models.library import solve\ndef compute():\n    return solve()\n", ["scipy"]),
+        ("from pkg.models.library import other\ndef compute():\n    return other()\n", []),
+    ],
+)
+def test_libraries_are_those_whose_names_are_used(tree, code, used):
+    (tree / STAGE).write_text(code)
+    library = "from scipy import optimize\ndef solve():\n    return optimize.root\ndef other():\n    return 1\n"
+    (tree / "pkg/models/library.py").write_text(library)
+    assert libraries(ENTRY, tree) == used
+    (tree / "shim.py").write_text("from pkg.papers.stage import compute\ncompute()\n")
+    assert script_libraries(tree / "shim.py", tree) == used
+
+
 def test_script_digest_covers_the_script_and_what_it_reaches(tree):
     script = tree / "workflow/shim.py"
     script.parent.mkdir()
@@ -383,12 +416,12 @@ def remembered(tree, tmp_path):
 
 def test_remembered_digests_are_those_computed_and_parse_nothing_while_nothing_changes(tree, remembered, monkeypatch):
     first = remembered()
-    found = first.source(), first.code(ENTRY), first.script("shim.py")
-    assert found[:2] == (source_digest(tree), code_digest(ENTRY, tree))
+    found = first.source(), first.code(ENTRY), first.libraries(ENTRY), first.script("shim.py")
+    assert found[:3] == (source_digest(tree), code_digest(ENTRY, tree), libraries(ENTRY, tree))
     first.save()
     monkeypatch.setattr(module_of_digests, "_parsed", None)
     again = remembered()
-    assert (again.source(), again.code(ENTRY), again.script("shim.py")) == found
+    assert (again.source(), again.code(ENTRY), again.libraries(ENTRY), again.script("shim.py")) == found
 
 
 def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remembered, tmp_path):

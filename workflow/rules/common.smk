@@ -169,7 +169,7 @@ def gathered_from(paper, stage):
 @functools.cache
 def recipe(path):
     """Paper, reading and recipe of an artifact: what it would be made from now."""
-    _, _, paper, reading, *_, file = path.split("/")
+    paper, reading, *_, file = path.rpartition("data/cache/")[2].split("/")
     name, _, part = file.removesuffix(".h5").partition(".")
     wildcards, options, files = SimpleNamespace(reading=reading), {}, []
     if "/chunks/" in path:
