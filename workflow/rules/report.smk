@@ -1,6 +1,13 @@
 # Digests of all products, and the page that shows them.
 
 
+CLOSEUPS = [
+    f"marsedl.papers.{paper}.closeups:{name}"
+    for paper in PAPERS
+    for name in PAPERS[paper].closeups
+]
+
+
 rule report:
     input:
         "report/index.html",
@@ -59,13 +66,9 @@ rule index:
             for part in ("html.j2", "css", "js")
         ],
         code=script_of("report.py"),
-        libraries=libraries_of("report.py"),
+        libraries=libraries_of("report.py", *CLOSEUPS),
         build=build,
-        closeups=[
-            DIGESTS.code(f"marsedl.papers.{paper}.closeups:{name}")
-            for paper in PAPERS
-            for name in PAPERS[paper].closeups
-        ],
+        closeups=[DIGESTS.code(entry) for entry in CLOSEUPS],
         catalogues={
             paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS
         },

@@ -136,9 +136,11 @@ class Job:
 
     def check_artifacts(self) -> None:
         """Refuse input artifacts that their rules would make otherwise now; the params hold their recipes."""
-        for path, (paper, reading, recipe) in self._artifacts.items():
-            from marsedl.replication.artifacts import check_recipe
+        if not self._artifacts:
+            return
+        from marsedl.replication.artifacts import check_recipe
 
+        for path, (paper, reading, recipe) in self._artifacts.items():
             check_recipe(path, recipe, paper, reading)
 
     def save(self, artifact: object) -> None:
