@@ -9,6 +9,7 @@ tests of a paper share a process too, and so do those of a file. Nothing is buil
 import os
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported; threads would spin beside the builds
+os.environ.pop("COLUMNS", None)  # xdist says how wide its terminal is; what a test captures is no terminal
 
 import contextlib
 import json

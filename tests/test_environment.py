@@ -26,7 +26,7 @@ def locked(name: str) -> list[Requirement]:
 
 
 @pytest.mark.parametrize("uv", [True, False], ids=["uv", "pip"])
-def test_make_says_each_step_and_installs_the_locks_and_the_project_alone(tmp_path, uv):
+def test_make_installs_the_locks_and_the_project_alone(tmp_path, uv):
     for command in ("sh", "make"):
         (tmp_path / command).symlink_to(shutil.which(command))
     if uv:
@@ -40,8 +40,6 @@ def test_make_says_each_step_and_installs_the_locks_and_the_project_alone(tmp_pa
     assert [{*lines[step].split()} > FROM_A_LOCK for step in steps] == [True, False, True]
     assert {*lines[steps[1]].split()} > THE_PROJECT
     assert [lines[step].rpartition(" ")[2] for step in steps] == [LOCKS[0], ".", LOCKS[1]]
-    assert all(lines[step - 1].startswith('echo "make: installing ') for step in steps)
-    assert not any({"-q", "--quiet"} & {*lines[step].split()} for step in steps), "it takes minutes"
 
 
 @pytest.mark.parametrize("folder", [".", "build/smoke"])

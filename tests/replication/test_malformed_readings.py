@@ -360,7 +360,10 @@ def bad_reading(draw):
     circle = ", ".join(f"r{i}: {{based_on: r{(i + 1) % length}}}" for i in range(length))
     name = draw(
         st.one_of(
-            st.text(min_size=1, max_size=60).filter(lambda n: not n.isascii() or n != n.lower() or " " in n),
+            # What JSON writes as a pair of surrogates is no YAML.
+            st.text(st.characters(max_codepoint=0xFFFF), min_size=1, max_size=60).filter(
+                lambda n: not n.isascii() or n != n.lower() or " " in n
+            ),
             st.integers(41, 900).map(lambda size: "m" * size),  # YAML itself takes no key of more than 1024
             st.sampled_from(
                 ["../mine", "Mine", "mine/fig07", "1st", "_mine", "min-e", "mine.h5", "min*", "m\nn", ".."]

@@ -48,13 +48,15 @@ for _paper in PAPERS:
                 name: STUDIES[_paper].readings[name].slice(MODELS[_paper].model_fields)
                 for name in STUDIES[_paper].compared
             },
-            left_out=sorted(
-                STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)
+            judged=dict(
+                known_errata=[erratum.id for erratum in PAPERS[_paper].errata],
+                require_reasons=as_committed(_paper),
+                left_out=sorted(
+                    STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)
+                ),
+                size=SIZE,
             ),
-            errata=[erratum.id for erratum in PAPERS[_paper].errata],
             summaries=list(PAPERS[_paper].summaries),
-            size=SIZE,
-            require_reasons=as_committed(_paper),
             code=claims_code(_paper),
             libraries=libraries_of("claims.py", *claims_entries(_paper)),
             build=build,

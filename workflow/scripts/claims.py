@@ -14,22 +14,12 @@ with guarded(snakemake) as job:
     rows = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
     measured = {"measured": rows[0]} if rows else {}
     evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
-    rows = claims.collect(
-        published,
-        module.DECLARATIONS,
-        evaluations,
-        known_errata=set(job.params.errata),
-        require_reasons=job.params.require_reasons,
-        left_out=job.params.left_out,
-        size=job.params.size,
-    )
+    rows = claims.collect(published, module.DECLARATIONS, evaluations, **job.params.judged)
     if names := claims.unexplained(rows):
-        verdicts = "verdict" if len(names) == 1 else "verdicts"
-        print(f"{job.paper}: {len(names)} {verdicts} without a reason: {', '.join(names)}", file=sys.stderr)
+        print(f"{job.paper}: claims that differ or fail without a reason: {', '.join(names)}", file=sys.stderr)
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)
-    tables = import_module(f"marsedl.papers.{job.paper}.tables")
-    by_id = {claim.id: claim for claim in published}
+    tables, by_id = import_module(f"marsedl.papers.{job.paper}.tables"), {claim.id: claim for claim in published}
     for stem in job.params.summaries:
         write_table(getattr(tables, stem)(readings, by_id), *snakemake.output[stem])
