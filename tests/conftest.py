@@ -339,6 +339,12 @@ def built(background) -> Built:
 
 
 @pytest.fixture
+def project(tmp_path) -> Tree:
+    """A copy of the project in which nothing is built."""
+    return Tree(copy_tree(ROOT, tmp_path / "project"))
+
+
+@pytest.fixture
 def tree(built) -> Tree:
     """The second build as it was built, in its own place: compiled kernels are bound to their path."""
     built.spare.restore()

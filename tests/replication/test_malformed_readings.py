@@ -379,8 +379,8 @@ def bad_reading(draw):
             [
                 (
                     f"{{{json.dumps(name)}: {{based_on: {base}}}}}",
-                    "a reading's name is lower case letters",
-                    "rename it",
+                    ("a reading's name is lower case letters", "invalid Unicode character escape code"),
+                    ("rename it", "mend it"),
                 ),
                 (f"{{{base}: {{based_on: {base}}}}}", f"readings.{base}: the name is taken", "choose another name"),
                 (f"{{{circle}}}", ".based_on: 'r", "is in the end based on 'r", "name another reading"),
@@ -662,7 +662,7 @@ UNFIT = [  # inputs that are each in order and do not go together
     ("powered_descent", "output_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "design_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "time_step", st.floats(15.1, 1e9), "is longer than a segment", "lower it"),
-    ("powered_descent", "trials", st.integers(1, 49), "drawn_trials (50) must not be more than trials", "lower it"),
+    ("powered_descent", "drawn_trials", st.integers(2001, 10_000), "is more than trials (2000): lower it"),
     ("stochastic_entry", "density_grid_interval", st.floats(1e-20, 1e-3), "altitudes up to atmosphere_altitude"),
     ("stochastic_entry", "partition_interval", st.floats(401.0, 1e9), "is longer than time_limit", "lower it"),
     ("random_field", "output_interval", TINY, "is no multiple of "),

@@ -26,7 +26,6 @@ from pydantic import (
     ValidationError,
     WithJsonSchema,
     field_validator,
-    model_validator,
 )
 from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
@@ -179,13 +178,6 @@ class Inputs(BaseModel):
                     "check the angle and its unit"
                 )
         return value
-
-    @model_validator(mode="after")
-    def _drawn_are_flown(self):
-        drawn, trials = getattr(self, "drawn_trials", 0), getattr(self, "trials", math.inf)
-        if drawn > trials:
-            raise ValueError(f"drawn_trials ({drawn}) must not be more than trials ({trials}): lower it")
-        return self
 
     @classmethod
     def unit(cls, name: str) -> str:
@@ -596,6 +588,12 @@ def _reading(name, raw, done, model) -> Reading:
         # What a validator says of a file may hold whatever stands in its name.
         message = printable(message[:LONGEST_REASON])
         raise InputError(f"{origin}: {where}.{key}: {message}{shown}{_number_hint(first['input'])}") from None
+    # One that is taken over from another reading is how many are drawn at most.
+    if "drawn_trials" in fresh and inputs.drawn_trials > inputs.trials:
+        raise InputError(
+            f"{origin}: {where}.inputs.drawn_trials: {inputs.drawn_trials} is more than trials ({inputs.trials}): "
+            "lower it"
+        )
     _check_frozen(frozen, name, values, origin)
     return Reading(name, summary, based_on, frozen, inputs, sources, origin)
 
