@@ -1,6 +1,7 @@
 """What is asked of Snakemake: what something makes is accepted, anything else is one message with the nearest name."""
 
 import os
+import re
 import string
 from dataclasses import replace
 from pathlib import Path
@@ -14,16 +15,17 @@ from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import command_line
 from marsedl.replication.command_line import (
     asked_for,
-    check_configuration_files,
+    check_configuration,
     check_folders,
     check_request,
     check_target,
-    configuration_files,
+    configuration,
 )
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_studies, nearest
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / "configs"
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
 MODELS = {slug: input_model(slug) for slug in SLUGS}
 STUDIES = load_studies(MODELS, CONFIGS, {"chunks": 2})
@@ -48,22 +50,22 @@ def refused(target, *fragments, studies=STUDIES):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "files"),
+    ("arguments", "own", "files"),
     [
-        (["all"], []),
-        (["all", "--configfile", "mine.yaml"], ["mine.yaml"]),
-        (["all", "--configfiles", "a.yaml", "b.yaml", "--cores", "2"], ["a.yaml", "b.yaml"]),
-        (["--configfile=mine.yaml", "all"], ["mine.yaml"]),
-        (["--configfile", "mine.yaml", "figures/powered_descent/fig07.png"],
-         ["mine.yaml", "figures/powered_descent/fig07.png"]),
-        (["--configfile", "mine.yaml", "--", "all"], ["mine.yaml"]),
-        (["--configfile", "a.yaml", "-n", "--configfile", "b.yaml"], ["b.yaml"]),
-        (["all", "--config", "size=smoke", "chunks=3", "-C", "size=full"], []),
-        (["all", "--", "--configfile", "mine.yaml"], []),
+        (["all"], [], []),
+        (["all", "--configfile", "mine.yaml"], [], ["mine.yaml"]),
+        (["all", "--configfiles", "a.yaml", "b.yaml", "--cores", "2"], [], ["a.yaml", "b.yaml"]),
+        (["--configfile=mine.yaml", "all"], [], ["mine.yaml"]),
+        (["--configfile", "mine.yaml", "figures/a/b.png"], [], ["mine.yaml", "figures/a/b.png"]),
+        (["--configfile", "mine.yaml", "--", "all"], [], ["mine.yaml"]),
+        (["--configfile", "a.yaml", "-n", "--configfile", "b.yaml"], [], ["b.yaml"]),
+        (["all", "--config", "size=smoke", "chunks=3", "-n"], ["size=smoke", "chunks=3"], []),
+        (["-C", "size=smoke", "all"], ["size=smoke", "all"], []),
+        (["all", "--", "--configfile", "mine.yaml"], [], []),
     ],
-)  # fmt: skip
-def test_configuration_files_are_those_that_snakemake_takes_for_such(arguments, files):
-    assert configuration_files(arguments) == files
+)
+def test_settings_are_those_that_snakemake_takes_for_such(arguments, own, files):
+    assert configuration(arguments) == (own, files)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,7 @@ def test_a_configuration_file_that_is_none_ends_in_one_message(tmp_path, content
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(SystemExit) as caught:
-        check_configuration_files(["all", "--configfile", str(path)], SLUGS)
+        check_configuration(["all", "--configfile", str(path)], SLUGS)
     assert str(caught.value.code).startswith(f"\nmarsedl: {path}: ")
     for fragment in fragments:
         assert fragment in str(caught.value.code)
@@ -89,12 +91,34 @@ def test_a_configuration_file_that_is_none_ends_in_one_message(tmp_path, content
 def test_a_configuration_file_in_order_is_passed_on(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("size: smoke\nchunks: 2\nfunnels: {readings: {}}\n", encoding="utf-8")
-    check_configuration_files(["all", "--configfile", str(path)], SLUGS)
+    check_configuration(["all", "--configfile", str(path)], SLUGS)
 
 
 def test_a_target_behind_the_option_is_told_from_a_file():
     with pytest.raises(SystemExit, match=r"fig07.png: .* write targets before --configfile"):
-        check_configuration_files(["--configfile", "figures/powered_descent/fig07.png"], SLUGS)
+        check_configuration(["--configfile", "figures/powered_descent/fig07.png"], SLUGS)
+
+
+def test_a_target_behind_settings_is_told_from_one():
+    with pytest.raises(SystemExit, match=r"--config all: is no NAME=VALUE; .*: snakemake all --config"):
+        check_configuration(["--config", "size=smoke", "all"], SLUGS)
+    check_configuration(["all", "--config", "size=smoke"], SLUGS)
+
+
+def documented():
+    """Every command in the pages, and in what the project says, that starts Snakemake."""
+    for path in [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md")), *sorted(ROOT.glob("src/**/*.py"))]:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            for command in re.findall(r"(?:^|[\"'` ])snakemake( [^\"'`#]*)", line):
+                if "--config" in command or "--configfile" in command:
+                    yield pytest.param(command.split(), id=f"{path.name}: {command.strip()}")
+
+
+@pytest.mark.parametrize("arguments", documented())
+def test_documented_commands_name_their_targets_where_snakemake_looks_for_them(arguments):
+    own, files = configuration(arguments)
+    assert all("=" in setting for setting in own if setting != "...")
+    assert all(path.endswith(".yaml") for path in files)
 
 
 # ------------------------------------------------------------------------------------------------------------- targets

@@ -1,6 +1,6 @@
 """What a user asks of Snakemake, checked before it works on it: files of their own, targets, folders to write.
 
-Snakemake says little, or shows a traceback, when one of these is wrong. The profiles call `check_configuration_files`
+Snakemake says little, or shows a traceback, when one of these is wrong. The profiles call `check_configuration`
 before Snakemake reads these files, the Snakefile calls `check_request` before any job is planned.
 """
 
@@ -27,21 +27,30 @@ _DRY = re.compile(r"--dry-?run|-[a-zA-Z]*n[a-zA-Z]*")
 _READS_ONLY = {"--lint", "--list", "--list-rules", "-l", "--list-target-rules", "--lt"}
 
 
-def configuration_files(arguments: list[str]) -> list[str]:
-    """Return the files that Snakemake takes for configurations: every word after --configfile up to the next option."""
+def configuration(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Return what Snakemake takes for settings and for files of them: all words after the option up to the next one."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", "-C", nargs="*", default=[])
     parser.add_argument("--configfile", "--configfiles", nargs="*", default=[])
     before = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    return parser.parse_known_args(before)[0].configfile
+    known = parser.parse_known_args(before)[0]
+    return known.config, known.configfile
 
 
-def check_configuration_files(arguments: list[str], papers: Iterable[str]) -> None:
+def check_configuration(arguments: list[str], papers: Iterable[str]) -> None:
     """End with one message if a user's own configuration cannot be read, or holds what Snakemake would run as code.
 
     Arguments: those of Snakemake; the slugs of the papers. For the profiles, which Snakemake reads first of all.
     """
+    own, files = configuration(arguments)
     try:
-        for path in configuration_files(arguments):
+        for setting in own:
+            if "=" not in setting:
+                raise InputError(
+                    f"--config {setting}: is no NAME=VALUE; if it is a target, write it before --config: "
+                    f"snakemake {setting} --config ..."
+                )
+        for path in files:
             read_own_file(Path(path), (*papers, *SETTINGS))
     except InputError as error:
         sys.exit(f"\nmarsedl: {error}\n")
@@ -81,7 +90,7 @@ def first_words(arguments: list[str]) -> list[str]:
 
 def asked_for(arguments: list[str], root: Path) -> list[str]:
     """Return the arguments that name products by path, relative to the folder in which they are made or absolute."""
-    own = set(configuration_files(arguments))
+    own = set(configuration(arguments)[1])
     targets = []
     option = ""
     for word in arguments:
