@@ -407,14 +407,14 @@ def test_a_new_paper_says_what_it_wrote_and_what_is_left(project, monkeypatch, c
 
     monkeypatch.setattr("marsedl.replication.scaffold.new_paper", write)
     assert cli.main(["new-paper", "gravity_turn", "--title", "Turns", "--authors", "A. Pilot"]) == 0
-    assert cli.main(["new-paper", "gravity_turn"]) == 0
+    assert cli.main(["new-paper", "gravity_turn", "--without-monte-carlo"]) == 0
     assert written == [
-        ("gravity_turn", "Turns", "A. Pilot"),
-        ("gravity_turn", "Title to be given", "Authors to be named"),
+        ("gravity_turn", "Turns", "A. Pilot", True),
+        ("gravity_turn", "Title to be given", "Authors to be named", False),
     ]
     said = capsys.readouterr().out
     assert said.startswith("wrote configs/gravity_turn.yaml\n")
-    assert "snakemake gravity_turn claims --config size=smoke" in said
+    assert "snakemake gravity_turn --config size=smoke\n" in said
 
 
 def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):

@@ -81,6 +81,7 @@ def command_line() -> argparse.ArgumentParser:
     new.add_argument("slug", help="its name in files and targets, such as powered_descent")
     new.add_argument("--title", default="Title to be given", help="the paper's title")
     new.add_argument("--authors", default="Authors to be named", help="the paper's authors, in one line")
+    new.add_argument("--without-monte-carlo", action="store_true", help="one stage and no flights of trials")
     completion = commands.add_parser("completion", help="print a script that completes commands in your shell")
     completion.add_argument("shell", choices=("bash", "zsh"), help='the shell; use: eval "$(marsedl completion bash)"')
     for command in (shown, explain, trial):
@@ -515,7 +516,8 @@ def _new_paper(options) -> int:
     from marsedl.replication.scaffold import new_paper, next_steps
 
     root = project_root()
-    for path in new_paper(root, options.slug, options.title, options.authors):
+    written = new_paper(root, options.slug, options.title, options.authors, not options.without_monte_carlo)
+    for path in written:
         _say(f"wrote {path.relative_to(root)}")
     _say(f"\n{next_steps(options.slug)}")
     return 0

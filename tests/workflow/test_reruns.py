@@ -58,7 +58,7 @@ def test_comments_docstrings_and_blank_lines_rerun_nothing(tree):
         script.write_text("# A comment.\n\n" + script.read_text(encoding="utf-8"), encoding="utf-8")
     tree.edit("workflow/scripts/stage.py", '"""Run one stage:', '"""Do one stage:')
     for slug in SLUGS:
-        tree.edit(f"configs/{slug}.yaml", "# Jobs into which", "# Another comment.\n# Jobs into which")
+        tree.edit(f"configs/{slug}.yaml", "\nreadings:\n", "\n# Another comment.\nreadings:\n")
     for module in sorted(tree.path(PACKAGE).rglob("*.py")):
         module.write_text(module.read_text(encoding="utf-8") + "\n\n# A comment at the end.\n", encoding="utf-8")
     assert tree.plan("all").rules == set()
@@ -81,7 +81,9 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(tree, 
     assert plan.papers == {slug, *edit.get("shared_with", ())}
     mine, others = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
     assert mine.changed == set(edit["changed"])
-    assert mine.rules == {*edit["rerun"], *PRODUCTS, "claims"}
+    paper = catalogue(slug)
+    products = {name for name, stems in (("default_figure", paper.figures), ("default_table", paper.tables)) if stems}
+    assert mine.rules == {*edit["rerun"], *products, "claims"}
     assert plan.rules == mine.rules.union(CLAIMS, {"comparison_product"}, *(other.rules for other in others))
     config = yaml.safe_load(tree.path(f"configs/{slug}.yaml").read_text(encoding="utf-8"))
     assert mine.readings == set(config["sizes"]["smoke"]["readings"])

@@ -11,8 +11,7 @@ with guarded(snakemake) as job:
     module = import_module(f"marsedl.papers.{job.paper}.claims")
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
-    rows = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
-    measured = {"measured": rows[0]} if rows else {}
+    measured = {"measured": claims.load_measured(path, job.paper) for path in snakemake.input.measured}
     evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
     rows = claims.collect(published, module.DECLARATIONS, evaluations, **job.params.judged)
     if names := claims.unexplained(rows):
@@ -20,6 +19,7 @@ with guarded(snakemake) as job:
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)
-    tables, by_id = import_module(f"marsedl.papers.{job.paper}.tables"), {claim.id: claim for claim in published}
+    by_id = {claim.id: claim for claim in published}
     for stem in job.params.summaries:
+        tables = import_module(f"marsedl.papers.{job.paper}.tables")
         write_table(getattr(tables, stem)(readings, by_id), *snakemake.output[stem])

@@ -385,8 +385,9 @@ def load_study(
     Returns the study. Raises InputError: one message with file, key, what is wrong and the remedy.
     """
     sections = {"readings", "chunks", "sizes"}
-    document = _mapping(read_yaml(path), str(path), "", sections, required={"readings", "chunks"})
-    chunks = _mapping(document["chunks"], str(path), "chunks", set(model.CASES), required=set(model.CASES))
+    required = sections - {"sizes"} if model.CASES else {"readings"}
+    document = _mapping(read_yaml(path), str(path), "", sections, required=required)
+    chunks = _mapping(document.get("chunks", {}), str(path), "chunks", set(model.CASES), required=set(model.CASES))
     for case, number in chunks.items():
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 100_000:
             raise InputError(f"{path}: chunks.{case}: {_shown(number)} is not a whole number from 1 to 100000")

@@ -12,7 +12,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from marsedl.replication.claims import write_text
 from marsedl.replication.errors import InputError
 
-TEMPLATES = Path(__file__).with_name("templates_paper")  # laid out as the project is
+# Laid out as the project is; a template of the second folder stands for a paper of one stage, without flights.
+TEMPLATES = Path(__file__).with_name("templates_paper")
+WITHOUT_MONTE_CARLO = Path(__file__).with_name("templates_paper_without_monte_carlo")
 SUFFIX, SLUG = ".j2", "__slug__"
 REGISTER = "src/marsedl/papers/__init__.py"
 SNAKEFILE = "Snakefile"
@@ -22,14 +24,15 @@ _AFTER_THE_PAPERS = _INCLUDE.format("figures")
 _LINE = 120
 
 
-def new_paper(root: Path, slug: str, title: str, authors: str) -> list[Path]:
-    """Write a minimal complete paper and register it: every stage, a figure, a table, an erratum and a claim.
+def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool = True) -> list[Path]:
+    """Write a minimal complete paper and register it: its stages, a figure, a table, an erratum and a claim.
 
     Args:
         root: the project's folder.
         slug: name of the paper in files and targets: lower case letters, digits and underscores.
         title: of the paper.
         authors: of the paper, in one line.
+        monte_carlo: whether it flies Monte Carlo trials; without them it has one stage.
 
     Returns:
         The files that were written, then those that were changed.
@@ -49,7 +52,7 @@ def new_paper(root: Path, slug: str, title: str, authors: str) -> list[Path]:
         "authors": authors,
         "model": "".join(word.capitalize() for word in slug.split("_")) + "Inputs",
     }
-    files = {root / path: text for path, text in _rendered(values).items()}
+    files = {root / path: text for path, text in _rendered(values, monte_carlo).items()}
     for path in files:
         if path.exists():
             raise InputError(f"{path} exists already; choose another name, or move the file away")
@@ -66,7 +69,7 @@ def next_steps(slug: str) -> str:
     """Return what is left to do for a new paper, one step a line."""
     return "\n".join(
         [
-            f"build it:      snakemake {slug} claims --config size=smoke",
+            f"build it:      snakemake {slug} --config size=smoke",
             f"test it:       pytest tests/papers/test_{slug}.py",
             "replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where",
             f"tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time",
@@ -101,10 +104,13 @@ def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
         raise InputError(f"'{slug}' is the name of a rule or module already; choose another name")
 
 
-def _rendered(values: dict[str, str]) -> dict[str, str]:
+def _rendered(values: dict[str, str], monte_carlo: bool) -> dict[str, str]:
     """The text of every file by its path in the project."""
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True
+        loader=FileSystemLoader(TEMPLATES if monte_carlo else WITHOUT_MONTE_CARLO),
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
     )
     environment.filters["literal"] = _literal
     return {
