@@ -16,11 +16,7 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
-include: "workflow/rules/powered_descent.smk"
-include: "workflow/rules/random_field.smk"
-include: "workflow/rules/desensitized.smk"
-include: "workflow/rules/funnels.smk"
-include: "workflow/rules/stochastic_entry.smk"
+include: "workflow/rules/stages.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/comparison.smk"
 include: "workflow/rules/claims.smk"

@@ -144,7 +144,7 @@ def test_stages_without_rule_or_function_are_found(paper):
     there = planned(rules=[f"{SLUG}_nominal"])
     assert audit.stages(paper, there, always) == Result("stages, each with a rule and a function", SLUG, 1)
     (finding,) = audit.stages(paper, planned(), always).findings
-    assert f"workflow/rules/{SLUG}.smk: no rule {SLUG}_nominal" in finding
+    assert f"workflow/rules/stages.smk: no rule {SLUG}_nominal" in finding
     (finding,) = audit.stages(paper, there, never).findings
     assert "marsedl.papers.powered_descent.nominal: no function compute" in finding
 

@@ -11,7 +11,8 @@ with guarded(snakemake) as job:
     module = import_module(f"marsedl.papers.{job.paper}.claims")
     published = claims.load_published(snakemake.input.published)
     readings = job.readings(module.evaluate)
-    measured = {"measured": claims.load_measured(path, job.paper) for path in snakemake.input.measured}
+    tables = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
+    measured = {"measured": tables[0]} if tables else {}
     evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
     rows = claims.collect(published, module.DECLARATIONS, evaluations, **job.params.judged)
     if names := claims.unexplained(rows):
@@ -19,7 +20,6 @@ with guarded(snakemake) as job:
     claims.write_claims(rows, snakemake.output.claims)
     for path, text in zip(snakemake.output.table, claims.claims_table(rows), strict=True):
         claims.write_text(path, text)
-    by_id = {claim.id: claim for claim in published}
     for stem in job.params.summaries:
-        tables = import_module(f"marsedl.papers.{job.paper}.tables")
-        write_table(getattr(tables, stem)(readings, by_id), *snakemake.output[stem])
+        table = getattr(import_module(f"marsedl.papers.{job.paper}.tables"), stem)
+        write_table(table(readings, {claim.id: claim for claim in published}), *snakemake.output[stem])

@@ -208,7 +208,9 @@ def stages(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> 
     for name in paper.stages:
         rule = f"{paper.slug}_{name}"
         if rule not in planned.rules:
-            findings.append(f"workflow/rules/{paper.slug}.smk: no rule {rule} for the stage {name}; add it")
+            findings.append(
+                f"workflow/rules/stages.smk: no rule {rule} for the stage {name}; mend its loop over stages"
+            )
         if not has_function(paper.entry(name)):
             module, _, function = paper.entry(name).partition(":")
             findings.append(f"{module}: no function {function}, which the stage {name} names; write it")

@@ -9,7 +9,7 @@ class Stage:
 
     `inputs` are the names of the inputs it may use; `needs` the artifacts it loads. The function is `compute` in the
     module of the stage's name unless `function` names another one, "module:function" inside the paper's package. Claims
-    use it in the readings of `claimed_in`, or in all; it can be built for any.
+    use it in the readings of `claimed_in`, or in all; it can be built for any. Jobs of a higher `priority` start first.
     """
 
     inputs: tuple[str, ...]
@@ -17,6 +17,7 @@ class Stage:
     function: str = ""
     meaning: str = ""
     claimed_in: tuple[str, ...] = ()
+    priority: int = 0
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,7 @@ TEMPLATES = Path(__file__).with_name("templates_paper")
 WITHOUT_MONTE_CARLO = Path(__file__).with_name("templates_paper_without_monte_carlo")
 SUFFIX, SLUG = ".j2", "__slug__"
 REGISTER = "src/marsedl/papers/__init__.py"
-SNAKEFILE = "Snakefile"
 _SLUGS = re.compile(r"(?ms)^SLUGS = (\(.*?\))$")
-_INCLUDE = 'include: "workflow/rules/{}.smk"\n'
-_AFTER_THE_PAPERS = _INCLUDE.format("figures")
 _LINE = 120
 
 
@@ -35,7 +32,7 @@ def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool
         monte_carlo: whether it flies Monte Carlo trials; without them it has one stage.
 
     Returns:
-        The files that were written, then those that were changed.
+        The files that were written, last the register of papers, which was changed.
 
     Raises:
         InputError: if the name is taken or cannot serve, title or authors are not one line of text, a file exists
@@ -56,13 +53,10 @@ def new_paper(root: Path, slug: str, title: str, authors: str, monte_carlo: bool
     for path in files:
         if path.exists():
             raise InputError(f"{path} exists already; choose another name, or move the file away")
-    changed = {
-        root / REGISTER: _with_slug(root, (*slugs, slug)),
-        root / SNAKEFILE: _with_rules(root, slug),
-    }
-    for path, text in {**files, **changed}.items():
+    files[root / REGISTER] = _with_slug(root, (*slugs, slug))
+    for path, text in files.items():
         write_text(path, text)
-    return [*files, *changed]
+    return list(files)
 
 
 def next_steps(slug: str) -> str:
@@ -97,7 +91,7 @@ def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
     for known in slugs:
         if f"{known}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{known}_"):
             raise InputError(f"'{slug}' would be taken for '{known}' in the names of rules; choose another name")
-    rules = [root / SNAKEFILE, *sorted((root / "workflow" / "rules").glob("*.smk"))]
+    rules = [root / "Snakefile", *sorted((root / "workflow" / "rules").glob("*.smk"))]
     taken = {name for path in rules for name in re.findall(r"(?m)^(?:rule|use rule \w+ as) (\w+)", _read(path))}
     taken |= {path.stem for path in (root / REGISTER).parent.iterdir()} | {path.stem for path in rules}
     if slug in taken:
@@ -130,15 +124,6 @@ def _with_slug(root: Path, slugs: tuple[str, ...]) -> str:
     if len(line) > _LINE:
         line = "SLUGS = (\n" + "".join(f"    {json.dumps(slug)},\n" for slug in slugs) + ")"
     return _SLUGS.sub(line, _read(root / REGISTER), count=1)
-
-
-def _with_rules(root: Path, slug: str) -> str:
-    text = _read(root / SNAKEFILE)
-    if text.count(_AFTER_THE_PAPERS) != 1:
-        raise InputError(
-            f"{root / SNAKEFILE}: no line '{_AFTER_THE_PAPERS.strip()}', before which papers stand; restore it"
-        )
-    return text.replace(_AFTER_THE_PAPERS, _INCLUDE.format(slug) + _AFTER_THE_PAPERS)
 
 
 def _read(path: Path) -> str:

@@ -80,6 +80,7 @@ STAGES = {
         ("linearization", "gains"),
         meaning="funnels by other programs, directions, orders and slices, what makes one diverge, equations of motion",
         claimed_in=("corrected",),
+        priority=1,  # the longest job: it must not be left for the end
     ),
     "proven": Stage(
         (*_MOTION, *_HEAT, *_GRID, "additive", "taylor_order", "design_seed"),
