@@ -1,8 +1,9 @@
 """A paper in one process: inputs in; records, claims and tables out.
 
-The functions are those that the workflow runs as jobs, and so are the numbers, bit for bit. A stage is remembered by the
-digest of what it was given: its function, its slice of the inputs, its options and the content of the records that it
-needs. So a changed input computes only the stages that read it, and a stage that gives an equal record stops the chain.
+The functions are those that the workflow runs as jobs, and so are the numbers, bit for bit. A stage is remembered by
+the digest of what it was given: its function, its slice of the inputs, its options and the content of the records that
+it needs. So a changed input computes only the stages that read it, and a stage that gives an equal record stops the
+chain.
 
     memory = Memory()
     nominal = Run("powered_descent", values, memory).record("nominal")
@@ -31,9 +32,16 @@ FLIGHTS = "montecarlo"
 class Memory:
     """Records by the digest of what they were computed from, in this process and, if it has a folder, on disk."""
 
-    def __init__(self, folder: Path | None = None):
-        """Start empty, with a folder that may hold records of earlier runs."""
-        self.folder = folder
+    def __init__(self, folder: Path | None = None, code: typing.Callable[[str], str] = str):
+        """Start empty, or with what a folder holds of earlier runs.
+
+        Args:
+            folder: where records are kept; nowhere unless given.
+            code: the digest of the code that a function "module:function" can reach. A folder outlives an edit, so give
+                it `code_digest.remembered_digests(root).code`.
+
+        """
+        self.folder, self.code = folder, code
         self.computed = 0  # stages that were not remembered
         self._records: dict[str, tuple[object, str]] = {}
 
@@ -114,7 +122,7 @@ class Run:
         entry, declared = self.paper.entry(stage), self.paper.stages[stage]
         options = self._options(case) if case else {}
         given = {
-            "entry": entry,
+            "code": self.memory.code(entry),
             "inputs": {name: self.values[name] for name in sorted(declared.inputs)},
             "options": options,
             "records": {need: self._remembered(need)[1] for need in declared.needs},

@@ -1,0 +1,146 @@
+"""A paper in one process: what is computed again, and what is not."""
+
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from marsedl.replication import artifacts
+from marsedl.replication.catalogue import Paper, Product, Stage
+from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.graph import Memory, Run
+
+VALUES = {"mass": 2.0, "speed": -3.0, "colour": "red", "trials": 4, "unflown": 0}
+CASES = {"windy": "trials", "calm": "unflown"}
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """Speed without its sign."""
+
+    speed: np.ndarray = artifacts.quantity("m/s", ("time",), "speed")
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Made from the speed and the mass."""
+
+    energy: float = artifacts.quantity("J", (), "energy")
+
+
+@dataclass(frozen=True)
+class Flights:
+    """One number a trial."""
+
+    energy: np.ndarray = artifacts.quantity("J", ("trial",), "energy")
+
+
+def nominal(inputs) -> Nominal:
+    return Nominal(np.array([abs(inputs.speed)]))
+
+
+def gains(inputs, nominal: Nominal) -> Gains:
+    return Gains(0.5 * inputs.mass * float(nominal.speed[0]) ** 2)
+
+
+def flights(inputs, gains: Gains, *, case, trials, block_size) -> Flights:
+    return Flights(gains.energy * np.arange(trials))
+
+
+def evaluate(inputs, gains: Gains, windy: Flights, calm: Flights | None = None):
+    return {"energy": gains.energy, "largest": windy.energy.max(), "calm": calm, "colour": inputs.colour}
+
+
+def tab1(inputs, published, gains: Gains):
+    return [[published["energy"], gains.energy]]
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Return a run of a toy paper with some inputs changed; all runs of a test share a memory unless one is given."""
+    for name, functions in {"stages": (nominal, gains, flights), "claims": (evaluate,), "tables": (tab1,)}.items():
+        module = ModuleType(name)
+        vars(module).update({function.__name__: function for function in functions})
+        monkeypatch.setitem(sys.modules, f"marsedl.papers.toy.{name}", module)
+    monkeypatch.setitem(sys.modules, "marsedl.papers.toy", ModuleType("toy"))
+    stages = {
+        "nominal": Stage(("speed",), (), "stages:nominal"),
+        "gains": Stage(("mass",), ("nominal",), "stages:gains"),
+        "montecarlo": Stage((), ("gains",), "stages:flights"),
+    }
+    paper = Paper("toy", "", "", "", stages, {}, {"tab1": Product("", ("gains",))})
+    shared = Memory()
+    return lambda memory=shared, **changed: Run(paper, CASES, {**VALUES, **changed}, memory)
+
+
+def computed(run):
+    """How many stages a run computes for its claims."""
+    before = run.memory.computed
+    run.evaluations()
+    return run.memory.computed - before
+
+
+def test_claims_and_tables_come_from_the_records(run):
+    assert run().evaluations() == {"energy": 9.0, "largest": 27.0, "calm": None, "colour": "red"}
+    assert run().table("tab1", {"energy": "9 J"}) == [["9 J", 9.0]]
+
+
+@pytest.mark.parametrize(
+    ("changed", "stages"),
+    [
+        ({}, 0),
+        ({"colour": "blue"}, 0),  # only the claims read it
+        ({"mass": 3.0}, 2),  # gains and what follows
+        ({"speed": 4.0}, 3),
+        ({"speed": 3.0}, 1),  # the nominal comes out equal, which stops the chain
+        ({"trials": 5}, 1),
+    ],
+)
+def test_a_changed_input_computes_what_follows_from_it(run, changed, stages):
+    assert computed(run()) == 3
+    assert computed(run(**changed)) == stages
+
+
+def test_a_folder_remembers_for_other_processes(run, tmp_path):
+    first, second = Memory(tmp_path), Memory(tmp_path)
+    assert run(first).evaluations() == run(second).evaluations()
+    assert (first.computed, second.computed) == (3, 0)
+    edited = Memory(tmp_path, code=lambda entry: f"{entry} edited")
+    run(edited).evaluations()
+    assert edited.computed == 3, "an edit of the code makes them anew"
+    next(tmp_path.glob("*.h5")).write_bytes(b"")
+    with pytest.raises(ArtifactError, match="truncated"):
+        run(Memory(tmp_path)).evaluations()
+
+
+def test_records_are_those_that_a_job_would_load(run, tmp_path):
+    record = run().record("nominal")
+    artifacts.save(tmp_path / "nominal.h5", Nominal(np.array([3.0])), paper="toy", reading="r", provenance={})
+    loaded = artifacts.load(tmp_path / "nominal.h5", Nominal)
+    assert artifacts.content_digest(record) == artifacts.content_digest(loaded)
+    assert artifacts.content_digest(record) != artifacts.content_digest(Nominal(np.array([-3.0])))
+    with pytest.raises(ValueError, match="read-only"):
+        record.speed[0] = 1.0
+
+
+def test_an_input_that_a_stage_does_not_declare_is_an_error(run, monkeypatch):
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", lambda inputs: inputs.mass)
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"].nominal, "__annotations__", {"return": Nominal})
+    with pytest.raises(AttributeError, match="'mass' is not declared"):
+        run().record("nominal")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nominl", "did you mean 'nominal'"),
+        ("montecarlo", "did you mean"),
+        ("montecarlo.calm", "has no trials"),
+        ("nominal.windy", "no artifact"),
+    ],
+)
+def test_an_artifact_that_does_not_exist_is_refused_by_name(run, name, said):
+    with pytest.raises(InputError, match=said):
+        run().record(name)
