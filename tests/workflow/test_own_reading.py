@@ -127,10 +127,3 @@ def test_every_target_exists_for_an_own_reading(tree, tmp_path, slug):
     assert plan.files >= targets
     assert plan.papers == {slug}
     assert plan.readings == {"mine"}
-
-
-def test_an_unknown_reading_in_a_target_is_refused_by_name(tree):
-    done = tree.run("figures/powered_descent/minne/fig07.png")
-    assert done.returncode != 0
-    assert "minne" in done.stdout
-    assert "Traceback" not in done.stdout
