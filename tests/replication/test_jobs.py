@@ -14,9 +14,11 @@ import pytest
 
 from marsedl.replication import artifacts, jobs
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.libraries import versions_used
 from marsedl.replication.recipes import recipe_digest
 
 SOURCE = Path(__file__).parents[2] / "src"
+LIBRARIES = versions_used(frozenset({"numpy"}))
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Named(dict):
 
 def job_of(tmp_path, **params):
     return SimpleNamespace(
-        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", "libraries": "numpy 2.3.1", **params}),
+        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", "libraries": LIBRARIES, **params}),
         input=Named(),
         output=Named(out=str(tmp_path / "out.h5")),
         wildcards=Named(reading="r"),
@@ -167,7 +169,7 @@ def test_saving_keeps_where_a_result_comes_from(tmp_path):
 ELSEWHERE = {
     "inputs": ({"inputs": {"a": 2.0, "b": [1.0]}}, "a is 2.0, not 1.0; b is [1.0], not None"),
     "code": ({"code": "xyz"}, "other code"),
-    "libraries": ({"libraries": "numpy 2.4.0, scipy 1.16.0"}, "'numpy 2.4.0, scipy 1.16.0' among the libraries"),
+    "libraries": ({"libraries": "numpy 2.0, scipy 1.16.0"}, "'numpy 2.0, scipy 1.16.0' among the libraries"),
     "options": ({"options": {"trials": 200}}, "trials is 200, not None"),
 }
 
@@ -315,6 +317,14 @@ def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, m
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
         pytest.fail("the body must not run")
     assert "OPENBLAS_CORETYPE" in capsys.readouterr().err
+
+
+def test_a_job_with_other_libraries_than_planned_does_not_start(tmp_path, pinned, capsys):
+    planned = LIBRARIES.replace("numpy ", "numpy 1")
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, libraries=planned)):
+        pytest.fail("the body must not run")
+    said = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
+    assert said in capsys.readouterr().err
 
 
 def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):

@@ -179,6 +179,16 @@ def test_the_key_lasts_and_is_private(tmp_path, monkeypatch):
         assert kernels.private_key() == again
 
 
+def test_a_user_without_a_home_has_a_key(tmp_path, monkeypatch):
+    def none():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(kernels.Path, "home", none)
+    monkeypatch.setattr(kernels.tempfile, "tempdir", str(tmp_path))
+    assert kernels.private_key() == kernels.private_key()
+
+
 def test_where_the_home_takes_no_key_a_folder_for_temporary_files_does(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     (tmp_path / "temporary").mkdir()

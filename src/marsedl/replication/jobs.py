@@ -143,6 +143,18 @@ class Job:
         for path, (paper, reading, recipe) in self._artifacts.items():
             check_recipe(path, recipe, paper, reading)
 
+    def check_libraries(self) -> None:
+        """Refuse to run with libraries of other versions than those that Snakemake planned with."""
+        from marsedl.replication.libraries import versions_used
+
+        planned = self.params.get("libraries", "")
+        names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
+        if planned and (found := versions_used(frozenset(names))) != planned:
+            raise MarsedlError(
+                f"the job would run with {found}, but was planned with {planned}: start snakemake in the environment "
+                "in which its jobs run"
+            )
+
     def save(self, artifact: object) -> None:
         """Save the job's artifact with its provenance: its recipe, the artifacts it was made from, the build's size."""
         from marsedl.replication import artifacts, digests
@@ -264,6 +276,7 @@ def guarded(snakemake) -> typing.Iterator[Job]:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text("")
         assert_numerics()
+        job.check_libraries()
         job.check_artifacts()
         yield job
     except Exception as error:

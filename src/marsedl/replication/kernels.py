@@ -6,6 +6,7 @@ numba never sees a file without its seal: it is dropped, and the kernel compiled
 key too, so that a project that was copied from another user or machine begins with an empty cache.
 """
 
+import contextlib
 import fcntl
 import hashlib
 import hmac
@@ -169,9 +170,8 @@ class Seals:
 def _private_folders() -> Iterator[Path]:
     """Where the key may be: the user's cache folder; where there is none, a folder for temporary files."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    home = Path("~/.cache").expanduser()
-    if named.is_absolute() or home.is_absolute():
-        yield (named if named.is_absolute() else home) / "marsedl"
+    with contextlib.suppress(RuntimeError):  # some containers have users without a home
+        yield (named if named.is_absolute() else Path.home() / ".cache") / "marsedl"
     yield Path(tempfile.gettempdir()) / f"marsedl-{os.getuid()}"
 
 
