@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from marsedl.replication.scaffold import new_paper, next_steps
 from marsedl.replication.verification import copy_tree, snakemake
 
 ROOT = Path(__file__).parents[2]
-SLUG = "hypersonic_glide"
+SLUG, SMALL = "hypersonic_glide", "short_hop"  # with Monte Carlo and without
 TITLE = (
     "A Study of Gliding & Steering, Which Has {Braces}, a Title That is Far Too Long for One Line, and What Not: Part 2"
 )
@@ -29,18 +30,28 @@ def tree(tmp_path):
 
 @pytest.fixture(scope="module")
 def scaffolded(tmp_path_factory):
-    """A copy of the tree with a new paper, and the files that were written."""
+    """A copy of the tree with two new papers, and the files that were written."""
     tree = copy_tree(ROOT, tmp_path_factory.mktemp("scaffold") / "project")
-    (tree / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
-    return tree, new_paper(tree, SLUG, TITLE, AUTHORS)
+    contract = Path("tests") / "replication" / "test_catalogue.py"
+    (tree / contract).parent.mkdir(parents=True)
+    for path in (Path("pyproject.toml"), contract):
+        (tree / path).write_bytes((ROOT / path).read_bytes())
+    return tree, written(tree)
+
+
+def written(tree):
+    """Both papers, and the files that they are."""
+    return [*new_paper(tree, SMALL, TITLE, AUTHORS, monte_carlo=False), *new_paper(tree, SLUG, TITLE, AUTHORS)]
 
 
 @pytest.fixture(scope="module")
 def sapling(scaffolded):
+    """Built as the command says."""
     tree, _ = scaffolded
-    targets = (SLUG, f"report/claims/{SLUG}.json")
-    done = snakemake(tree, *targets, "--cores", "2", "--config", "size=smoke")
-    assert done.returncode == 0, done.stdout[-3000:]
+    for slug in (SLUG, SMALL):
+        (command,) = re.findall(r"(?m)^build it: +snakemake (.*)$", next_steps(slug))
+        done = snakemake(tree, *command.split(), "--cores", "2")
+        assert done.returncode == 0, done.stdout[-3000:]
     return tree
 
 
@@ -56,24 +67,60 @@ def content(tree):
     return {path: path.read_bytes() for path in tree.rglob("*") if path.is_file()}
 
 
+def products_of(tree, slug):
+    """The one claim of a new paper, and the names of its figures and tables."""
+    (row,) = json.loads((tree / "report" / "claims" / f"{slug}.json").read_text("utf-8"))
+    return row, {path.name for path in (tree / "figures" / slug).iterdir()}
+
+
+def passes_its_tests_and_the_contract(tree, *slugs):
+    done = run(tree, "pytest", "tests", "-k", " or ".join((*slugs, "rules")), "-vv", "-p", "no:cacheprovider")
+    assert done.returncode == 0, done.stdout[-3000:]
+    for slug in slugs:
+        own, contract = f"tests/papers/test_{slug}.py", "tests/replication/test_catalogue.py"
+        assert f"{own}::test_every_claim_has_the_verdict_that_is_expected PASSED" in done.stdout
+        assert f"{contract}::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in done.stdout
+    assert "::test_rules_are_found PASSED" in done.stdout
+
+
 @pytest.mark.workflow
-def test_the_workflow_builds_it_and_its_claim_has_a_verdict(sapling):
-    (row,) = json.loads((sapling / "report" / "claims" / f"{SLUG}.json").read_text("utf-8"))
+@pytest.mark.parametrize(("slug", "table"), [(SLUG, "touchdown"), (SMALL, "descent")])
+def test_the_workflow_builds_it_and_its_claim_has_a_verdict(sapling, slug, table):
+    row, names = products_of(sapling, slug)
     assert row["verdict"] == "reproduced"
     assert set(row["readings"]) == {"corrected", "printed"}
-    names = {path.name for path in (sapling / "figures" / SLUG).iterdir()}
-    assert names == {"fig01.png", "fig01.pdf", "touchdown.csv", "touchdown.md", "claims.csv", "claims.md"}
+    assert names == {"fig01.png", "fig01.pdf", f"{table}.csv", f"{table}.md", "claims.csv", "claims.md"}
 
 
 @pytest.mark.workflow
-def test_it_passes_its_own_tests_and_the_contract_of_all_papers(sapling):
-    contract = Path("tests") / "replication" / "test_catalogue.py"
-    (sapling / contract).parent.mkdir(parents=True, exist_ok=True)
-    (sapling / contract).write_bytes((ROOT / contract).read_bytes())
-    done = run(sapling, "pytest", "tests", "-k", SLUG, "-vv", "-p", "no:cacheprovider")
+def test_the_command_that_builds_it_touches_no_other_paper(sapling):
+    for folder in ("data/cache", "figures", "report/claims", "logs"):
+        assert {path.stem for path in (sapling / folder).iterdir()} == {SLUG, SMALL}
+
+
+@pytest.mark.workflow
+def test_they_pass_their_own_tests_and_the_contract_of_all_papers(sapling):
+    passes_its_tests_and_the_contract(sapling, SLUG, SMALL)
+
+
+@pytest.mark.workflow
+def test_a_paper_needs_no_figures(scaffolded, tmp_path):
+    def edit(name, old, new):
+        text, edits = re.subn(old, new, (tree / name).read_text("utf-8"))
+        assert edits == 1
+        (tree / name).write_text(text, "utf-8")
+
+    generated = shutil.ignore_patterns("cache", "figures", "report", "logs", "benchmarks", ".snakemake")
+    tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=generated)
+    shutil.copytree(ROOT / "workflow" / "report", tree / "workflow" / "report", dirs_exist_ok=True)
+    catalogue = f"src/marsedl/papers/{SMALL}/__init__.py"
+    edit(catalogue, r"(?s)FIGURES = \{.*?\n\}.*?\n\}\n", "FIGURES = {}\nDESCRIBED = {}\n")
+    edit(f"tests/papers/test_{SMALL}.py", r"claims, figures, ", "claims, ")
+    (tree / f"src/marsedl/papers/{SMALL}/figures.py").unlink()
+    done = snakemake(tree, SMALL, "--cores", "1", "--config", "size=smoke")
     assert done.returncode == 0, done.stdout[-3000:]
-    for name in ("test_every_claim_has_the_verdict_that_is_expected", f"test_every_paper_has_the_same_files[{SLUG}]"):
-        assert f"::{name} PASSED" in done.stdout
+    assert products_of(tree, SMALL)[1] == {"descent.csv", "descent.md", "claims.csv", "claims.md"}
+    passes_its_tests_and_the_contract(tree, SMALL)
 
 
 @pytest.mark.workflow
@@ -84,18 +131,19 @@ def test_its_trial_is_flown_again_to_the_last_bit(sapling):
 
 
 @pytest.mark.workflow
-def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling):
-    facts = yaml.safe_load((sapling / "tests" / "workflow" / "facts" / f"{SLUG}.yaml").read_text("utf-8"))["physics"]
+@pytest.mark.parametrize("slug", [SLUG, SMALL])
+def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling, slug):
+    facts = yaml.safe_load((sapling / "tests" / "workflow" / "facts" / f"{slug}.yaml").read_text("utf-8"))["physics"]
     path = sapling / "src" / "marsedl" / facts["file"]
     text = path.read_text("utf-8")
     assert text.count(facts["old"]) == 1
     path.write_text(text.replace(facts["old"], facts["new"]), "utf-8")
     try:
-        target = f"report/claims/{SLUG}.json"
+        target = f"report/claims/{slug}.json"
         done = snakemake(sapling, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
     finally:
         path.write_text(text, "utf-8")
-    stages = set(re.findall(rf"(?m)^rule {SLUG}_(\w+):", done.stdout)) - {"claims"}
+    stages = set(re.findall(rf"(?m)^rule {slug}_(\w+):", done.stdout)) - {"claims"}
     assert stages == set(facts["rerun"])
 
 
@@ -103,20 +151,21 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling):
 def test_the_audit_finds_nothing_amiss_with_it(sapling):
     (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
     said = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
-    assert any(f"{SLUG} 1" in line for line in said if "printed claims" in line), said
-    assert not [line for line in said if re.match(r"  [^ \d]", line) and SLUG in line and "is committed" not in line]
+    assert any(f"{SMALL} 1, {SLUG} 1" in line for line in said if "printed claims" in line), said
+    findings = [line for line in said if re.match(r"  [^ \d]", line) and "is committed" not in line]
+    assert not [line for line in findings if SLUG in line or SMALL in line]
 
 
 def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
-    tree, written = scaffolded
-    assert all(path.is_file() for path in written)
-    python = [str(path) for path in written if path.suffix == ".py"]
-    assert len(python) > 10
+    tree, files = scaffolded
+    assert all(path.is_file() for path in files)
+    python = [str(path) for path in files if path.suffix == ".py"]
+    assert len(python) > 20
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
         done = run(tree, "ruff", *command, *python)
         assert done.returncode == 0, done.stdout
-    assert not [path for path in written if path.suffix == ".smk"], "a new paper adds no rule"
-    for path in written:
+    assert not [path for path in files if path.suffix == ".smk"], "a new paper adds no rule"
+    for path in files:
         text = path.read_text("utf-8")
         assert "{{" not in text
         assert "__slug__" not in text
@@ -143,8 +192,8 @@ def test_it_is_registered_behind_the_other_papers(scaffolded):
 
 
 def test_the_same_request_writes_the_same_bytes(tree, scaffolded):
-    other, written = scaffolded
-    for mine, others in zip(new_paper(tree, SLUG, TITLE, AUTHORS), written, strict=True):
+    other, files = scaffolded
+    for mine, others in zip(written(tree), files, strict=True):
         assert mine.relative_to(tree) == others.relative_to(other)
         assert mine.read_bytes() == others.read_bytes()
 
