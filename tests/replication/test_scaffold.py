@@ -13,6 +13,7 @@ import yaml
 
 from marsedl.replication.errors import InputError
 from marsedl.replication.scaffold import new_paper, next_steps
+from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import copy_tree, snakemake
 
 ROOT = Path(__file__).parents[2]
@@ -69,8 +70,9 @@ def content(tree):
 
 def products_of(tree, slug):
     """The one claim of a new paper, and the names of its figures and tables."""
-    (row,) = json.loads((tree / "report" / "claims" / f"{slug}.json").read_text("utf-8"))
-    return row, {path.name for path in (tree / "figures" / slug).iterdir()}
+    build = build_folder(tree, "smoke")
+    (row,) = json.loads((build / "report" / "claims" / f"{slug}.json").read_text("utf-8"))
+    return row, {path.name for path in (build / "figures" / slug).iterdir()}
 
 
 def passes_its_tests_and_the_contract(tree, *slugs):
@@ -95,7 +97,7 @@ def test_the_workflow_builds_it_and_its_claim_has_a_verdict(sapling, slug, table
 @pytest.mark.workflow
 def test_the_command_that_builds_it_touches_no_other_paper(sapling):
     for folder in ("data/cache", "figures", "report/claims", "logs"):
-        assert {path.stem for path in (sapling / folder).iterdir()} == {SLUG, SMALL}
+        assert {path.stem for path in (build_folder(sapling, "smoke") / folder).iterdir()} == {SLUG, SMALL}
 
 
 @pytest.mark.workflow
@@ -110,9 +112,7 @@ def test_a_paper_needs_no_figures(scaffolded, tmp_path):
         assert edits == 1
         (tree / name).write_text(text, "utf-8")
 
-    generated = shutil.ignore_patterns("cache", "figures", "report", "logs", "benchmarks", ".snakemake")
-    tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=generated)
-    shutil.copytree(ROOT / "workflow" / "report", tree / "workflow" / "report", dirs_exist_ok=True)
+    tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=shutil.ignore_patterns("build", ".cache"))
     catalogue = f"src/marsedl/papers/{SMALL}/__init__.py"
     edit(catalogue, r"(?s)FIGURES = \{.*?\n\}.*?\n\}\n", "FIGURES = {}\nDESCRIBED = {}\n")
     edit(f"tests/papers/test_{SMALL}.py", r"claims, figures, ", "claims, ")
