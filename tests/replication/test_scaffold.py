@@ -150,6 +150,8 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling, slug):
 @pytest.mark.workflow
 def test_the_audit_finds_nothing_amiss_with_it(sapling):
     (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
+    # The audit asks for verdicts of the full size.
+    shutil.copytree(build_folder(sapling, "smoke") / "report" / "claims", sapling / "report" / "claims")
     said = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
     assert any(f"{SMALL} 1, {SLUG} 1" in line for line in said if "printed claims" in line), said
     findings = [line for line in said if re.match(r"  [^ \d]", line) and "is committed" not in line]
