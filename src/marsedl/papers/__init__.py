@@ -1,12 +1,8 @@
 """The replicated papers, one package each."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from marsedl.replication.catalogue import Paper
-
-if TYPE_CHECKING:  # jobs import this package too, and need none of pydantic
-    from marsedl.replication.inputs import Inputs
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
@@ -21,6 +17,6 @@ def rounding_noise() -> dict[str, tuple[str, ...]]:
     return {slug: catalogue(slug).noise for slug in SLUGS}
 
 
-def input_model(slug: str) -> "type[Inputs]":
+def input_model(slug: str) -> type:  # of Inputs, which jobs import this package without
     """Return the class of a paper's typed inputs."""
     return import_module(f"marsedl.papers.{slug}.inputs").MODEL

@@ -34,6 +34,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import astuple, dataclass, field
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 
@@ -94,15 +95,19 @@ def script_libraries(path: str | Path, source_root: Path = SOURCE_ROOT) -> list[
     return _digest_and_libraries(_closure_of_script(path, source_root))[1]
 
 
-def source_digest(source_root: Path = SOURCE_ROOT) -> str:
-    """SHA-256 of the code of all Python files below `source_root`; comments, docstrings and formatting do not count.
+def source_digest(source_root: Path = SOURCE_ROOT, without: Iterable[str] = ()) -> str:
+    """SHA-256 of the code of the Python files below `source_root`; comments, docstrings and formatting do not count.
+
+    without: patterns of paths below `source_root` that are left out, such as "package/*/claims.py"
 
     Raises MarsedlError for a file that is not valid Python.
     """
-    source_root = Path(source_root)
+    source_root, without = Path(source_root), tuple(without)
     parts = []
     for path in sorted(source_root.rglob("*.py")):
         name = path.relative_to(source_root).as_posix()
+        if any(fnmatchcase(name, pattern) for pattern in without):
+            continue
         module = ".".join(path.relative_to(source_root).with_suffix("").parts)
         is_package = path.stem == "__init__"
         parts += [name, _parsed(module.removesuffix(".__init__"), is_package, str(path), path.read_bytes()).text]
@@ -134,9 +139,9 @@ class RememberedDigests:
             self._recall()
         atexit.register(self.save)
 
-    def source(self) -> str:
+    def source(self, without: tuple[str, ...] = ()) -> str:
         """See `source_digest`."""
-        return self._of("source", lambda: source_digest(self._source_root))
+        return self._of(f"source {without}", lambda: source_digest(self._source_root, without))
 
     def code(self, entry: str) -> str:
         """See `code_digest`."""
