@@ -615,7 +615,7 @@ def test_a_trial_under_several_laws_is_the_same_under_each(tree):
 def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
     """The flights are those of a smaller size, as after an edit of the number of trials."""
     stored = "data/cache/powered_descent/corrected"
-    shutil.copytree(tree.path("build/smoke") / stored, tree.path(stored))
+    shutil.copytree(tree.path(stored), tree.folder / stored)
     done = tree.marsedl("trial", "powered_descent", "corrected", "1500")
     assert done.returncode == 0, done.stderr
     assert "trial 1500 of closed_loop: completed" in done.stdout

@@ -62,6 +62,9 @@ STANDS_FOR = {
     "snakemake {target}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
     "{cache / path.name}{options}": "data/cache/powered_descent/corrected/gains.h5 --config size=smoke",
     "{path.relative_to(root)}": "data/reference/powered_descent.json",
+    "{COMMITTED_INPUTS}": "data/reference/inputs.json",
+    "snakemake {path} --config size={parts[1]}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
+    "snakemake {setting} --config ...": "snakemake claims --config size=smoke",
     "{name}": "report/badge.json",
     "corrected {case}": "corrected closed_loop 7",  # the report's script adds the number
     "{{ paths[0] }}": "figures/powered_descent/fig07.png",
@@ -88,6 +91,7 @@ ELSEWHERE = {
     "make slurm": ".ci/run",
     "make environment": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",
     ". .venv/bin/activate": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",
+    "make lock": "tests/test_environment.py::test_the_locks_agree_in_their_versions",
     "make docs": "tests/test_docs.py::test_the_pages_need_no_network_and_name_no_folder_of_this_machine",
     "make verify": "tests/workflow/test_reproducibility.py::test_two_builds_agree_in_every_product",
     "make bench": "tests/test_commands.py::test_benchmarks_of_an_unknown_paper_are_refused",
@@ -103,7 +107,7 @@ ELSEWHERE = {
     "podman *": "tests/test_container.py::test_what_is_copied_exists_and_is_not_generated",
     "pytest -m long": "tests/workflow/test_faults.py::test_a_kill_at_any_moment_loses_nothing",
     "pytest tests/papers/test_hypersonic_glide.py": (
-        "tests/replication/test_scaffold.py::test_it_passes_its_own_tests_and_the_contract_of_all_papers"
+        "tests/replication/test_scaffold.py::test_they_pass_their_own_tests_and_the_contract_of_all_papers"
     ),
     "pytest tests/slurm": "tests/slurm/test_slurm.py::test_products_through_slurm_are_the_same_as_without_it",
     "pytest -m long tests/slurm": (
@@ -335,6 +339,8 @@ def test_all_makes_what_the_page_lists(project):
     "line", [command.line for command in GIVEN if not command.line.startswith("marsedl new-paper h")]
 )
 def test_other_commands_do_what_is_shown(project, line):
+    mine = next(command.readings for command in SHOWN if command.readings)
+    (project / "mine.yaml").write_text(mine, encoding="utf-8")
     done = given(project, line)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -345,10 +351,9 @@ def test_other_commands_do_what_is_shown(project, line):
 def test_commands_that_need_a_build_do_what_is_shown(tree):
     """The smoke build stands in for that of the full size, whose commands are shown; it has fewer trials."""
     for name in ("data/cache", "report"):
-        shutil.copytree(tree.path("build/smoke") / name, tree.path(name), dirs_exist_ok=True)
+        shutil.copytree(tree.path(name), tree.folder / name)
     for number in range(2):  # of which one page compares a file
-        tree.path(f"build/verify/{number}/report").mkdir(parents=True)
-        shutil.copy(tree.path("report/badge.json"), tree.path(f"build/verify/{number}/report"))
+        shutil.copytree(tree.path("report"), tree.folder / f"build/verify/{number}/build/smoke/report")
     assert len(ON_A_BUILD) >= 6
     for command in ON_A_BUILD:
         done = given(tree.folder, command.line)

@@ -27,7 +27,8 @@ def stages(found):
     return {name.split(".")[0] for name in found["compared"]} | {"montecarlo_chunk", "montecarlo_gather"}
 
 
-@pytest.mark.parametrize("slug", SLUGS)
+# One paper in every run of the suite: the others take minutes.
+@pytest.mark.parametrize("slug", [SLUGS[0], *(pytest.param(slug, marks=pytest.mark.long) for slug in SLUGS[1:])])
 def test_every_stage_at_smoke_size(tree, slug):
     found = in_memory(tree.folder, "smoke", slug)
     assert stages(found) == set(catalogue(slug).stages)

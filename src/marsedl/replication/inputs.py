@@ -436,9 +436,13 @@ def committed_inputs(root: Path) -> dict[str, str]:
     try:
         digests = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); restore it with 'git checkout {path}'") from None
+        raise InputError(
+            f"{path}: cannot be read ({error}); restore it with 'git checkout {COMMITTED_INPUTS}'"
+        ) from None
     if not isinstance(digests, dict):
-        raise InputError(f"{path}: must hold a digest for each paper; restore it with 'git checkout {path}'")
+        raise InputError(
+            f"{path}: must hold a digest for each paper; restore it with 'git checkout {COMMITTED_INPUTS}'"
+        )
     return digests
 
 

@@ -135,8 +135,8 @@ def build_twice(root: Path) -> bool:
     first, second = (digest_tree(folder, PRODUCTS) for folder in products)
     unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
     for name in unequal:
-        a, b = (folder.relative_to(root) / name for folder in products)
-        print(f"  differs: {name} (compare with 'marsedl diff {a} {b}')")
+        shown = f"marsedl diff build/verify/0/build/smoke/{name} build/verify/1/build/smoke/{name}"
+        print(f"  differs: {name} (compare with '{shown}')")
     print(f"{len(first)} products in each of two builds, {len(unequal)} differ", flush=True)
     return not unequal
 
