@@ -1,4 +1,5 @@
 # Configuration, validated before any job is planned, and the small vocabulary that the rules are written in.
+import contextlib
 import functools
 import hashlib
 import re
@@ -28,7 +29,9 @@ DEFAULT = "corrected"
 
 try:
     MODELS = {slug: input_model(slug) for slug in SLUGS}
-    STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+    # A job of a smaller size may begin in the folder of its build.
+    with contextlib.chdir(ROOT):
+        STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
     COMMITTED = committed_inputs(ROOT)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
