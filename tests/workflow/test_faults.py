@@ -163,7 +163,8 @@ def test_damaged_artifacts_of_every_paper_are_refused_in_one_run_until_they_are_
         said = failed(tree, *targets)
         assert "Traceback" not in said
         for name, (_, _, job, reason) in DAMAGED.items():
-            start = f"paper {name.split('/')[0]}, reading corrected, job {job}: data/cache/{name}.h5: "
+            where = f"folder build/smoke, paper {name.split('/')[0]}, reading corrected, job {job}"
+            start = f"{where}: data/cache/{name}.h5: "
             refusal = next((line for line in said.splitlines() if line.startswith(start)), "")
             assert reason in refusal, said[-8000:]
             assert "delete it and run snakemake again" in refusal
@@ -197,7 +198,7 @@ def test_a_failing_stage_names_itself_and_leaves_the_others_running(tree):
     where = "paper powered_descent, reading kilonewton_noise, job powered_descent_nominal: "
     assert where + "the mass iteration still changes" in said
     assert "raise mass_iterations or mass_tolerance" in said
-    assert "(log: logs/powered_descent/kilonewton_noise/nominal.log)" in said
+    assert "(log: build/smoke/logs/powered_descent/kilonewton_noise/nominal.log)" in said
     assert "MarsedlError" in tree.path("logs/powered_descent/kilonewton_noise/nominal.log").read_text(encoding="utf-8")
     after = tree.state()
     changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
@@ -375,9 +376,11 @@ def test_a_second_run_of_the_same_files_is_refused_and_disturbs_nothing(without_
     tree, digests = without_case
     process = tree.start(CASE)
     try:
-        first_job_of(process)
+        job = first_job_of(process)
+        os.kill(job, signal.SIGSTOP)  # so that the first run cannot end before the second begins
         said = failed(tree, CASE)
         assert "lock" in said.lower()
+        os.kill(job, signal.SIGCONT)
         assert process.wait(timeout=300) == 0
     finally:
         killed(process)

@@ -61,11 +61,15 @@ def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished
     assert done.returncode != 0
     assert "Traceback" not in done.stdout
     for slug, (_, artifact, fragments) in FAILING.items():
-        said = re.findall(rf"^paper {slug}, reading unsolved, job {slug}_{artifact}: (.*)$", done.stdout, re.MULTILINE)
+        said = re.findall(
+            rf"^folder build/smoke, paper {slug}, reading unsolved, job {slug}_{artifact}: (.*)$",
+            done.stdout,
+            re.MULTILINE,
+        )
         assert said, f"{slug}: {done.stdout[-5000:]}"
         for fragment in fragments:
             assert fragment in said[0]
-        assert f"(log: logs/{slug}/unsolved/{artifact}.log)" in done.stdout
+        assert f"(log: build/smoke/logs/{slug}/unsolved/{artifact}.log)" in done.stdout
         assert not tree.path(f"data/cache/{slug}/unsolved/{artifact}.h5").exists()
     found = tree.digests()
     assert {name: found.get(name) for name in digests} == digests, "what can be made was made"
