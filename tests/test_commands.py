@@ -119,7 +119,7 @@ ELSEWHERE = {
     "snakemake --report *": (
         "tests/comparison/test_comparison_workflow.py::test_the_report_of_snakemake_holds_captions_categories_and_labels"
     ),
-    "snakemake --unlock": "tests/workflow/test_faults.py::test_a_killed_snakemake_can_go_on",
+    "snakemake --unlock*": "tests/workflow/test_faults.py::test_a_killed_snakemake_can_go_on",
     "uv *": "tests/test_commands.py::test_commands_that_install_name_files_and_extras_that_exist",
     "pip *": "tests/test_commands.py::test_commands_that_install_name_files_and_extras_that_exist",
     "h5dump *": "tests/test_commands.py::test_programs_of_the_system_are_named_with_their_package",

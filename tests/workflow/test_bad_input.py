@@ -105,6 +105,7 @@ def test_a_target_that_nothing_makes_is_refused(project, target, message):
 
 
 def test_folders_that_cannot_be_written_are_refused(project):
+    project.config = []
     project.path("logs").write_text("")
     assert "logs: is no folder, and one of this name has to be written; move it away" in refused(project, "all")
 

@@ -77,7 +77,7 @@ def check_request(
             raise InputError("a target is empty (''); name one, such as 'all', or leave it out")
         if "/" not in word and word not in rules:
             raise InputError(f"there is no target '{word}'; {nearest(word, ['all', 'claims', 'report', *papers])}")
-    for target in asked_for(arguments, root):
+    for target in [target for target in asked_for(arguments, root) if target not in rules]:
         check_target(target, size, papers, studies, comparisons)
 
 
