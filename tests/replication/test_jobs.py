@@ -46,7 +46,7 @@ def job_of(tmp_path, **params):
         wildcards=Named(reading="r"),
         log=Named(log=str(tmp_path / "logs" / "job.log")),
         rule="p_stage",
-        scriptdir=str(Path.cwd() / "workflow" / "scripts"),
+        scriptdir=str(Path.cwd() / "workflow" / "rules" / ".." / "scripts"),  # as Snakemake has it
     )
 
 

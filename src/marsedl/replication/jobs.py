@@ -283,7 +283,8 @@ def guarded(snakemake) -> typing.Iterator[Job]:
     except Exception as error:
         with contextlib.suppress(OSError):  # a full disk must not hide the error itself
             log.write_text(traceback.format_exc())
-        folder = os.path.relpath(Path.cwd(), Path(snakemake.scriptdir).parents[1])  # of a size that is not the full one
+        root = Path(snakemake.scriptdir).resolve().parents[1]
+        folder = os.path.relpath(Path.cwd(), root)  # of a size that is not the full one
         place = {"folder": "" if folder == "." else folder, "paper": job.paper, "reading": job.reading}
         place["job"] = snakemake.rule
         where = ", ".join(f"{what} {value}" for what, value in place.items() if value)
