@@ -48,7 +48,7 @@ rule all:
 try:
     command_line.check_request(
         sys.argv[1:],
-        size=str(config.get("size", "full")),
+        size=SIZE,
         papers=PAPERS,
         studies=STUDIES,
         comparisons=COMPARISONS,

@@ -209,7 +209,7 @@ def recipe(path):
 def build(wildcards, input):
     """The size of the build, and paper, reading and recipe of each artifact that a job is given, by file."""
     artifacts = {path: recipe(path) for path in input if path.endswith(".h5")}
-    return dict(size=str(config.get("size", "full")), artifacts=artifacts)
+    return dict(size=SIZE, artifacts=artifacts)
 
 
 def drawn_from(paper, stem, reading):
