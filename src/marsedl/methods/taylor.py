@@ -5,7 +5,8 @@ import numbers
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["Series"]
 
@@ -116,7 +117,7 @@ def _recurrence(function):
     return run
 
 
-@register_jitable
+@jitable
 def _convolution(a, b, k, start):
     """Sum over j = start ... k of a_j b_{k-j}, of arrays of coefficients."""
     total = a[start] * b[k - start]

@@ -12,8 +12,8 @@ are compiled by numba and traced by CasADi as well.
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
+from marsedl.compiling import jitable
 from marsedl.models.density_table import require_physical
 
 __all__ = [
@@ -59,7 +59,7 @@ _LOWER_DENSITY, _LOWER_SCALE_HEIGHT = 1.59e-2, 11.049e3  # kg/m^3 extrapolated t
 _UPPER_DENSITY, _UPPER_SCALE_HEIGHT = 5.25e-2, 7.295e3
 
 
-@register_jitable
+@jitable
 def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
     """Logarithm of the density as a parabola of altitude, continued upwards along its last tangent.
 
@@ -83,7 +83,7 @@ def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
     return log_density, slope / _TEN_KILOMETRES, curvature
 
 
-@register_jitable
+@jitable
 def temperature_pressure_fit(altitude):
     """Density from a cubic temperature and an exponential pressure (desensitized landing, Eq. 4, a Mars-GRAM fit).
 
@@ -108,7 +108,7 @@ def temperature_pressure_fit(altitude):
     return log_density, -decay - relative_slope, relative_slope * relative_slope - relative_curvature
 
 
-@register_jitable
+@jitable
 def two_exponential(altitude):
     """Two isothermal layers (Gallais, Atmospheric Re-Entry Vehicle Mechanics, p. 29).
 

@@ -7,7 +7,8 @@ altitude here ascend, as tables do; the process enters at the last node and marc
 """
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = [
     "decay_rate",
@@ -28,7 +29,7 @@ __all__ = [
 # ---- desired variance profiles ---------------------------------------------------------------------------------------
 
 
-@register_jitable
+@jitable
 def exponential_variance(altitude, variance, upper_altitude, growth_length):
     """Variance of the relative density that grows exponentially up to an altitude and is constant above.
 
@@ -47,7 +48,7 @@ def exponential_variance(altitude, variance, upper_altitude, growth_length):
     return zeta, zeta / growth_length * (altitude < upper_altitude)
 
 
-@register_jitable
+@jitable
 def mars_gram_2010_deviation(altitude):
     """One-sigma dispersion of the density, relative to the mean, of Mars-GRAM 2010 itself.
 
@@ -67,7 +68,7 @@ def mars_gram_2010_deviation(altitude):
 # ---- coefficients of the process -------------------------------------------------------------------------------------
 
 
-@register_jitable
+@jitable
 def decay_rate(inverse_scale_height, factor):
     """Decay rate of the process, lambda = factor / H (stochastic entry guidance, Remark II.1: factor 2).
 
@@ -81,7 +82,7 @@ def decay_rate(inverse_scale_height, factor):
     return factor * inverse_scale_height
 
 
-@register_jitable
+@jitable
 def diffusion(decay, variance):
     """Diffusion whose stationary variance is the desired one (stochastic entry guidance, Eq. 11).
 
@@ -100,7 +101,7 @@ def diffusion(decay, variance):
     return 2.0 * decay * variance
 
 
-@register_jitable
+@jitable
 def exact_diffusion(decay, variance, variance_slope):
     """Diffusion for which the process has exactly the desired variance, where Eq. 11 has it for constant zeta only.
 
@@ -120,7 +121,7 @@ def exact_diffusion(decay, variance, variance_slope):
     return 2.0 * decay * variance - variance_slope
 
 
-@register_jitable
+@jitable
 def stationary_variance(diffusion, decay):
     """Variance that the process tends to for constant coefficients (stochastic entry guidance, Eq. 10).
 
@@ -294,7 +295,7 @@ def sample_exact(normals, retention, deviation):
 # ---- density from its variation --------------------------------------------------------------------------------------
 
 
-@register_jitable
+@jitable
 def is_negative(variation):
     """Whether a variation would make the density negative, 1 + variation < 0 (an unbounded Gaussian can).
 
@@ -307,7 +308,7 @@ def is_negative(variation):
     return 1.0 + variation < 0.0
 
 
-@register_jitable
+@jitable
 def density_factor(variation):
     """Ratio of the density to its mean (stochastic entry guidance, Eq. 5), zero where it would be negative.
 

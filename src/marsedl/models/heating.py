@@ -1,12 +1,13 @@
 """Convective heating of a blunt body in hypersonic flight."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["sutton_graves_heat_rate"]
 
 
-@register_jitable
+@jitable
 def sutton_graves_heat_rate(density, velocity, nose_radius, constant):
     """Convective heat rate at the stagnation point by the law of Sutton and Graves.
 

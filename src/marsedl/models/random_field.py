@@ -11,9 +11,9 @@ t_i is `covariance_matrix(kernel, positions)` of the positions at these times (E
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from scipy.linalg import cholesky, solve_triangular
 
+from marsedl.compiling import jitable
 from marsedl.models.density_variation import exponential_variance
 
 __all__ = [
@@ -398,7 +398,7 @@ def interpolate(positions, grid, values):
     return found if positions.ndim else found[..., 0]
 
 
-@register_jitable
+@jitable
 def density_factor(variation, floor):
     """Ratio of the density to its nominal value (random field, Eq. 72), kept from falling below a floor.
 
@@ -414,7 +414,7 @@ def density_factor(variation, floor):
     return np.maximum(1.0 + variation, floor)
 
 
-@register_jitable
+@jitable
 def is_floored(variation, floor):
     """Whether `density_factor` had to raise the density, 1 + variation < floor.
 

@@ -1,12 +1,13 @@
 """Nominal bank profile: the cosine of the bank angle as a function of velocity (stochastic entry guidance, Sec. V)."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["ramped_bank_cosine", "ramped_bank_cosine_slope"]
 
 
-@register_jitable
+@jitable
 def ramped_bank_cosine(velocity, fast_velocity, slow_velocity, fast_cosine, slow_cosine):
     """Nominal bank cosine u(V): one value at high velocity, another at low velocity, a linear ramp between them.
 
@@ -22,7 +23,7 @@ def ramped_bank_cosine(velocity, fast_velocity, slow_velocity, fast_cosine, slow
     return fast * fast_cosine + (1.0 - fast) * slow_cosine
 
 
-@register_jitable
+@jitable
 def ramped_bank_cosine_slope(velocity, fast_velocity, slow_velocity, fast_cosine, slow_cosine):
     """Derivative du/dV of `ramped_bank_cosine`, zero outside the ramp and at its two ends.
 

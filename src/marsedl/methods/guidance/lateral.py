@@ -4,7 +4,8 @@ Sections and equations are those of the stochastic entry guidance.
 """
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = [
     "CORRECTED",
@@ -22,7 +23,7 @@ __all__ = [
 CORRECTED, SIGN_ONLY, PRINTED = 0, 1, 2
 
 
-@register_jitable
+@jitable
 def deadband(time, start_time, start_width, end_time, end_width):
     """Half width of the crossrange deadband: constant, then linear in time, then constant (Fig. 5).
 
@@ -38,7 +39,7 @@ def deadband(time, start_time, start_width, end_time, end_width):
     return rest * start_width + (1.0 - rest) * end_width
 
 
-@register_jitable
+@jitable
 def bank_direction(direction, crossrange, width):
     """New bank direction: reversed when the crossrange has grown beyond the deadband (Eq. 57).
 
@@ -57,14 +58,14 @@ def bank_direction(direction, crossrange, width):
     return direction * (1 - 2 * (direction * crossrange > width))
 
 
-@register_jitable
+@jitable
 def _arctangent_of_ratio(numerator, denominator):
     """The arctangent of numerator / denominator without the division; its limit at a zero denominator."""
     sign = 1.0 - 2.0 * (denominator < 0.0)
     return np.arctan2(sign * numerator, sign * denominator)
 
 
-@register_jitable
+@jitable
 def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
     """Bank command that points the heading at the target, within +-limit (Eq. 58).
 
@@ -93,7 +94,7 @@ def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
     return np.minimum(np.maximum(command, -limit), limit)
 
 
-@register_jitable
+@jitable
 def heading_alignment_limit(velocity, change_velocity, high, low):
     """Largest bank of the heading alignment: high down to a velocity, then low (Sec. V).
 
@@ -108,7 +109,7 @@ def heading_alignment_limit(velocity, change_velocity, high, low):
     return high * (velocity >= change_velocity) + low * (velocity < change_velocity)
 
 
-@register_jitable
+@jitable
 def rate_limited_bank(command, flown, largest_change):
     """Bank to be flown: the command, as far as it can be reached from the bank flown before (Eq. 71, corrected).
 
@@ -125,7 +126,7 @@ def rate_limited_bank(command, flown, largest_change):
     return np.minimum(np.maximum(command, flown - largest_change), flown + largest_change)
 
 
-@register_jitable
+@jitable
 def rate_limited_bank_as_printed(command, previous_command, largest_change):
     """Bank to be flown, literally by Eq. 71.
 

@@ -1,12 +1,13 @@
 """Downrange and crossrange angle of the target (stochastic entry guidance, Appendix D)."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["require_target_ahead", "targeting", "targeting_from_sines"]
 
 
-@register_jitable
+@jitable
 def targeting(
     longitude,
     latitude,
@@ -58,7 +59,7 @@ def targeting(
     )
 
 
-@register_jitable
+@jitable
 def targeting_from_sines(
     radius,
     velocity,

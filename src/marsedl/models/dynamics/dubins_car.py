@@ -1,12 +1,13 @@
 """Car of constant speed that steers by its turn rate (robust entry funnels, Fig. 2)."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["dubins_car_rates"]
 
 
-@register_jitable
+@jitable
 def dubins_car_rates(x, y, heading, turn_rate, speed):
     """Time derivatives of position and heading of a Dubins car (robust entry funnels, Fig. 2).
 

@@ -1,7 +1,8 @@
 """Entry of a gliding point mass over a rotating spherical planet, Eqs. 1-3 of stochastic entry guidance."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = [
     "aerodynamic_coefficients",
@@ -42,7 +43,7 @@ def aerodynamic_coefficients(mass, reference_area, ballistic_coefficient, lift_t
     return drag_coefficient, lift_to_drag * drag_coefficient
 
 
-@register_jitable
+@jitable
 def aerodynamic_factor(coefficient, reference_area, mass):
     """Factor k of an aerodynamic acceleration k rho V^2, k = A C / (2 m) (stochastic entry guidance, Eqs. 2 and 3).
 
@@ -57,7 +58,7 @@ def aerodynamic_factor(coefficient, reference_area, mass):
     return 0.5 * reference_area * coefficient / mass
 
 
-@register_jitable
+@jitable
 def entry_rates_from_sines(
     radius,
     velocity,
@@ -153,7 +154,7 @@ def entry_rates_from_sines(
     )
 
 
-@register_jitable
+@jitable
 def entry_rates(
     radius,
     longitude,

@@ -1,14 +1,14 @@
 """Longitudinal entry with the density as a state of its own (stochastic entry guidance, Eqs. 13, 24 and 27)."""
 
 import numpy as np
-from numba.extending import register_jitable
 
+from marsedl.compiling import jitable
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 
 __all__ = ["density_noise_intensity", "longitudinal_entry_rates"]
 
 
-@register_jitable
+@jitable
 def longitudinal_entry_rates(
     radius,
     velocity,
@@ -66,7 +66,7 @@ def longitudinal_entry_rates(
     )
 
 
-@register_jitable
+@jitable
 def density_noise_intensity(mean_density, diffusion, radius_rate):
     """Variance that the density of a descending vehicle gains per second (stochastic entry guidance, Eqs. 13 and 24).
 

@@ -1,12 +1,13 @@
 """Flight of a gliding point mass in a vertical plane over a spherical planet at rest, Eq. 71 of random field."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["planar_entry_rates", "planar_entry_rates_from_sines"]
 
 
-@register_jitable
+@jitable
 def planar_entry_rates_from_sines(
     radius,
     velocity,
@@ -47,7 +48,7 @@ def planar_entry_rates_from_sines(
     )
 
 
-@register_jitable
+@jitable
 def planar_entry_rates(
     radius,
     velocity,

@@ -1,7 +1,8 @@
 """Planar powered descent of a point mass with mass flow (Ridderhof and Tsiotras, powered descent; Eqs. 1, 2, 49)."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["mass_flow_constant", "powered_descent_rates", "thrust_magnitude"]
 
@@ -22,7 +23,7 @@ def mass_flow_constant(specific_impulse, standard_gravity):
     return 1.0 / (specific_impulse * standard_gravity)
 
 
-@register_jitable
+@jitable
 def thrust_magnitude(thrust_downrange, thrust_vertical):
     """Norm of the thrust, ||u|| (Eq. 2), with the derivative zero at zero thrust.
 
@@ -35,7 +36,7 @@ def thrust_magnitude(thrust_downrange, thrust_vertical):
     return np.sqrt(thrust_downrange * thrust_downrange + thrust_vertical * thrust_vertical + _SMALLEST_SQUARED_THRUST)
 
 
-@register_jitable
+@jitable
 def powered_descent_rates(
     downrange,
     altitude,

@@ -1,12 +1,13 @@
 """Entry over a non-rotating sphere in velocity components, steered by bank acceleration (desensitized, Eqs. 1-2)."""
 
 import numpy as np
-from numba.extending import register_jitable
+
+from marsedl.compiling import jitable
 
 __all__ = ["velocity_component_entry_rates", "velocity_component_entry_rates_from_sines"]
 
 
-@register_jitable
+@jitable
 def velocity_component_entry_rates_from_sines(
     altitude,
     sin_latitude,
@@ -95,7 +96,7 @@ def velocity_component_entry_rates_from_sines(
     )
 
 
-@register_jitable
+@jitable
 def velocity_component_entry_rates(
     altitude,
     latitude,

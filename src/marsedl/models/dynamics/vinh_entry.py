@@ -1,14 +1,14 @@
 """Entry over a rotating spherical planet with the heading counted from east, Eq. 37 of robust entry funnels."""
 
 import numpy as np
-from numba.extending import register_jitable
 
+from marsedl.compiling import jitable
 from marsedl.models.dynamics.entry import entry_rates_from_sines
 
 __all__ = ["vinh_entry_rates"]
 
 
-@register_jitable
+@jitable
 def vinh_entry_rates(
     altitude,
     longitude,

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
-from numba.extending import register_jitable
 
+from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
 from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, new_trajectories, output_count, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
@@ -84,7 +84,7 @@ def step_count(duration, time_step, output_interval):
     return outputs * steps_per_output, steps_per_output
 
 
-@register_jitable
+@jitable
 def scheduled_thrust(error_1, error_2, error_3, error_4, gain_1, gain_2, gain_3, gain_4, feedforward):
     """One component of u = u_ff - K (x - mean) (Eq. 24)."""
     return feedforward - (gain_1 * error_1 + gain_2 * error_2 + gain_3 * error_3 + gain_4 * error_4)
