@@ -23,7 +23,7 @@ del os.environ["NPY_DISABLE_CPU_FEATURES"]  # array code may be as fast as it ca
 from measuring import Rows, children_cpu, say  # noqa: E402
 
 from marsedl.papers import SLUGS  # noqa: E402
-from marsedl.replication.inputs import nearest  # noqa: E402
+from marsedl.replication.errors import nearest  # noqa: E402
 from marsedl.replication.verification import copy_tree  # noqa: E402
 
 OUTPUT = ROOT / "data" / "reference" / "benchmarks.csv"

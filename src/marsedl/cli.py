@@ -166,7 +166,7 @@ def _project(size: str | None = None, config_file: Path | None = None) -> _Proje
 def _paper(slug):
     """Return the catalogue of a paper."""
     from marsedl.papers import SLUGS, catalogue
-    from marsedl.replication.inputs import nearest
+    from marsedl.replication.errors import nearest
 
     if slug not in SLUGS:
         raise InputError(f"there is no paper '{slug}'; {nearest(slug, SLUGS)}")
@@ -174,7 +174,7 @@ def _paper(slug):
 
 
 def _reading(study, name):
-    from marsedl.replication.inputs import nearest
+    from marsedl.replication.errors import nearest
 
     if name not in study.readings:
         raise InputError(f"{study.paper} has no reading '{name}'; {nearest(name, study.readings)}")
@@ -276,7 +276,7 @@ def _first_sentence(caption) -> str:
 
 def _explain(options) -> int:
     from marsedl.replication.code_digest import reached
-    from marsedl.replication.inputs import nearest
+    from marsedl.replication.errors import nearest
 
     paper = _paper(options.paper)
     project = _project(options.size, options.configfile)
@@ -468,7 +468,7 @@ def _verify(options) -> int:
 def _machines(options) -> int:
     from marsedl.papers import SLUGS, rounding_noise
     from marsedl.replication import machines
-    from marsedl.replication.inputs import nearest
+    from marsedl.replication.errors import nearest
 
     if unknown := next((paper for paper in options.paper if paper not in SLUGS), None):
         raise InputError(f"there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")

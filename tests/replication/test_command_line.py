@@ -22,7 +22,8 @@ from marsedl.replication.command_line import (
     configuration,
 )
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import load_studies, nearest
+from marsedl.replication.errors import nearest
+from marsedl.replication.inputs import load_studies
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

@@ -22,7 +22,9 @@ from hypothesis import strategies as st
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication import inputs
 from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import SETTINGS, load_studies, nearest, read_own_file, read_yaml
+from marsedl.replication.errors import nearest
+from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
+from marsedl.replication.strict_yaml import read_yaml
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MODELS = {slug: input_model(slug) for slug in SLUGS}

@@ -7,6 +7,13 @@ rule claims:
         "report/badge.json",
 
 
+def claims_entries(paper):
+    """A paper's evaluators, its statements about claims, and its tables over all readings."""
+    names = ["claims:evaluate", "claims:DECLARATIONS"]
+    names += [f"tables:{stem}" for stem in PAPERS[paper].summaries]
+    return [f"marsedl.papers.{paper}.{name}" for name in names]
+
+
 for _paper in PAPERS:
 
     rule:
@@ -40,13 +47,10 @@ for _paper in PAPERS:
             "../envs/marsedl.yaml"
         params:
             paper=_paper,
-            artifacts={
-                reading: artifacts(_paper, reading)
-                for reading in STUDIES[_paper].compared
-            },
+            artifacts={r: claimed(_paper, r) for r in STUDIES[_paper].compared},
             inputs={
-                name: STUDIES[_paper].readings[name].slice(MODELS[_paper].model_fields)
-                for name in STUDIES[_paper].compared
+                reading: STUDIES[_paper].readings[reading].inputs.plain()
+                for reading in STUDIES[_paper].compared
             },
             judged=dict(
                 known_errata=[erratum.id for erratum in PAPERS[_paper].errata],
@@ -57,8 +61,8 @@ for _paper in PAPERS:
                 size=SIZE,
             ),
             summaries=list(PAPERS[_paper].summaries),
-            code=claims_code(_paper),
-            libraries=libraries_of("claims.py", *claims_entries(_paper)),
+            code=code("claims.py", *claims_entries(_paper)),
+            libraries=libraries("claims.py", *claims_entries(_paper)),
             build=build,
         script:
             "../scripts/claims.py"
@@ -77,6 +81,6 @@ rule all_claims:
     conda:
         "../envs/marsedl.yaml"
     params:
-        code=script_of("all_claims.py"),
+        code=code("all_claims.py"),
     script:
         "../scripts/all_claims.py"

@@ -27,7 +27,7 @@ rule digests:
     conda:
         "../envs/marsedl.yaml"
     params:
-        code=script_of("digests.py"),
+        code=code("digests.py"),
         build=build,
     script:
         "../scripts/digests.py"
@@ -51,22 +51,21 @@ rule index:
         readings={paper: described(paper) for paper in PAPERS},
         size=SIZE,
         benchmarks=source("data/reference/benchmarks.csv"),
-        benchmark_digest=file_digest(source("data/reference/benchmarks.csv")),
+        benchmark_digest=file_digest("data/reference/benchmarks.csv"),
         machines=source("data/reference/machines.csv"),
-        machines_digest=file_digest(source("data/reference/machines.csv")),
+        machines_digest=file_digest("data/reference/machines.csv"),
         artifacts={
             paper: {
-                reading: artifacts(paper, reading)
-                for reading in STUDIES[paper].compared
+                reading: claimed(paper, reading) for reading in STUDIES[paper].compared
             }
             for paper in PAPERS
         },
         templates=[
-            file_digest(source(f"src/marsedl/replication/templates/report.{part}"))
+            file_digest(f"src/marsedl/replication/templates/report.{part}")
             for part in ("html.j2", "css", "js")
         ],
-        code=script_of("report.py"),
-        libraries=libraries_of("report.py", *CLOSEUPS),
+        code=code("report.py"),
+        libraries=libraries("report.py", *CLOSEUPS),
         build=build,
         closeups=[DIGESTS.code(entry) for entry in CLOSEUPS],
         catalogues={

@@ -10,10 +10,9 @@ from marsedl.replication.tables import write_table
 with guarded(snakemake) as job:
     module = import_module(f"marsedl.papers.{job.paper}.claims")
     published = claims.load_published(snakemake.input.published)
-    readings = job.readings(module.evaluate)
     tables = [claims.load_measured(path, job.paper) for path in snakemake.input.measured]
-    measured = {"measured": tables[0]} if tables else {}
-    evaluations = {name: module.evaluate(inputs, **items, **measured) for name, (inputs, items) in readings.items()}
+    readings = job.readings(module.evaluate, measured=tables[0] if tables else None)
+    evaluations = {name: module.evaluate(**given) for name, given in readings.items()}
     rows = claims.collect(published, module.DECLARATIONS, evaluations, **job.params.judged)
     if names := claims.unexplained(rows):
         print(f"{job.paper}: claims that differ or fail without a reason: {', '.join(names)}", file=sys.stderr)
@@ -22,4 +21,5 @@ with guarded(snakemake) as job:
         claims.write_text(path, text)
     for stem in job.params.summaries:
         table = getattr(import_module(f"marsedl.papers.{job.paper}.tables"), stem)
-        write_table(table(readings, {claim.id: claim for claim in published}), *snakemake.output[stem])
+        records = {name: (given["inputs"], given["records"]) for name, given in readings.items()}
+        write_table(table(records, {claim.id: claim for claim in published}), *snakemake.output[stem])

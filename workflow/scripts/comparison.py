@@ -11,6 +11,6 @@ with guarded(snakemake) as job:
     stem, params, output = snakemake.wildcards.stem, job.params, snakemake.output
     comparison = import_module(f"marsedl.comparison.{stem}")
     benchmarks = params.benchmarks if params.measured else None
-    found = collect(stem, params.reading, params.inputs, params.artifacts, benchmarks)
-    save_figure(comparison.figure(found), output.png, output.pdf)
-    write_table(comparison.table(found), output.csv, output.md)
+    records = collect(stem, params.inputs, params.artifacts, job.load, benchmarks)
+    save_figure(comparison.figure(records), output.png, output.pdf)
+    write_table(comparison.table(records), output.csv, output.md)

@@ -4,30 +4,40 @@ A comparison is a module of this package. For every paper it has a function of t
 and artifacts to a common record, and two functions of the records of all papers: `figure` and `table`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
+from marsedl.replication.declarations import Taken, taken_by
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure and one table: their captions, and by paper the artifacts and inputs that they are made from.
+    """One figure and one table: their captions, and by paper what the function of its name takes.
 
-    A `measured` one shows run times as well: its functions are given the paper's rows of data/reference/benchmarks.csv.
+    A function that takes `measured` is given the paper's rows of data/reference/benchmarks.csv.
     """
 
     figure: str
     table: str
-    needs: dict[str, tuple[str, ...]]
-    inputs: dict[str, tuple[str, ...]]
-    measured: bool = False
+    takes: dict[str, Taken] = field(default_factory=dict)
+
+    @property
+    def needs(self) -> dict[str, tuple[str, ...]]:
+        """The artifacts that are compared, by paper."""
+        return {paper: taken.needs + taken.optional for paper, taken in self.takes.items()}
+
+    @property
+    def measured(self) -> bool:
+        """Whether it shows run times."""
+        return any("measured" in taken.others for taken in self.takes.values())
 
     @property
     def papers(self) -> tuple[str, ...]:
         """The papers that are compared."""
-        return tuple(self.needs)
+        return tuple(self.takes)
 
-
-_PROFILE = ("density_profile", "density_coefficients", "density_upper_altitude", "density_table")
-_VARIANCE = ("variance_at_top", "variance_top_altitude", "variance_growth_length")
 
 COMPARISONS = {
     "densities": Comparison(
@@ -38,23 +48,6 @@ COMPARISONS = {
         "error that the paper does not have and that is flown here beyond it (desensitized). The powered descent has "
         "no atmosphere: its dispersion comes from the start and from noise on the thrust.",
         "Mean density relative to that of the random-field paper and its dispersion, at five altitudes.",
-        needs={
-            "powered_descent": ("nominal", "gains"),
-            "random_field": ("nominal",),
-            "desensitized": ("nominal",),
-            "funnels": ("linearization",),
-            "stochastic_entry": ("nominal",),
-        },
-        inputs={
-            "powered_descent": (),
-            "random_field": (*_PROFILE, *_VARIANCE, "variance_growth_sign", "correlation_length"),
-            "desensitized": (*_PROFILE, "density_error"),
-            "funnels": (
-                *("log_density_at_surface", "log_density_slope"),
-                *("density_amplitude", "density_slope_amplitude"),
-            ),
-            "stochastic_entry": (*_PROFILE, "variance_profile", *_VARIANCE, "decay_factor"),
-        },
     ),
     "trajectories": Comparison(
         "Altitude against velocity: the nominal of every paper, and dots of its first Monte Carlo flights. Left the "
@@ -62,20 +55,6 @@ COMPARISONS = {
         "which does not rotate in the random-field and the desensitized paper. No paper flies from the parachute's "
         "deployment to the start of the powered descent, nor do the papers land the same vehicle.",
         "The nominals: both ends, lowest altitude and duration.",
-        needs={
-            "powered_descent": ("gains", "montecarlo.closed_loop"),
-            "random_field": ("nominal", "montecarlo.aerocapture"),
-            "desensitized": ("nominal", "montecarlo.entry_errors"),
-            "funnels": ("linearization", "montecarlo.constant"),
-            "stochastic_entry": ("nominal", "montecarlo.stochastic_velocity"),
-        },
-        inputs={
-            "powered_descent": (),
-            "random_field": (),
-            "desensitized": (),
-            "funnels": (),
-            "stochastic_entry": (),
-        },
     ),
     "accuracy": Comparison(
         "Standard deviation at the end of the flight: linear covariance over Monte Carlo, in every paper, with three "
@@ -87,23 +66,6 @@ COMPARISONS = {
         "flights draw, uniform on the boundaries of their sets.",
         "Final standard deviations by linear covariance and over the flights, their ratio, and its standard error from "
         "the number of flights and the fourth moments. Flights that were lost are left out of the sample.",
-        needs={
-            "powered_descent": ("gains", "montecarlo.closed_loop", "montecarlo.closed_loop_large"),
-            "random_field": ("gains", "montecarlo.aerocapture"),
-            "desensitized": ("gains", "montecarlo.entry_errors"),
-            "funnels": ("linearization", "gains", "funnel", "montecarlo.constant"),
-            "stochastic_entry": (
-                *("linearization", "gains", "montecarlo.apollo_time", "montecarlo.apollo_velocity"),
-                *("montecarlo.stochastic_time", "montecarlo.stochastic_velocity"),
-            ),
-        },
-        inputs={
-            "powered_descent": (),
-            "random_field": (),
-            "desensitized": ("initial_deviations",),
-            "funnels": ("planet_radius",),
-            "stochastic_entry": (),
-        },
     ),
     "costs": Comparison(
         "Size and cost of the methods: unknowns and conditions of one problem, time of the design, of one Monte Carlo "
@@ -111,20 +73,22 @@ COMPARISONS = {
         "on one machine and are kept in data/reference/benchmarks.csv.",
         "Size and cost of the methods. Unknowns and conditions are of one problem, as the artifacts hold them; a "
         "solver may add its own. Iterations are of all problems.",
-        needs={
-            "powered_descent": ("nominal", "gains"),
-            "random_field": ("gains",),
-            "desensitized": ("nominal", "tradeoff"),
-            "funnels": ("funnel", "proven", "stage_study"),
-            "stochastic_entry": ("gains",),
-        },
-        inputs={
-            "powered_descent": (),
-            "random_field": (),
-            "desensitized": (),
-            "funnels": (),
-            "stochastic_entry": (),
-        },
-        measured=True,
     ),
 }
+
+
+@cache
+def comparisons() -> dict[str, Comparison]:
+    """Return the comparisons by name, with what their functions take."""
+    digests = remembered_digests(SOURCE_ROOT.parent)
+    functions = digests.functions(__name__)
+    found = {}
+    for stem, written in COMPARISONS.items():
+        takes = {}
+        for slug in SLUGS:
+            entry = f"{__name__}.{stem}:{slug}"
+            if entry in functions:
+                stages, parameters = catalogue(slug).stages, functions[entry]["parameters"]
+                takes[slug] = taken_by(entry, parameters, input_model(slug), stages, digests)
+        found[stem] = replace(written, takes=takes)
+    return found

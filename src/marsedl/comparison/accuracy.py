@@ -91,21 +91,18 @@ def deviations(case, quantities, predicted, samples) -> list[Deviation]:
 
 
 def powered_descent(
-    inputs,
     gains: PoweredDescentGains,
     closed_loop: PoweredDescentFlights,
     closed_loop_large: PoweredDescentFlights | None = None,
 ) -> list[Deviation]:
     """Closed loop, of the large ensemble where there is one."""
-    del inputs  # none is needed
     quantities = (("downrange", "m"), ("altitude", "m"), ("downrange velocity", "m/s"), ("vertical velocity", "m/s"))
     flown = (closed_loop_large or closed_loop).final_state[:, : len(quantities)]
     return deviations("closed loop", quantities, _deviation(gains.covariance[-1]), flown)
 
 
-def random_field(inputs, gains: RandomFieldGains, aerocapture: RandomFieldFlights) -> list[Deviation]:
+def random_field(gains: RandomFieldGains, aerocapture: RandomFieldFlights) -> list[Deviation]:
     """Open loop and, if there is one, the law of the last iteration: state at the exit, and delta-v."""
-    del inputs  # none is needed
     quantities = (("altitude", "m"), ("velocity", "m/s"), ("flight path angle", "rad"), ("delta-v", "m/s"))
     found = []
     for law in sorted({0, len(gains.control) - 1}):
@@ -154,7 +151,6 @@ def funnels(
 
 
 def stochastic_entry(
-    inputs,
     linearization: StochasticEntryLinearization,
     gains: StochasticEntryGains,
     apollo_time: StochasticEntryFlights,
@@ -163,7 +159,6 @@ def stochastic_entry(
     stochastic_velocity: StochasticEntryFlights,
 ) -> list[Deviation]:
     """Both laws to both triggers; at the velocity trigger the velocity has no deviation."""
-    del inputs  # none is needed
     quantities = {
         stochastic_entry_flight.ALTITUDE: ("altitude", "m"),
         stochastic_entry_flight.VELOCITY: ("velocity", "m/s"),

@@ -40,10 +40,9 @@ class Cost(NamedTuple):
 
 
 def powered_descent(
-    inputs, nominal: PoweredDescentNominal, gains: PoweredDescentGains, measured: dict | None = None
+    nominal: PoweredDescentNominal, gains: PoweredDescentGains, measured: dict | None = None
 ) -> list[Cost]:
     """Closed form: what it determines is as much as what is asked for."""
-    del inputs  # none is needed
     segments, states = gains.mean_costate.shape
     numbers = segments * (states + _triangle(states))
     return [
@@ -62,9 +61,8 @@ def powered_descent(
     ]
 
 
-def random_field(inputs, gains: RandomFieldGains, measured: dict | None = None) -> list[Cost]:
+def random_field(gains: RandomFieldGains, measured: dict | None = None) -> list[Cost]:
     """Cone programs of the iterations; zeros of the gains belong to the future, or to a start without errors."""
-    del inputs  # none is needed
     return [
         Cost(
             "successive convexification, cone programs",
@@ -82,10 +80,9 @@ def random_field(inputs, gains: RandomFieldGains, measured: dict | None = None) 
 
 
 def desensitized(
-    inputs, nominal: DesensitizedNominal, tradeoff: DesensitizedTradeoff, measured: dict | None = None
+    nominal: DesensitizedNominal, tradeoff: DesensitizedTradeoff, measured: dict | None = None
 ) -> list[Cost]:
     """Collocation with sensitivities among the states; those that nothing changes are not counted."""
-    del inputs  # none is needed
     plain = nominal.state.size + nominal.bank_acceleration.size + 1
     nodes = nominal.state.shape[0]
     moving = int(np.any(tradeoff.column != tradeoff.column[:, :1], axis=(0, 1)).sum())
@@ -109,10 +106,9 @@ def desensitized(
 
 
 def funnels(
-    inputs, funnel: FunnelsFunnel, proven: FunnelsProven, stage_study: FunnelsStageStudy, measured: dict | None = None
+    funnel: FunnelsFunnel, proven: FunnelsProven, stage_study: FunnelsStageStudy, measured: dict | None = None
 ) -> list[Cost]:
     """Sums of squares: the funnel of the paper, and the one that is proven."""
-    del inputs  # none is needed
     size = int(stage_study.basis_size[list(stage_study.samples).index(len(funnel.samples))])
     conditions = "values of the polynomial at samples"
     flights = _measured(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
@@ -145,9 +141,8 @@ def funnels(
     ]
 
 
-def stochastic_entry(inputs, gains: StochasticEntryGains, measured: dict | None = None) -> list[Cost]:
+def stochastic_entry(gains: StochasticEntryGains, measured: dict | None = None) -> list[Cost]:
     """The dual of covariance steering, for both triggers."""
-    del inputs  # none is needed
     multipliers = gains.control_multiplier.shape[1] + gains.final_multiplier.shape[1]
     return [
         Cost(

@@ -43,9 +43,8 @@ class Density(NamedTuple):
     style: str = "-"
 
 
-def powered_descent(inputs, nominal: PoweredDescentNominal, gains: PoweredDescentGains) -> Density:
+def powered_descent(nominal: PoweredDescentNominal, gains: PoweredDescentGains) -> Density:
     """No atmosphere, but noise on the thrust."""
-    del inputs  # none is needed
     noise = f"no atmosphere; white noise of {gains.noise_density_plant:g} N sqrt(s) on the thrust"
     return Density(_range(nominal.mean[:, 1]), "none", noise, "")
 

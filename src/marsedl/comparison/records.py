@@ -1,5 +1,6 @@
 """The records of a comparison, from the inputs and artifact files of all papers; and how papers are shown."""
 
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from marsedl.plotting.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from marsedl.replication.claims import load_measured
-from marsedl.replication.jobs import Slice, load_arguments
+from marsedl.replication.jobs import given
 
 NAMES = {
     "powered_descent": "powered descent",
@@ -20,14 +21,14 @@ COLORS = dict(zip(NAMES, (PURPLE, BLUE, ORANGE, GREEN, VERMILION), strict=True))
 NO_VALUE = "–"
 
 
-def collect(stem: str, reading: str, inputs: dict, files: dict, benchmarks: str | Path | None = None) -> dict:
+def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: str | Path | None = None) -> dict:
     """Return what a comparison knows of every paper.
 
     Args:
         stem: name of the comparison, a module of this package.
-        reading: the reading that all artifacts are of.
-        inputs: plain inputs by name, by paper.
+        inputs: plain inputs by "section.name", by paper.
         files: artifact files by the name of the function's parameter, by paper.
+        load: function of a file and of an artifact type, which returns the artifact.
         benchmarks: table of run times, if the comparison shows them.
 
     Returns:
@@ -41,10 +42,12 @@ def collect(stem: str, reading: str, inputs: dict, files: dict, benchmarks: str 
     found = {}
     for slug, paths in files.items():
         function = getattr(module, slug)
-        given = load_arguments(function, paths, slug, reading)
-        if benchmarks is not None:
-            given["measured"] = load_measured(benchmarks, slug)
-        found[slug] = function(Slice(inputs[slug]), **given)
+        measured = {} if benchmarks is None else {"measured": load_measured(benchmarks, slug)}
+
+        def artifact(name, kind, paths=paths):
+            return load(paths[name], kind) if name in paths else None
+
+        found[slug] = function(**given(function, inputs[slug], artifact, **measured))
     return found
 
 

@@ -36,9 +36,8 @@ class Trajectory(NamedTuple):
     flights: str
 
 
-def powered_descent(inputs, gains: PoweredDescentGains, closed_loop: PoweredDescentFlights) -> Trajectory:
+def powered_descent(gains: PoweredDescentGains, closed_loop: PoweredDescentFlights) -> Trajectory:
     """The mean of the design, and closed-loop flights."""
-    del inputs  # none is needed
     mean, flown = gains.mean, closed_loop.kept_history[:DRAWN]
     speed = np.hypot(mean[:, 2], mean[:, 3])
     return Trajectory(
@@ -46,9 +45,8 @@ def powered_descent(inputs, gains: PoweredDescentGains, closed_loop: PoweredDesc
     )
 
 
-def random_field(inputs, nominal: RandomFieldNominal, aerocapture: RandomFieldFlights) -> Trajectory:
+def random_field(nominal: RandomFieldNominal, aerocapture: RandomFieldFlights) -> Trajectory:
     """The aerocapture with zero control, and flights of the last law."""
-    del inputs  # none is needed
     flown = aerocapture.kept_history[-1, :DRAWN]
     return Trajectory(
         nominal.time,
@@ -60,9 +58,8 @@ def random_field(inputs, nominal: RandomFieldNominal, aerocapture: RandomFieldFl
     )
 
 
-def desensitized(inputs, nominal: DesensitizedNominal, entry_errors: DesensitizedFlights) -> Trajectory:
+def desensitized(nominal: DesensitizedNominal, entry_errors: DesensitizedFlights) -> Trajectory:
     """The nominal without desensitization, and flights of it without feedback."""
-    del inputs  # none is needed
     flown = entry_errors.kept_history[0, :DRAWN]
 
     def speed(state):
@@ -73,9 +70,8 @@ def desensitized(inputs, nominal: DesensitizedNominal, entry_errors: Desensitize
     )
 
 
-def funnels(inputs, linearization: FunnelsLinearization, constant: FunnelsFlights) -> Trajectory:
+def funnels(linearization: FunnelsLinearization, constant: FunnelsFlights) -> Trajectory:
     """The reference, and flights with a constant disturbance; their deviations are stored."""
-    del inputs  # none is needed
     reference = linearization.state[::2]  # without the points half-way between nodes
     flown = reference + constant.kept_history[:DRAWN]
     return Trajectory(
@@ -83,11 +79,8 @@ def funnels(inputs, linearization: FunnelsLinearization, constant: FunnelsFlight
     )
 
 
-def stochastic_entry(
-    inputs, nominal: StochasticEntryNominal, stochastic_velocity: StochasticEntryFlights
-) -> Trajectory:
+def stochastic_entry(nominal: StochasticEntryNominal, stochastic_velocity: StochasticEntryFlights) -> Trajectory:
     """The nominal with its bank reversals, and flights of the stochastic law to the velocity trigger."""
-    del inputs  # none is needed
     flown = stochastic_velocity.kept_history[:DRAWN]
     return Trajectory(
         nominal.time,

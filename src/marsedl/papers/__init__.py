@@ -1,15 +1,20 @@
 """The replicated papers, one package each."""
 
+from functools import cache
 from importlib import import_module
 
 from marsedl.replication.catalogue import Paper
+from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
+from marsedl.replication.declarations import declared
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
 
+@cache
 def catalogue(slug: str) -> Paper:
-    """Return a paper's bill of materials."""
-    return import_module(f"marsedl.papers.{slug}").PAPER
+    """Return a paper's bill of materials, with what its functions declare."""
+    written = import_module(f"marsedl.papers.{slug}").PAPER
+    return declared(written, input_model(slug), remembered_digests(SOURCE_ROOT.parent))
 
 
 def rounding_noise() -> dict[str, tuple[str, ...]]:

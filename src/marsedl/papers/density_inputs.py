@@ -5,14 +5,14 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from marsedl.models.density_table import physical_table, table_or_file
-from marsedl.replication.inputs import Inputs, Number, Positive, given, vector
+from marsedl.replication.sections import ARRAY, Number, Positive, Section, given, vector
 
 DensityTable = Annotated[
-    tuple[tuple[Number, Number], ...], BeforeValidator(table_or_file), AfterValidator(physical_table)
+    tuple[tuple[Number, Number], ...], BeforeValidator(table_or_file), AfterValidator(physical_table), *ARRAY
 ]
 
 
-class DensityInputs(Inputs):
+class DensityInputs(Section):
     """What `models.atmosphere.named_profile` wants to know."""
 
     density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(

@@ -1,5 +1,6 @@
 """Gather what the report says from the catalogues, the readings and the product files."""
 
+import inspect
 import json
 import math
 import re
@@ -14,8 +15,7 @@ from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Paper, Stage
 from marsedl.replication.claims import read_claims
 from marsedl.replication.closeups import CloseUp
-from marsedl.replication.inputs import Inputs
-from marsedl.replication.jobs import load_arguments
+from marsedl.replication.jobs import given
 from marsedl.replication.libraries import library_versions
 from marsedl.replication.report import (
     Comparison,
@@ -27,6 +27,7 @@ from marsedl.replication.report import (
     ReadingEntry,
     TableEntry,
 )
+from marsedl.replication.sections import Inputs
 from marsedl.replication.tables import read_table
 
 LIBRARIES = (
@@ -76,12 +77,11 @@ def paper_report(
             name,
             model.unit(name),
             {reading: _value(name, *body["inputs"][name]) for reading, body in readings.items()},
-            model.model_fields[name].description,
+            model.meaning(name),
         )
-        for name in model.model_fields
+        for name in model.names()
     ]
     shown = paths.get(DEFAULT, {})
-    _, seed, _ = readings.get(DEFAULT, {"inputs": {}})["inputs"].get("seed", ("seed", "–", ""))
     return PaperReport(
         slug=catalogue.slug,
         title=catalogue.title,
@@ -105,7 +105,7 @@ def paper_report(
         closeups=closeups(catalogue, shown),
         run_times=run_times(benchmarks, [catalogue.slug]),
         solvers=solver_rows(paths),
-        provenance=provenance_rows(shown, catalogue.stages, str(seed)),
+        provenance=provenance_rows(shown, catalogue.stages, _seed(readings[DEFAULT]["inputs"])),
     )
 
 
@@ -227,15 +227,15 @@ def solver_rows(paths: Paths) -> list[list[str]]:
     where: dict[tuple[str, str], dict[str, set]] = {}
     steps: dict[tuple[str, str], list] = {}
     errors: dict[tuple[str, str], list] = {}
-    for reading, files in paths.items():
-        for name, path in files.items():
-            for what, states, iterations, residual in _solves(Path(path)):
-                key = (name, what)
-                ended.setdefault(key, Counter()).update(states)
-                for state in states:
-                    where.setdefault(key, {}).setdefault(state, set()).add(reading)
-                steps.setdefault(key, []).extend(iterations)
-                errors.setdefault(key, []).extend(residual)
+    for name, path in dict.fromkeys(item for files in paths.values() for item in files.items()):  # shared ones once
+        reading = Path(path).parent.name
+        for what, states, iterations, residual in _solves(Path(path)):
+            key = (name, what)
+            ended.setdefault(key, Counter()).update(states)
+            for state in states:
+                where.setdefault(key, {}).setdefault(state, set()).add(reading)
+            steps.setdefault(key, []).extend(iterations)
+            errors.setdefault(key, []).extend(residual)
     if not ended:
         return []
     rows = [["stage", "solved", "how it ended, over all readings", "solves", "iterations", "largest residual"]]
@@ -293,7 +293,7 @@ def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed:
             meaning = file.attrs["meaning"]
         if name in stages:
             kept = artifacts.provenance(path)
-            sources, drawn, code = kept["made_from"], str(kept["inputs"].get("seed", "–")), kept["code"]
+            sources, drawn, code = kept["made_from"], _seed(kept["inputs"]), kept["code"]
         else:
             sources, drawn, code = [f"{need}.h5" for need in stages["montecarlo"].needs], seed, "–"
         made_from = ", ".join(Path(source).stem for source in sorted(sources)) or "inputs alone"
@@ -309,29 +309,40 @@ def claims_by_paper(path: Path) -> dict[str, list[dict]]:
     return by_paper
 
 
-def closeups(catalogue: Paper, files: Mapping[str, str], reading: str = DEFAULT) -> list[CloseUp]:
+def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
     """Draw the plots of a paper that a reader can look into; those whose artifacts are not built are left out.
 
     Args:
         catalogue: the paper's bill of materials.
-        files: the artifacts of the reading, by name.
-        reading: the reading that is shown.
+        files: the artifacts of the reading that is shown, by name.
 
     Raises:
         ArtifactError: an artifact is damaged, or not what its name says.
 
     """
+
+    def load(name: str, kind: type) -> Any:
+        if name not in files:
+            return None
+        return artifacts.load(files[name], kind, paper=catalogue.slug, reading=Path(files[name]).parent.name)
+
     drawn = []
-    for name, needs in catalogue.closeups.items():
-        needed = {need.split(".")[-1]: files.get(need.split(".")[-1]) for need in needs}
-        if all(needed.values()):
-            function = getattr(import_module(f"marsedl.papers.{catalogue.slug}.closeups"), name)
-            drawn.append(function(**load_arguments(function, needed, catalogue.slug, reading)))
+    for name in catalogue.closeups:
+        function = getattr(import_module(f"marsedl.papers.{catalogue.slug}.closeups"), name)
+        arguments = given(function, {}, load)
+        if arguments.keys() == inspect.signature(function).parameters.keys():
+            drawn.append(function(**arguments))
     return drawn
+
+
+def _seed(inputs: Mapping[str, Any]) -> str:
+    """The key of the random numbers among inputs by "section.name", as values or as [key, value, source]."""
+    seeds = [value for name, value in inputs.items() if name.endswith(".seed")]
+    return str(seeds[0][1] if isinstance(seeds[0], list) else seeds[0]) if seeds else "–"
 
 
 def _value(name, key, written, source) -> InputValue:
     """An input as it is written; with its suffix if it has one."""
-    suffix = key.removeprefix(name).removeprefix("_")
+    suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
     shown = "–" if written is None else json.dumps(written) if isinstance(written, list) else str(written)
     return InputValue(f"{shown} {suffix}".strip(), source)

@@ -1,37 +1,74 @@
 """What a paper consists of: its stages, figures and tables, with what each of them depends on."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+FLIGHTS = "montecarlo"  # the stage of which each Monte Carlo case has an artifact
+CHUNK, GATHER = f"{FLIGHTS}_chunk", f"{FLIGHTS}_gather"  # its two parts, of which chunks are jobs of their own
+
+
+def stage(*, claimed_in: tuple[str, ...] = (), priority: int = 0) -> Callable:
+    """Mark a function of a paper as a stage; its signature says what it needs, see `replication/declarations.py`.
+
+    Claims use it in the readings of `claimed_in`, or in all; it can be built for any. Jobs of a higher `priority` start
+    first. Both are written as literals, as nothing is imported to read them.
+    """
+    return lambda function: function
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One cached computation.
+    """One cached computation, as its function declares it.
 
-    `inputs` are the names of the inputs it may use; `needs` the artifacts it loads. The function is `compute` in the
-    module of the stage's name unless `function` names another one, "module:function" inside the paper's package. Claims
-    use it in the readings of `claimed_in`, or in all; it can be built for any. Jobs of a higher `priority` start first.
+    `entries` are its functions, "package.module:function"; what the first returns is the only chunk that the next one
+    gathers. `inputs` are the names of the inputs that they read, `needs` the artifacts that they take.
     """
 
+    entries: tuple[str, ...]
     inputs: tuple[str, ...]
-    needs: tuple[str, ...] = ()
-    function: str = ""
-    meaning: str = ""
+    needs: tuple[str, ...]
+    meaning: str
     claimed_in: tuple[str, ...] = ()
     priority: int = 0
 
 
 @dataclass(frozen=True)
 class Product:
-    """One figure or table: its caption, and the artifacts and inputs that it is drawn from.
+    """One figure or table: its caption, and whether it goes beyond the paper.
 
-    `published` ones show printed values as well, and are made again when these change.
+    Its function declares the rest: the artifacts that it takes, the inputs that it reads, and whether it shows printed
+    values, so that it is made again when these change.
     """
 
     caption: str
-    needs: tuple[str, ...]
-    inputs: tuple[str, ...] = ()
     beyond: bool = False
+    needs: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()  # taken where the reading has them
+    inputs: tuple[str, ...] = ()
     published: bool = False
+
+
+class Flown(NamedTuple):
+    """Which trials a job flies."""
+
+    case: str
+    trials: int  # of the whole case
+    block_size: int  # trials in a block
+    chunk: int = 0  # number of this chunk
+    chunks: int = 1  # number of all
+
+
+class Trial(NamedTuple):
+    """One trial that is flown again."""
+
+    case: str
+    number: int
+    stored: object = None  # the ensemble that it is compared with
+
+
+class Artifacts:
+    """Base of a dataclass of artifacts, for a function that takes many; its fields are named as stages and cases."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +85,10 @@ class Erratum:
 class Paper:
     """The bill of materials of one replicated paper.
 
-    `figures` and `tables` exist for every reading; `summaries` are tables over all readings, with their captions.
-    `described` says in our words what each figure of the paper shows and what the paper finds in it; captions say what
-    is drawn here. `closeups` are plots of the report that a reader can look into, with the artifacts that they need.
+    `stages` are filled in from the paper's functions. `figures` and `tables` exist for every reading; `summaries` are
+    tables over all readings, with their captions. `described` says in our words what each figure of the paper shows and
+    what the paper finds in it; captions say what is drawn here. `closeups` are plots of the report that a reader can
+    look into.
     A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
     numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same. The claims
     of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
@@ -60,21 +98,16 @@ class Paper:
     title: str
     authors: str
     citation: str
-    stages: dict[str, Stage]
     figures: dict[str, Product]
     tables: dict[str, Product] = field(default_factory=dict)
     summaries: dict[str, str] = field(default_factory=dict)
     described: dict[str, str] = field(default_factory=dict)
-    closeups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    closeups: tuple[str, ...] = ()
     errata: tuple[Erratum, ...] = ()
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()
     measured: bool = False
-
-    def entry(self, stage: str) -> str:
-        """Return the stage's function as "package.module:function"."""
-        module, _, function = (self.stages[stage].function or f"{stage}:compute").partition(":")
-        return f"marsedl.papers.{self.slug}.{module}:{function}"
+    stages: dict[str, Stage] = field(default_factory=dict)
 
     def product(self, stem: str) -> Product:
         """Return a figure or table that exists for every reading."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from marsedl.replication.errors import ArtifactError, InputError
-from marsedl.replication.inputs import nearest, read_yaml
+from marsedl.replication.errors import ArtifactError, InputError, nearest
 from marsedl.replication.sizes import FULL
+from marsedl.replication.strict_yaml import read_yaml
 
 KINDS = ("deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context")
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason

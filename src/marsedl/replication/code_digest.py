@@ -62,7 +62,7 @@ def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
 
     Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
     """
-    return _digest_and_libraries(_closure_of(entry, source_root))[0]
+    return _facts(_closure_of(entry, source_root))[0]
 
 
 def reached(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
@@ -79,7 +79,31 @@ def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
     An imported name that nothing reached uses does not count, nor does the standard library. Arguments and errors as
     for `code_digest`.
     """
-    return _digest_and_libraries(_closure_of(entry, source_root))[1]
+    return _facts(_closure_of(entry, source_root))[1]
+
+
+def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
+    """Sorted attributes that the code which `code_digest` covers reads of parameters, by the names of their types.
+
+    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}; a parameter without annotation counts
+    by its own name. Arguments and errors as for `code_digest`.
+    """
+    return _facts(_closure_of(entry, source_root))[2]
+
+
+def functions(package: str, source_root: Path = SOURCE_ROOT) -> dict[str, dict]:
+    """Return what the functions of a package's own modules declare, by "package.module:function".
+
+    A function has `parameters` (those that may be given by position; True for one that may be left out), `summary` (the
+    first line of its docstring) and `decorators` (their literal arguments by their names).
+    Raises MarsedlError for a module that is not valid Python.
+    """
+    declared = {}
+    for path in sorted(source_root.joinpath(*package.split(".")).glob("*.py")):
+        module = package if path.stem == "__init__" else f"{package}.{path.stem}"
+        analysis = _parsed(module, path.stem == "__init__", str(path), path.read_bytes())
+        declared |= {f"{module}:{name}": signature for name, signature in analysis.signatures.items()}
+    return declared
 
 
 def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
@@ -87,12 +111,12 @@ def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
 
     Raises InputError if there is no such file, MarsedlError for code that is not valid Python.
     """
-    return _digest_and_libraries(_closure_of_script(path, source_root))[0]
+    return _facts(_closure_of_script(path, source_root))[0]
 
 
 def script_libraries(path: str | Path, source_root: Path = SOURCE_ROOT) -> list[str]:
     """Of a script what `libraries` is of a function; errors as for `script_digest`."""
-    return _digest_and_libraries(_closure_of_script(path, source_root))[1]
+    return _facts(_closure_of_script(path, source_root))[1]
 
 
 def source_digest(source_root: Path = SOURCE_ROOT, without: Iterable[str] = ()) -> str:
@@ -151,6 +175,14 @@ class RememberedDigests:
         """See `libraries`."""
         return self._code(entry)[1]
 
+    def reads(self, entry: str) -> dict[str, list[str]]:
+        """See `reads`."""
+        return self._code(entry)[2]
+
+    def functions(self, package: str) -> dict[str, dict]:
+        """See `functions`."""
+        return self._of(f"functions {package}", lambda: functions(package, self._source_root))
+
     def script(self, name: str) -> str:
         """See `script_digest`."""
         return self._script(name)[0]
@@ -159,12 +191,12 @@ class RememberedDigests:
         """See `script_libraries`."""
         return self._script(name)[1]
 
-    def _code(self, entry: str) -> tuple[str, list[str]]:
-        return self._of(f"code {entry}", lambda: _digest_and_libraries(_closure_of(entry, self._source_root)))
+    def _code(self, entry: str) -> tuple[str, list[str], dict[str, list[str]]]:
+        return self._of(f"code {entry}", lambda: _facts(_closure_of(entry, self._source_root)))
 
-    def _script(self, name: str) -> tuple[str, list[str]]:
+    def _script(self, name: str) -> tuple[str, list[str], dict[str, list[str]]]:
         path = self._scripts / name
-        return self._of(f"script {name}", lambda: _digest_and_libraries(_closure_of_script(path, self._source_root)))
+        return self._of(f"script {name}", lambda: _facts(_closure_of_script(path, self._source_root)))
 
     def save(self) -> None:
         """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
@@ -239,10 +271,12 @@ def _closure_of_script(path: str | Path, source_root: Path) -> "_Closure":
     return closure
 
 
-def _digest_and_libraries(closure: "_Closure") -> tuple[str, list[str]]:
+def _facts(closure: "_Closure") -> tuple[str, list[str], dict[str, list[str]]]:
+    """Digest and libraries of some code, and what it reads of its parameters."""
     script = closure.module(_SCRIPT)
     digest = closure.digest()
-    return _sha256([script.text, digest]) if script else digest, sorted(closure.libraries)
+    whole = _sha256([script.text, digest]) if script else digest
+    return whole, sorted(closure.libraries), closure.reads()
 
 
 def _sha256(parts: Iterable[str]) -> str:
@@ -436,6 +470,8 @@ class _Analysis:
             "texts": [_text(statement) for statement in self.tree.body],
             "functions": [s.name if isinstance(s, _FUNCTIONS) else None for s in self.tree.body],
             "documented": bool(self.tree.body) and _is_docstring(self.tree.body[0]),
+            "reads": [_reads(statement) for statement in self.tree.body],
+            "signatures": {s.name: _signature(s) for s in self.tree.body if isinstance(s, _FUNCTIONS)},
         }
 
 
@@ -450,6 +486,8 @@ class _Module:
         self.texts: list[str] = analysis["texts"]  # canonical, of the statements
         self.functions: list[str | None] = analysis["functions"]  # names of those statements that define functions
         self.documented: bool = analysis["documented"]
+        self.reads: list[dict[str, list[str]]] = analysis["reads"]  # of parameters, by statement
+        self.signatures: dict[str, dict] = analysis["signatures"]
         self.module_imports = [_Import(*imported) for imported in analysis["module_imports"]]
         self.uses = [_Uses(chains, [_Import(*i) for i in imports]) for chains, imports in analysis["uses"]]
         self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
@@ -463,6 +501,42 @@ class _Module:
         if not self.texts:
             return "Module()"
         return "Module(body:[" + "".join(f"{text}," for text in self.texts[self.documented :]) + "])"
+
+
+def _signature(function: ast.FunctionDef) -> dict:
+    """What a function declares, see `functions`."""
+    taken = [*function.args.posonlyargs, *function.args.args]
+    decorators = {}
+    for decorator in function.decorator_list:
+        called = decorator.func if isinstance(decorator, ast.Call) else decorator
+        with contextlib.suppress(ValueError):  # what is no literal declares nothing
+            literals = {k.arg: ast.literal_eval(k.value) for k in getattr(decorator, "keywords", ()) if k.arg}
+            decorators[ast.unparse(called)] = literals
+    summary = (ast.get_docstring(function) or "").partition("\n")[0]
+    optional = {parameter.arg for parameter in taken[len(taken) - len(function.args.defaults) :]}
+    parameters = {parameter.arg: parameter.arg in optional for parameter in taken}
+    return {"parameters": parameters, "summary": summary, "decorators": decorators}
+
+
+def _reads(statement: ast.stmt) -> dict[str, list[str]]:
+    """The attributes that functions in a statement read of their parameters, by the names of the parameters' types."""
+    read: dict[str, set[str]] = {}
+    for function in ast.walk(statement):
+        if not isinstance(function, _FUNCTIONS):
+            continue
+        taken = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+        kinds = {parameter.arg: _type_name(parameter.annotation) or parameter.arg for parameter in taken}
+        for node in ast.walk(function):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
+                read.setdefault(kinds[node.value.id], set()).add(node.attr)
+    return {kind: sorted(attributes) for kind, attributes in read.items()}
+
+
+def _type_name(annotation: ast.expr | None) -> str:
+    """The name of an annotated class, without the module that it stands in; empty for other annotations."""
+    if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
+        return annotation.value.rpartition(".")[2]
+    return getattr(annotation, "attr", getattr(annotation, "id", ""))
 
 
 def _plain_targets(statement: ast.stmt) -> set[str] | None:
@@ -673,6 +747,16 @@ class _Closure:
         self._import_module(name.rpartition(".")[0])
         self._pending += [(module, module.uses[index]) for index in module.effects]
         self._pending.append((module, _Uses(imports=module.module_imports)))
+
+    def reads(self) -> dict[str, list[str]]:
+        """What is read of parameters in all that is reached, by the names of their types."""
+        read: dict[str, set[str]] = {}
+        for name, symbol in self._symbols:
+            module = self.module(name)
+            for index in module.definitions[symbol]:
+                for kind, attributes in module.reads[index].items():
+                    read.setdefault(kind, set()).update(attributes)
+        return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
 
     def listing(self) -> list[str]:
         effects = {(name, _AT_IMPORT) for name in self._imported if self.module(name).effects}

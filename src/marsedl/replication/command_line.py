@@ -8,12 +8,13 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 
-from marsedl.replication.catalogue import Paper
-from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import SETTINGS, Reading, Study, nearest, read_own_file
+from marsedl.replication.catalogue import Paper, Product
+from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.inputs import SETTINGS, Reading, Study, read_own_file
+from marsedl.replication.sharing import Shared
 
 PRODUCTS = ("figures", "data/cache", "report")  # folders of what a user may ask for by path
 WRITTEN = (".snakemake", "logs", "benchmarks", *PRODUCTS)
@@ -164,7 +165,7 @@ def _check_artifact(target, names, size, paper, study) -> None:
             f"{target}: artifacts stand under their reading; ask for data/cache/{paper.slug}/corrected/{names[0]}"
         )
     reading = _reading(target, names[0], paper, study)
-    cases = reading.inputs.CASES
+    cases = type(reading.inputs).CASES
     if names[1] == "chunks" and len(names) == 3:
         chunk = re.fullmatch(r"(.+)\.(\d+)of(\d+)\.h5", names[2])
         if not chunk or chunk[1] not in cases:
@@ -231,6 +232,23 @@ def number_of_chunks(paper: Paper, study: Study, reading: Reading, case: str) ->
     """Return the chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials, if any."""
     blocks = -(-reading.flown().get(case, 0) // paper.trials_per_block)
     return min(study.chunks[case], blocks)
+
+
+def owned_elsewhere(target: str, shared: Mapping[str, Shared]) -> str:
+    """Return the file that stands for an artifact which another reading owns; empty for any other target."""
+    match = re.fullmatch(r"data/cache/([^/]+)/([^/]+)/([^/]+)\.h5", os.path.normpath(target) if target else "")
+    if not match or match[1] not in shared or not shared[match[1]].has(match[2], match[3]):
+        return ""
+    path = shared[match[1]].file(match[2], match[3])
+    return "" if path == match[0] else path
+
+
+def tables_of_equal_needs(paper: Paper) -> list[dict[str, Product]]:
+    """Return the tables of a paper that are made from the same artifacts, by name."""
+    groups: dict[tuple, dict[str, Product]] = {}
+    for stem, table in paper.tables.items():
+        groups.setdefault((table.needs, table.optional), {})[stem] = table
+    return list(groups.values())
 
 
 def check_folders(root: Path, arguments: list[str]) -> None:

@@ -6,8 +6,8 @@ it needs. So a changed input computes only the stages that read it, and a stage 
 chain.
 
     memory = Memory()
-    nominal = Run("powered_descent", values, memory).record("nominal")
-    changed = Run("powered_descent", {**values, "seed": 7}, memory).evaluations()
+    nominal = Run.of(paper, inputs, memory).record("nominal")
+    changed = Run(paper, {**inputs.plain(), "ensemble.seed": 7}, memory, trials).evaluations()
 
 Nothing is global but the imported modules, and no file is written unless the memory has a folder: any number of runs
 can share a memory, in one process or, by its folder, in several.
@@ -21,12 +21,10 @@ from importlib import import_module
 from pathlib import Path
 
 from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Paper
-from marsedl.replication.errors import InputError
-from marsedl.replication.inputs import nearest
-from marsedl.replication.jobs import Slice
-
-FLIGHTS = "montecarlo"
+from marsedl.replication.catalogue import FLIGHTS, Paper
+from marsedl.replication.errors import InputError, nearest
+from marsedl.replication.jobs import computed, given, record_type, whole_case
+from marsedl.replication.sections import Inputs
 
 
 class Memory:
@@ -66,17 +64,23 @@ class Memory:
 class Run:
     """One paper with one complete set of inputs; every record is computed when it is first asked for."""
 
-    def __init__(self, paper: Paper, cases: Mapping[str, str], values: Mapping[str, object], memory: Memory):
+    def __init__(self, paper: Paper, values: Mapping[str, object], memory: Memory, trials: Mapping[str, int]):
         """Take what is to be run.
 
         Args:
             paper: its catalogue.
-            cases: of its Monte Carlo ensembles, the inputs that hold their numbers of trials.
-            values: all inputs as plain values, as `Reading.slice` gives them.
+            values: all inputs as plain values by "section.name", as `Inputs.plain` gives them.
             memory: what remembers records, shared with other runs.
+            trials: the numbers of trials of the Monte Carlo cases, as `Reading.flown` gives them.
 
         """
-        self.paper, self.cases, self.values, self.memory = paper, cases, values, memory
+        self.paper, self.values, self.memory, self.trials = paper, values, memory, trials
+
+    @classmethod
+    def of(cls, paper: Paper, inputs: Inputs, memory: Memory) -> "Run":
+        """Return the run of a paper with typed inputs."""
+        trials = {case: inputs.get(name) for case, name in inputs.CASES.items()}
+        return cls(paper, inputs.plain(), memory, {case: number for case, number in trials.items() if number})
 
     def record(self, name: str) -> typing.Any:
         """Return an artifact by its name, such as "gains" or "montecarlo.closed_loop".
@@ -85,53 +89,46 @@ class Run:
         """
         return self._remembered(name)[0]
 
-    def evaluations(self) -> dict[str, typing.Any]:
-        """Return what the paper's claims are measured to be, by claim."""
+    def evaluations(self, **others) -> dict[str, typing.Any]:
+        """Return what the paper's claims are measured to be, by claim; others: what they ask for beside artifacts."""
         evaluate = import_module(f"marsedl.papers.{self.paper.slug}.claims").evaluate
-        hints = typing.get_type_hints(evaluate)
-        flown = {case: f"{FLIGHTS}.{case}" for case in self.cases if self.values[self.cases[case]]}
-        known = {**{stage: stage for stage in self.paper.stages}, **flown}
-        records = {name: self.record(known[name]) for name in hints if name in known}
-        return evaluate(Slice(self.values), **records)
+        return evaluate(**given(evaluate, self.values, self._taken, **others))
 
     def table(self, stem: str, published: Mapping[str, typing.Any]) -> typing.Any:
         """Return the rows of a table of this reading; published: the printed claims by id."""
-        product = self.paper.tables[stem]
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.tables"), stem)
-        return function(self._slice(product.inputs), published, **self._records(product.needs))
+        return function(**self._given(function, self.paper.tables[stem].inputs, published=published))
 
-    def _slice(self, names) -> Slice:
-        return Slice({name: self.values[name] for name in names})
+    def _given(self, function: typing.Callable, names: typing.Iterable[str], **others) -> dict:
+        return given(function, {name: self.values[name] for name in names}, self._taken, **others)
 
-    def _records(self, needs) -> dict[str, typing.Any]:
-        """Records by the name of the parameter that takes them."""
-        return {need.split(".")[-1]: self.record(need) for need in needs}
-
-    def _options(self, case: str) -> dict:
-        """How a whole case is flown."""
-        return {"case": case, "trials": self.values[self.cases[case]], "block_size": self.paper.trials_per_block}
+    def _taken(self, parameter: str, kind: type) -> typing.Any:
+        """The artifact that a parameter takes; None for a case without trials."""
+        if parameter in self.trials:
+            return self.record(f"{FLIGHTS}.{parameter}")
+        return self.record(parameter) if parameter in self.paper.stages else None
 
     def _remembered(self, name: str) -> tuple[object, str]:
         stage, _, case = name.partition(".")
         if stage not in self.paper.stages or bool(case) != (stage == FLIGHTS):
             known = [known for known in self.paper.stages if not known.startswith(FLIGHTS)]
-            known += [f"{FLIGHTS}.{case}" for case in self.cases]
+            known += [f"{FLIGHTS}.{case}" for case in self.trials]
             raise InputError(f"{self.paper.slug} has no artifact '{name}'; {nearest(name, known)}")
-        if case and not self.values.get(self.cases.get(case, ""), 0):
+        if case and case not in self.trials:
             raise InputError(f"{self.paper.slug}: case '{case}' has no trials; give it some, or ask for another case")
-        entry, declared = self.paper.entry(stage), self.paper.stages[stage]
-        options = self._options(case) if case else {}
-        given = {
-            "code": self.memory.code(entry),
-            "inputs": {name: self.values[name] for name in sorted(declared.inputs)},
+        declared = self.paper.stages[stage]
+        options = whole_case(case, self.trials[case], self.paper) if case else {}
+        made_from = {
+            "code": [self.memory.code(entry) for entry in declared.entries],
+            "inputs": {name: self.values[name] for name in declared.inputs},
             "options": options,
             "records": {need: self._remembered(need)[1] for need in declared.needs},
         }
-        key = hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()
-        module, function = entry.split(":")
-        function = getattr(import_module(module), function)
+        key = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).hexdigest()
 
-        def compute():
-            return function(self._slice(declared.inputs), **self._records(declared.needs), **options)
+        def give(function, **others):
+            return self._given(function, declared.inputs, **others)
 
-        return self.memory.get(key, typing.get_type_hints(function)["return"], compute, self.paper.slug)
+        return self.memory.get(
+            key, record_type(declared.entries), lambda: computed(declared.entries, give, options), self.paper.slug
+        )

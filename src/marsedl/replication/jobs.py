@@ -2,13 +2,17 @@
 
 import contextlib
 import errno
+import inspect
 import os
 import sys
 import traceback
 import types
 import typing
+from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
+from marsedl.replication.catalogue import FLIGHTS, Artifacts, Flown, Trial
 from marsedl.replication.errors import MarsedlError, SolverError
 
 # One thread per job, one instruction set for linear algebra and array code: the same numbers on every run.
@@ -80,10 +84,10 @@ def _pinned() -> dict[str, str]:
 
 
 class Slice(types.SimpleNamespace):
-    """The inputs that a stage declared, as numbers, strings and arrays; any other input is an error."""
+    """The inputs of a function without sections, as numbers, strings and arrays; any other input is an error."""
 
     def __init__(self, values: dict):
-        """Take the plain values of `Reading.slice`."""
+        """Take plain values by name."""
         import numpy as np
 
         super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
@@ -91,6 +95,70 @@ class Slice(types.SimpleNamespace):
     def __getattr__(self, name):
         """Refuse an input that was not declared."""
         raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
+
+
+def given(function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **others) -> dict:
+    """Return what a stage, figure, table or claim asks for by its signature.
+
+    Args:
+        function: which is asked.
+        inputs: plain values by "section.name"; a section has no others.
+        artifact: function of an artifact's name and type, that returns it, or None for one that there is not; then the
+            function's own default is used.
+        others: further arguments, used if the function has parameters of these names.
+
+    Returns:
+        Its arguments by name, without keyword-only ones.
+
+    """
+    from marsedl.replication.sections import Inputs, Section, by_section
+
+    sections, hints, arguments = by_section(inputs), typing.get_type_hints(function), {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        kind = hints.get(name)
+        if parameter.kind is parameter.KEYWORD_ONLY:
+            continue
+        if name in others:
+            arguments[name] = others[name]
+        elif _is(kind, Section):
+            arguments[name] = kind.given(sections.get(name, {}))
+        elif _is(kind, Inputs):
+            arguments[name] = kind.given(inputs)
+        elif _is(kind, Artifacts):
+            records = {f: artifact(f, _kind(of)) for f, of in typing.get_type_hints(kind).items()}
+            arguments[name] = kind(**{f: record for f, record in records.items() if record is not None})
+        elif name == "inputs":
+            arguments[name] = Slice(sections.get(name, {}))
+        elif (record := artifact(name, _kind(kind))) is not None:
+            arguments[name] = record
+    return arguments
+
+
+def computed(entries: typing.Iterable[str], give: typing.Callable, options: Mapping[str, object]) -> object:
+    """Return what a stage computes.
+
+    Args:
+        entries: its functions, "package.module:function"; what one returns, the next one gathers.
+        give: function of a function and of further arguments, that returns its arguments, see `given`.
+        options: of a stage that flies trials, which ones: fields of `Flown`.
+
+    """
+    first, *following = (getattr(import_module(module), name) for module, name in (e.split(":") for e in entries))
+    record = first(**give(first), **({"flown": Flown(**options)} if options else {}))
+    for function in following:
+        record = function(**give(function, chunks=[record]))
+    return record
+
+
+def record_type(entries: typing.Sequence[str]) -> type:
+    """Return the type of what a stage computes."""
+    module, name = entries[-1].split(":")
+    return typing.get_type_hints(getattr(import_module(module), name))["return"]
+
+
+def whole_case(case: str, trials: int, paper) -> dict[str, object]:
+    """Return the options of a stage that flies a whole Monte Carlo case."""
+    return {"case": case, "trials": trials, "block_size": paper.trials_per_block}
 
 
 class Job:
@@ -103,37 +171,54 @@ class Job:
         self.output = snakemake.output
         self.paper = snakemake.params.get("paper") or snakemake.wildcards.get("paper")
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
+        self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
 
-    @property
-    def inputs(self):
-        """The typed inputs that the job declared."""
-        return Slice(self.params.inputs)
+    def given(self, function: typing.Callable, **others) -> dict:
+        """Return the function's arguments: sections, and artifacts from the job's input files, see `given`."""
+        if chunks := self.input.get("chunks"):
+            kind = typing.get_args(typing.get_type_hints(function)["chunks"])[0]
+            others["chunks"] = [self.load(path, kind) for path in ([chunks] if isinstance(chunks, str) else chunks)]
+        files = dict(self.input.items())
+        return given(
+            function,
+            self.params.inputs,
+            lambda name, kind: self.load(files[name], kind) if name in files else None,
+            **others,
+        )
 
-    def arguments(self, function: typing.Callable) -> dict:
-        """Load the artifacts of the job's input files, by the types that the function's parameters are annotated with.
-
-        A parameter annotated with a list takes several files; one with a default is left out where no file is named.
-        """
+    def load(self, path: str, kind: type) -> object:
+        """Return an artifact from one of the job's input files."""
         from marsedl.replication import artifacts
 
-        hints = typing.get_type_hints(function)
-        loaded = {}
-        for name, paths in self.input.items():
-            kind = hints[name]
-            if typing.get_origin(kind) is list:
-                paths = [paths] if isinstance(paths, str) else paths
-                kind = typing.get_args(kind)[0]
-                loaded[name] = [artifacts.load(p, kind, paper=self.paper, reading=self.reading) for p in paths]
-            else:
-                loaded[name] = artifacts.load(paths, _kind(kind), paper=self.paper, reading=self.reading)
-        return loaded
+        if path not in self._loaded:
+            paper, reading, _ = self._artifacts[path]
+            self._loaded[path] = artifacts.load(path, kind, paper=paper, reading=reading)
+        return self._loaded[path]
 
-    def readings(self, function: typing.Callable) -> dict[str, tuple]:
-        """Load the inputs and artifacts of all readings, for a function over them; both are listed in the params."""
-        return {
-            reading: (Slice(self.params.inputs[reading]), load_arguments(function, paths, self.paper, reading))
-            for reading, paths in self.params.artifacts.items()
-        }
+    def published(self) -> dict[str, dict]:
+        """Return the printed claims by id, as the argument `published`; nothing if the job shows none."""
+        from marsedl.replication.claims import load_published
+
+        if not self.params.printed:
+            return {}
+        return {"published": {claim.id: claim for claim in load_published(self.params.published)}}
+
+    def run(self) -> None:
+        """Compute the stage, and save what it returns."""
+        self.save(computed(self.params.entries, self.given, self.params.get("options", {})))
+
+    def readings(self, function: typing.Callable, **others) -> dict[str, dict]:
+        """Return the arguments of a function over all readings, by reading; inputs and files are in the params."""
+
+        def of(reading: str) -> dict:
+            files = self.params.artifacts[reading]
+
+            def load(name: str, kind: type) -> object:
+                return self.load(files[name], kind) if name in files else None
+
+            return given(function, self.params.inputs[reading], load, **others)
+
+        return {reading: of(reading) for reading in self.params.artifacts}
 
     def check_artifacts(self) -> None:
         """Refuse input artifacts that their rules would make otherwise now; the params hold their recipes."""
@@ -182,64 +267,50 @@ class Job:
         return self.params.get("build", {}).get("artifacts", {})
 
 
-def load_arguments(function: typing.Callable, files: typing.Mapping[str, str], paper: str, reading: str) -> dict:
-    """Load artifacts by the types that a function's parameters are annotated with.
-
-    Args:
-        function: what they are for.
-        files: artifact files by the name of the parameter.
-        paper: the paper that they are of.
-        reading: the reading that they are of.
-
-    Returns:
-        The function's arguments by name.
-
-    Raises:
-        ArtifactError: a file is missing, damaged or of another paper, reading or type.
-
-    """
-    from marsedl.replication import artifacts
-
-    hints = typing.get_type_hints(function)
-    return {
-        name: artifacts.load(path, _kind(hints[name]), paper=paper, reading=reading) for name, path in files.items()
-    }
-
-
-def replay(folder: Path, paper, reading, case: str, number: int, module, options: str = "") -> str:
+def replay(folder: Path, paper, study, reading: str, trial: tuple[str, int], module, options: str = "") -> str:
     """Fly one trial of a Monte Carlo case again and describe it; compares it with the ensemble if that is stored.
 
-    folder: of the build. paper, reading: catalogue and reading. case, number: the case and its trial. module: the
-    paper's `montecarlo`, whose `replay` does it. options: those of Snakemake with which a missing artifact is built.
-    Raises InputError for a case or trial that the reading does not have, or if an artifact is missing.
+    Args:
+        folder: of the build.
+        paper: the catalogue.
+        study: the paper's readings.
+        reading: the reading's name.
+        trial: the case, and the trial's number in it.
+        module: the paper's `montecarlo`, whose `replay` does it.
+        options: those of Snakemake with which a missing artifact is built.
+
+    Raises:
+        InputError: for a case or trial that the reading does not have, or if an artifact is missing.
+
     """
     from marsedl.replication import artifacts
-    from marsedl.replication.errors import InputError
-    from marsedl.replication.inputs import nearest
+    from marsedl.replication.errors import InputError, nearest
+    from marsedl.replication.sharing import Shared
 
-    trials = {name: getattr(reading.inputs, field) for name, field in reading.inputs.CASES.items()}
+    case, number = trial
+    inputs, trials, shared = study.readings[reading].inputs, study.readings[reading].flown(), Shared(paper, study)
     if not trials.get(case):
-        raise InputError(
-            f"reading {reading.name} has no case '{case}'; {nearest(case, [c for c, n in trials.items() if n])}"
-        )
+        raise InputError(f"reading {reading} has no case '{case}'; {nearest(case, trials)}")
     if not 0 <= number < trials[case]:
         raise InputError(f"trial {number}: case {case} has the trials 0 to {trials[case] - 1}")
-    cache = Path("data") / "cache" / paper.slug / reading.name
-    needed = paper.stages["montecarlo"].needs
-    hints = typing.get_type_hints(module.replay)
-    loaded = {}
-    for name in needed:
-        path = folder / cache / f"{name}.h5"
-        if not path.exists():
-            raise InputError(f"{path} is not built yet; run 'snakemake {cache / path.name}{options}' first")
-        loaded[name] = artifacts.load(path, hints[name], paper=paper.slug, reading=reading.name)
-    stored = folder / cache / f"montecarlo.{case}.h5"
-    kind = _kind(hints["ensemble"])
-    ensemble = artifacts.load(stored, kind, paper=paper.slug, reading=reading.name) if stored.exists() else None
-    if ensemble is not None and number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
-        ensemble = None
-    inputs = Slice(reading.slice(paper.stages["montecarlo"].inputs))
-    return module.replay(inputs, **loaded, case=case, number=number, ensemble=ensemble)
+
+    def load(name: str, kind: type) -> object:
+        path = shared.file(reading, name)
+        if not (folder / path).exists():
+            raise InputError(f"{folder / path} is not built yet; run 'snakemake {path}{options}' first")
+        return artifacts.load(folder / path, kind, paper=paper.slug, reading=shared.owner(reading, name))
+
+    arguments = given(module.replay, inputs.plain(), load)
+    ensemble, stored = None, f"{FLIGHTS}.{case}"
+    if (folder / shared.file(reading, stored)).exists():
+        ensemble = load(stored, typing.get_type_hints(module.gather)["return"])
+        if number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
+            ensemble = None
+    return module.replay(**arguments, trial=Trial(case, number, ensemble))
+
+
+def _is(kind: object, of: type) -> bool:
+    return isinstance(kind, type) and issubclass(kind, of)
 
 
 def _kind(annotation):

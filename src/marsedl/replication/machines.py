@@ -17,8 +17,7 @@ from itertools import groupby
 from pathlib import Path
 
 from marsedl.replication.claims import write_text
-from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import nearest
+from marsedl.replication.errors import InputError, MarsedlError, nearest
 from marsedl.replication.jobs import INSTRUCTION_SETS, UNPINNED
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.tables import read_table

@@ -23,8 +23,7 @@ from marsedl.replication.claims import (
     write_text,
 )
 from marsedl.replication.closeups import CloseUp
-from marsedl.replication.errors import ArtifactError, InputError
-from marsedl.replication.inputs import nearest
+from marsedl.replication.errors import ArtifactError, InputError, nearest
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _ENVIRONMENT_KEYS = ("size", "citation", "rebuild", "versions", "digests", "benchmarks", "machines", "margins")

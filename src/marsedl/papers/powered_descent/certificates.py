@@ -1,61 +1,36 @@
 """Independent checks of the design: the paper's equations integrated forward, and convex upper bounds of the cost."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
 from marsedl.methods.covariance_steering.forward_integration import integrate_forward, modified_index
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.gains import Gains, problems_of
-from marsedl.papers.powered_descent.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies
+from marsedl.papers.powered_descent.records import Certificates, Gains, Linearization
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
-@dataclass(frozen=True)
-class Certificates:
-    """How far the design is from its independent checks, by segment."""
-
-    covariance_error: np.ndarray = quantity(
-        "1", ("segments",), "final covariance of Eq. 40 against the target, relative"
-    )
-    riccati_error: np.ndarray = quantity("1", ("segments",), "Riccati solution of Eq. 21 at the end, relative")
-    h_identity_error: np.ndarray = quantity(
-        "1", ("segments",), "largest relative error of G^2 Sigma^-1 = H + Lambda over time, H from Eq. 42"
-    )
-    mean_error: np.ndarray = quantity("m, m, m/s, m/s", ("segments", 4), "mean of Eq. 31 at the end minus the target")
-    costate_error_eq39: np.ndarray = quantity("1", ("segments",), "costate of Eq. 39 against p + Lambda x, relative")
-    costate_error_eq37: np.ndarray = quantity("1", ("segments",), "costate of Eq. 37 against that of Eq. 39, relative")
-    eq46_residual: np.ndarray = quantity(
-        "1", ("segments",), "largest relative residual of Eq. 46 with the P and Q that satisfy Eq. 43"
-    )
-    index_eq20: np.ndarray = quantity(
-        "N^2 s", ("segments", "controls"), "modified index by Eq. 20, for several controls"
-    )
-    index_eq23: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 23 as printed")
-    dropped_term: np.ndarray = quantity("N^2 s", ("segments", "controls"), "term that Eq. 23 leaves out")
-    intervals: np.ndarray = quantity("1", ("sizes",), "held intervals of the bounds below", "int64")
-    mean_cost_ratio: np.ndarray = quantity("1", ("segments", "sizes"), "cost with held mean control over closed form")
-    covariance_cost_ratio: np.ndarray = quantity(
-        "1", ("segments", "sizes"), "cost with held feedback (semidefinite program) over closed form"
-    )
-    lossless_gap: np.ndarray = quantity("1", ("segments", "sizes"), "gap of the relaxation in the semidefinite program")
-    solver_status: np.ndarray = quantity("1", ("segments", "sizes"), "status of the semidefinite solver", "str")
-    solver_iterations: np.ndarray = quantity("1", ("segments", "sizes"), "iterations of the solver", "int64")
-
-
-def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
+@stage(claimed_in=("printed", "corrected"))
+def compute(
+    entry: Entry,
+    mission: Mission,
+    noise: Noise,
+    design: Design,
+    studies: Studies,
+    linearization: Linearization,
+    gains: Gains,
+) -> Certificates:
     """Check both segments' designs.
 
     The second segment is checked as designed, from the target covariance at the switch; noise is that of the design.
     """
-    problems = problems_of(inputs, linearization)
+    problems = segments.problems_of(segments.divert_of(entry, mission, noise, design), linearization)
     models = segments.split(
         linearization.segment, linearization.state_matrix, linearization.control_matrix, linearization.affine
     )
-    sizes = [int(number) for number in inputs.certificate_intervals]
+    sizes = [int(number) for number in studies.certificate_intervals]
     rows = []
     for number, (problem, model) in enumerate(zip(problems, models, strict=True)):
         row = _forward(problem, model, gains.riccati_initial[number], gains.mean_costate[number])

@@ -1,5 +1,7 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that differ."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import predicted_covariance
@@ -7,15 +9,20 @@ from marsedl.models.dynamics.powered_descent import mass_flow_constant
 from marsedl.montecarlo.ensembles import CRASHED
 from marsedl.montecarlo.statistics import mean_standard_error
 from marsedl.montecarlo.streaming import FinalMoments, observed_maxima, outcome_count
-from marsedl.papers.powered_descent.certificates import Certificates
-from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
-from marsedl.papers.powered_descent.flight import THRUST
-from marsedl.papers.powered_descent.gains import Gains, problems_of
-from marsedl.papers.powered_descent.integrator_error import IntegratorError
-from marsedl.papers.powered_descent.linearization import Linearization
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
-from marsedl.papers.powered_descent.nominal import Nominal
+from marsedl.papers.powered_descent import segments
+from marsedl.papers.powered_descent.inputs import PoweredDescentInputs
+from marsedl.papers.powered_descent.records import (
+    THRUST,
+    Certificates,
+    FixedPointStudy,
+    FlightEnsemble,
+    Gains,
+    IntegratorError,
+    Linearization,
+    Nominal,
+)
 from marsedl.plotting.ellipses import probability_inside
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Declaration, Evaluation
 
 STATE, MASS = slice(4), 4  # components of the final state
@@ -30,43 +37,48 @@ MINOR = 0.15  # a deviation of a variance by less than this is called minor
 ROUNDING = 1e-6  # relative; two expressions closer than this are called equal
 
 
-def evaluate(
-    inputs,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    closed_loop: FlightEnsemble,
-    open_loop: FlightEnsemble,
-    fixed_point: FixedPointStudy | None = None,
-    certificates: Certificates | None = None,
-    integrator_error: IntegratorError | None = None,
-    closed_loop_large: FlightEnsemble | None = None,
-    open_loop_large: FlightEnsemble | None = None,
-) -> dict[str, Evaluation | None]:
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the claims are measured from."""
+
+    nominal: Nominal
+    linearization: Linearization
+    gains: Gains
+    closed_loop: FlightEnsemble
+    open_loop: FlightEnsemble
+    fixed_point: FixedPointStudy | None = None
+    certificates: Certificates | None = None
+    integrator_error: IntegratorError | None = None
+    closed_loop_large: FlightEnsemble | None = None
+    open_loop_large: FlightEnsemble | None = None
+
+
+def evaluate(inputs: PoweredDescentInputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Numbers come from the reading's largest ensembles, Fig. 7 from those of the paper's size. Claims that rest on a
     study which is not done for the reading are None.
     """
-    large = closed_loop_large or closed_loop
+    large = records.closed_loop_large or records.closed_loop
     return {
         "alpha_from_isp": Evaluation(
-            mass_flow_constant(inputs.specific_impulse, inputs.standard_gravity),
-            evidence=f"1 / ({inputs.specific_impulse:g} s x {inputs.standard_gravity:g} m/s^2)",
+            mass_flow_constant(inputs.vehicle.specific_impulse, inputs.vehicle.standard_gravity),
+            evidence=f"1 / ({inputs.vehicle.specific_impulse:g} s x {inputs.vehicle.standard_gravity:g} m/s^2)",
         ),
         "fig3_ellipse_confidence": Evaluation(
-            100 * probability_inside(inputs.ellipse_sigma),
-            evidence=f"probability inside the {inputs.ellipse_sigma:g}-sigma ellipse of a Gaussian in the plane",
+            100 * probability_inside(inputs.drawing.ellipse_sigma),
+            evidence=f"probability inside the {inputs.drawing.ellipse_sigma:g}-sigma ellipse of a Gaussian in the "
+            "plane",
             numbers={"sigma_of_95": float(np.sqrt(-2 * np.log(0.05)))},
         ),
         "compute_effort": Evaluation(evidence="depends on the computer; the benchmark table states ours per trial"),
-        **_mass_claims(nominal, large, open_loop),
-        **_moment_claims(large, integrator_error),
-        **_target_claims(inputs, nominal, linearization, gains, large),
-        **_loop_claims(inputs, gains, large, open_loop_large or open_loop, closed_loop),
-        **_variance_claims(inputs, gains, closed_loop, closed_loop_large),
-        **_algorithm_claims(gains, fixed_point),
-        **_theory_claims(certificates),
+        **_mass_claims(records.nominal, large, records.open_loop),
+        **_moment_claims(large, records.integrator_error),
+        **_target_claims(inputs, records.nominal, records.linearization, records.gains, large),
+        **_loop_claims(inputs, records.gains, large, records.open_loop_large or records.open_loop, records.closed_loop),
+        **_variance_claims(inputs, records.gains, records.closed_loop, records.closed_loop_large),
+        **_algorithm_claims(records.gains, records.fixed_point),
+        **_theory_claims(records.certificates),
     }
 
 
@@ -141,19 +153,22 @@ def _met(ensemble, index, mean, covariance):
     )
 
 
-def _target_claims(inputs, nominal, linearization, gains, ensemble):
+def _target_claims(inputs: PoweredDescentInputs, nominal, linearization, gains, ensemble):
     switch = np.flatnonzero(ensemble.segment == 0)[-1]
     (mean_error, mean_met), (covariance_error, covariance_met) = _met(
-        ensemble, -1, inputs.final_mean, inputs.final_covariance
+        ensemble, -1, inputs.mission.final_mean, inputs.mission.final_covariance
     )
-    _, (switch_error, switch_met) = _met(ensemble, switch, inputs.intermediate_mean, inputs.intermediate_covariance)
+    _, (switch_error, switch_met) = _met(
+        ensemble, switch, inputs.mission.intermediate_mean, inputs.mission.intermediate_covariance
+    )
     position = ensemble.covariance[: switch + 1, :2, :2]
     spread = np.sqrt(np.trace(position, axis1=1, axis2=2) / 2)
-    second = problems_of(inputs, linearization)[1]
+    divert = segments.divert_of(inputs.entry, inputs.mission, inputs.noise, inputs.design)
+    second = segments.problems_of(divert, linearization)[1]
     wider = predicted_covariance(
-        second, gains.riccati_initial[1], gains.noise_density_plant, 1.5 * inputs.intermediate_covariance
+        second, gains.riccati_initial[1], gains.noise_density_plant, 1.5 * inputs.mission.intermediate_covariance
     )[-1]
-    scale = np.sqrt(np.diag(inputs.final_covariance))
+    scale = np.sqrt(np.diag(inputs.mission.final_covariance))
     excess = np.linalg.eigvalsh((wider - gains.covariance[-1]) / np.outer(scale, scale))
     trials = ensemble.count
     limits = f"limit {MEAN_TOLERANCE:g} for the mean, {COVARIANCE_TOLERANCE:g} for the covariance"
@@ -189,14 +204,14 @@ def _target_claims(inputs, nominal, linearization, gains, ensemble):
     }
 
 
-def _loop_claims(inputs, gains, ensemble, open_loop, paper_size):
+def _loop_claims(inputs: PoweredDescentInputs, gains, ensemble, open_loop, paper_size):
     without = FinalMoments(open_loop, STATE)
     difference, spread = without.mean - FinalMoments(ensemble, STATE).mean, without.population_deviation
     before, after = np.flatnonzero(gains.segment == 0)[-1], np.flatnonzero(gains.segment == 1)[0]
     gain_jump = np.abs(gains.gain[after] - gains.gain[before]).max() / np.abs(gains.gain).max()
-    thrust = np.linalg.norm(gains.feedforward[[before, after]], axis=1) / inputs.maximum_thrust
-    largest = observed_maxima(ensemble, THRUST) / inputs.maximum_thrust
-    at_paper_size = observed_maxima(paper_size, THRUST).max() / inputs.maximum_thrust
+    thrust = np.linalg.norm(gains.feedforward[[before, after]], axis=1) / inputs.vehicle.maximum_thrust
+    largest = observed_maxima(ensemble, THRUST) / inputs.vehicle.maximum_thrust
+    at_paper_size = observed_maxima(paper_size, THRUST).max() / inputs.vehicle.maximum_thrust
     trials = ensemble.count + ensemble.excluded
     return {
         "open_loop_mean_equals_closed_loop_mean": Evaluation(
@@ -235,13 +250,13 @@ def _deviations(gains, ensemble):
     return deviations
 
 
-def _variance_claims(inputs, gains, ensemble, large):
+def _variance_claims(inputs: PoweredDescentInputs, gains, ensemble, large):
     deviations = _deviations(gains, ensemble)
     sampling = np.sqrt(2 / (ensemble.count - 1))
     ends = np.abs(deviations[[0, -1]]).max()
     # The middle half of each segment.
-    local = ensemble.time - np.where(ensemble.segment == 0, 0.0, inputs.segment_durations[0])
-    fraction = local / inputs.segment_durations[ensemble.segment]
+    local = ensemble.time - np.where(ensemble.segment == 0, 0.0, inputs.mission.segment_durations[0])
+    fraction = local / inputs.mission.segment_durations[ensemble.segment]
     middle = np.abs(deviations[(fraction > 0.25) & (fraction < 0.75)]).max()
     by_sampling = middle < SIGMAS * sampling
     cause = f"largest mid-segment deviation {100 * middle:.2f} %, {middle / sampling:.2f} sampling errors"

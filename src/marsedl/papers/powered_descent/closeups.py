@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.powered_descent.gains import Gains
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
+from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
 from marsedl.replication.closeups import CloseUp, rounded
 
 MOST_POINTS = 2000

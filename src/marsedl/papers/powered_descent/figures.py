@@ -5,12 +5,15 @@ from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import histogram_percentile, variance_sampling_band
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
-from marsedl.papers.powered_descent.flight import THRUST
-from marsedl.papers.powered_descent.gains import Gains
-from marsedl.papers.powered_descent.integrator_error import IntegratorError
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
-from marsedl.papers.powered_descent.nominal import Nominal
+from marsedl.papers.powered_descent.inputs import Drawing, Entry, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.powered_descent.records import (
+    THRUST,
+    FixedPointStudy,
+    FlightEnsemble,
+    Gains,
+    IntegratorError,
+    Nominal,
+)
 from marsedl.plotting.ellipses import band, ellipse, probability_inside
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
@@ -19,7 +22,7 @@ COMPONENTS = ("downrange (m)", "altitude (m)", "downrange velocity (m/s)", "vert
 SEGMENT_STYLES = ("-", "--")
 
 
-def fig01(inputs, nominal: Nominal) -> Figure:
+def fig01(vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     """Change of the mass profile in each pass of Algorithm 3."""
     figure, axes = new_figure()
     changes = np.abs(np.diff(nominal.mass_of_pass, axis=0))
@@ -27,30 +30,30 @@ def fig01(inputs, nominal: Nominal) -> Figure:
     for number, (change, shade) in enumerate(zip(changes, shades, strict=True), start=1):
         shown = np.where(change > 0, change, np.nan)
         axes.semilogy(nominal.time, shown, color=BLUE, alpha=shade, label=f"{number}: {change.max():.1e} kg")
-    axes.axhline(np.spacing(inputs.wet_mass), color=GREY, linewidth=0.8, linestyle=":")
+    axes.axhline(np.spacing(vehicle.wet_mass), color=GREY, linewidth=0.8, linestyle=":")
     axes.annotate(
-        "spacing of double precision", (0.02, np.spacing(inputs.wet_mass)), (0, 3), textcoords="offset points",
+        "spacing of double precision", (0.02, np.spacing(vehicle.wet_mass)), (0, 3), textcoords="offset points",
         xycoords=("axes fraction", "data"), fontsize=7, color=GREY,
     )  # fmt: skip
-    _mark_switch(axes, inputs)
+    _mark_switch(axes, mission)
     axes.set(xlabel=TIME_LABEL, ylabel="|change of mass| (kg)", xlim=(0, nominal.time[-1]), ylim=(1e-14, 1e3))
     axes.legend(title="pass: largest change", loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
-def fig02(inputs, nominal: Nominal) -> Figure:
+def fig02(planet: Planet, entry: Entry, mission: Mission, drawing: Drawing, nominal: Nominal) -> Figure:
     """Divert geometry: steered mean path, ballistic path, covariance ellipses and divert radius."""
     figure, axes = new_figure(6.4, 4.4)
-    start, final = segments.initial_mean(inputs), inputs.final_mean
+    start, final = segments.initial_mean(entry), mission.final_mean
     # The ballistic arc ends at ground level, which is where the divert radius is measured.
-    fall = (start[3] + np.sqrt(start[3] ** 2 + 2 * inputs.gravity * max(start[1], 0.0))) / inputs.gravity
+    fall = (start[3] + np.sqrt(start[3] ** 2 + 2 * planet.gravity * max(start[1], 0.0))) / planet.gravity
     time = np.linspace(0.0, fall, 200)
     impact = start[0] + start[2] * fall
-    axes.plot(start[0] + start[2] * time, start[1] + start[3] * time - inputs.gravity * time**2 / 2, "--", color=ORANGE)
+    axes.plot(start[0] + start[2] * time, start[1] + start[3] * time - planet.gravity * time**2 / 2, "--", color=ORANGE)
     axes.plot(nominal.mean[:, 0], nominal.mean[:, 1], color=BLUE)
     axes.axhline(0.0, color=BLACK, linewidth=0.8)
-    for mean, covariance in zip(*segments.end_conditions(inputs), strict=True):
-        axes.plot(*ellipse(mean[:2], covariance[:2, :2], inputs.ellipse_sigma).T, color=BLACK, linewidth=0.9)
+    for mean, covariance in zip(*segments.end_conditions(entry, mission), strict=True):
+        axes.plot(*ellipse(mean[:2], covariance[:2, :2], drawing.ellipse_sigma).T, color=BLACK, linewidth=0.9)
     axes.annotate(
         "", start[:2] + 2.0 * start[2:], start[:2], arrowprops={"arrowstyle": "->", "color": BLACK, "linewidth": 1.2}
     )
@@ -65,18 +68,18 @@ def fig02(inputs, nominal: Nominal) -> Figure:
     axes.annotate("steered mean path", nominal.mean[len(nominal.mean) // 3, :2], (-10, 10), textcoords="offset points",
                   ha="right", color=BLUE)  # fmt: skip
     middle = len(time) * 3 // 5
-    arc = start[:2] + np.array([start[2], start[3] - inputs.gravity * time[middle] / 2]) * time[middle]
+    arc = start[:2] + np.array([start[2], start[3] - planet.gravity * time[middle] / 2]) * time[middle]
     axes.annotate("uncontrolled path", arc, (10, 4), textcoords="offset points", color=ORANGE)
     axes.set(xlabel=COMPONENTS[0], ylabel=COMPONENTS[1], aspect="equal")
     axes.set_ylim(bottom=-80)
     return figure
 
 
-def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEnsemble) -> Figure:
+def fig03(drawing: Drawing, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEnsemble) -> Figure:
     """Trajectories in the plane, closed and open loop, with covariance ellipses along the mean path."""
     figure, both = new_figure(7.6, 5.3, ncols=2)
     path = gains.mean
-    nodes = _ellipse_nodes(inputs, gains)
+    nodes = _ellipse_nodes(drawing, gains)
     for axes, show_open in zip(both, (True, False), strict=True):
         if show_open:
             for trial in open_loop.kept_history:
@@ -85,7 +88,7 @@ def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEn
             axes.plot(trial[:, 0], trial[:, 1], color=BLUE, linewidth=0.4, alpha=0.6)
         axes.plot(path[:, 0], path[:, 1], color=BLACK, linewidth=0.9)
         for node, is_end in nodes:
-            curve = ellipse(path[node, :2], gains.covariance[node, :2, :2], inputs.ellipse_sigma)
+            curve = ellipse(path[node, :2], gains.covariance[node, :2, :2], drawing.ellipse_sigma)
             color = BLACK if is_end else VERMILION
             axes.plot(*curve.T, color=color, linewidth=1.2 if is_end else 0.8, zorder=4)
             at = _positions_at(closed_loop, gains.time[node])
@@ -93,8 +96,8 @@ def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEn
         axes.set(xlabel=COMPONENTS[0], aspect="equal")
     both[0].set(ylabel=COMPONENTS[1], title="closed and open loop")
     both[0].axhline(0.0, color=BLACK, linewidth=0.8)
-    level = probability_inside(inputs.ellipse_sigma)
-    both[1].set(title=f"closed loop; {inputs.ellipse_sigma:g}-sigma ellipses ({100 * level:.1f} %)")
+    level = probability_inside(drawing.ellipse_sigma)
+    both[1].set(title=f"closed loop; {drawing.ellipse_sigma:g}-sigma ellipses ({100 * level:.1f} %)")
     handles = [
         both[1].plot([], [], color=color, label=label, marker=marker)[0]
         for color, label, marker in (
@@ -108,14 +111,14 @@ def fig03(inputs, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEn
     return figure
 
 
-def fig04(inputs, closed_loop: FlightEnsemble, gains: Gains) -> Figure:
+def fig04(mission: Mission, closed_loop: FlightEnsemble, gains: Gains) -> Figure:
     """State components of a selection of closed-loop trials over time."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
     for component, axes in enumerate(panels.flat):
         for trial in closed_loop.kept_history:
             axes.plot(closed_loop.time, trial[:, component], color=BLUE, linewidth=0.4, alpha=0.6)
         axes.plot(gains.time, gains.mean[:, component], color=BLACK, linewidth=0.9)
-        _mark_switch(axes, inputs)
+        _mark_switch(axes, mission)
         axes.set(ylabel=COMPONENTS[component], xlim=(0, gains.time[-1]))
     for axes in panels[-1]:
         axes.set_xlabel(TIME_LABEL)
@@ -125,7 +128,7 @@ def fig04(inputs, closed_loop: FlightEnsemble, gains: Gains) -> Figure:
     return figure
 
 
-def fig05(inputs, closed_loop: FlightEnsemble, nominal: Nominal) -> Figure:
+def fig05(mission: Mission, closed_loop: FlightEnsemble, nominal: Nominal) -> Figure:
     """Mass of the same trials over time, with the prior profile."""
     figure, (axes, difference) = new_figure(7.2, 3.4, ncols=2)
     prior = _at(nominal.time, nominal.segment, nominal.mass, closed_loop.time, closed_loop.segment)
@@ -139,29 +142,29 @@ def fig05(inputs, closed_loop: FlightEnsemble, nominal: Nominal) -> Figure:
     axes.plot([], [], color=BLUE, label=f"{len(closed_loop.kept_history)} trials")
     axes.plot([], [], color=BLACK, label="prior profile")
     for panel, label in ((axes, COMPONENTS[4]), (difference, "mass minus prior profile (kg)")):
-        _mark_switch(panel, inputs)
+        _mark_switch(panel, mission)
         panel.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, nominal.time[-1]))
         panel.legend()
     return figure
 
 
-def fig06a(inputs, gains: Gains) -> Figure:
+def fig06a(mission: Mission, gains: Gains) -> Figure:
     """Feedback gains over time, both axes."""
     figure, panels = new_figure(7.2, 3.4, ncols=2)
     for axes, column, label in ((panels[0], 0, "position gain (N/m)"), (panels[1], 2, "velocity gain (N s/m)")):
         for row, color, style, name in ((0, BLUE, "-", "downrange"), (1, ORANGE, "--", "altitude")):
             _by_segment(axes, gains, gains.gain[:, row, column + row], color=color, linestyle=style, label=name)
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        _mark_switch(axes, inputs)
+        _mark_switch(axes, mission)
         axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, gains.time[-1]))
         axes.legend()
     return figure
 
 
-def fig06b(inputs, closed_loop: FlightEnsemble) -> Figure:
+def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: FlightEnsemble) -> Figure:
     """Control magnitude as a fraction of the maximum thrust: mean, upper percentile and maximum over the trials."""
     figure, axes = new_figure()
-    level = inputs.thrust_percentile
+    level = drawing.thrust_percentile
     percentile, _ = histogram_percentile(closed_loop.histogram[:, THRUST], closed_loop.histogram_edges[THRUST], level)
     curves = (
         (closed_loop.observed_mean[:, THRUST], BLACK, "mean"),
@@ -169,12 +172,12 @@ def fig06b(inputs, closed_loop: FlightEnsemble) -> Figure:
         (closed_loop.maximum_over_trials[:, THRUST], VERMILION, "maximum"),
     )
     for values, color, label in curves:
-        _by_segment(axes, closed_loop, values / inputs.maximum_thrust, color=color, label=label)
+        _by_segment(axes, closed_loop, values / vehicle.maximum_thrust, color=color, label=label)
     axes.axhline(1.0, color=GREY, linestyle=":", label="maximum thrust")
-    _mark_switch(axes, inputs)
+    _mark_switch(axes, mission)
     axes.set(
         xlabel=TIME_LABEL,
-        ylabel=f"control magnitude / {inputs.maximum_thrust:,.0f} N",
+        ylabel=f"control magnitude / {vehicle.maximum_thrust:,.0f} N",
         xlim=(0, closed_loop.time[-1]),
         title=f"{closed_loop.count:,} trials",
     )
@@ -183,7 +186,7 @@ def fig06b(inputs, closed_loop: FlightEnsemble) -> Figure:
     return figure
 
 
-def fig07(inputs, gains: Gains, closed_loop: FlightEnsemble) -> Figure:
+def fig07(mission: Mission, gains: Gains, closed_loop: FlightEnsemble) -> Figure:
     """Predicted and measured variances of downrange and altitude, with the sampling band of the prediction."""
     figure, panels = new_figure(7.2, 5.0, nrows=2, ncols=2, sharex=True, height_ratios=(2, 1))
     for component, (name, color) in enumerate((("downrange", BLUE), ("altitude", ORANGE))):
@@ -200,7 +203,7 @@ def fig07(inputs, gains: Gains, closed_loop: FlightEnsemble) -> Figure:
         ratio.plot(closed_loop.time, 100 * (measured / at - 1), ".", color=BLACK, markersize=3)
         ratio.axhline(0.0, color=color)
         for panel in (axes, ratio):
-            _mark_switch(panel, inputs)
+            _mark_switch(panel, mission)
         axes.set(title=name, xlim=(0, gains.time[-1]))
         axes.set_ylim(bottom=0)
         ratio.set_xlabel(TIME_LABEL)
@@ -210,7 +213,7 @@ def fig07(inputs, gains: Gains, closed_loop: FlightEnsemble) -> Figure:
     return figure
 
 
-def fixed_point(inputs, fixed_point: FixedPointStudy, gains: Gains) -> Figure:
+def fixed_point(studies: Studies, fixed_point: FixedPointStudy, gains: Gains) -> Figure:
     """Iterations of Algorithm 1 against the noise density, beside the closed form that needs none."""
     figure, (axes, errors) = new_figure(7.6, 3.6, ncols=2)
     orders = {"gauss_seidel": (BLUE, "o", "Gauss-Seidel order"), "jacobi": (ORANGE, "s", "Jacobi order, as printed")}
@@ -230,13 +233,13 @@ def fixed_point(inputs, fixed_point: FixedPointStudy, gains: Gains) -> Figure:
         panel.set_xlabel("noise density (N s$^{1/2}$)")
     axes.plot([], [], color=GREY, linewidth=0.8, label="Riccati solution singular at the start")
     axes.plot([], [], color=GREEN, linewidth=0.9, label="this reading")
-    axes.set_ylabel(f"iterations to a relative {inputs.fixed_point_tolerance:.0e}")
+    axes.set_ylabel(f"iterations to a relative {studies.fixed_point_tolerance:.0e}")
     errors.set_ylabel("error of the Riccati solution\nagainst the closed form")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
-def integrator_error(inputs, integrator_error: IntegratorError) -> Figure:
+def integrator_error(simulation: Simulation, integrator_error: IntegratorError) -> Figure:
     """Strong error and bias of the final state against the step, for both schemes."""
     figure, panels = new_figure(7.6, 4.2, ncols=2, sharey=True)
     colors = (BLUE, ORANGE, GREEN, VERMILION, PURPLE)
@@ -257,7 +260,7 @@ def integrator_error(inputs, integrator_error: IntegratorError) -> Figure:
     step = integrator_error.step
     panels[0].loglog(step, 0.01 * step / step[0] / 5, color=BLACK, linestyle=":", linewidth=0.8, label="first order")
     for axes, title in zip(panels, ("root mean square difference", "|mean difference|, where resolved"), strict=True):
-        axes.axvline(inputs.time_step, color=GREY, linewidth=0.8, linestyle=":")
+        axes.axvline(simulation.time_step, color=GREY, linewidth=0.8, linestyle=":")
         axes.set_xticks(step, [f"{number:.2g}" for number in step])
         axes.minorticks_off()
         axes.set(xlabel="step (s); dotted: this reading's", title=f"{title} ({integrator_error.trials:,} trials)")
@@ -266,8 +269,8 @@ def integrator_error(inputs, integrator_error: IntegratorError) -> Figure:
     return figure
 
 
-def _mark_switch(axes, inputs):
-    axes.axvline(inputs.segment_durations[0], color=GREY, linewidth=0.8, linestyle=":")
+def _mark_switch(axes, mission: Mission):
+    axes.axvline(mission.segment_durations[0], color=GREY, linewidth=0.8, linestyle=":")
 
 
 def _by_segment(axes, artifact, values, label, **style):
@@ -283,12 +286,12 @@ def _at(time, segment, values, wanted_time, wanted_segment):
     return np.concatenate([np.interp(wanted, *known) for known, (wanted,) in parts])
 
 
-def _ellipse_nodes(inputs, gains):
+def _ellipse_nodes(drawing: Drawing, gains):
     """Nodes at equal increments along each segment, and whether a target stands there."""
     nodes = []
     for number, (time,) in enumerate(segments.split(gains.segment, gains.time)):
         first = np.flatnonzero(gains.segment == number)[0]
-        places = np.linspace(0, len(time) - 1, inputs.ellipses_per_segment + 1).round().astype(int)
+        places = np.linspace(0, len(time) - 1, drawing.ellipses_per_segment + 1).round().astype(int)
         nodes += [(first + place, place in (0, len(time) - 1)) for place in places]
     return nodes
 

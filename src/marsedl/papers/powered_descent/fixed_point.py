@@ -1,6 +1,6 @@
 """Algorithm 1 as printed and repaired, against the closed form: iterations, convergence, and where it fails."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from marsedl.methods.covariance_steering.closed_form import (
 )
 from marsedl.methods.covariance_steering.fixed_point import fixed_point
 from marsedl.papers.powered_descent import segments
-from marsedl.papers.powered_descent.gains import problems_of
-from marsedl.papers.powered_descent.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies, Vehicle
+from marsedl.papers.powered_descent.records import FixedPointStudy, Linearization
+from marsedl.replication.catalogue import stage
 
 BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 ORDERS = ("gauss_seidel", "jacobi")
@@ -21,59 +21,21 @@ LOOSE_TOLERANCE = 1e-3  # absolute, as the printed stopping rule; a plausible "s
 DENSITIES = np.geomspace(20.0, 1000.0, 18)  # N sqrt(s)
 
 
-@dataclass(frozen=True)
-class FixedPointStudy:
-    """Runs of Algorithm 1 with every boundary condition, and its iterations against the noise density."""
-
-    unit: np.ndarray = quantity(
-        "N", ("units",), "thrust unit of the run: the reading's, and the maximum thrust if that is another"
-    )
-    boundary: np.ndarray = quantity("1", ("boundaries",), "boundary condition", "str")
-    order: np.ndarray = quantity("1", ("orders",), "gauss_seidel, or jacobi as printed", "str")
-    iterations: np.ndarray = quantity("1", ("units", "boundaries", "orders", "segments"), "iterations", "int64")
-    converged: np.ndarray = quantity("1", ("units", "boundaries", "orders", "segments"), "tolerance reached", "bool")
-    riccati_error: np.ndarray = quantity(
-        "1",
-        ("units", "boundaries", "orders", "segments"),
-        "largest difference from the closed form of the equivalent noise density, relative to its largest entry",
-        allow_nan=True,
-    )
-    covariance_error: np.ndarray = quantity(
-        "1",
-        ("units", "boundaries", "segments"),
-        "largest relative error of the final variances in the linear model with the plant's noise, Jacobi order",
-        allow_nan=True,
-    )
-    loose_iterations: np.ndarray = quantity(
-        "1", ("units", "segments"), "iterations of the printed algorithm with an absolute tolerance of 1e-3", "int64"
-    )
-    loose_variance: np.ndarray = quantity(
-        "SI", ("units", "segments", 4), "final variances that this early stop gives", allow_nan=True
-    )
-    density: np.ndarray = quantity("N sqrt(s)", ("densities",), "noise densities of the sweep")
-    sweep_iterations: np.ndarray = quantity(
-        "1", ("densities", "orders", "segments"), "iterations, corrected boundary, thrust in newtons", "int64"
-    )
-    sweep_converged: np.ndarray = quantity("1", ("densities", "orders", "segments"), "tolerance reached", "bool")
-    sweep_error: np.ndarray = quantity(
-        "1", ("densities", "orders", "segments"), "difference from the closed form as above", allow_nan=True
-    )
-    smallest_eigenvalue: np.ndarray = quantity(
-        "1",
-        ("densities", "segments"),
-        "smallest eigenvalue of the Riccati solution at the start, scaled by its diagonal",
-    )
-    critical_density: np.ndarray = quantity(
-        "N sqrt(s)", ("segments",), "largest density at which the Riccati solution is singular; 0: none above 1"
-    )
-
-
-def compute(inputs, linearization: Linearization) -> FixedPointStudy:
+@stage(claimed_in=("printed", "corrected"))
+def compute(
+    vehicle: Vehicle,
+    entry: Entry,
+    mission: Mission,
+    noise: Noise,
+    design: Design,
+    studies: Studies,
+    linearization: Linearization,
+) -> FixedPointStudy:
     """Run Algorithm 1 in the reading's thrust unit and in units of the maximum thrust, and sweep the noise density."""
-    problems = problems_of(inputs, linearization)
-    units = tuple(dict.fromkeys((inputs.thrust_unit, inputs.maximum_thrust)))
-    tolerance, limit = inputs.fixed_point_tolerance, inputs.fixed_point_iterations
-    plant = segments.plant_noise_density(inputs)
+    problems = segments.problems_of(segments.divert_of(entry, mission, noise, design), linearization)
+    units = tuple(dict.fromkeys((noise.thrust_unit, vehicle.maximum_thrust)))
+    tolerance, limit = studies.fixed_point_tolerance, studies.fixed_point_iterations
+    plant = segments.plant_noise_density(noise)
 
     def run(problem, unit, boundary, order, **options):
         return fixed_point(
@@ -81,12 +43,12 @@ def compute(inputs, linearization: Linearization) -> FixedPointStudy:
             _gramian(problem),
             problem.initial_covariance,
             problem.final_covariance,
-            inputs.noise_coefficient,
+            noise.noise_coefficient,
             **{"control_unit": unit, "boundary": boundary, "order": order, "tolerance": tolerance, **options},
         )
 
     runs = _table((units, BOUNDARIES, ORDERS, problems), lambda u, b, o, p: run(p, u, b, o, maximum_iterations=limit))
-    exact = _table((units, BOUNDARIES, problems), lambda u, b, p: riccati_initial(_with(p, inputs, u, b)))
+    exact = _table((units, BOUNDARIES, problems), lambda u, b, p: riccati_initial(_with(p, noise, u, b)))
     loose = _table(
         (units, problems),
         lambda u, p: run(
@@ -161,8 +123,8 @@ def _difference(runs, exact):
     return np.array([np.abs(r.riccati_initial - e).max() / np.abs(e).max() for r, e in pairs]).reshape(runs.shape)
 
 
-def _with(problem, inputs, unit, boundary):
-    squared = equivalent_squared_noise_density(inputs.noise_coefficient, unit, boundary)
+def _with(problem, noise: Noise, unit, boundary):
+    squared = equivalent_squared_noise_density(noise.noise_coefficient, unit, boundary)
     return replace(problem, noise_density=np.sqrt(squared))
 
 

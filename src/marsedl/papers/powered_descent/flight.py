@@ -12,11 +12,12 @@ from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import segments
+from marsedl.papers.powered_descent.inputs import Noise, Planet, Vehicle
+from marsedl.papers.powered_descent.records import DEPTH, Gains
 
 INITIAL_STREAM, NOISE_STREAM = 0, 1
 NOISES = 2  # components of the thrust noise
 OBSERVED = 2  # thrust magnitude, depth below the ground
-THRUST, DEPTH = 0, 1
 
 
 class Schedule(NamedTuple):
@@ -35,6 +36,41 @@ class Plant(NamedTuple):
     gravity: float  # m/s^2
     mass_flow_constant: float  # kg/(N s)
     noise_density: float  # N sqrt(s)
+
+
+class Start(NamedTuple):
+    """Distribution of the initial states."""
+
+    mean: np.ndarray  # (4,), m and m/s
+    covariance: np.ndarray  # (4, 4)
+    wet_mass: float  # kg
+
+
+class Draws(NamedTuple):
+    """Which random numbers trials use."""
+
+    seed: int
+    first_trial: int = 0
+    increments: int = 1  # Brownian increments per step, so that runs of different steps share their paths
+
+
+class Pace(NamedTuple):
+    """How one segment is integrated: part of a kernel's arguments."""
+
+    use_runge_kutta: bool
+    steps: int
+    step: float  # s
+    steps_per_output: int
+    first_increment: int  # of the Brownian path
+
+
+class Outputs(NamedTuple):
+    """Arrays that a kernel fills, see `Trajectories`."""
+
+    final_state: np.ndarray
+    history: np.ndarray
+    observed: np.ndarray
+    observed_maximum: np.ndarray
 
 
 def schedule(time, gain, mean, feedforward, steps):
@@ -56,20 +92,19 @@ def schedule(time, gain, mean, feedforward, steps):
     return Schedule(time[-1] / steps, steps, *(np.ascontiguousarray(table) for table in tables))
 
 
-def schedules_of(inputs, gains, steps):
+def schedules_of(times, gains: Gains, steps):
     """Sample the control of the design on the half-step grids of all segments.
 
-    inputs: segment_durations and design_interval are read. gains: `Gains`. steps: number of steps by segment. Returns
+    times: nodes of the design from each segment's start, (k,) by segment, s. steps: number of steps by segment. Returns
     `Schedule` by segment.
     """
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
     parts = segments.split(gains.segment, gains.gain, gains.mean, gains.feedforward)
     return [schedule(time, *part, number) for time, part, number in zip(times, parts, steps, strict=True)]
 
 
-def plant_of(inputs):
-    """The simulated plant with the gravity, mass flow and noise of the reading's inputs; returns `Plant`."""
-    return Plant(inputs.gravity, segments.mass_flow(inputs), segments.plant_noise_density(inputs))
+def plant_of(planet: Planet, vehicle: Vehicle, noise: Noise) -> Plant:
+    """Return the simulated plant with the gravity, mass flow and noise of the reading."""
+    return Plant(planet.gravity, segments.mass_flow(vehicle), segments.plant_noise_density(noise))
 
 
 def open_loop(closed_loop):
@@ -138,91 +173,72 @@ _euler_maruyama = propagator(euler_maruyama, _drift, _observe)
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly_segment(
-    use_runge_kutta,
-    gain,
-    mean,
-    feedforward,
-    gravity,
-    mass_flow_constant,
-    noise_density,
-    steps,
-    step,
-    steps_per_output,
-    increments,
-    seed,
-    first_trial,
-    first_increment,
-    final_state,
-    history,
-    observed,
-    observed_maximum,
-):
-    """Fly one segment with all trials; `final_state` holds the initial states."""
+def _fly_segment(control, plant, pace, draws, outputs):
+    """Fly one segment with all trials; `outputs.final_state` holds the initial states."""
+    # Named tuples are taken apart here: what a parallel loop writes into an array of a tuple is lost.
+    gain, mean, feedforward = control.gain, control.mean, control.feedforward
+    gravity, mass_flow, noise_density = plant
+    final_state, history, observed, observed_maximum = outputs
+    steps, step, every, increment = pace.steps, pace.step, pace.steps_per_output, pace.first_increment
+    seed, increments = draws.seed, draws.increments
     for group in prange(final_state.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
         state = final_state[:, lanes].copy()
         largest = observed_maximum[:, lanes].copy()
         states, observations = history[:, :, lanes], observed[:, :, lanes]
-        parameters = (gain, mean, feedforward, (gravity, mass_flow_constant, noise_density))
-        first = first_trial + group * LANES
-        if use_runge_kutta:
+        parameters = (gain, mean, feedforward, (gravity, mass_flow, noise_density))
+        first = draws.first_trial + group * LANES
+        if pace.use_runge_kutta:
             _runge_kutta(
-                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment,
+                parameters, steps, step, every, NOISES, seed, NOISE_STREAM, first, increment,
                 increments, state, states, observations, largest,
             )  # fmt: skip
         else:
             _euler_maruyama(
-                parameters, steps, step, steps_per_output, NOISES, seed, NOISE_STREAM, first, first_increment,
+                parameters, steps, step, every, NOISES, seed, NOISE_STREAM, first, increment,
                 increments, state, states, observations, largest,
             )  # fmt: skip
         final_state[:, lanes] = state
         observed_maximum[:, lanes] = largest
 
 
-def fly(schedules, plant, initial_states, *, steps_per_output, seed, first_trial=0, integrator="rk4", increments=1):
+def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator="rk4"):
     """Fly consecutive trials through the segments.
 
-    schedules: `Schedule` by segment. plant: `Plant`. initial_states: (trials, 5), SI. steps_per_output: by segment.
-    seed, first_trial: key of the random numbers and the number of the first trial. integrator: "rk4" or
-    "euler_maruyama". increments: fine Brownian increments per step, so that runs of different steps share their paths.
+    Args:
+        schedules: `Schedule` by segment.
+        plant: `Plant`.
+        initial_states: (trials, 5), SI.
+        draws: `Draws`.
+        steps_per_output: by segment.
+        integrator: "rk4" or "euler_maruyama".
 
-    Returns `Trajectories`; observed are the thrust magnitude (N) and the depth below altitude zero (m). A trial that
-    comes below the ground at any step flies on, as the paper's model does, and has the outcome CRASHED.
+    Returns:
+        `Trajectories`; observed are the thrust magnitude (N) and the depth below altitude zero (m). A trial that comes
+        below the ground at any step flies on, as the paper's model does, and has the outcome CRASHED.
+
     """
     counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
     flown = new_trajectories(initial_states.T, sum(counts), OBSERVED)
     output, increment = 0, 0
     for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
-        _fly_segment(
-            integrator == "rk4",
-            control.gain,
-            control.mean,
-            control.feedforward,
-            plant.gravity,
-            plant.mass_flow_constant,
-            plant.noise_density,
-            control.steps,
-            control.step,
-            every,
-            increments,
-            seed,
-            first_trial,
-            increment,
+        outputs = Outputs(
             flown.final_state,
             flown.history[output : output + count],
             flown.observed[output : output + count],
             flown.observed_maximum,
         )
+        pace = Pace(integrator == "rk4", control.steps, control.step, every, increment)
+        _fly_segment(control, plant, pace, draws, outputs)
         output += count
-        increment += control.steps * increments
+        increment += control.steps * draws.increments
     flown.outcome[flown.observed_maximum[DEPTH] > 0] = CRASHED
     finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
     flown.outcome[~finite] = NON_FINITE
     return flown.first(len(initial_states))
 
 
-def initial_states(mean, covariance, wet_mass, seed, trials):
+def initial_states(start: Start, seed: int, trials: np.ndarray) -> np.ndarray:
     """Gaussian initial states of the given trials with the wet mass, (trials, 5)."""
-    deviations = normals(seed, INITIAL_STREAM, trials, 4) @ np.linalg.cholesky(covariance).T
-    return np.column_stack([mean + deviations, np.full(len(deviations), wet_mass)])
+    deviations = normals(seed, INITIAL_STREAM, trials, 4) @ np.linalg.cholesky(start.covariance).T
+    return np.column_stack([start.mean + deviations, np.full(len(deviations), start.wet_mass)])

@@ -1,5 +1,7 @@
 """The two consecutive segments of the flight: their time grids, their end conditions and their steering problems."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import (
@@ -8,41 +10,57 @@ from marsedl.methods.covariance_steering.closed_form import (
     equivalent_squared_noise_density,
     steer,
 )
+from marsedl.models.dynamics.powered_descent import mass_flow_constant
+from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Vehicle
+from marsedl.papers.powered_descent.records import Linearization
 from marsedl.replication.errors import MarsedlError
 
 SEGMENTS = 2
 
 
-def initial_mean(inputs):
-    """Mean initial state (Eq. 51): downrange, altitude (m) and their rates (m/s), (4,)."""
-    angle = inputs.initial_velocity_angle
-    velocity = inputs.initial_speed * np.array([np.sin(angle), np.cos(angle)])
-    return np.concatenate([inputs.initial_position, velocity])
+class Divert(NamedTuple):
+    """What the design has to do in each segment."""
+
+    times: list[np.ndarray]  # of the nodes, from the segment's start, s, (k,) by segment
+    means: list[np.ndarray]  # at the start, at the switch and at the end (Eqs. 51-53), (4,) each
+    covariances: list[np.ndarray]  # likewise, (4, 4) each
+    noise_density: float  # that it designs for, N sqrt(s)
 
 
-def end_conditions(inputs):
+def divert_of(entry: Entry, mission: Mission, noise: Noise, design: Design) -> Divert:
+    """Return the grids, end conditions and noise density of the design."""
+    times = grids(mission.segment_durations, design.design_interval)
+    return Divert(times, *end_conditions(entry, mission), design_noise_density(noise, design))
+
+
+def end_conditions(entry: Entry, mission: Mission) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Means (4,) and covariances (4, 4) at the start, at the switch and at the end (Eqs. 51-53), as two lists."""
-    means = [initial_mean(inputs), inputs.intermediate_mean, inputs.final_mean]
-    return means, [inputs.initial_covariance, inputs.intermediate_covariance, inputs.final_covariance]
+    means = [initial_mean(entry), mission.intermediate_mean, mission.final_mean]
+    return means, [entry.initial_covariance, mission.intermediate_covariance, mission.final_covariance]
 
 
-def mass_flow(inputs):
+def initial_mean(entry: Entry) -> np.ndarray:
+    """Mean initial state (Eq. 51): downrange, altitude (m) and their rates (m/s), (4,)."""
+    angle = entry.initial_velocity_angle
+    velocity = entry.initial_speed * np.array([np.sin(angle), np.cos(angle)])
+    return np.concatenate([entry.initial_position, velocity])
+
+
+def mass_flow(vehicle: Vehicle) -> float:
     """Propellant mass per impulse, kg/(N s): as stated, or from the specific impulse."""
-    from marsedl.models.dynamics.powered_descent import mass_flow_constant
-
-    if inputs.mass_flow_constant is not None:
-        return inputs.mass_flow_constant
-    return mass_flow_constant(inputs.specific_impulse, inputs.standard_gravity)
+    if vehicle.mass_flow_constant is not None:
+        return vehicle.mass_flow_constant
+    return mass_flow_constant(vehicle.specific_impulse, vehicle.standard_gravity)
 
 
-def plant_noise_density(inputs):
+def plant_noise_density(noise: Noise) -> float:
     """Noise density of the simulated thrust, N sqrt(s): gamma in units of thrust (Eq. 49)."""
-    return inputs.noise_coefficient * inputs.thrust_unit
+    return noise.noise_coefficient * noise.thrust_unit
 
 
-def design_noise_density(inputs):
+def design_noise_density(noise: Noise, design: Design) -> float:
     """Noise density that the reading's boundary condition designs for, N sqrt(s); the plant's if it is correct."""
-    squared = equivalent_squared_noise_density(inputs.noise_coefficient, inputs.thrust_unit, inputs.boundary_condition)
+    squared = equivalent_squared_noise_density(noise.noise_coefficient, noise.thrust_unit, design.boundary_condition)
     return np.sqrt(squared)
 
 
@@ -82,35 +100,46 @@ def linear_model(mass, gravity):
     return linearize(motion, np.zeros((len(mass), 4)), np.zeros((len(mass), 2)), (mass,))
 
 
-def steering_problems(inputs, times, models):
-    """Steering problems of the segments for the reading's design noise density.
+def problems_along(divert: Divert, models, transitions=None) -> list[SteeringProblem]:
+    """Return the steering problems of the segments for linear models (A, B, c) at the nodes.
 
-    times: local times (k,) by segment. models: (A, B, c) by segment. Returns a list of `SteeringProblem`.
+    transitions: those of the models, (k, 4, 4) by segment, if they are known; they do not depend on the mass.
     """
-    means, covariances = end_conditions(inputs)
     return [
         SteeringProblem.from_linear_model(
-            time,
-            *model,
-            initial_mean=means[number],
-            final_mean=means[number + 1],
-            initial_covariance=covariances[number],
-            final_covariance=covariances[number + 1],
-            noise_density=design_noise_density(inputs),
+            time, *model, **_ends(divert, number), transition=None if transitions is None else transitions[number]
         )
-        for number, (time, model) in enumerate(zip(times, models, strict=True))
+        for number, (time, model) in enumerate(zip(divert.times, models, strict=True))
     ]
+
+
+def problems_of(divert: Divert, linearization: Linearization) -> list[SteeringProblem]:
+    """Return the steering problems of the segments from the stored linear model."""
+    names = ("transition", "gramian", "affine_response", "control_matrix")
+    parts = split(linearization.segment, *(getattr(linearization, name) for name in names))
+    return [SteeringProblem(divert.times[number], *part, **_ends(divert, number)) for number, part in enumerate(parts)]
+
+
+def _ends(divert: Divert, number: int) -> dict:
+    """End conditions and noise density of a segment."""
+    return {
+        "initial_mean": divert.means[number],
+        "final_mean": divert.means[number + 1],
+        "initial_covariance": divert.covariances[number],
+        "final_covariance": divert.covariances[number + 1],
+        "noise_density": divert.noise_density,
+    }
 
 
 def steered(problems):
     """The steering of every segment; MarsedlError that names the segment whose problem has no solution."""
-    found = []
+    steerings = []
     for number, problem in enumerate(problems, start=1):
         try:
-            found.append(steer(problem))
+            steerings.append(steer(problem))
         except SteeringError as error:
             raise MarsedlError(
                 f"segment {number}: {error}; give the segment another duration or target covariance, or write "
                 "boundary_condition 'corrected'"
             ) from None
-    return found
+    return steerings

@@ -7,11 +7,9 @@ from marsedl.montecarlo.statistics import (
     two_sample_covariance_deviance,
 )
 from marsedl.montecarlo.streaming import FinalMoments, observed_maxima
-from marsedl.papers.powered_descent.certificates import Certificates
 from marsedl.papers.powered_descent.claims import MASS, STATE, UPPER
-from marsedl.papers.powered_descent.fixed_point import FixedPointStudy
-from marsedl.papers.powered_descent.flight import THRUST
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
+from marsedl.papers.powered_descent.inputs import Mission
+from marsedl.papers.powered_descent.records import THRUST, Certificates, FixedPointStudy, FlightEnsemble
 
 NAMES = ("r1", "r2", "v1", "v2")
 
@@ -36,9 +34,9 @@ def agreement(published, ensemble):
     return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, state.covariance[1:, 1:], state.count)
 
 
-def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None):
+def eq54(published, closed_loop: FlightEnsemble):
     """Mean and covariance of the final state beside Eq. 54, with standard errors and distances in standard errors."""
-    ensemble = closed_loop_large or closed_loop
+    ensemble = closed_loop
     state = FinalMoments(ensemble, STATE)
     trials = published["mc_final_mean"].trials
     share = np.sqrt(state.count / trials)  # the paper's sampling error in units of ours
@@ -72,7 +70,7 @@ def eq54(inputs, published, closed_loop: FlightEnsemble, closed_loop_large: Flig
     return rows
 
 
-def algorithm_1(inputs, published, fixed_point: FixedPointStudy):
+def algorithm_1(mission: Mission, fixed_point: FixedPointStudy):
     """Runs of Algorithm 1 in both thrust units: iterations, distance from the closed form, final variances."""
     rows = [
         (
@@ -101,7 +99,7 @@ def algorithm_1(inputs, published, fixed_point: FixedPointStudy):
             )
         )
     for unit in range(len(study.unit)):
-        target = np.diag(inputs.intermediate_covariance), np.diag(inputs.final_covariance)
+        target = np.diag(mission.intermediate_covariance), np.diag(mission.final_covariance)
         errors = [np.abs(v / t - 1).max() for v, t in zip(study.loose_variance[unit], target, strict=True)]
         rows.append(
             (
@@ -117,7 +115,7 @@ def algorithm_1(inputs, published, fixed_point: FixedPointStudy):
     return rows
 
 
-def certificates(inputs, published, certificates: Certificates):
+def certificates(certificates: Certificates):
     """Distances of the design from its independent checks, by segment."""
     checks = (
         ("final covariance by Eq. 40, forward, against the target", "covariance_error"),
@@ -145,10 +143,10 @@ def certificates(inputs, published, certificates: Certificates):
     return rows
 
 
-def readings(artifacts, published):
+def readings(readings, published):
     """What each reading reproduces: its noise and target, the masses, and the tests of the printed covariance.
 
-    artifacts: by reading, the artifacts by name and the inputs. published: claims by id. Returns rows of text.
+    readings: inputs and `Records` by reading. published: claims by id. Returns rows of text.
     """
     rows = [
         (
@@ -166,10 +164,10 @@ def readings(artifacts, published):
             "trials",
         )
     ]
-    for name, (inputs, items) in artifacts.items():
-        gains, nominal, paper_size = items["gains"], items["nominal"], items["closed_loop"]
-        ensemble = items.get("closed_loop_large") or paper_size
-        target = np.diag(inputs.final_covariance)
+    for name, (inputs, records) in readings.items():
+        gains, nominal, paper_size = records.gains, records.nominal, records.closed_loop
+        ensemble = records.closed_loop_large or paper_size
+        target = np.diag(inputs.mission.final_covariance)
         whole, rest = agreement(published, ensemble)
         mass = FinalMoments(ensemble, MASS)
         rows.append(
@@ -184,7 +182,7 @@ def readings(artifacts, published):
                 f"{whole.p_value:.2g}",
                 f"{rest.statistic:.1f}",
                 f"{rest.p_value:.2g}",
-                f"{observed_maxima(paper_size, THRUST).max() / inputs.maximum_thrust:.3f}",
+                f"{observed_maxima(paper_size, THRUST).max() / inputs.vehicle.maximum_thrust:.3f}",
                 f"{mass.count}",
             )
         )

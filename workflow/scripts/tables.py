@@ -1,0 +1,12 @@
+"""Write the tables of a reading that need the same artifacts, as CSV and Markdown."""
+
+from importlib import import_module
+
+from marsedl.replication.jobs import guarded
+from marsedl.replication.tables import write_table
+
+with guarded(snakemake) as job:
+    module, published = import_module(f"marsedl.papers.{job.paper}.tables"), job.published()
+    for stem in job.params.stems:
+        table = getattr(module, stem)
+        write_table(table(**job.given(table, **published)), *snakemake.output[stem])
