@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from marsedl.comparison import accuracy
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 
 TRIALS = 20_000
 COVARIANCE = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -1.0], [0.5, -1.0, 1.0]])

@@ -6,7 +6,8 @@ from scipy.integrate import solve_ivp
 
 from marsedl.methods.guidance.apollo import adjoint_gains, density_slaved_matrix, drag_form
 from marsedl.methods.guidance.longitudinal import linear_model
-from marsedl.methods.lincov import discretize, trigger_projection
+from marsedl.methods.lincov import discretize
+from marsedl.methods.state_trigger import trigger_projection
 from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
 
 DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER = 1 / 270, 0.24 / 270, 4.2828e13

@@ -4,10 +4,10 @@ from math import erf
 import numpy as np
 import pytest
 
+from marsedl.methods.covariance_steering.chance import chance_factor
 from marsedl.methods.covariance_steering.lqg_dual import (
     ChanceConstrainedProblem,
     InfeasibleProblem,
-    chance_factor,
     lqg_gains,
     lqg_gains_as_printed,
     noise_floor,

@@ -8,10 +8,8 @@ from marsedl.methods.lincov import (
     compose,
     discretize,
     propagate,
-    trigger_projection,
-    trigger_time_variance,
-    velocity_indexed_gain,
 )
+from marsedl.methods.state_trigger import trigger_projection, trigger_time_variance, velocity_indexed_gain
 
 
 def state_matrix(t):

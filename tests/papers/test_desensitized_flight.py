@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import atmosphere
 from marsedl.models.dynamics.entry import entry_rates
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.papers.desensitized import flight
 
 RADIUS, MU = 3397e3, 4.282837e13

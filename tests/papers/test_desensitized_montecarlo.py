@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from marsedl.models.atmosphere import temperature_pressure_fit
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment, flight, montecarlo, responses
 from marsedl.papers.desensitized import gains as design

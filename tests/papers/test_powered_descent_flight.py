@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE, Trajectories
+from marsedl.montecarlo.ensembles import Trajectories
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
 from marsedl.replication import artifacts

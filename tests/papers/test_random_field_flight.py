@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import atmosphere, random_field
 from marsedl.models.density_table import read_density_table
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import orbits
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight, montecarlo

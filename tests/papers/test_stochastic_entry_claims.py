@@ -9,8 +9,9 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from marsedl.papers.stochastic_entry import PAPER, claims, flight, tables
-from marsedl.papers.stochastic_entry.claims import CASES, DECLARATIONS
+from marsedl.papers.stochastic_entry import PAPER, claims, records, tables
+from marsedl.papers.stochastic_entry.claims import DECLARATIONS
+from marsedl.papers.stochastic_entry.records import CASES
 from marsedl.replication.claims import collect, judge, write_claims
 
 # All readings that the reasons speak of.
@@ -19,7 +20,7 @@ READINGS = (
     *("density_blind", "velocity_adjoint", "density_blind_velocity_adjoint"),
 )
 STUDIED = {"theorem_lqg", "corollary_lqg", "fig9_altitude_range_tradeoff"}  # rest on studies of `corrected`
-RANGE = flight.DOWNRANGE
+RANGE = records.DOWNRANGE
 
 
 def evaluate(entry, reading="corrected", inputs=None, **replaced):
@@ -270,7 +271,7 @@ def with_entry(ensemble, factor, state):
 
 def too_fast(ensemble):
     largest = ensemble.observed_maximum.copy()
-    largest[7, flight.BANK_CHANGE] = np.radians(15.1)
+    largest[7, records.BANK_CHANGE] = np.radians(15.1)
     return replace(ensemble, observed_maximum=largest)
 
 
@@ -312,10 +313,10 @@ BROKEN = {
     "fig9_lc_close": lambda a: {"gains": predicted(a["gains"], 2.0)},
     "fig9_lc_worst_gamma": lambda a: {"gains": predicted(a["gains"], 2.0, 3)},
     "lateral_dispersion_increases": lambda a: {"stochastic_time": a["apollo_time"]},
-    "crossrange_nulled": lambda a: {"apollo_time": moved(a["apollo_time"], flight.CROSSRANGE, factor=100.0)},
+    "crossrange_nulled": lambda a: {"apollo_time": moved(a["apollo_time"], records.CROSSRANGE, factor=100.0)},
     "bank_rate_respected": lambda a: {"stochastic_velocity": too_fast(a["stochastic_velocity"])},
     "zf_structure": lambda a: {"linearization": unlike_identity(a["linearization"])},
-    "trigger_time_statistics": lambda a: {"apollo_velocity": moved(a["apollo_velocity"], flight.END_TIME, shift=3.0)},
+    "trigger_time_statistics": lambda a: {"apollo_velocity": moved(a["apollo_velocity"], records.END_TIME, shift=3.0)},
     "trigger_covariance": lambda a: {"apollo_velocity": moved(a["apollo_velocity"], RANGE, factor=1.6)},
     "fig13_apollo_negative": lambda a: correlated(a["gains"], "apollo", 0, 0.2),
     "fig13_apollo_more_negative": lambda a: correlated(a["gains"], "apollo", 1, -0.5),
@@ -368,7 +369,7 @@ def test_every_statement_has_a_counterexample(entry_published):
 def test_numbers_are_decided_by_the_artifacts(entry, entry_published):
     """A velocity that misses the trigger, an end elsewhere and a late turn are noticed."""
     made = entry.artifacts("corrected")
-    missed = moved(made["apollo_velocity"], flight.VELOCITY, shift=2.0)
+    missed = moved(made["apollo_velocity"], records.VELOCITY, shift=2.0)
     nominal = replace(made["nominal"], downrange=made["nominal"].downrange - 600.0)
     gains = made["gains"]
     late = replace(gains, stochastic_covariance=scaled(gains.stochastic_covariance, 9.0, 0, slice(150, None), 3, 3))

@@ -11,12 +11,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from marsedl.methods.covariance_steering.lqg_dual import chance_factor, solve
+from marsedl.methods.covariance_steering.chance import chance_factor
+from marsedl.methods.covariance_steering.lqg_dual import solve
 from marsedl.methods.lincov import propagate
 from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
-from marsedl.papers.stochastic_entry import environment, flight, gains
-from marsedl.papers.stochastic_entry.gains import STATE_SCALE, TRIGGERS, problem
+from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, records
+from marsedl.papers.stochastic_entry.gains import STATE_SCALE, problem
 from marsedl.papers.stochastic_entry.linearization import system
+from marsedl.papers.stochastic_entry.records import TRIGGERS
 
 RADIUS, GRAVITATIONAL_PARAMETER = 3397e3, 4.2828e13
 AREA = np.pi * 4.5**2 / 4
@@ -277,14 +279,14 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     model, air = entry.linearization(), environment.air(inputs)
     constants = flight.settings(inputs, air)
     seconds = 65  # before the first reversal
-    mean = flight.entry_mean(inputs)
+    mean = dispersions.entry_mean(inputs)
 
     def history(deviation, cosine_change=0.0, second=0):
         cosine = model.bank_cosine.copy()
         cosine[second] += cosine_change
         zero = np.zeros((len(cosine), flight.FEATURES))
         law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
-        factors = (np.array([factor]) for factor in flight.factors(inputs))
+        factors = (np.array([factor]) for factor in dispersions.factors(inputs))
         flown = flight.fly(
             constants,
             air,
@@ -301,7 +303,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     products = [np.eye(5)]
     for k in range(seconds):
         products.append(model.transition[k] @ products[-1])
-    steps = {flight.SPEED: (1, 0.5), flight.PATH_ANGLE: (2, 1e-4)}
+    steps = {dispersions.SPEED: (1, 0.5), dispersions.PATH_ANGLE: (2, 1e-4)}
     for component, (column, size) in steps.items():
         deviation = np.zeros(6)
         deviation[component] = size
@@ -659,7 +661,7 @@ def test_covariance_of_the_apollo_law_is_that_of_the_law_as_flown(entry, reading
 
 
 @pytest.mark.parametrize("case", ["apollo_time", "apollo_velocity"])
-@pytest.mark.parametrize("component", [flight.SPEED, flight.PATH_ANGLE])
+@pytest.mark.parametrize("component", [dispersions.SPEED, dispersions.PATH_ANGLE])
 def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, case, component):
     """Change of the commanded cosine after a small deviation at entry, against K_eff times the change of the state.
 
@@ -669,11 +671,11 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     model, made = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
-    mean, air = flight.entry_mean(inputs), environment.air(inputs)
-    size = {flight.SPEED: 0.02, flight.PATH_ANGLE: 1e-6}[component]
+    mean, air = dispersions.entry_mean(inputs), environment.air(inputs)
+    size = {dispersions.SPEED: 0.02, dispersions.PATH_ANGLE: 1e-6}[component]
     starts = np.tile(mean, (2, 1))
     starts[:, component] += [size, -size]
-    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in flight.factors(inputs)))
+    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in dispersions.factors(inputs)))
     flown = flight.fly(
         flight.settings(inputs, air),
         air,
@@ -691,7 +693,7 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     slopes = np.vstack([sides[:1], (sides[1:] + sides[:-1]) / 2])
     effective = effective_gain(model, made.apollo_gain[TRIGGERS.index(case[7:])], slopes)[:140]
     terms = effective * change[:, :5]
-    found = change[:, flight.BANK_COSINE]
+    found = change[:, records.BANK_COSINE]
     times = np.arange(40, 140)
     # Terms of both signs nearly cancel.
     error = np.abs(found - terms.sum(axis=1))[times] / np.abs(terms).max(axis=1)[times]
@@ -721,7 +723,7 @@ def test_predicted_dispersions_of_the_apollo_law(entry, reading, kind, trigger, 
 )
 def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_the_apollo_law(entry, trigger, expected):
     inputs, made, model = entry.all_inputs("corrected"), entry.gains(), entry.linearization()
-    drag_factor, lift_factor = flight.factors(inputs)
+    drag_factor, lift_factor = dispersions.factors(inputs)
     inverse = model.inverse_scale_height
     slopes = np.stack(
         longitudinal_entry_rates(

@@ -10,8 +10,8 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.stochastic_entry import PAPER, environment, figures, flight
-from marsedl.papers.stochastic_entry.montecarlo import errors
+from marsedl.papers.stochastic_entry import PAPER, dispersions, environment, figures, records
+from marsedl.papers.stochastic_entry.records import errors
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
@@ -144,7 +144,7 @@ def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
             np.testing.assert_allclose(line.get_ydata(), air.altitude[shown] / 1e3)
     # Eq. 8 step by step: decay 2/H, diffusion 4 zeta/H.
     inverse_height = -environment.profile(inputs)(air.altitude)[1]
-    drawn = normals(inputs.seed, figures.PROCESS_STREAM, [3], len(air.altitude))[0]
+    drawn = normals(inputs.seed, dispersions.PROCESS_STREAM, [3], len(air.altitude))[0]
     variation = air.deviation[-1] * drawn[0]
     expected = [variation]
     for number, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
@@ -166,7 +166,8 @@ def test_fig02_process_has_a_few_per_cent_too_much_deviation(draw):
 
 
 def test_fig02_and_the_flights_use_different_random_numbers():
-    assert figures.PROCESS_STREAM not in (flight.ENTRY_STREAM, flight.DENSITY_STREAM, flight.AERODYNAMICS_STREAM)
+    flown = dispersions.ENTRY_STREAM, dispersions.DENSITY_STREAM, dispersions.AERODYNAMICS_STREAM
+    assert dispersions.PROCESS_STREAM not in flown
 
 
 @pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
@@ -179,7 +180,7 @@ def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
     assert len(samples) == inputs.drawn_densities >= DRAWN
     air = environment.air(inputs)
     for line, trial in zip(samples, entry.ensemble("corrected", case).kept_history, strict=False):
-        altitude, density = trial[np.isfinite(trial[:, 0])][:, [flight.ALTITUDE, flight.DENSITY]].T
+        altitude, density = trial[np.isfinite(trial[:, 0])][:, [records.ALTITUDE, records.DENSITY]].T
         inside = altitude < 125e3  # dispersed entries are all at the edge itself
         mean = np.exp(np.interp(altitude, air.altitude, air.log_density))
         expected = np.interp(altitude / 1e3, line.get_ydata(), line.get_xdata())
@@ -358,7 +359,7 @@ def test_fig10_shows_the_flown_bank_angles_of_the_same_trials(draw, entry):
         lines = curves(axes, color)
         assert len(lines) == DRAWN
         for line, trial in zip(lines, ensemble.kept_observed, strict=True):
-            np.testing.assert_allclose(line.get_ydata(), np.degrees(trial[:, flight.BANK]))
+            np.testing.assert_allclose(line.get_ydata(), np.degrees(trial[:, records.BANK]))
             assert line.get_drawstyle() == "steps-post"  # a command holds for a guidance period
         (nominal,) = curves(axes, BLACK)
         assert nominal.get_ydata()[0] == pytest.approx(-75.0)
@@ -373,13 +374,13 @@ def test_fig12_markers_are_the_final_errors(draw, entry):
         predicted = projection @ getattr(entry.gains(), f"{law}_covariance")[1, -1] @ projection.T
         for axes, (_, component, unit) in zip(column, ROWS, strict=True):
             (marks,) = [line for line in curves(axes, color) if line.get_marker() == "o"]
-            np.testing.assert_allclose(marks.get_xdata(), ensemble.final_state[:DRAWN, flight.END_TIME])
+            np.testing.assert_allclose(marks.get_xdata(), ensemble.final_state[:DRAWN, records.END_TIME])
             np.testing.assert_allclose(marks.get_ydata(), final[:, component] / unit, atol=1e-9)
             paths = [line for line in curves(axes, color) if line.get_marker() != "o"]
             ends = np.array([line.get_xydata()[-1] for line in paths])
             np.testing.assert_allclose(ends, marks.get_xydata())
             assert (marks.get_xdata() <= axes.get_xlim()[1]).all()
-            if component == flight.VELOCITY:
+            if component == records.VELOCITY:
                 np.testing.assert_allclose(marks.get_ydata(), 0.0, atol=1e-6)
                 continue
             shown = {round(line.get_ydata()[0], 9) for line in curves(axes, BLACK, "--", least=2)}
@@ -451,7 +452,7 @@ def test_floor_is_below_the_linear_prediction_and_that_below_the_flights(draw, e
     heights = heights[heights > 0].reshape(4, 3)
     for case, (least, predicted, measured) in zip(FLOWN, heights, strict=True):
         assert least <= predicted * (1 + 1e-6) <= measured
-        samples = errors(entry.ensemble("corrected", case))[:, flight.DOWNRANGE]
+        samples = errors(entry.ensemble("corrected", case))[:, records.DOWNRANGE]
         assert measured == pytest.approx(samples.std(ddof=1))
     assert heights[0, 0] == heights[2, 0] == pytest.approx(85.4, abs=0.1)
     assert heights[1, 0] == heights[3, 0] == pytest.approx(466.9, abs=0.1)
@@ -470,7 +471,7 @@ def test_floor_of_the_printed_reading_names_what_is_missing(draw):
 def test_reversal_histograms_have_the_areas_of_their_shares(draw, entry):
     for axes, case in zip(draw("reversals").axes, FLOWN, strict=True):
         ensemble = entry.ensemble("corrected", case)
-        number, error = ensemble.final_state[:, flight.REVERSALS], errors(ensemble)[:, flight.DOWNRANGE] / 1e3
+        number, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, records.DOWNRANGE] / 1e3
         steps = [patch.get_data() for patch in axes.patches]
         areas = [float((values * np.diff(edges)).sum()) for values, edges, _ in steps]
         assert areas[-1] == pytest.approx(0.998, abs=0.001)  # all but a thousandth on either side

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
-from marsedl.papers.stochastic_entry import environment, flight, montecarlo
+from marsedl.papers.stochastic_entry import environment, flight, montecarlo, records
 from marsedl.papers.stochastic_entry.montecarlo import nominal_final
 from marsedl.replication import artifacts
 
@@ -66,9 +66,9 @@ def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
     error = flown.final_state[:6, 0] - nominal_final(nominal)
     assert np.abs(error[[0, 3, 5]]).max() < 5e-3  # of 4 steps a second instead of 20
     assert np.abs(error[1]) < 0.05 and np.abs(error[2]) < 1e-4
-    assert flown.final_state[flight.END_TIME, 0] == pytest.approx(nominal.end_time, abs=0.05)
-    assert flown.final_state[flight.REVERSALS, 0] == len(nominal.reversal_time) == 3
-    assert flown.final_state[flight.NEGATIVE_DENSITIES, 0] == 0
+    assert flown.final_state[records.END_TIME, 0] == pytest.approx(nominal.end_time, abs=0.05)
+    assert flown.final_state[records.REVERSALS, 0] == len(nominal.reversal_time) == 3
+    assert flown.final_state[records.NEGATIVE_DENSITIES, 0] == 0
 
 
 @pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
@@ -95,16 +95,16 @@ def test_bank_limits(entry, case, reading):
     flown = entry.simulator(case, reading)(0, 500)
     times = len(flown.history)
     flying = np.arange(times)[:, np.newaxis] < flown.length
-    bank, cosine = flown.observed[:, flight.BANK], flown.history[:, flight.BANK_COSINE]
+    bank, cosine = flown.observed[:, records.BANK], flown.history[:, records.BANK_COSINE]
     rounding = 1e-9
-    assert flown.observed_maximum[flight.BANK_CHANGE].max() <= np.radians(15.0) + rounding
+    assert flown.observed_maximum[records.BANK_CHANGE].max() <= np.radians(15.0) + rounding
     changes = np.abs(np.diff(bank, axis=0))[flying[1:]]
     assert changes.max() <= np.radians(15.0) + rounding
     assert changes.max() > np.radians(14.99)  # reversals do use the rate
     assert (np.abs(cosine[flying]) <= 1.0).all()
     # The bank of a command at the limit can be off by the seconds that rolling takes, 45 degrees in 3 s.
-    aligning = np.maximum.accumulate(flown.history[:, flight.VELOCITY] <= 1100.0, axis=0) & flying
-    slow = aligning & (flown.history[:, flight.VELOCITY] < 900.0)
+    aligning = np.maximum.accumulate(flown.history[:, records.VELOCITY] <= 1100.0, axis=0) & flying
+    slow = aligning & (flown.history[:, records.VELOCITY] < 900.0)
     assert (cosine[aligning] >= np.cos(np.radians(45.0)) - rounding).all()
     assert (cosine[slow] >= np.cos(np.radians(35.0)) - rounding).all()
     since = np.cumsum(aligning, axis=0)
@@ -116,8 +116,8 @@ def test_bank_limits(entry, case, reading):
 
 def test_first_bank_is_commanded_without_a_limit(entry):
     flown = entry.simulator("stochastic_time")(0, 50)
-    np.testing.assert_allclose(np.degrees(flown.observed[0, flight.BANK]), -75.0, atol=0.1)
-    np.testing.assert_array_equal(flown.observed[0, flight.BANK_CHANGE], 0.0)
+    np.testing.assert_allclose(np.degrees(flown.observed[0, records.BANK]), -75.0, atol=0.1)
+    np.testing.assert_array_equal(flown.observed[0, records.BANK_CHANGE], 0.0)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -126,13 +126,13 @@ def test_flights_end_where_they_should(entry, case):
     final = ensemble.final_state
     assert (ensemble.outcome == COMPLETED).all()
     if case.endswith("velocity"):
-        assert np.abs(final[:, flight.VELOCITY] - 500.0).max() < 1e-9
-        assert final[:, flight.END_TIME].std() > 1.0
+        assert np.abs(final[:, records.VELOCITY] - 500.0).max() < 1e-9
+        assert final[:, records.END_TIME].std() > 1.0
         # Whoever has ended by a time is not among those flying then.
-        expected = (final[:, flight.END_TIME] > ensemble.time[:, np.newaxis]).sum(axis=1)
+        expected = (final[:, records.END_TIME] > ensemble.time[:, np.newaxis]).sum(axis=1)
         np.testing.assert_array_equal(ensemble.flying, expected)
     else:
-        np.testing.assert_array_equal(final[:, flight.END_TIME], nominal.end_time)
+        np.testing.assert_array_equal(final[:, records.END_TIME], nominal.end_time)
         assert ensemble.time[-1] == nominal.end_time and (ensemble.flying == len(final)).all()
         np.testing.assert_array_equal(final[: len(ensemble.kept_history), :6], ensemble.kept_history[:, -1, :6])
 
@@ -141,8 +141,8 @@ def test_velocity_only_falls_through_the_trigger_once(entry):
     """The first crossing counts: one period before the end every trial was still faster."""
     flown = entry.simulator("stochastic_velocity")(0, 300)
     flying = np.arange(len(flown.history))[:, np.newaxis] < flown.length
-    assert (flown.history[:, flight.VELOCITY][flying] > 500.0).all()
-    since = flown.final_state[flight.END_TIME] - (flown.length - 1)
+    assert (flown.history[:, records.VELOCITY][flying] > 500.0).all()
+    since = flown.final_state[records.END_TIME] - (flown.length - 1)
     assert (since > 0).all() and (since <= 1.0).all()
 
 
@@ -208,7 +208,7 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     arguments = {"inputs": entry.stage_inputs("corrected", "montecarlo"), **entry.needed("montecarlo", "corrected")}
     said = montecarlo.replay(**arguments, case=case, number=number, ensemble=ensemble)
     assert f"trial {number} of {case}: completed" in said and "the same to the last bit" in said
-    assert f"{int(ensemble.final_state[number, flight.REVERSALS])} bank reversals" in said
+    assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in said
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
     assert "DIFFERS" in montecarlo.replay(**arguments, case=case, number=number, ensemble=other)
 
@@ -231,20 +231,20 @@ def test_cases_share_their_dispersions(entry):
 
 def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     ensemble = entry.fly("corrected", entry.gains(), "apollo_velocity", trials=200, time_limit=400.0)
-    ends = np.sort(ensemble.final_state[:, flight.END_TIME])
+    ends = np.sort(ensemble.final_state[:, records.END_TIME])
     limit = np.floor(ends[60])  # about 60 trials in time
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", time_limit=limit)
     needed = entry.needed("montecarlo_chunk", "corrected")
     options = {"case": "apollo_velocity", "trials": 200, "block_size": 100}
     cut = montecarlo.compute(inputs, **needed, **options)
-    late = ensemble.final_state[:, flight.END_TIME] > limit
+    late = ensemble.final_state[:, records.END_TIME] > limit
     assert 100 < late.sum() < 190
     np.testing.assert_array_equal(cut.outcome == ESCAPED, late)
     np.testing.assert_array_equal(cut.outcome == COMPLETED, ~late)
     assert (cut.count, cut.excluded, len(cut.final_state)) == (200, 0, 200)
     np.testing.assert_array_equal(cut.final_state[~late], ensemble.final_state[~late])
-    np.testing.assert_array_equal(cut.final_state[late, flight.END_TIME], limit)
-    assert (cut.final_state[late, flight.VELOCITY] > 500.0).all()
+    np.testing.assert_array_equal(cut.final_state[late, records.END_TIME], limit)
+    assert (cut.final_state[late, records.VELOCITY] > 500.0).all()
     number = int(np.flatnonzero(late)[0])
     said = montecarlo.replay(inputs, **needed, case="apollo_velocity", number=number)
     assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in said
@@ -262,7 +262,7 @@ def test_crashes_are_counted_and_not_dropped(entry):
         )
 
     late = until(330.0)
-    below = late.final_state[:, flight.ALTITUDE] < 0.0
+    below = late.final_state[:, records.ALTITUDE] < 0.0
     assert 0 < below.sum() < 200 or below.all() or not below.any()
     np.testing.assert_array_equal(late.outcome == CRASHED, below)
     all_down = until(380.0)
@@ -282,7 +282,7 @@ def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path)
         ensemble = entry.ensemble("printed", case, trials=100)
         assert (ensemble.outcome == NON_FINITE).all()
         assert (ensemble.count, ensemble.excluded, len(ensemble.final_state)) == (0, 100, 100)
-        assert np.isnan(ensemble.final_state[:, flight.DOWNRANGE]).all() and np.isnan(ensemble.mean).all()
+        assert np.isnan(ensemble.final_state[:, records.DOWNRANGE]).all() and np.isnan(ensemble.mean).all()
         assert (ensemble.flying == 0).all()
         artifacts.save(tmp_path / "case.h5", ensemble, paper="stochastic_entry", reading="printed", provenance={})
         kind = type(ensemble)
@@ -320,9 +320,9 @@ def test_printed_heading_alignment_leaves_kilometres_of_crossrange(entry):
     np.testing.assert_allclose(np.degrees(nominal.bank[late]), 35.0, atol=1e-9)
     assert (np.diff(np.abs(nominal.crossrange[late])) > 0).all()  # and growing
     flown = entry.ensemble("printed_heading", "apollo_time", trials=500)
-    assert np.median(np.abs(flown.final_state[:, flight.CROSSRANGE])) == pytest.approx(6e3, rel=0.1)
+    assert np.median(np.abs(flown.final_state[:, records.CROSSRANGE])) == pytest.approx(6e3, rel=0.1)
     mended = entry.ensemble("corrected", "apollo_time")
-    assert np.median(np.abs(mended.final_state[:, flight.CROSSRANGE])) < 20.0
+    assert np.median(np.abs(mended.final_state[:, records.CROSSRANGE])) < 20.0
 
 
 def test_heading_alignment_with_only_its_sign_mended_is_bang_bang(entry):
@@ -387,32 +387,32 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
 
     reference = final(64)
     found = {substeps: final(substeps) for substeps in (1, 2, 4, 8)}
-    assert all((state[flight.REVERSALS] == reference[flight.REVERSALS]).all() for state in found.values())
+    assert all((state[records.REVERSALS] == reference[records.REVERSALS]).all() for state in found.values())
     error = {substeps: np.median(np.abs(state - reference), axis=1) for substeps, state in found.items()}
-    rows = [flight.ALTITUDE, flight.FLIGHT_PATH_ANGLE, flight.DOWNRANGE, flight.CROSSRANGE]
-    rows.append(flight.VELOCITY if trigger == "time" else flight.END_TIME)
+    rows = [records.ALTITUDE, records.FLIGHT_PATH_ANGLE, records.DOWNRANGE, records.CROSSRANGE]
+    rows.append(records.VELOCITY if trigger == "time" else records.END_TIME)
     for coarse, fine in ((1, 2), (2, 4), (4, 8)):
         np.testing.assert_allclose(np.log2(error[coarse][rows] / error[fine][rows]), 4.0, atol=0.1)
-    assert error[4][flight.DOWNRANGE] < 1e-4
+    assert error[4][records.DOWNRANGE] < 1e-4
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_four_steps_a_second_are_enough_for_the_statistics(entry, case):
     """Against ten steps a second: single trials may turn a second apart, distributions stay."""
     four, ten = (entry.ensemble("corrected", case, flight_substeps=n).final_state for n in (4, 10))
-    change = ten[:, flight.DOWNRANGE] - four[:, flight.DOWNRANGE]
+    change = ten[:, records.DOWNRANGE] - four[:, records.DOWNRANGE]
     assert np.median(np.abs(change)) < 2.0
     assert np.sqrt(np.mean(change**2)) < 60.0
     apart = np.abs(change) > 50.0
     assert apart.mean() < 0.03
-    for row in (flight.ALTITUDE, flight.FLIGHT_PATH_ANGLE, flight.DOWNRANGE):
+    for row in (records.ALTITUDE, records.FLIGHT_PATH_ANGLE, records.DOWNRANGE):
         for level in (0.01, 0.99):
             (first, error), (second, _) = (percentile(final[:, row], level) for final in (four, ten))
             assert abs(second - first) < error  # of these 2,000 trials; a few of them make the percentile
     # Changing the steps moves the mean by far less than its standard error.
-    spread = four[:, flight.DOWNRANGE].std() / np.sqrt(len(four))
+    spread = four[:, records.DOWNRANGE].std() / np.sqrt(len(four))
     assert abs(change.mean()) < 0.15 * spread
-    forty = entry.ensemble("corrected", case, trials=500, flight_substeps=40).final_state[:, flight.DOWNRANGE]
-    fine = forty - ten[:500, flight.DOWNRANGE]
+    forty = entry.ensemble("corrected", case, trials=500, flight_substeps=40).final_state[:, records.DOWNRANGE]
+    fine = forty - ten[:500, records.DOWNRANGE]
     # Decimetres for the Apollo law, whose gains grow towards the heading alignment; hardly a trial turns elsewhere.
     assert np.median(np.abs(fine)) < 0.3 and np.mean(np.abs(fine) > 50.0) <= 0.005

@@ -10,10 +10,10 @@ import pytest
 
 from marsedl.methods.lincov import propagate
 from marsedl.montecarlo.statistics import percentile, variance_standard_error
-from marsedl.papers.stochastic_entry import error_budget, flight
-from marsedl.papers.stochastic_entry.gains import TRIGGERS
+from marsedl.papers.stochastic_entry import dispersions, error_budget, flight, records
 from marsedl.papers.stochastic_entry.linearization import system
-from marsedl.papers.stochastic_entry.montecarlo import BANK_BINS, errors, nominal_final
+from marsedl.papers.stochastic_entry.montecarlo import BANK_BINS, nominal_final
+from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
 
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 10_000, 4.0
@@ -69,7 +69,7 @@ def test_ensembles_hold_what_was_flown(entry, case):
         np.testing.assert_allclose(ensemble.observed_mean[k], bank.mean(axis=1), rtol=1e-10, atol=1e-12)
         np.testing.assert_array_equal(ensemble.maximum_over_trials[k], bank.max(axis=1))
         edges = ensemble.histogram_edges[0]
-        counts = np.histogram(bank[flight.BANK], edges)[0]
+        counts = np.histogram(bank[records.BANK], edges)[0]
         np.testing.assert_array_equal(ensemble.histogram[k, 0, 1:-1][1:-1], counts[1:-1])
         assert ensemble.histogram.shape[-1] == BANK_BINS + 2 and ensemble.histogram[k, 0].sum() == flying.sum()
 
@@ -81,7 +81,7 @@ def test_moments_end_with_the_last_trial(entry):
     assert np.isnan(ensemble.mean[none]).all() and np.isfinite(ensemble.mean[~none]).all()
     few = ensemble.flying < 2
     assert np.isnan(ensemble.covariance[few]).all() and np.isfinite(ensemble.covariance[~few]).all()
-    last = np.ceil(ensemble.final_state[:, flight.END_TIME].max())
+    last = np.ceil(ensemble.final_state[:, records.END_TIME].max())
     assert ensemble.time[~none][-1] == last - 1
 
 
@@ -157,7 +157,7 @@ def test_trigger_times_are_predicted_by_the_linear_model(entry):
     """Eq. 63: mean t_f; variance P_VV / (dV/dt)^2."""
     for law in ("apollo", "stochastic"):
         ensemble = entry.ensemble("corrected", f"{law}_velocity")
-        ends = ensemble.final_state[:, flight.END_TIME]
+        ends = ensemble.final_state[:, records.END_TIME]
         covariance = getattr(entry.gains(), f"{law}_covariance")[1][-1]
         predicted = np.sqrt(covariance[1, 1]) / abs(entry.linearization().final_rates[1])
         assert ends.std() == pytest.approx(predicted, rel=0.25)
@@ -168,7 +168,7 @@ def test_velocity_trigger_makes_range_and_altitude_errors_smaller_than_at_equal_
     for law in ("apollo", "stochastic"):
         ensemble = entry.ensemble("corrected", f"{law}_velocity")
         at = np.flatnonzero(ensemble.flying < TRIALS)[0] - 1  # the last output with all trials
-        before = np.sqrt(np.diagonal(ensemble.covariance[at]))[[flight.DOWNRANGE, flight.ALTITUDE]]
+        before = np.sqrt(np.diagonal(ensemble.covariance[at]))[[records.DOWNRANGE, records.ALTITUDE]]
         after = errors(ensemble)[:, [3, 0]].std(axis=0)
         assert (after < before).all()
 
@@ -187,7 +187,7 @@ def test_correlation_of_range_and_velocity_at_the_fixed_time(entry):
 def test_reversals_split_the_range_error(entry, case):
     """About half of the trials fly a fourth reversal, which with the velocity trigger carries them farther."""
     ensemble = entry.ensemble("corrected", case)
-    reversals, error = ensemble.final_state[:, flight.REVERSALS], errors(ensemble)[:, 3]
+    reversals, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, 3]
     assert reversals.mean() == pytest.approx(3.5, abs=0.15)
     assert set(np.unique(reversals)) <= {2.0, 3.0, 4.0, 5.0}
     if case.endswith("velocity"):
@@ -203,7 +203,7 @@ def test_reversals_with_another_deadband(entry):
     np.testing.assert_array_equal(nominal.reversal_time, entry.nominal().reversal_time)
     assert nominal.downrange[-1] == entry.nominal().downrange[-1]
     ensemble = entry.ensemble("corrected", "stochastic_velocity", **FRAGILE)
-    reversals, error = ensemble.final_state[:, flight.REVERSALS], errors(ensemble)[:, 3]
+    reversals, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, 3]
     for number, share, expected in ((3, 0.49, 150.0), (4, 0.51, 1420.0)):
         group = error[reversals == number]
         assert len(group) / TRIALS == pytest.approx(share, abs=SIGMAS * 0.5 * np.sqrt(1 / TRIALS + 1 / 1000))
@@ -215,11 +215,11 @@ def test_crossrange_is_nulled_at_the_end_though_the_stochastic_law_disperses_it_
     largest = {}
     for case in CASES:
         ensemble = entry.ensemble("corrected", case)
-        low, high = np.percentile(ensemble.final_state[:, flight.CROSSRANGE], [1, 99])
+        low, high = np.percentile(ensemble.final_state[:, records.CROSSRANGE], [1, 99])
         if case != "stochastic_time":  # which has a tail up to some 0.9 km
             assert -40.0 < low < high < 40.0
-        assert np.median(np.abs(ensemble.final_state[:, flight.CROSSRANGE])) < 15.0
-        sigma = np.sqrt(ensemble.covariance[:146, flight.CROSSRANGE, flight.CROSSRANGE])
+        assert np.median(np.abs(ensemble.final_state[:, records.CROSSRANGE])) < 15.0
+        sigma = np.sqrt(ensemble.covariance[:146, records.CROSSRANGE, records.CROSSRANGE])
         largest[case] = sigma[105:125].max()
     assert largest["apollo_time"] == pytest.approx(1.8e3, rel=0.12)
     assert largest["stochastic_time"] == pytest.approx(2.5e3, rel=0.12)
@@ -275,7 +275,7 @@ def test_a_shift_along_the_ground_is_kept_without_corrections(entry):
     """The downrange source alone, the nominal law: everybody lands as far off as he started."""
     budget, inputs = entry.error_budget(), entry.stage_inputs("corrected", "error_budget")
     states = flight.vehicles(inputs, np.arange(budget.trials)).entry_state
-    shift = states[:, flight.LONGITUDE].std(ddof=1) * inputs.planet_radius
+    shift = states[:, dispersions.LONGITUDE].std(ddof=1) * inputs.planet_radius
     for column in range(2):
         # The plane of flight shifts a little too; a reversal a second apart is worth a few hundred metres.
         assert budget.deviation[2, column, source("downrange")] == pytest.approx(shift, rel=0.02)

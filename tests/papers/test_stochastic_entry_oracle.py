@@ -11,10 +11,10 @@ from scipy.interpolate import interp1d
 from scipy.optimize import brentq
 
 from marsedl.models.density_variation import sample_exact
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.papers.stochastic_entry.gains import TRIGGERS
+from marsedl.papers.stochastic_entry import dispersions, environment, flight, records
+from marsedl.papers.stochastic_entry.records import TRIGGERS
 
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 
@@ -34,7 +34,7 @@ def length(a):
 
 def density_factors(inputs, air, trials):
     """Density over its mean at the nodes of the air's table, (trials, nodes), and which would be negative."""
-    drawn = normals(inputs.seed, flight.DENSITY_STREAM, trials, len(air.altitude))
+    drawn = normals(inputs.seed, dispersions.DENSITY_STREAM, trials, len(air.altitude))
     ratio = 1.0 + sample_exact(drawn[:, ::-1], air.retention, air.deviation)  # drawn from the top down
     return np.maximum(ratio, 0.0), ratio < 0.0
 
@@ -249,8 +249,8 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, reading, case):
 def density_over_mean(entry, flown):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
     air = environment.air(entry.stage_inputs("corrected", "montecarlo_chunk"))
-    mean = np.exp(np.interp(flown.history[:, flight.ALTITUDE], air.altitude, air.log_density))
-    return flown.history[:, flight.DENSITY] / mean
+    mean = np.exp(np.interp(flown.history[:, records.ALTITUDE], air.altitude, air.log_density))
+    return flown.history[:, records.DENSITY] / mean
 
 
 def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
@@ -258,7 +258,7 @@ def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
     air, trials = environment.air(inputs), np.arange(100, 300)
     factor, _ = density_factors(inputs, air, trials)
     flown = entry.simulator("apollo_time")(100, 300)
-    altitude = flown.history[:, flight.ALTITUDE]
+    altitude = flown.history[:, records.ALTITUDE]
     expected = np.stack([np.interp(h, air.altitude, f) for h, f in zip(altitude.T, factor, strict=True)], axis=1)
     np.testing.assert_allclose(density_over_mean(entry, flown), expected, rtol=1e-11, atol=1e-13)
 
@@ -268,10 +268,10 @@ def test_negative_densities_are_set_to_zero_and_counted(entry):
     air = environment.air(inputs)
     _, negative = density_factors(inputs, air, np.arange(1000))
     flown = entry.simulator("apollo_time")(0, 1000)
-    np.testing.assert_array_equal(flown.final_state[flight.NEGATIVE_DENSITIES], negative.sum(axis=1))
+    np.testing.assert_array_equal(flown.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
     # At entry the deviation is 38 %, so that 1 in 200 samples is below -1; the flight meets a vacuum there.
     at_entry = negative[:, air.altitude == 125e3][:, 0]
-    np.testing.assert_array_equal(flown.history[0, flight.DENSITY] == 0.0, at_entry)
+    np.testing.assert_array_equal(flown.history[0, records.DENSITY] == 0.0, at_entry)
     assert at_entry.mean() == pytest.approx(stats.norm.cdf(-1 / np.sqrt(0.148)), abs=4 * np.sqrt(0.005 / 1000))
     # Below 80 km never: more than seven standard deviations.
     assert not negative[:, air.altitude < 80e3].any()
@@ -282,7 +282,7 @@ def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     trials = 2000
     flown = entry.simulator("apollo_time")(0, trials)
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    altitude = flown.history[:, flight.ALTITUDE]
+    altitude = flown.history[:, records.ALTITUDE]
     deviation = np.sqrt(0.148 * np.exp((np.minimum(altitude, 120e3) - 120e3) / 20e3))
     process = (density_over_mean(entry, flown) - 1.0) / deviation
     # Interpolation between nodes of correlation exp(-200 m/H) takes up to 1.3 % of the variance away in the middle.

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from marsedl.comparison.records import COLORS, NAMES, number
 from marsedl.methods.sensitivity import midpoint_responses, midpoint_transitions, propagate_columns
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized.gains import Gains as DesensitizedGains
 from marsedl.papers.desensitized.montecarlo import FlightEnsemble as DesensitizedFlights
@@ -20,12 +20,11 @@ from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble as PoweredDescentFlights
 from marsedl.papers.random_field.gains import Gains as RandomFieldGains
 from marsedl.papers.random_field.montecarlo import FlightEnsemble as RandomFieldFlights
-from marsedl.papers.stochastic_entry import flight as stochastic_entry_flight
-from marsedl.papers.stochastic_entry.gains import TRIGGERS
-from marsedl.papers.stochastic_entry.gains import Gains as StochasticEntryGains
-from marsedl.papers.stochastic_entry.linearization import Linearization as StochasticEntryLinearization
-from marsedl.papers.stochastic_entry.montecarlo import FlightEnsemble as StochasticEntryFlights
-from marsedl.papers.stochastic_entry.montecarlo import errors
+from marsedl.papers.stochastic_entry import records as stochastic_entry_records
+from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
+from marsedl.papers.stochastic_entry.records import FlightEnsemble as StochasticEntryFlights
+from marsedl.papers.stochastic_entry.records import Gains as StochasticEntryGains
+from marsedl.papers.stochastic_entry.records import Linearization as StochasticEntryLinearization
 from marsedl.plotting.style import BLACK, GREY, new_figure
 
 NEAR = 0.3  # from one, shown on the right
@@ -160,10 +159,10 @@ def stochastic_entry(
 ) -> list[Deviation]:
     """Both laws to both triggers; at the velocity trigger the velocity has no deviation."""
     quantities = {
-        stochastic_entry_flight.ALTITUDE: ("altitude", "m"),
-        stochastic_entry_flight.VELOCITY: ("velocity", "m/s"),
-        stochastic_entry_flight.FLIGHT_PATH_ANGLE: ("flight path angle", "rad"),
-        stochastic_entry_flight.DOWNRANGE: ("downrange", "m"),
+        stochastic_entry_records.ALTITUDE: ("altitude", "m"),
+        stochastic_entry_records.VELOCITY: ("velocity", "m/s"),
+        stochastic_entry_records.FLIGHT_PATH_ANGLE: ("flight path angle", "rad"),
+        stochastic_entry_records.DOWNRANGE: ("downrange", "m"),
     }
     found = []
     for law, covariances, flights in (
@@ -172,7 +171,7 @@ def stochastic_entry(
     ):
         projections = np.eye(covariances.shape[-1]), linearization.trigger_projection
         for trigger, covariance, projection, ensemble in zip(TRIGGERS, covariances, projections, flights, strict=True):
-            fixed = stochastic_entry_flight.VELOCITY if trigger == "velocity" else None
+            fixed = stochastic_entry_records.VELOCITY if trigger == "velocity" else None
             shown = [state for state in quantities if state != fixed]
             predicted = _deviation(projection @ covariance[-1] @ projection.T)[shown]
             flown = np.where((ensemble.outcome == COMPLETED)[:, np.newaxis], errors(ensemble)[:, shown], np.nan)

@@ -16,7 +16,7 @@ from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNomi
 from marsedl.papers.random_field import environment as random_field_environment
 from marsedl.papers.random_field.nominal import Nominal as RandomFieldNominal
 from marsedl.papers.stochastic_entry import environment as stochastic_entry_environment
-from marsedl.papers.stochastic_entry.nominal import Nominal as StochasticEntryNominal
+from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import new_figure
 
 REFERENCE = "random_field"  # its mean density is a table that Mars-GRAM computed, in the corrected reading

@@ -15,9 +15,9 @@ from marsedl.papers.powered_descent.montecarlo import FlightEnsemble as PoweredD
 from marsedl.papers.random_field import flight as random_field_flight
 from marsedl.papers.random_field.montecarlo import FlightEnsemble as RandomFieldFlights
 from marsedl.papers.random_field.nominal import Nominal as RandomFieldNominal
-from marsedl.papers.stochastic_entry import flight as stochastic_entry_flight
-from marsedl.papers.stochastic_entry.montecarlo import FlightEnsemble as StochasticEntryFlights
-from marsedl.papers.stochastic_entry.nominal import Nominal as StochasticEntryNominal
+from marsedl.papers.stochastic_entry import records as stochastic_entry_records
+from marsedl.papers.stochastic_entry.records import FlightEnsemble as StochasticEntryFlights
+from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import GREY, new_figure
 
 DRAWN = 20  # flights of each paper
@@ -86,8 +86,8 @@ def stochastic_entry(nominal: StochasticEntryNominal, stochastic_velocity: Stoch
         nominal.time,
         nominal.altitude,
         nominal.velocity,
-        flown[..., stochastic_entry_flight.ALTITUDE],
-        flown[..., stochastic_entry_flight.VELOCITY],
+        flown[..., stochastic_entry_records.ALTITUDE],
+        flown[..., stochastic_entry_records.VELOCITY],
         "stochastic law, velocity trigger",
     )
 

@@ -17,13 +17,11 @@ from numba import njit
 
 from marsedl.montecarlo import streaming
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.outcomes import COMPLETED, NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 BLOCK_SIZE = 1000
-
-# Outcome codes of a trial. Any other small integer is the paper's to define.
-COMPLETED, CRASHED, ESCAPED, NON_FINITE = 0, 1, 2, 3
 
 
 # ---- the compiled loop of one group ----------------------------------------------------------------------------------

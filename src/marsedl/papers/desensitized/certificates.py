@@ -23,7 +23,7 @@ from marsedl.methods.desensitization import Desensitized, column
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, propagate_columns
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import CHANNELS, MIRROR, STATES, WARM

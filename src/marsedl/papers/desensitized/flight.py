@@ -12,9 +12,10 @@ from numba import njit, prange
 
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, NON_FINITE, Trajectories, new_trajectories, pad_to_groups
+from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_groups
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 
 # The state, what is stored of it over time and at the end, and the nominal's state, which is integrated behind it.
 ALTITUDE, LATITUDE, LONGITUDE, RADIAL_VELOCITY, NORTH_VELOCITY, EAST_VELOCITY, BANK, BANK_RATE = range(8)

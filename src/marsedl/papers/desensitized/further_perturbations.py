@@ -12,7 +12,7 @@ import numpy as np
 from marsedl.methods import sensitivity_gains
 from marsedl.methods.desensitization import Perturbation, column
 from marsedl.methods.linearization import linearize
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM
 from marsedl.papers.desensitized.gains import GAIN_UNIT, gain_problem, gain_vector, reference

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import flight
 from marsedl.papers.desensitized.branches import Branches

@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.closed_form import predicted_covariance
 from marsedl.models.dynamics.powered_descent import mass_flow_constant
-from marsedl.montecarlo.ensembles import CRASHED
+from marsedl.montecarlo.outcomes import CRASHED
 from marsedl.montecarlo.statistics import mean_standard_error
 from marsedl.montecarlo.streaming import FinalMoments, observed_maxima, outcome_count
 from marsedl.papers.powered_descent import segments

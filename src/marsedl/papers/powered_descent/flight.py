@@ -7,9 +7,10 @@ from numba import njit, prange
 
 from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, new_trajectories, output_count, propagator
+from marsedl.montecarlo.ensembles import new_trajectories, output_count, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Noise, Planet, Vehicle

@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.models import orbits, random_field
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.certificates import Certificates

@@ -13,9 +13,10 @@ from marsedl.models.atmosphere import uniform_cells
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
 from marsedl.models.random_field import density_factor, is_floored
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import CRASHED, NON_FINITE, Trajectories, new_trajectories
+from marsedl.montecarlo.ensembles import Trajectories, new_trajectories
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1

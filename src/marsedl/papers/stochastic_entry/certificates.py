@@ -1,7 +1,5 @@
 """The stochastic law against independent formulations: a cone program, the search over LQG weights, Theorem III.1."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.covariance_steering.lqg_dual import (
@@ -11,35 +9,12 @@ from marsedl.methods.covariance_steering.lqg_dual import (
     solve_over_weights,
 )
 from marsedl.methods.lincov import propagate
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains, problem, solved
-from marsedl.papers.stochastic_entry.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.stochastic_entry.gains import problem, solved
+from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Certificates, Gains, Linearization
 from marsedl.replication.errors import MarsedlError
 
-COARSE = 10.0  # s, intervals on which the slow formulations are solved
 SMALL_WEIGHTS = 1e-6  # of the usual start, from which the search is also begun
 PERTURBATION = 0.05  # relative, of the gains
-
-
-@dataclass(frozen=True)
-class Certificates:
-    """By trigger (time, velocity); costs over the cost of the dual's gains on the same coarse partition."""
-
-    coarse_cost: np.ndarray = quantity("m^2", (2,), "cost of the dual's gains on the coarse partition")
-    coarse_gap: np.ndarray = quantity("1", (2,), "their duality gap")
-    cone_ratio: np.ndarray = quantity("1", (2,), "cost of the semidefinite program over it")
-    cone_status: np.ndarray = quantity("1", (2,), "of its solver", "str")
-    cone_iterations: np.ndarray = quantity("1", (2,), "of its solver", "int64")
-    search_ratio: np.ndarray = quantity("1", (2, 2), "cost of the search over weights: usual start, small weights")
-    search_worst: np.ndarray = quantity("1", (2, 2), "its largest standard deviation over the limit")
-    search_evaluations: np.ndarray = quantity("1", (2, 2), "covariance sweeps of the search", "int64")
-    search_success: np.ndarray = quantity("1", (2, 2), "1: converged within the limits", "int8")
-    weights_gain_error: np.ndarray = quantity(
-        "1", (2,), "gains by Eq. 55 with the multipliers as weights, in another form, against the law's", allow_nan=True
-    )
-    perturbed_cost: np.ndarray = quantity(
-        "1", (2,), "least rise of the Lagrangian with perturbed gains over its part above the floor", allow_nan=True
-    )
 
 
 def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:

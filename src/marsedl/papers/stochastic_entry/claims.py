@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from marsedl.methods.covariance_steering.lqg_dual import chance_factor
-from marsedl.methods.lincov import trigger_time_variance
+from marsedl.methods.covariance_steering.chance import chance_factor
+from marsedl.methods.state_trigger import trigger_time_variance
 from marsedl.models import density_variation
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile, wishart_deviance
 from marsedl.montecarlo.streaming import (
     FinalMoments,
@@ -15,26 +15,39 @@ from marsedl.montecarlo.streaming import (
     observed_maxima,
     outcome_count,
 )
-from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.papers.stochastic_entry.certificates import Certificates
-from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
-from marsedl.papers.stochastic_entry.gains import ALTITUDE, PATH_ANGLE, TRIGGERS, Gains, final_weights, per_metre
-from marsedl.papers.stochastic_entry.linearization import STATES, TRIGGER_NORMAL, Linearization
-from marsedl.papers.stochastic_entry.montecarlo import FlightEnsemble, errors
-from marsedl.papers.stochastic_entry.nominal import Nominal
-from marsedl.papers.stochastic_entry.tradeoff import Tradeoff
+from marsedl.papers.stochastic_entry import dispersions, environment
+from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL, final_weights, per_metre
+from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
+    BANK_CHANGE,
+    CASES,
+    CROSSRANGE,
+    DOWNRANGE,
+    END_TIME,
+    FLIGHT_PATH_ANGLE,
+    REVERSALS,
+    STATES,
+    TRIGGERS,
+    VELOCITY,
+    Certificates,
+    ErrorBudget,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    Nominal,
+    Tradeoff,
+    errors,
+)
 from marsedl.replication.claims import Close, Declaration, Evaluation
 
-CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 LAWS = ("apollo", "stochastic")
 # Rows of Table 4: index in the state, name, factor to the printed unit, that unit.
 ROWS = (
-    (flight.DOWNRANGE, "downrange", 1e-3, "km"),
-    (flight.ALTITUDE, "altitude", 1e-3, "km"),
-    (flight.VELOCITY, "velocity", 1.0, "m/s"),
-    (flight.FLIGHT_PATH_ANGLE, "gamma", 180.0 / np.pi, "deg"),
+    (DOWNRANGE, "downrange", 1e-3, "km"),
+    (ALTITUDE, "altitude", 1e-3, "km"),
+    (VELOCITY, "velocity", 1.0, "m/s"),
+    (FLIGHT_PATH_ANGLE, "gamma", 180.0 / np.pi, "deg"),
 )
-RANGE, VELOCITY = 3, 1  # in the linear model's state
 LEVELS = (0.01, 0.99)  # of the percentiles in Table 4
 DENSITY_SIGMAS = 2.0  # at which Figs. 2 and 4 draw their limits
 MOST_REVERSALS = 3  # of the nominal flight; where there are more, trials are told apart
@@ -231,7 +244,10 @@ def _stated_inputs(inputs, gains):
         "tab1_alpha": degrees(inputs.trim_angle_of_attack),
         "tab1_ld": inputs.lift_to_drag,
         "tab1_bc": inputs.ballistic_coefficient,
-        "tab2_altitude": [inputs.atmosphere_altitude / 1e3, SIGMAS * flight.entry_deviations(inputs)[flight.RADIUS]],
+        "tab2_altitude": [
+            inputs.atmosphere_altitude / 1e3,
+            SIGMAS * dispersions.entry_deviations(inputs)[dispersions.RADIUS],
+        ],
         "tab2_velocity": [inputs.entry_velocity / 1e3, inputs.entry_velocity_three_sigma],
         "tab2_gamma": degrees([inputs.entry_flight_path_angle, inputs.entry_flight_path_angle_three_sigma]),
         "tab2_azimuth": degrees([inputs.entry_azimuth, inputs.entry_azimuth_three_sigma]),
@@ -244,7 +260,7 @@ def _stated_inputs(inputs, gains):
         "altitude_limit": inputs.altitude_limit / 1e3,
         "gamma_limit": degrees(inputs.flight_path_angle_limit),
         "altitude_direction": unit[ALTITUDE],
-        "gamma_direction": unit[PATH_ANGLE],
+        "gamma_direction": unit[FLIGHT_PATH_ANGLE],
         "fig13_probability": 100.0 * inputs.chance_level,
     }
     return {
@@ -285,8 +301,8 @@ def _density_claims(inputs, nominal, linearization, ensemble):
     trials = ensemble.count
     ratio = entry[4, 4] / stated
     sampling = np.sqrt(2.0 / (trials - 1))
-    correlations = [_correlation(entry, i, 4) for i in (VELOCITY, PATH_ANGLE, RANGE)]
-    vehicle = np.ix_([VELOCITY, PATH_ANGLE, RANGE], [VELOCITY, PATH_ANGLE, RANGE])
+    correlations = [_correlation(entry, i, 4) for i in (VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE)]
+    vehicle = np.ix_([VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE], [VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE])
     deviance = wishart_deviance(entry[vehicle], trials, linearization.initial_covariance[vehicle])
     mean = linearization.state[0].copy()
     mean[0] -= inputs.planet_radius
@@ -563,7 +579,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
     pressure = _dynamic_pressure(linearization)
     aligned = time >= nominal.alignment_time
     after_peak = (np.arange(len(time)) >= np.argmax(pressure)) & ~aligned
-    climbing = linearization.state[:, PATH_ANGLE] > 0.0
+    climbing = linearization.state[:, FLIGHT_PATH_ANGLE] > 0.0
     # The measure of Fig. 9: root mean square of the difference of the curves, over the height of the panel.
     apart = {name: law[name].apart for name in LAWS}
     close = {name: int((apart[name] < PANEL).sum()) for name in LAWS}
@@ -574,10 +590,10 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
     def rms(dispersion, state):
         return np.sqrt((dispersion.flown[after_peak, state] ** 2).mean())
 
-    larger = [rms(stochastic, state) / rms(apollo, state) for state in (ALTITUDE, PATH_ANGLE)]
-    turn = time[np.argmax(stochastic.predicted[:, RANGE])]
-    flown_turn = time[np.argmax(stochastic.flown[:, RANGE])]
-    path_peak = time[np.argmax(stochastic.predicted[:, PATH_ANGLE])]
+    larger = [rms(stochastic, state) / rms(apollo, state) for state in (ALTITUDE, FLIGHT_PATH_ANGLE)]
+    turn = time[np.argmax(stochastic.predicted[:, DOWNRANGE])]
+    flown_turn = time[np.argmax(stochastic.flown[:, DOWNRANGE])]
+    path_peak = time[np.argmax(stochastic.predicted[:, FLIGHT_PATH_ANGLE])]
     lateral = [dispersion.crossrange.max() for dispersion in (apollo, stochastic)]
     nulled = {
         name: _crossrange_interval(flights[f"{name}_time"]) / (2 * 2.326 * law[name].crossrange.max()) for name in LAWS
@@ -585,7 +601,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
     ends = " and ".join(
         f"{_crossrange_interval(flights[f'{name}_time']):.0f} m ({100 * nulled[name]:.1f} %, {name})" for name in LAWS
     )
-    changes = [np.nanmax(observed_maxima(ensemble, flight.BANK_CHANGE), initial=0.0) for ensemble in flights.values()]
+    changes = [np.nanmax(observed_maxima(ensemble, BANK_CHANGE), initial=0.0) for ensemble in flights.values()]
     steps = np.abs(np.diff(nominal.bank)).max()
     allowed = inputs.bank_rate_limit * inputs.guidance_period
     excluded = flights["stochastic_time"].excluded
@@ -628,8 +644,9 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
         ),
         "fig9_range_error_turns": Evaluation(
             float(turn),
-            evidence=f"largest range deviation of the linear model {stochastic.predicted[:, RANGE].max() / 1e3:.2f} "
-            f"km; of the trials at {flown_turn:.0f} s; the path angle's is largest at {path_peak:.0f} s{failed}",
+            evidence="largest range deviation of the linear model "
+            f"{stochastic.predicted[:, DOWNRANGE].max() / 1e3:.2f} km; of the trials at {flown_turn:.0f} s; the path "
+            f"angle's is largest at {path_peak:.0f} s{failed}",
             numbers={"flown": flown_turn, "path_angle": path_peak},
         ),
         "fig9_lc_close": Evaluation(
@@ -640,14 +657,14 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
             f"{described('stochastic')}; close is {100 * PANEL:g} %{failed}",
         ),
         "fig9_lc_worst_gamma": Evaluation(
-            all(name == _STATES[PATH_ANGLE] for name in worst.values()),
+            all(name == _STATES[FLIGHT_PATH_ANGLE] for name in worst.values()),
             None,
             flights["stochastic_time"].count,
             f"furthest apart as drawn: {worst['apollo']} (Apollo, {100 * apart['apollo'].max():.1f} %), "
             f"{worst['stochastic']} (stochastic, {100 * apart['stochastic'].max():.1f} %); at the end the trials' "
-            f"range deviation is {apollo.end_ratio[RANGE]:.2f} and {stochastic.end_ratio[RANGE]:.2f} times the "
+            f"range deviation is {apollo.end_ratio[DOWNRANGE]:.2f} and {stochastic.end_ratio[DOWNRANGE]:.2f} times the "
             f"predicted one{failed}",
-            {"end_ratio": stochastic.end_ratio[RANGE]},
+            {"end_ratio": stochastic.end_ratio[DOWNRANGE]},
         ),
         "lateral_dispersion_increases": Evaluation(
             bool(lateral[1] > LARGER * lateral[0]),
@@ -673,7 +690,7 @@ class _LawDispersion:
     def __init__(self, gains, name, ensemble):
         diagonal = np.diagonal(ensemble.covariance, axis1=1, axis2=2)
         self.flown = np.sqrt(diagonal[:, :4])
-        self.crossrange = np.sqrt(diagonal[:, flight.CROSSRANGE])
+        self.crossrange = np.sqrt(diagonal[:, CROSSRANGE])
         self.predicted = np.sqrt(np.diagonal(_predicted(gains, name)[0], axis1=1, axis2=2)[:, :4])
         difference = self.flown - self.predicted
         self.apart = np.sqrt((difference**2).mean(axis=0)) / self.flown.max(axis=0)
@@ -686,8 +703,8 @@ class _LawDispersion:
 def _crossrange_interval(ensemble):
     """Distance between the 1st and 99th percentile of the final crossrange, m."""
     if is_streamed(ensemble):
-        return float(np.ptp([final_percentile(ensemble, flight.CROSSRANGE, level)[0] for level in LEVELS]))
-    crossrange = ensemble.final_state[finite(ensemble), flight.CROSSRANGE]
+        return float(np.ptp([final_percentile(ensemble, CROSSRANGE, level)[0] for level in LEVELS]))
+    crossrange = ensemble.final_state[finite(ensemble), CROSSRANGE]
     return float(np.ptp(np.quantile(crossrange, LEVELS))) if len(crossrange) else np.nan
 
 
@@ -700,13 +717,11 @@ def _correlation_claims(gains, flights):
         for law in LAWS
         for number, trigger in enumerate(TRIGGERS)
     }
-    correlation = {case: _correlation(covariance, RANGE, VELOCITY) for case, covariance in predicted.items()}
-    flown = {
-        law: _correlation(flights[f"{law}_time"].covariance[-1], flight.DOWNRANGE, flight.VELOCITY) for law in LAWS
-    }
-    timed = _correlation(gains.timed_covariance[0, -1], RANGE, VELOCITY)
-    deviation = {case: np.sqrt(covariance[RANGE, RANGE]) / 1e3 for case, covariance in predicted.items()}
-    ellipses = [predicted[case][np.ix_([RANGE, VELOCITY], [RANGE, VELOCITY])] for case in CASES[2:]]
+    correlation = {case: _correlation(covariance, DOWNRANGE, VELOCITY) for case, covariance in predicted.items()}
+    flown = {law: _correlation(flights[f"{law}_time"].covariance[-1], DOWNRANGE, VELOCITY) for law in LAWS}
+    timed = _correlation(gains.timed_covariance[0, -1], DOWNRANGE, VELOCITY)
+    deviation = {case: np.sqrt(covariance[DOWNRANGE, DOWNRANGE]) / 1e3 for case, covariance in predicted.items()}
+    ellipses = [predicted[case][np.ix_([DOWNRANGE, VELOCITY], [DOWNRANGE, VELOCITY])] for case in CASES[2:]]
     unlike = np.nan
     if np.isfinite(ellipses).all():
         eigenvalues = np.linalg.eigvals(np.linalg.solve(ellipses[0], ellipses[1])).real
@@ -779,7 +794,7 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
             states.append(texts[-1])
             continue
         mean, covariance, since = _carried(inputs, linearization, ensemble)
-        time = ensemble.final_state[ended, flight.END_TIME]
+        time = ensemble.final_state[ended, END_TIME]
         predicted = np.sqrt(trigger_time_variance(rates, TRIGGER_NORMAL, covariance))
         ordered = np.sort((time - time.mean()) / time.std(ddof=1))
         ranks = np.arange(1, len(ordered) + 1) / len(ordered)
@@ -791,7 +806,7 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
             f"predicted {predicted:.2f} s, distribution {100 * distance:.1f} % from normal"
         )
 
-        at = [ALTITUDE, PATH_ANGLE, RANGE]
+        at = [ALTITUDE, FLIGHT_PATH_ANGLE, DOWNRANGE]
         error = errors(ensemble)[ended][:, at]
         expected = np.sqrt(np.diag(projection @ covariance @ projection.T))[at]
         spread, offset = error.std(axis=0, ddof=1), error.mean(axis=0)
@@ -863,9 +878,9 @@ def _table_4(inputs, flights, tails):
 def _velocity_errors(inputs, ensemble):
     """Distances from the velocity of the trigger of all finite trials, or the largest; empty without any."""
     if is_streamed(ensemble):
-        ends = final_extremes(ensemble, flight.VELOCITY)
+        ends = final_extremes(ensemble, VELOCITY)
         return np.abs(ends[np.isfinite(ends)] - inputs.end_velocity)
-    return np.abs(ensemble.final_state[finite(ensemble), flight.VELOCITY] - inputs.end_velocity)
+    return np.abs(ensemble.final_state[finite(ensemble), VELOCITY] - inputs.end_velocity)
 
 
 def _middle(ensemble, state, factor):
@@ -883,8 +898,8 @@ def _by_number_of_reversals(ensemble):
     Of a streamed ensemble it is that of its first trials.
     """
     known = finite(ensemble)
-    more = ensemble.final_state[known, flight.REVERSALS] > MOST_REVERSALS
-    error = errors(ensemble)[known, flight.DOWNRANGE] / 1e3
+    more = ensemble.final_state[known, REVERSALS] > MOST_REVERSALS
+    error = errors(ensemble)[known, DOWNRANGE] / 1e3
     means = [float(error[some].mean()) if some.any() else np.nan for some in (~more, more)]
     return dict(zip(("few_reversals", "more_reversals"), means, strict=True))
 
@@ -901,7 +916,7 @@ def _alone(error_budget):
 
 
 def _headline_claims(inputs, flights, tails, error_budget):
-    ranges = {case: tails[case][flight.DOWNRANGE] for case in CASES}
+    ranges = {case: tails[case][DOWNRANGE] for case in CASES}
     widths = {case: width(ranges[case]) for case in CASES}
     saved, error = reduction(ranges["stochastic_velocity"], ranges["apollo_velocity"])
     saved_time, error_time = reduction(ranges["stochastic_time"], ranges["apollo_time"])

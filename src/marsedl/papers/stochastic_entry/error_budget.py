@@ -1,49 +1,37 @@
 """Final range dispersion from each source of uncertainty alone: by flights, and by the linear model."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.lincov import propagate
-from marsedl.papers.stochastic_entry import flight
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains
-from marsedl.papers.stochastic_entry.linearization import Linearization, system
+from marsedl.papers.stochastic_entry import dispersions
+from marsedl.papers.stochastic_entry.linearization import system
 from marsedl.papers.stochastic_entry.montecarlo import block_simulator, nominal_final
-from marsedl.papers.stochastic_entry.nominal import Nominal
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.stochastic_entry.records import (
+    DOWNRANGE,
+    STATES,
+    TRIGGERS,
+    ErrorBudget,
+    Gains,
+    Linearization,
+    Nominal,
+)
 
 SOURCES = ("velocity", "flight path angle", "azimuth", "downrange", "crossrange", "density", "aerodynamics", "all")
 _COMPONENTS = {
-    "velocity": flight.SPEED,
-    "flight path angle": flight.PATH_ANGLE,
-    "azimuth": flight.AZIMUTH,
-    "downrange": flight.LONGITUDE,
-    "crossrange": flight.LATITUDE,
+    "velocity": dispersions.SPEED,
+    "flight path angle": dispersions.PATH_ANGLE,
+    "azimuth": dispersions.AZIMUTH,
+    "downrange": dispersions.LONGITUDE,
+    "crossrange": dispersions.LATITUDE,
 }
 LAWS = ("apollo", "stochastic", "nominal")
-
-
-@dataclass(frozen=True)
-class ErrorBudget:
-    """Range error at the end by law, trigger (time, velocity) and source; the nominal law makes no corrections."""
-
-    source: np.ndarray = quantity("1", ("sources",), "source of uncertainty that is switched on", "str")
-    law: np.ndarray = quantity("1", ("laws",), "range-control law", "str")
-    deviation: np.ndarray = quantity("m", ("laws", 2, "sources"), "standard deviation over the flights", allow_nan=True)
-    mean: np.ndarray = quantity("m", ("laws", 2, "sources"), "mean over the flights", allow_nan=True)
-    largest: np.ndarray = quantity(
-        "m", ("laws", 2, "sources"), "largest error over the flights, absolute", allow_nan=True
-    )
-    missed: np.ndarray = quantity("1", ("laws", 2, "sources"), "flights that did not end as they should", "int64")
-    trials: int = quantity("1", (), "flights of each source")
-    floor: np.ndarray = quantity("m", (2,), "deviation from density after the start of the heading alignment, linear")
 
 
 def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> ErrorBudget:
     """Fly the same trials with one source of uncertainty at a time, and with all."""
     shape = len(LAWS), len(TRIGGERS), len(SOURCES)
     deviation, mean, largest, missed = np.empty(shape), np.empty(shape), np.empty(shape), np.zeros(shape, np.int64)
-    reference = nominal_final(nominal)[flight.DOWNRANGE]
+    reference = nominal_final(nominal)[DOWNRANGE]
     for index in np.ndindex(shape):
         law, trigger, source = LAWS[index[0]], TRIGGERS[index[1]], SOURCES[index[2]]
         simulate = block_simulator(
@@ -57,7 +45,7 @@ def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains
             varied=source in ("density", "all"),
         )
         flown = simulate(0, inputs.source_trials)
-        error = flown.final_state[flight.DOWNRANGE] - reference
+        error = flown.final_state[DOWNRANGE] - reference
         deviation[index], mean[index], largest[index] = error.std(ddof=1), error.mean(), np.abs(error).max()
         missed[index] = np.count_nonzero(flown.outcome)
     return ErrorBudget(
@@ -74,7 +62,7 @@ def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains
 
 def _deviations(inputs, source):
     """Standard deviations of the entry state with one source alone."""
-    deviations = flight.entry_deviations(inputs)
+    deviations = dispersions.entry_deviations(inputs)
     if source == "all":
         return deviations
     only = np.zeros_like(deviations)
@@ -89,5 +77,5 @@ def _floor(linearization):
     after = ~fine.control.any(axis=1)
     late = fine._replace(noise=np.where(after[:, np.newaxis, np.newaxis], fine.noise, 0.0))
     covariance = propagate(late, np.zeros_like(late.control), np.zeros_like(linearization.initial_covariance))
-    weights = np.eye(5)[3], linearization.trigger_projection.T @ np.eye(5)[3]
+    weights = np.eye(STATES)[DOWNRANGE], linearization.trigger_projection.T @ np.eye(STATES)[DOWNRANGE]
     return np.sqrt([weight @ covariance.covariance[-1] @ weight for weight in weights])

@@ -6,17 +6,30 @@ from matplotlib.ticker import MultipleLocator, NullLocator
 
 from marsedl.methods.guidance.targeting import targeting
 from marsedl.models import density_variation
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import variance_standard_error
 from marsedl.montecarlo.streaming import FinalMoments, is_streamed
-from marsedl.montecarlo.streams import normals
-from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains
-from marsedl.papers.stochastic_entry.linearization import Linearization
-from marsedl.papers.stochastic_entry.montecarlo import FlightEnsemble, errors
-from marsedl.papers.stochastic_entry.nominal import Nominal
-from marsedl.papers.stochastic_entry.tradeoff import Tradeoff
+from marsedl.papers.stochastic_entry import environment
+from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
+from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
+    BANK,
+    CROSSRANGE,
+    DOWNRANGE,
+    END_TIME,
+    FLIGHT_PATH_ANGLE,
+    REVERSALS,
+    STATES,
+    TRIGGERS,
+    VELOCITY,
+    ErrorBudget,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    Nominal,
+    Tradeoff,
+    errors,
+)
 from marsedl.plotting.ellipses import ellipse
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
@@ -34,15 +47,13 @@ CASE_COLOR = {
 }
 # Component of the history, unit, label; the first four are states of the linear model in the same order.
 COMPONENTS = (
-    (flight.ALTITUDE, KM, "altitude (km)"),
-    (flight.VELOCITY, 1.0, "velocity (m/s)"),
-    (flight.FLIGHT_PATH_ANGLE, DEGREE, "flight path angle (deg)"),
-    (flight.DOWNRANGE, KM, "downrange (km)"),
-    (flight.CROSSRANGE, KM, "crossrange (km)"),
+    (ALTITUDE, KM, "altitude (km)"),
+    (VELOCITY, 1.0, "velocity (m/s)"),
+    (FLIGHT_PATH_ANGLE, DEGREE, "flight path angle (deg)"),
+    (DOWNRANGE, KM, "downrange (km)"),
+    (CROSSRANGE, KM, "crossrange (km)"),
 )
 LINEAR = 4  # components that the linear model has
-DOWNRANGE = np.eye(5)[flight.DOWNRANGE]
-PROCESS_STREAM = 3  # of the samples of Fig. 2, apart from those of the flights
 ELLIPSE_PROBABILITY = 0.9973  # of Fig. 13
 LEVELS = (0.001, 0.999)  # of the range errors that the histograms show
 LEAST_SHARE = 0.005  # of the trials, for a number of reversals to have its own histogram
@@ -86,6 +97,8 @@ def fig02(inputs) -> Figure:
     figure, both = new_figure(7.2, 4.2, ncols=2, sharex=True, sharey=True)
     air = environment.air(inputs)
     count, nodes = inputs.drawn_densities, len(air.altitude)
+    from marsedl.montecarlo.streams import normals  # here, as it imports numba
+
     drawn = normals(inputs.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
     decay = environment.decay_rate(inputs, air.altitude)
     intensity = environment.diffusion(inputs, air.altitude)
@@ -301,7 +314,7 @@ def fig10(inputs, nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time
     """Bank angle of the same trials."""
     figure, panels = new_figure(7.2, 5.0, nrows=2, sharex=True, sharey=True)
     for axes, law, ensemble in zip(panels, LAWS, (apollo_time, stochastic_time), strict=True):
-        bank = ensemble.kept_observed[:, :, flight.BANK] / DEGREE
+        bank = ensemble.kept_observed[:, :, BANK] / DEGREE
         for trial in bank:
             axes.plot(ensemble.time, trial, color=LAW_COLOR[law], linewidth=0.5, alpha=0.6, drawstyle="steps-post")
         axes.plot(nominal.time, nominal.bank / DEGREE, color=BLACK, linewidth=1.0)
@@ -334,7 +347,7 @@ def fig12(
     figure, panels = new_figure(7.4, 8.0, nrows=LINEAR, ncols=2, sharex=True, sharey="row")
     ensembles = (apollo_velocity, stochastic_velocity)
     drawn = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
-    ends = [e.final_state[kept, flight.END_TIME] for e, kept in zip(ensembles, drawn, strict=True)]
+    ends = [e.final_state[kept, END_TIME] for e, kept in zip(ensembles, drawn, strict=True)]
     ends = np.concatenate([*ends, [nominal.end_time]])
     window = ends.min() - BEFORE_END, ends.max() + 2
     projection = linearization.trigger_projection
@@ -346,7 +359,7 @@ def fig12(
             reference = ensemble.nominal_final[component]
             for number, trial in enumerate(ensemble.kept_history):
                 flying = np.isfinite(trial[:, component])
-                time = np.append(ensemble.time[flying], final[number, flight.END_TIME])
+                time = np.append(ensemble.time[flying], final[number, END_TIME])
                 values = np.append(trial[flying, component], final[number, component])
                 shown = time >= window[0] - 1
                 line = {"color": LAW_COLOR[law], "linewidth": 0.6, "alpha": 0.6}
@@ -355,7 +368,7 @@ def fig12(
             own = (nominal.altitude, nominal.velocity, nominal.flight_path_angle, nominal.downrange)[component]
             axes.plot(nominal.time[shown], (own[shown] - reference) / unit, color=BLACK, linewidth=1.0)
             axes.plot(
-                final[kept, flight.END_TIME],
+                final[kept, END_TIME],
                 (final[kept, component] - reference) / unit,
                 "o",
                 color=LAW_COLOR[law],
@@ -365,7 +378,7 @@ def fig12(
                 zorder=4,
             )
             measured = final[ended, component] - reference
-            if component != flight.VELOCITY and measured.size > 1:
+            if component != VELOCITY and measured.size > 1:
                 for sign in (-1, 1):
                     bound = measured.mean() + sign * 3 * measured.std(ddof=1)
                     axes.axhline(bound / unit, color=LAW_COLOR[law], linewidth=1.6)
@@ -395,7 +408,7 @@ def fig13(inputs, linearization: Linearization, gains: Gains) -> Figure:
     """Ellipses of range and velocity error at the nominal final time, by linear covariance."""
     figure, axes = new_figure(6.4, 4.6)
     radius = np.sqrt(-2 * np.log(1 - ELLIPSE_PROBABILITY))
-    pair = np.ix_([flight.VELOCITY, flight.DOWNRANGE], [flight.VELOCITY, flight.DOWNRANGE])
+    pair = np.ix_([VELOCITY, DOWNRANGE], [VELOCITY, DOWNRANGE])
     curves = [
         (getattr(gains, f"{law}_covariance")[number, -1], CASE_COLOR[f"{law}_{trigger}"], "-", f"{name} ({trigger})")
         for law, name in (("apollo", "Apollo"), ("stochastic", "stochastic"))
@@ -419,7 +432,7 @@ def fig13(inputs, linearization: Linearization, gains: Gains) -> Figure:
         )
     # Deviations that pass the trigger surface without range error: Z_f of Eq. 77, range row.
     velocity = np.array([-reach, reach])
-    slope = linearization.trigger_projection[flight.DOWNRANGE, flight.VELOCITY]
+    slope = linearization.trigger_projection[DOWNRANGE, VELOCITY]
     label = "no range error at the velocity trigger"
     axes.plot(velocity, -slope * velocity / KM, color=GREY, linewidth=0.8, label=label)
     axes.set(
@@ -527,7 +540,8 @@ def floor(
 ) -> Figure:
     """Standard deviation of the final range error: the least possible, predicted, and measured."""
     figure, axes = new_figure(7.0, 3.8)
-    objectives = DOWNRANGE, linearization.trigger_projection.T @ DOWNRANGE
+    downrange = np.eye(STATES)[DOWNRANGE]
+    objectives = downrange, linearization.trigger_projection.T @ downrange
     cases = {
         "apollo_time": apollo_time,
         "apollo_velocity": apollo_velocity,
@@ -540,9 +554,9 @@ def floor(
         number = TRIGGERS.index(trigger)
         objective = objectives[number]
         predicted = np.sqrt(objective @ getattr(gains, f"{law}_covariance")[number, -1] @ objective)
-        measured, error = _deviation(errors(ensemble)[:, flight.DOWNRANGE])
+        measured, error = _deviation(errors(ensemble)[:, DOWNRANGE])
         if is_streamed(ensemble):
-            range_error = FinalMoments(ensemble, slice(flight.DOWNRANGE, flight.DOWNRANGE + 1))
+            range_error = FinalMoments(ensemble, slice(DOWNRANGE, DOWNRANGE + 1))
             measured = float(np.sqrt(range_error.variance[0]))
             error = float(range_error.covariance_errors[0, 0]) / (2 * measured)
         bars = (
@@ -567,7 +581,7 @@ def floor(
                 fontsize=7,
                 rotation=0 if np.isfinite(value) else 90,
             )
-        lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, flight.DOWNRANGE]))
+        lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, DOWNRANGE]))
         if is_streamed(ensemble):
             lost = ensemble.excluded
         name = f"{LAW_NAME[law]}, {trigger}\n{ensemble.count + ensemble.excluded:,} trials"
@@ -603,7 +617,7 @@ def reversals(
     )
     colors = (GREEN, BLUE, VERMILION, PURPLE, ORANGE, SKY, GREY)
     for axes, (case, ensemble) in zip(panels.flat, cases, strict=True):
-        error = errors(ensemble)[:, flight.DOWNRANGE] / KM
+        error = errors(ensemble)[:, DOWNRANGE] / KM
         finite = np.isfinite(error)
         title = f"{case}: {finite.sum():,} trials"
         if not finite.all():
@@ -612,7 +626,7 @@ def reversals(
         _say_if_empty(axes, error)
         if not finite.any():
             continue
-        error, number = error[finite], ensemble.final_state[finite, flight.REVERSALS].astype(int)
+        error, number = error[finite], ensemble.final_state[finite, REVERSALS].astype(int)
         edges = np.linspace(*np.quantile(error, LEVELS), 61 if len(error) > 5000 else 21)
         weight = 1.0 / (len(error) * (edges[1] - edges[0]))
         counts = [n for n in np.unique(number) if (number == n).mean() >= LEAST_SHARE]
@@ -641,7 +655,9 @@ def reversals(
 
 def flown_variations(inputs, air, trials):
     """Density variations of Monte Carlo trials at the nodes of the flight's tables, (trials, nodes)."""
-    drawn = normals(inputs.seed, flight.DENSITY_STREAM, trials, len(air.altitude))[:, ::-1]
+    from marsedl.montecarlo.streams import normals  # here, as it imports numba
+
+    drawn = normals(inputs.seed, DENSITY_STREAM, trials, len(air.altitude))[:, ::-1]
     variation = density_variation.sample_exact(drawn, air.retention, air.deviation)
     return density_variation.density_factor(variation) - 1.0
 

@@ -19,32 +19,44 @@ from marsedl.methods.guidance.lateral import (
 )
 from marsedl.methods.guidance.targeting import targeting_from_sines
 from marsedl.models.density_variation import density_factor, is_negative
-from marsedl.models.dynamics.entry import (
-    aerodynamic_coefficients,
-    aerodynamic_factor,
-    entry_rates_from_sines,
-    reference_area,
-)
+from marsedl.models.dynamics.entry import entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
-from marsedl.montecarlo.ensembles import COMPLETED, CRASHED, ESCAPED, NON_FINITE, Trajectories, pad_to_groups
+from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals, normals, uniforms
+from marsedl.papers.stochastic_entry.dispersions import (
+    AERODYNAMICS_STREAM,
+    AZIMUTH,
+    DENSITY_STREAM,
+    ENTRY_STREAM,
+    LATITUDE,
+    LONGITUDE,
+    PATH_ANGLE,
+    RADIUS,
+    SPEED,
+    entry_deviations,
+    entry_mean,
+    factors,
+)
+from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
+    BANK,
+    BANK_CHANGE,
+    BANK_COSINE,
+    CROSSRANGE,
+    END_TIME,
+    FINAL,
+    HISTORY,
+    NEGATIVE_DENSITIES,
+    OBSERVED,
+    REVERSALS,
+    VELOCITY,
+)
 
-ENTRY_STREAM, DENSITY_STREAM, AERODYNAMICS_STREAM = 0, 1, 2
-
-# The integrated state.
-RADIUS, LONGITUDE, LATITUDE, SPEED, PATH_ANGLE, AZIMUTH = range(6)
-STATES = 6
+STATES = 6  # that are integrated
 SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR = range(4)  # of the bank angle; of the vehicle
-
-# What is stored over time, and what is stored of the end.
-ALTITUDE, VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE, DENSITY, CROSSRANGE, BANK_COSINE = range(7)
-HISTORY = 7
-BANK, BANK_CHANGE = range(2)
-OBSERVED = 2
-END_TIME, REVERSALS, NEGATIVE_DENSITIES = range(6, 9)  # behind the first six of the history
-FINAL = 9
 
 # What a law feeds back.
 DRAG, ALTITUDE_RATE = 5, 6  # behind radius, velocity, flight path angle, downrange and density
@@ -129,50 +141,6 @@ def settings(inputs, air):
         "limit_as_printed": int(inputs.rate_limit_form == "printed"),
     }
     return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
-
-
-def coefficients(inputs):
-    """Drag and lift coefficient of the trimmed vehicle, from ballistic coefficient and lift-to-drag ratio."""
-    return aerodynamic_coefficients(
-        inputs.mass, reference_area(inputs.reference_diameter), inputs.ballistic_coefficient, inputs.lift_to_drag
-    )
-
-
-def factors(inputs, drag_error=0.0, lift_error=0.0):
-    """Drag and lift factor A C / (2 m), m^2/kg, with errors of the coefficients."""
-    area = reference_area(inputs.reference_diameter)
-    drag, lift = coefficients(inputs)
-    return (
-        aerodynamic_factor(drag + drag_error, area, inputs.mass),
-        aerodynamic_factor(lift + lift_error, area, inputs.mass),
-    )
-
-
-def entry_deviations(inputs):
-    """Standard deviations of the entry state (Table 2): downrange on the longitude, crossrange on the latitude."""
-    three_sigma = (
-        0.0,
-        inputs.entry_downrange_three_sigma / inputs.planet_radius,
-        inputs.entry_crossrange_three_sigma / inputs.planet_radius,
-        inputs.entry_velocity_three_sigma,
-        inputs.entry_flight_path_angle_three_sigma,
-        inputs.entry_azimuth_three_sigma,
-    )
-    return np.array(three_sigma) / 3.0
-
-
-def entry_mean(inputs):
-    """Mean entry state (Table 2, Eq. 70)."""
-    return np.array(
-        (
-            inputs.planet_radius + inputs.atmosphere_altitude,
-            inputs.entry_longitude,
-            inputs.entry_latitude,
-            inputs.entry_velocity,
-            inputs.entry_flight_path_angle,
-            inputs.entry_azimuth,
-        )
-    )
 
 
 def vehicles(inputs, trials, deviations=None, aerodynamics=1.0) -> Vehicles:

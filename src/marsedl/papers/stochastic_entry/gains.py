@@ -1,90 +1,40 @@
 """Feedback gains of both laws for both triggers, and the covariance that the linear model predicts (Sec. III.B, C)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from marsedl.methods.covariance_steering.chance import chance_factor
 from marsedl.methods.covariance_steering.lqg_dual import (
     ChanceConstrainedProblem,
     InfeasibleProblem,
-    chance_factor,
     lqg_gains_as_printed,
     noise_floor,
     solve,
 )
 from marsedl.methods.guidance.apollo import adjoint_gains, drag_form
-from marsedl.methods.lincov import compose, propagate, velocity_indexed_gain
+from marsedl.methods.lincov import compose, propagate
+from marsedl.methods.state_trigger import velocity_indexed_gain
 from marsedl.papers.stochastic_entry import flight
-from marsedl.papers.stochastic_entry.linearization import STATE_UNIT, STATES, Linearization, system
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.stochastic_entry.linearization import system
+from marsedl.papers.stochastic_entry.objective import final_weights, per_metre
+from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
+    DOWNRANGE,
+    FLIGHT_PATH_ANGLE,
+    STATES,
+    TRIGGERS,
+    Gains,
+    Linearization,
+)
 from marsedl.replication.errors import MarsedlError
 
-TRIGGERS = ("time", "velocity")
-GAIN = f"1/({STATE_UNIT})"
-FEATURE = f"{STATE_UNIT}, m/s^2, m/s"
 # Radius, velocity, path angle, downrange, density: sizes of their deviations, for well-scaled linear algebra.
 STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
-ALTITUDE, PATH_ANGLE = 0, 2  # constrained at the end (Eqs. 74, 75)
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains by trigger (time, velocity), as they are flown and in the linear model, with predicted covariances."""
-
-    time: np.ndarray = quantity("s", ("nodes",), "bounds of the guidance periods")
-    partition_start: np.ndarray = quantity(
-        "1", ("partition",), "guidance period in which each interval begins", "int64"
-    )
-
-    # The stochastic law.
-    stochastic_gain: np.ndarray = quantity(GAIN, (2, "intervals", 5), "gain in every guidance period", allow_nan=True)
-    stochastic_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance", allow_nan=True)
-    stochastic_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine", allow_nan=True)
-    control_limit: np.ndarray = quantity("1", ("partition",), "largest standard deviation of the control (Eq. 84)")
-    final_limit: np.ndarray = quantity("m, rad", (2,), "largest final standard deviations of altitude, path angle (82)")
-    control_ratio: np.ndarray = quantity("1", (2, "partition"), "standard deviation over its limit", allow_nan=True)
-    final_ratio: np.ndarray = quantity("1", (2, 2), "final standard deviation over its limit", allow_nan=True)
-    control_multiplier: np.ndarray = quantity("m^2", (2, "partition"), "Lagrange multipliers", allow_nan=True)
-    final_multiplier: np.ndarray = quantity("1, m^2", (2, 2), "of the altitude and path angle limits", allow_nan=True)
-    control_weight: float = quantity("m^2", (), "weight of the control variance, the range error being in metres")
-    cost: np.ndarray = quantity("m^2", (2,), "objective of Problem 1 (Eq. 53)", allow_nan=True)
-    dual_value: np.ndarray = quantity("m^2", (2,), "lower bound of the objective over all linear laws", allow_nan=True)
-    gap: np.ndarray = quantity("1", (2,), "duality gap over the objective", allow_nan=True)
-    gap_above_floor: np.ndarray = quantity("1", (2,), "duality gap over the controllable part", allow_nan=True)
-    complementarity: np.ndarray = quantity("1", (2,), "largest multiplier times slack, relative", allow_nan=True)
-    noise_floor: np.ndarray = quantity("m^2", (2,), "range variance from noise after the last control")
-    iterations: np.ndarray = quantity("1", (2,), "of the dual's solver", "int64")
-    status: np.ndarray = quantity("1", (2,), "of the dual's solver", "str")
-
-    # The Apollo law.
-    adjoint: np.ndarray = quantity("SI", (2, "nodes", 5), "sensitivity of the final range error to the state")
-    control_adjoint: np.ndarray = quantity("m", (2, "intervals"), "and to a control held to the end")
-    apollo_gain: np.ndarray = quantity(GAIN, (2, "intervals", 5), "gain against time (Eq. 50)")
-    apollo_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance of the flown law")
-    apollo_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine of the flown law")
-    timed_covariance: np.ndarray = quantity("SI", (2, "nodes", 5, 5), "predicted covariance of the gain against time")
-    timed_control_variance: np.ndarray = quantity("1", (2, "intervals"), "of the bank cosine, gain against time")
-    table_velocity: np.ndarray = quantity("m/s", ("rows",), "velocities of the flown table, ascending")
-    table_gain: np.ndarray = quantity(f"1/({FEATURE})", (2, "rows", 7), "gains of the flown law, with drag, climb rate")
-    table_reference: np.ndarray = quantity(FEATURE, ("rows", 7), "reference values of the flown law")
 
 
 def partition_starts(inputs, intervals, interval=None):
     """Guidance periods with which the control intervals of the design begin."""
     every = round((interval or inputs.partition_interval) / inputs.guidance_period)
     return np.arange(0, intervals, every)
-
-
-def final_weights(inputs, linearization):
-    """Weights of the final state for both triggers, per metre of downrange error (Eqs. 72, 78), (2, 5)."""
-    weight = inputs.final_weight * np.array([1.0 / inputs.weight_length, 1.0, 1.0, 1.0 / inputs.weight_length, 1.0])
-    weight = weight / per_metre(inputs)
-    return np.array([weight, linearization.trigger_projection.T @ weight])
-
-
-def per_metre(inputs):
-    """The weight of downrange: the objective is stated in metres of downrange error."""
-    return (inputs.final_weight[3] or 1.0) / inputs.weight_length
 
 
 def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) -> ChanceConstrainedProblem:
@@ -98,7 +48,7 @@ def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) 
         initial_covariance=linearization.initial_covariance,
         objective=final_weights(inputs, linearization)[trigger],
         control_weight=np.full(len(starts), inputs.control_weight / per_metre(inputs) ** 2),
-        final_directions=np.eye(STATES)[[ALTITUDE, PATH_ANGLE]],
+        final_directions=np.eye(STATES)[[ALTITUDE, FLIGHT_PATH_ANGLE]],
         final_limits=np.array([altitude_limit or inputs.altitude_limit, inputs.flight_path_angle_limit]) / sigmas,
         control_limits=np.minimum.reduceat(deviation, starts) / sigmas,
         state_scale=STATE_SCALE,
@@ -230,7 +180,7 @@ def _apollo(inputs, linearization, trigger):
     """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances."""
     fine = system(linearization)
     aim = TRIGGERS.index(inputs.apollo_time_adjoint) if trigger == 0 else 1
-    downrange = np.eye(STATES)[3]
+    downrange = np.eye(STATES)[DOWNRANGE]
     final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
     found = adjoint_gains(fine.transition, fine.control, final_adjoint, inputs.overcontrol)
     timed, equivalent, table = found.gain, found.gain, np.zeros((len(found.gain), flight.FEATURES))
@@ -247,7 +197,7 @@ def _apollo(inputs, linearization, trigger):
         gains = drag_form(
             found.gain, state[:, 4], drag, 1.0 / linearization.inverse_scale_height[:-1], state[:, 1], state[:, 2]
         )
-        table[:, [3, flight.DRAG, flight.ALTITUDE_RATE]] = gains
+        table[:, [DOWNRANGE, flight.DRAG, flight.ALTITUDE_RATE]] = gains
         # At the reference velocity, drag deviations are density deviations.
         zero = np.zeros(len(drag))
         equivalent = np.column_stack(

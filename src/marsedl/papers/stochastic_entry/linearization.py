@@ -1,44 +1,16 @@
 """Linear model of the longitudinal motion and the density along the nominal flight (Sec. III.A, Eqs. 30-44, 65)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.guidance.apollo import density_slaved_matrix
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine, ramped_bank_cosine_slope
 from marsedl.methods.guidance.longitudinal import linear_model
-from marsedl.methods.lincov import DiscreteSystem, discretize, trigger_projection
+from marsedl.methods.lincov import DiscreteSystem, discretize
+from marsedl.methods.state_trigger import trigger_projection
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
-from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.papers.stochastic_entry.nominal import Nominal
-from marsedl.replication.artifacts import quantity
-
-TRIGGER_NORMAL = np.array([0.0, 1.0, 0.0, 0.0, 0.0])  # of the velocity trigger (Eq. 76)
-STATES = 5  # radius, velocity, flight path angle, downrange, density
-STATE_UNIT = "m, m/s, rad, m, kg/m^3"
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """Deviations from the nominal flight: x_{k+1} = A_k x_k + B_k u_k + G_k w_k, one interval per guidance period."""
-
-    time: np.ndarray = quantity("s", ("nodes",), "bounds of the intervals")
-    state: np.ndarray = quantity(STATE_UNIT, ("nodes", 5), "nominal radius, velocity, path angle, downrange, density")
-    slope: np.ndarray = quantity("SI", ("nodes", 5), "their time derivatives over the neighbouring guidance periods")
-    bank_cosine: np.ndarray = quantity("1", ("nodes",), "nominal bank cosine without reversals")
-    bank_cosine_slope: np.ndarray = quantity("s/m", ("nodes",), "its derivative with velocity")
-    drag: np.ndarray = quantity("m/s^2", ("nodes",), "nominal drag acceleration")
-    inverse_scale_height: np.ndarray = quantity("1/m", ("nodes",), "inverse of the density's scale height")
-    transition: np.ndarray = quantity("SI", ("intervals", 5, 5), "A_k")
-    control: np.ndarray = quantity("SI", ("intervals", 5), "B_k; zero from the start of the heading alignment")
-    noise: np.ndarray = quantity("SI", ("intervals", 5, 5), "G_k G_k'")
-    slaved_transition: np.ndarray = quantity(
-        "SI", ("intervals", 4, 4), "A_k without density state, density by altitude"
-    )
-    slaved_control: np.ndarray = quantity("SI", ("intervals", 4), "B_k of that model")
-    initial_covariance: np.ndarray = quantity("SI", (5, 5), "covariance at entry (Eqs. 43, 44)")
-    final_rates: np.ndarray = quantity("SI", (5,), "time derivative at the end, with the flown bank angle")
-    trigger_projection: np.ndarray = quantity("SI", (5, 5), "Z_f of the velocity trigger (Eq. 65)")
+from marsedl.papers.stochastic_entry import dispersions, environment
+from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
+from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nominal
 
 
 def system(linearization) -> DiscreteSystem:
@@ -65,7 +37,7 @@ def compute(inputs, nominal: Nominal) -> Linearization:
     ramp = ramped_bank_cosine(nominal.velocity, *profile)
     aligned = nominal.time >= nominal.alignment_time
     cosine = np.where(aligned, np.cos(nominal.bank), ramp)
-    drag_factor, lift_factor = flight.factors(inputs)
+    drag_factor, lift_factor = dispersions.factors(inputs)
     constants = (drag_factor, lift_factor, inputs.gravitational_parameter)
 
     at = middles.ravel()
@@ -92,13 +64,13 @@ def compute(inputs, nominal: Nominal) -> Linearization:
 
     mean = nominal.density[-1], -slope[-1], -inputs.decay_factor * slope[-1]
     final_rates = np.array(longitudinal_entry_rates(*states[-1], cosine[-1], *mean, *constants))
-    deviations = flight.entry_deviations(inputs)
+    deviations = dispersions.entry_deviations(inputs)
     initial = np.array(
         [
             0.0,
-            deviations[flight.SPEED],
-            deviations[flight.PATH_ANGLE],
-            deviations[flight.LONGITUDE] * inputs.planet_radius,
+            deviations[dispersions.SPEED],
+            deviations[dispersions.PATH_ANGLE],
+            deviations[dispersions.LONGITUDE] * inputs.planet_radius,
             nominal.density[0] * np.sqrt(environment.variance(inputs, nominal.altitude[0])),
         ]
     )

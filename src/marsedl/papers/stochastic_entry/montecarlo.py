@@ -1,86 +1,26 @@
 """Monte Carlo flights of both laws to both triggers, scattered in chunks and gathered (Sec. V, Tables 3 and 4)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
-from marsedl.papers import streamed
 from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.papers.stochastic_entry.gains import Gains, law
-from marsedl.papers.stochastic_entry.linearization import Linearization
-from marsedl.papers.stochastic_entry.nominal import Nominal
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.stochastic_entry.gains import law
+from marsedl.papers.stochastic_entry.records import (
+    END_TIME,
+    OUTCOMES,
+    REVERSALS,
+    FlightChunk,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    Nominal,
+    StreamedFlightChunk,
+    StreamedFlightEnsemble,
+)
 
-STATE = "m, m/s, rad, m, kg/m^3, m, 1"
-OBSERVED = "rad"
-FINAL = "m, m/s, rad, m, kg/m^3, m, s, 1, 1"
-STATES, FINALS = flight.HISTORY, flight.FINAL
 BANK_BINS = 72
-OUTCOMES = {0: "completed", 1: "below the ground", 2: "trigger not reached within the time limit", 3: "not finite"}
-
-
-@dataclass(frozen=True)
-class Flights:
-    """What chunks and ensembles have in common.
-
-    State: altitude, velocity, flight path angle, downrange, density, crossrange, commanded bank cosine. Final state:
-    the first six of them, then end time, bank reversals, tabulated densities that were set to zero.
-    """
-
-    histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by bank angle and its change", "int64")
-    histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
-    final_state: np.ndarray = quantity(FINAL, ("trials", FINALS), "state at the end of the flight", allow_nan=True)
-    observed_maximum: np.ndarray = quantity(
-        OBSERVED, ("trials", 2), "largest bank angle and largest change of it in a guidance period", allow_nan=True
-    )
-    outcome: np.ndarray = quantity(
-        "1", ("trials",), "0 completed, 1 below the ground, 2 trigger not reached, 3 not finite", "int8"
-    )
-    kept_history: np.ndarray = quantity(STATE, ("kept", "time", STATES), "state of the kept trials", allow_nan=True)
-    kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "bank angle and its change", allow_nan=True)
-
-
-@dataclass(frozen=True)
-class FlightChunk(Flights):
-    """Reduced trials of one chunk, block by block."""
-
-    time: np.ndarray = quantity("s", ("time",), "time from entry interface")
-    nominal_final: np.ndarray = quantity("m, m/s, rad, m, kg/m^3, m", (6,), "end of the nominal flight")
-    first_trial: int = quantity("1", (), "number of the first trial")
-    block_size: int = quantity("1", (), "trials in a block")
-    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE, ("blocks", "time", STATES), "mean state of each block")
-    block_second_moment: np.ndarray = quantity(
-        "SI", ("blocks", "time", STATES, STATES), "second moment about the block's mean"
-    )
-    block_observed_mean: np.ndarray = quantity(OBSERVED, ("blocks", "time", 2), "mean of the observed quantities")
-
-
-@dataclass(frozen=True)
-class FlightEnsemble(Flights):
-    """All trials of one Monte Carlo case."""
-
-    time: np.ndarray = quantity("s", ("time",), "time from entry interface")
-    flying: np.ndarray = quantity("1", ("time",), "trials still flying, over which the moments are taken", "int64")
-    nominal_final: np.ndarray = quantity("m, m/s, rad, m, kg/m^3, m", (6,), "end of the nominal flight")
-    count: int = quantity("1", (), "trials in the moments")
-    excluded: int = quantity("1", (), "trials left out of the moments because they are not finite")
-    mean: np.ndarray = quantity(STATE, ("time", STATES), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("time", STATES, STATES), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean of the observed quantities", allow_nan=True)
-
-
-@dataclass(frozen=True)
-class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
-    """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
-
-
-@dataclass(frozen=True)
-class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
-    """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
 
 
 def compute(
@@ -181,14 +121,6 @@ def nominal_final(nominal):
     return np.array([getattr(nominal, name)[-1] for name in names])
 
 
-def errors(ensemble, trials=None):
-    """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5).
-
-    Of a streamed ensemble they are those of its first trials.
-    """
-    return ensemble.final_state[:trials, :5] - ensemble.nominal_final[:5]
-
-
 def replay(
     inputs,
     nominal: Nominal,
@@ -212,9 +144,7 @@ def replay(
     lines = [f"trial {number} of {case}: {OUTCOMES[int(trial.outcome[0])]}"]
     start, end = trial.history[0, :, 0], trial.final_state[:, 0]
     lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start[:6], end[:6], strict=True)]
-    lines.append(
-        f"  end time                  {end[flight.END_TIME]:18.9f} s, {int(end[flight.REVERSALS])} bank reversals"
-    )
+    lines.append(f"  end time                  {end[END_TIME]:18.9f} s, {int(end[REVERSALS])} bank reversals")
     if ensemble is not None:
         same = np.array_equal(end, ensemble.final_state[number], equal_nan=True)
         lines.append(

@@ -1,37 +1,24 @@
 """The nominal flight: the mean vehicle in the mean atmosphere under the nominal bank profile (Sec. V, Figs. 5-7)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.guidance.lateral import bank_direction, deadband
 from marsedl.methods.guidance.targeting import require_target_ahead, targeting
-from marsedl.montecarlo.ensembles import ESCAPED
-from marsedl.papers.stochastic_entry import environment, flight
-from marsedl.replication.artifacts import quantity
+from marsedl.montecarlo.outcomes import ESCAPED
+from marsedl.papers.stochastic_entry import dispersions, environment, flight
+from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
+    BANK,
+    BANK_COSINE,
+    CROSSRANGE,
+    DENSITY,
+    DOWNRANGE,
+    END_TIME,
+    FLIGHT_PATH_ANGLE,
+    VELOCITY,
+    Nominal,
+)
 from marsedl.replication.errors import MarsedlError
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """The nominal flight at every integration step, of which each guidance period has the same number."""
-
-    time: np.ndarray = quantity("s", ("time",), "time from entry interface")
-    altitude: np.ndarray = quantity("m", ("time",), "altitude")
-    velocity: np.ndarray = quantity("m/s", ("time",), "planet-relative velocity")
-    flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
-    downrange: np.ndarray = quantity("m", ("time",), "downrange, negative before the target")
-    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
-    crossrange: np.ndarray = quantity("m", ("time",), "crossrange of the target")
-    bank: np.ndarray = quantity("rad", ("time",), "flown bank angle")
-    commanded_cosine: np.ndarray = quantity("1", ("time",), "commanded bank cosine")
-    drag: np.ndarray = quantity("m/s^2", ("time",), "drag acceleration")
-    guidance_time: np.ndarray = quantity("s", ("cycles",), "times of the bank commands")
-    deadband: np.ndarray = quantity("m", ("cycles",), "half width of the crossrange deadband at these times")
-    deadband_margin: float = quantity("m", (), "least distance from the deadband at which a bank direction was decided")
-    reversal_time: np.ndarray = quantity("s", ("reversals",), "times at which bank reversals were commanded")
-    alignment_time: float = quantity("s", (), "start of the heading alignment")
-    end_time: float = quantity("s", (), "time at which the end velocity is reached")
 
 
 def compute(inputs) -> Nominal:
@@ -41,8 +28,8 @@ def compute(inputs) -> Nominal:
     """
     air = environment.air(inputs)
     constants = flight.settings(inputs, air)
-    drag_factor, lift_factor = flight.factors(inputs)
-    mean = flight.entry_mean(inputs)
+    drag_factor, lift_factor = dispersions.factors(inputs)
+    mean = dispersions.entry_mean(inputs)
     state = dict(
         zip(("radius", "longitude", "latitude", "velocity", "flight_path_angle", "azimuth"), mean, strict=True)
     )
@@ -75,16 +62,16 @@ def compute(inputs) -> Nominal:
     first = fly("velocity", inputs.time_limit, inputs.nominal_substeps)
     if first.outcome[0] == ESCAPED:
         raise MarsedlError(
-            f"the nominal flight still has {first.final_state[flight.VELOCITY, 0]:.0f} m/s after {inputs.time_limit:g} "
+            f"the nominal flight still has {first.final_state[VELOCITY, 0]:.0f} m/s after {inputs.time_limit:g} "
             "s; it must slow down to end_velocity: raise time_limit, or check density_profile and ballistic_coefficient"
         )
-    end_time = float(first.final_state[flight.END_TIME, 0])
+    end_time = float(first.final_state[END_TIME, 0])
     history, observed = (
         table[..., 0] for table in (fly("time", end_time, 1).history, fly("time", end_time, 1).observed)
     )
     time = fine_times(end_time, inputs)
     cycles = np.arange(0, len(time) - 1, inputs.nominal_substeps)
-    aligned = cycles[np.argmax(history[cycles, flight.VELOCITY] <= inputs.heading_alignment_velocity)]
+    aligned = cycles[np.argmax(history[cycles, VELOCITY] <= inputs.heading_alignment_velocity)]
     guided = cycles[cycles < aligned]
     width = deadband(
         time[cycles],
@@ -94,19 +81,19 @@ def compute(inputs) -> Nominal:
         inputs.deadband_widths[1],
     )
     reversals, margin = _decisions(
-        inputs.initial_bank_direction, time[guided], history[guided, flight.CROSSRANGE], width[: len(guided)]
+        inputs.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
     )
     return Nominal(
         time=time,
-        altitude=history[:, flight.ALTITUDE],
-        velocity=history[:, flight.VELOCITY],
-        flight_path_angle=history[:, flight.FLIGHT_PATH_ANGLE],
-        downrange=history[:, flight.DOWNRANGE],
-        density=history[:, flight.DENSITY],
-        crossrange=history[:, flight.CROSSRANGE],
-        bank=observed[:, flight.BANK],
-        commanded_cosine=history[:, flight.BANK_COSINE],
-        drag=drag_factor * history[:, flight.DENSITY] * history[:, flight.VELOCITY] ** 2,
+        altitude=history[:, ALTITUDE],
+        velocity=history[:, VELOCITY],
+        flight_path_angle=history[:, FLIGHT_PATH_ANGLE],
+        downrange=history[:, DOWNRANGE],
+        density=history[:, DENSITY],
+        crossrange=history[:, CROSSRANGE],
+        bank=observed[:, BANK],
+        commanded_cosine=history[:, BANK_COSINE],
+        drag=drag_factor * history[:, DENSITY] * history[:, VELOCITY] ** 2,
         guidance_time=time[cycles],
         deadband=width,
         deadband_margin=margin,

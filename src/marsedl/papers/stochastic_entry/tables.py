@@ -2,19 +2,16 @@
 
 import numpy as np
 
-from marsedl.montecarlo.ensembles import COMPLETED
+from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import percentile_spread
 from marsedl.montecarlo.streaming import FinalMoments, is_streamed, outcome_count
-from marsedl.papers.stochastic_entry import flight
-from marsedl.papers.stochastic_entry.certificates import COARSE, Certificates
+from marsedl.papers.stochastic_entry import dispersions
 from marsedl.papers.stochastic_entry.claims import (
-    CASES,
     FEASIBLE,
     LEVELS,
     ROUNDING,
     ROWS,
     SIGMAS,
-    VELOCITY,
     crossrange_of_azimuth,
     final_percentiles,
     finite,
@@ -23,12 +20,22 @@ from marsedl.papers.stochastic_entry.claims import (
     outcomes,
     reduction,
 )
-from marsedl.papers.stochastic_entry.error_budget import ErrorBudget
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, Gains
-from marsedl.papers.stochastic_entry.linearization import Linearization
-from marsedl.papers.stochastic_entry.montecarlo import OUTCOMES, FlightEnsemble, errors
+from marsedl.papers.stochastic_entry.records import (
+    CASES,
+    COARSE,
+    DOWNRANGE,
+    OUTCOMES,
+    REVERSALS,
+    TRIGGERS,
+    VELOCITY,
+    Certificates,
+    ErrorBudget,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    errors,
+)
 
-RANGE = flight.DOWNRANGE
 NO_VALUE = "–"
 
 
@@ -46,7 +53,7 @@ def _number(value, form):
 
 def tab01(inputs, published):
     """Table 1 from the inputs."""
-    drag, lift = flight.coefficients(inputs)
+    drag, lift = dispersions.coefficients(inputs)
     area = f"{np.pi * inputs.reference_diameter**2 / 4:.3f} (pi {inputs.reference_diameter:g}^2 / 4)"
     return [
         ("property", "value", "unit"),
@@ -293,7 +300,7 @@ def reversal_split(
     ]
     for case, ensemble in flights.items():
         known = finite(ensemble)
-        error, number = errors(ensemble)[known, RANGE], ensemble.final_state[known, flight.REVERSALS]
+        error, number = errors(ensemble)[known, DOWNRANGE], ensemble.final_state[known, REVERSALS]
         groups = [(f"{int(n)}", number == n) for n in np.unique(number)] + [("any", np.ones(len(number), bool))]
         for label, chosen in groups:
             if not chosen.any():
@@ -354,7 +361,7 @@ def headline(artifacts, published):
     paper = {case: (np.array(published[f"tab4_downrange_{case}"].printed), np.zeros(2)) for case in CASES}
     rows.append(("in the paper", *_headline_row(paper)))
     for name, (inputs, items) in artifacts.items():
-        tails = {case: final_percentiles(items[case], index=[RANGE])[RANGE] for case in CASES}
+        tails = {case: final_percentiles(items[case], index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
         rows.append((f"{name} (hypothesis)" if hypothesis(inputs) else name, *_headline_row(tails)))
     return rows
 
@@ -392,7 +399,7 @@ def hypothesis(inputs):
 
 
 def _interval(ensemble):
-    values, deviations = final_percentiles(ensemble, index=[RANGE])[RANGE]
+    values, deviations = final_percentiles(ensemble, index=[DOWNRANGE])[DOWNRANGE]
     if not np.isfinite(values).all():
         return "not finite"
     return " / ".join(f"{v / 1e3:.2f} ± {e / 1e3:.2f}" for v, e in zip(values, deviations, strict=True))
@@ -400,6 +407,6 @@ def _interval(ensemble):
 
 def _mean_reversals(ensemble):
     if is_streamed(ensemble):
-        return _number(FinalMoments(ensemble, flight.REVERSALS).mean, ".2f")
-    number = ensemble.final_state[finite(ensemble), flight.REVERSALS]
+        return _number(FinalMoments(ensemble, REVERSALS).mean, ".2f")
+    number = ensemble.final_state[finite(ensemble), REVERSALS]
     return f"{number.mean():.2f}" if len(number) else NO_VALUE

@@ -1,32 +1,12 @@
 """Final range dispersion of the stochastic law against the partition of its design and against the altitude limit."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, noise_floor
-from marsedl.papers.stochastic_entry.gains import TRIGGERS, final_weights, problem, solved
-from marsedl.papers.stochastic_entry.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.stochastic_entry.gains import problem, solved
+from marsedl.papers.stochastic_entry.objective import final_weights
+from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Linearization, Tradeoff
 from marsedl.replication.errors import MarsedlError
-
-COARSE = 10.0  # s, a second partition for the altitude limits: on the reading's own the floor may hide the trade-off
-
-
-@dataclass(frozen=True)
-class Tradeoff:
-    """Standard deviation of the range error that each trigger's objective holds, predicted by the linear model."""
-
-    interval: np.ndarray = quantity("s", ("partitions",), "interval over which the control is held")
-    range_deviation: np.ndarray = quantity("m", (2, "partitions"), "optimum by trigger (time, velocity)")
-    early_control: np.ndarray = quantity("1", (2, "partitions"), "three sigma of the control in the first interval")
-    gap: np.ndarray = quantity("1", (2, "partitions"), "duality gap")
-    altitude_limit: np.ndarray = quantity("m", ("limits",), "limit of the final altitude error")
-    limited_interval: np.ndarray = quantity("s", (2,), "partitions of the study of limits")
-    limited_deviation: np.ndarray = quantity(
-        "m", (2, 2, "limits"), "optimum by partition, trigger and limit; NaN: infeasible", allow_nan=True
-    )
-    floor: np.ndarray = quantity("m", (2,), "deviation from noise after the last control")
 
 
 def compute(inputs, linearization: Linearization) -> Tradeoff:

@@ -1,0 +1,4 @@
+"""How a trial may end."""
+
+# Any other small integer is the paper's to define.
+COMPLETED, CRASHED, ESCAPED, NON_FINITE = 0, 1, 2, 3
