@@ -36,6 +36,7 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
     Tradeoff,
+    by_case,
     errors,
 )
 from marsedl.replication.claims import Close, Declaration, Evaluation
@@ -98,7 +99,7 @@ def evaluate(
     Trials that are not finite are counted in the evidence and left out of percentiles; without any finite trial or
     gain a number is NaN and a statement is not met.
     """
-    flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     tails = {case: final_percentiles(ensemble) for case, ensemble in flights.items()}
     return {
         **_stated_inputs(inputs, gains),

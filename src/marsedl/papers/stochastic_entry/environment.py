@@ -41,10 +41,10 @@ def air(inputs) -> Air:
     """The tables of a flight."""
     nodes = round((HIGHEST - LOWEST) / inputs.density_grid_interval) + 1
     altitude = np.linspace(LOWEST, HIGHEST, nodes)
-    log_density, _, _ = profile(inputs)(altitude)
+    log_density, slope, _ = profile(inputs)(altitude)
     return Air(
         altitude=altitude,
         log_density=np.ascontiguousarray(log_density),
         deviation=np.sqrt(variance(inputs, altitude)),
-        retention=density_variation.retention(altitude, decay_rate(inputs, altitude)),
+        retention=density_variation.retention(altitude, density_variation.decay_rate(-slope, inputs.decay_factor)),
     )

@@ -28,6 +28,7 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
     Tradeoff,
+    by_case,
     errors,
 )
 from marsedl.plotting.ellipses import ellipse
@@ -542,12 +543,7 @@ def floor(
     figure, axes = new_figure(7.0, 3.8)
     downrange = np.eye(STATES)[DOWNRANGE]
     objectives = downrange, linearization.trigger_projection.T @ downrange
-    cases = {
-        "apollo_time": apollo_time,
-        "apollo_velocity": apollo_velocity,
-        "stochastic_time": stochastic_time,
-        "stochastic_velocity": stochastic_velocity,
-    }
+    cases = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     width, names = 0.26, []
     for place, (case, ensemble) in enumerate(cases.items()):
         law, trigger = case.split("_")

@@ -272,18 +272,8 @@ def _to_trigger(step, lane, start, parameters, end_velocity, end):
 @njit(error_model="numpy")
 def _row(velocity, table):
     """Row before a velocity in an ascending table, and the fraction of the way to the next; held at both ends."""
-    first, last = 0, len(table) - 1
-    if not velocity > table[first]:
-        return first, 0.0
-    if velocity >= table[last]:
-        return last - 1, 1.0
-    while last - first > 1:
-        middle = (first + last) // 2
-        if velocity >= table[middle]:
-            first = middle
-        else:
-            last = middle
-    return first, (velocity - table[first]) / (table[last] - table[first])
+    row = min(max(np.searchsorted(table, velocity, side="right") - 1, 0), len(table) - 2)
+    return row, min(max((velocity - table[row]) / (table[row + 1] - table[row]), 0.0), 1.0)
 
 
 @njit(error_model="numpy")
@@ -349,6 +339,9 @@ def _feature(state, directions, lane, parameters, feature):
 @njit(error_model="numpy")
 def _sample_factors(air_deviation, retention, seed, first_trial, factor, negative):
     """Density factors of a group, from the top of the atmosphere downwards (Eqs. 5, 8); counts the negative ones."""
+    if not air_deviation.any():
+        factor[:] = 1.0
+        return
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
     drawn = np.empty((NORMALS_PER_BLOCK, LANES))
     process = np.zeros(LANES)

@@ -33,7 +33,7 @@ STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
 
 def partition_starts(inputs, intervals, interval=None):
     """Guidance periods with which the control intervals of the design begin."""
-    every = round((interval or inputs.partition_interval) / inputs.guidance_period)
+    every = round((inputs.partition_interval if interval is None else interval) / inputs.guidance_period)
     return np.arange(0, intervals, every)
 
 
@@ -42,6 +42,7 @@ def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) 
     cosine = linearization.bank_cosine[:-1]
     starts = partition_starts(inputs, len(cosine), interval)
     deviation = np.minimum(inputs.control_limit, np.minimum(1.0 - cosine, 1.0 + cosine))  # Eq. 73
+    altitude_limit = inputs.altitude_limit if altitude_limit is None else altitude_limit
     sigmas = chance_factor(inputs.chance_level)
     return ChanceConstrainedProblem(
         system=compose(system(linearization), starts),
@@ -49,7 +50,7 @@ def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) 
         objective=final_weights(inputs, linearization)[trigger],
         control_weight=np.full(len(starts), inputs.control_weight / per_metre(inputs) ** 2),
         final_directions=np.eye(STATES)[[ALTITUDE, FLIGHT_PATH_ANGLE]],
-        final_limits=np.array([altitude_limit or inputs.altitude_limit, inputs.flight_path_angle_limit]) / sigmas,
+        final_limits=np.array([altitude_limit, inputs.flight_path_angle_limit]) / sigmas,
         control_limits=np.minimum.reduceat(deviation, starts) / sigmas,
         state_scale=STATE_SCALE,
     )

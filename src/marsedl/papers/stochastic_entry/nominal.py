@@ -66,9 +66,8 @@ def compute(inputs) -> Nominal:
             "s; it must slow down to end_velocity: raise time_limit, or check density_profile and ballistic_coefficient"
         )
     end_time = float(first.final_state[END_TIME, 0])
-    history, observed = (
-        table[..., 0] for table in (fly("time", end_time, 1).history, fly("time", end_time, 1).observed)
-    )
+    flown = fly("time", end_time, 1)
+    history, observed = flown.history[..., 0], flown.observed[..., 0]
     time = fine_times(end_time, inputs)
     cycles = np.arange(0, len(time) - 1, inputs.nominal_substeps)
     aligned = cycles[np.argmax(history[cycles, VELOCITY] <= inputs.heading_alignment_velocity)]

@@ -245,6 +245,11 @@ class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
     """All trials of a large Monte Carlo case, of which only the first are kept one by one."""
 
 
+def by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity):
+    """The four Monte Carlo ensembles by the name of their case, in the order of `CASES`."""
+    return dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+
+
 def errors(ensemble, trials=None):
     """Final errors of altitude, velocity, path angle, downrange (positive: long) and density, (trials, 5).
 

@@ -1,5 +1,7 @@
 """Tables 1 to 4, Eq. 77, the design's certificates, the error budget, and what each reading reproduces."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED
@@ -21,6 +23,7 @@ from marsedl.papers.stochastic_entry.claims import (
     reduction,
 )
 from marsedl.papers.stochastic_entry.records import (
+    ALTITUDE,
     CASES,
     COARSE,
     DOWNRANGE,
@@ -33,8 +36,10 @@ from marsedl.papers.stochastic_entry.records import (
     FlightEnsemble,
     Gains,
     Linearization,
+    by_case,
     errors,
 )
+from marsedl.replication.claims import Evaluation, judge
 
 NO_VALUE = "–"
 
@@ -121,7 +126,7 @@ def tab04(
     stochastic_velocity: FlightEnsemble,
 ):
     """Percentiles of the final errors beside Table 4, from the paper's number of trials and from all."""
-    flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     size = int(inputs.paper_trials)
     rows = [
         (
@@ -150,10 +155,9 @@ def tab04(
                     spread = _number(percentile_spread(sample, level, size)[1], ".3f")
                 except ValueError:  # too few trials for two sets
                     spread = NO_VALUE
-                # The paper's own sampling error: that of as many trials, if they spread like ours.
-                paper = error * np.sqrt(finite_count(ensemble) / (claim.trials or size))
-                combined = np.sqrt(error**2 + paper**2 + resolution**2 / 12)
-                distance = (value - printed) / combined if claim.kind == "monte_carlo" else np.nan
+                cell = replace(claim, printed=printed, resolution=resolution)
+                _, judged = judge(cell, Evaluation(value, error, finite_count(ensemble)))
+                distance = judged["largest"] if judged else np.nan
                 rows.append(
                     (
                         f"{name.replace('gamma', 'flight path angle')} ({unit})",
@@ -185,7 +189,8 @@ def zf(inputs, published, linearization: Linearization):
     for i, j in np.ndindex(linearization.trigger_projection.shape):
         value = linearization.trigger_projection[i, j]
         printed, resolution = (claim.printed[i], claim.resolution[i]) if j == VELOCITY else (float(i == j), ROUNDING)
-        within = "yes" if abs(value - printed) <= 0.5 * resolution else "no"
+        verdict, _ = judge(replace(claim, printed=printed, resolution=resolution), Evaluation(value))
+        within = "yes" if verdict == "reproduced" else "no"
         rows.append((states[i], states[j], f"{printed:g}", f"{value:.6g}", f"{value - printed:+.2g}", within))
     if fitted:
         fit = "this density is fitted to the velocity column: its agreement is no evidence"
@@ -286,7 +291,7 @@ def reversal_split(
     stochastic_velocity: FlightEnsemble,
 ):
     """Final range error by the number of bank reversals; of a streamed ensemble in its first trials."""
-    flights = dict(zip(CASES, (apollo_time, apollo_velocity, stochastic_time, stochastic_velocity), strict=True))
+    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     rows = [
         (
             "law, trigger",
@@ -327,15 +332,15 @@ def readings(artifacts, published):
         (
             "in the paper",
             f"{uprange:g}",
-            f"{zf_column[3]:g}",
-            f"{zf_column[0]:g}",
+            f"{zf_column[DOWNRANGE]:g}",
+            f"{zf_column[ALTITUDE]:g}",
             *told,
             f"{published['mc_trials'].printed:,}",
         )
     )
     for name, (inputs, items) in artifacts.items():
         projection = items["linearization"].trigger_projection[:, VELOCITY]
-        cells = [_km(-items["nominal"].downrange[-1]), f"{projection[3]:.2f}", f"{projection[0]:.2f}"]
+        cells = [_km(-items["nominal"].downrange[-1]), f"{projection[DOWNRANGE]:.2f}", f"{projection[ALTITUDE]:.2f}"]
         for case in CASES:
             cells += [_interval(items[case]), _mean_reversals(items[case])]
         label = f"{name} (hypothesis)" if hypothesis(inputs) else name
