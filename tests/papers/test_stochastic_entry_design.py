@@ -276,7 +276,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
     """
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20)
-    model, air = entry.linearization(), environment.air(inputs)
+    model, air = entry.linearization(), environment.undisturbed(environment.air(inputs))
     constants = flight.settings(inputs, air)
     seconds = 65  # before the first reversal
     mean = dispersions.entry_mean(inputs)
@@ -296,7 +296,6 @@ def test_matrices_are_those_of_the_flight_itself(entry):
             end_time=float(seconds),
             substeps=20,
             seed=1,
-            varied=False,
         )
         return flown.history[-1, :5, 0]
 
@@ -671,7 +670,7 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     model, made = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
-    mean, air = dispersions.entry_mean(inputs), environment.air(inputs)
+    mean, air = dispersions.entry_mean(inputs), environment.undisturbed(environment.air(inputs))
     size = {dispersions.SPEED: 0.02, dispersions.PATH_ANGLE: 1e-6}[component]
     starts = np.tile(mean, (2, 1))
     starts[:, component] += [size, -size]
@@ -685,7 +684,6 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
         end_time=140.0,
         substeps=20,
         seed=1,
-        varied=False,
     )
     change = (flown.history[:-1, :, 0] - flown.history[:-1, :, 1]) / (2 * size)
     # One trial is on either side of a row of the table: the mean of both slopes.

@@ -382,7 +382,6 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
             end_time=end_time,
             substeps=substeps,
             seed=1,
-            varied=False,
         ).final_state
 
     reference = final(64)

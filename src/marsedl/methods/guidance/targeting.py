@@ -46,47 +46,37 @@ def targeting(
     return targeting_from_sines(
         radius,
         velocity,
-        np.sin(latitude),
-        np.cos(latitude),
-        np.sin(target_longitude - longitude),
-        np.cos(target_longitude - longitude),
+        (np.sin(latitude), np.cos(latitude)),
+        (np.sin(target_longitude - longitude), np.cos(target_longitude - longitude)),
         np.cos(flight_path_angle),
-        np.sin(azimuth),
-        np.cos(azimuth),
+        (np.sin(azimuth), np.cos(azimuth)),
         rotation_rate,
-        np.sin(target_latitude),
-        np.cos(target_latitude),
+        (np.sin(target_latitude), np.cos(target_latitude)),
     )
 
 
 @jitable
 def targeting_from_sines(
-    radius,
-    velocity,
-    sin_latitude,
-    cos_latitude,
-    sin_to_target,
-    cos_to_target,
-    cos_flight_path_angle,
-    sin_azimuth,
-    cos_azimuth,
-    rotation_rate,
-    sin_target_latitude,
-    cos_target_latitude,
+    radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
 ):
     """The same from sines and cosines, which a kernel computes for many trials at once.
 
     Args:
         radius, velocity: m, m/s.
-        sin_latitude, cos_latitude: of the vehicle's latitude.
-        sin_to_target, cos_to_target: of the target's longitude from the vehicle's.
-        cos_flight_path_angle, sin_azimuth, cos_azimuth: of the planet-relative velocity.
+        latitude: sine and cosine of the vehicle's latitude.
+        to_target: sine and cosine of the target's longitude from the vehicle's.
+        cos_flight_path_angle: of the planet-relative velocity.
+        azimuth: sine and cosine of its azimuth.
         rotation_rate: Omega, rad/s.
-        sin_target_latitude, cos_target_latitude: of the target's latitude.
+        target_latitude: sine and cosine of the target's latitude.
 
     Returns:
         As `targeting`.
     """
+    sin_latitude, cos_latitude = latitude
+    sin_to_target, cos_to_target = to_target
+    sin_azimuth, cos_azimuth = azimuth
+    sin_target_latitude, cos_target_latitude = target_latitude
     along_meridian = cos_target_latitude * cos_to_target
     up = cos_latitude * along_meridian + sin_latitude * sin_target_latitude
     east = cos_target_latitude * sin_to_target

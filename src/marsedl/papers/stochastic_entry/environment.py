@@ -37,6 +37,11 @@ def diffusion(inputs, altitude):
     return inputs.diffusion_factor * variance(inputs, altitude) * -profile(inputs)(altitude)[1]
 
 
+def undisturbed(air: Air) -> Air:
+    """The same atmosphere with the mean density alone."""
+    return air._replace(deviation=np.zeros_like(air.deviation))
+
+
 def air(inputs) -> Air:
     """The tables of a flight."""
     nodes = round((HIGHEST - LOWEST) / inputs.density_grid_interval) + 1

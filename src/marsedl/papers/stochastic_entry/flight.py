@@ -94,6 +94,35 @@ class Law(NamedTuple):
     least_drag: float  # m/s^2, below which BY_VELOCITY does not correct
 
 
+class Schedule(NamedTuple):
+    """When a flight is steered, integrated and stored."""
+
+    velocity_trigger: bool  # else it ends at end_time
+    end_time: float  # s; of the velocity trigger: the time limit
+    cycles: int  # guidance periods
+    substeps: int  # integration steps in one
+    every: int  # integration steps between stored states
+
+
+class Tables(NamedTuple):
+    """The atmosphere as the kernel reads it, on a uniform grid of altitudes."""
+
+    log_density: np.ndarray  # (nodes,), of kg/m^3, mean
+    log_step: np.ndarray  # (nodes,), its rise to the next node
+    deviation: np.ndarray  # (nodes,), standard deviation of the relative density variation
+    retention: np.ndarray  # (nodes - 1,), correlation of the variation between neighbouring nodes
+
+
+class Group(NamedTuple):
+    """Results of some trials, which the kernel fills."""
+
+    history: np.ndarray  # (times, HISTORY, trials)
+    observed: np.ndarray  # (times, OBSERVED, trials)
+    largest: np.ndarray  # (OBSERVED, trials)
+    length: np.ndarray  # (trials,)
+    final: np.ndarray  # (FINAL, trials)
+
+
 NOMINAL_LAW = Law(NOMINAL, np.zeros(2), np.zeros((2, FEATURES)), np.zeros((2, FEATURES)), np.zeros(2), 0.0)
 
 
@@ -277,9 +306,9 @@ def _row(velocity, table):
 
 
 @njit(error_model="numpy")
-def _bank_cosine(kind, table, cycle, nominal, feature, slowing):
+def _bank_cosine(law, cycle, nominal, feature, slowing):
     """Bank cosine that a law commands (Eqs. 31, 40, 50), limited to -1 ... 1."""
-    velocity_table, gain, reference, bank_cosine, least_drag = table
+    kind, velocity_table, gain, reference, bank_cosine, least_drag = law
     command = nominal
     if kind == BY_TIME:
         row = min(cycle, len(gain) - 1)
@@ -309,23 +338,16 @@ def _feature(state, directions, lane, parameters, feature):
     """What laws feed back, of one lane, into feature (FEATURES,); returns the crossrange, m, and both angles."""
     air, aero, _, constants = parameters
     radius, velocity = state[RADIUS, lane], state[SPEED, lane]
-    sin_latitude, cos_latitude = directions[0, lane], directions[1, lane]
-    sin_to_target, cos_to_target = directions[2, lane], directions[3, lane]
     sin_path, cos_path = directions[4, lane], directions[5, lane]
-    sin_azimuth, cos_azimuth = directions[6, lane], directions[7, lane]
     downrange_angle, crossrange_angle = targeting_from_sines(
         radius,
         velocity,
-        sin_latitude,
-        cos_latitude,
-        sin_to_target,
-        cos_to_target,
+        (directions[0, lane], directions[1, lane]),
+        (directions[2, lane], directions[3, lane]),
         cos_path,
-        sin_azimuth,
-        cos_azimuth,
+        (directions[6, lane], directions[7, lane]),
         constants.rotation_rate,
-        constants.sin_target_latitude,
-        constants.cos_target_latitude,
+        (constants.sin_target_latitude, constants.cos_target_latitude),
     )
     log_density, factor = _look_up(radius - constants.planet_radius, lane, air, constants)
     density = exponential(log_density) * factor
@@ -360,11 +382,12 @@ def _sample_factors(air_deviation, retention, seed, first_trial, factor, negativ
 
 
 @njit(error_model="numpy")
-def _fly_group(
-    settings, log_density, log_step, deviation, retention, drag_factor, lift_factor, kind, table, velocity_trigger,
-    end_time, cycles, substeps, every, seed, first_trial, entry_state, history, observed, largest, length, final,
-):  # fmt: skip
-    """Fly LANES trials. entry_state: (6, LANES); the arrays after it are filled."""
+def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, first_trial, group):
+    """Fly LANES trials. entry_state: (6, LANES); factors: of drag and lift, (LANES,) each; group is filled."""
+    velocity_trigger, end_time, cycles, substeps, every = schedule
+    log_density, log_step, deviation, retention = tables
+    history, _, largest, length, final = group
+    drag_factor, lift_factor = factors
     constants = settings[0]
     factor = np.empty((len(log_density), LANES))
     negative = np.zeros(LANES)
@@ -420,7 +443,7 @@ def _fly_group(
                 )
                 # Before its peak, too, a velocity stands in the table, whose reference lies behind the peak.
                 slowing = feature[DRAG] * velocity > -gravity * feature[ALTITUDE_RATE]
-                cosine[lane] = _bank_cosine(kind, table, cycle, nominal, feature, slowing)
+                cosine[lane] = _bank_cosine(law, cycle, nominal, feature, slowing)
                 width = deadband(
                     time,
                     constants.deadband_start,
@@ -450,7 +473,7 @@ def _fly_group(
             largest[BANK, lane] = np.maximum(largest[BANK, lane], abs(bank[lane]))
             largest[BANK_CHANGE, lane] = np.maximum(largest[BANK_CHANGE, lane], change)
             if every == substeps:
-                _record(cycle, lane, feature, crossrange, cosine, bank, change, constants, history, observed)
+                _record(cycle, lane, feature, crossrange, cosine, bank, change, constants, group)
 
         for lane in range(LANES):
             aero[SINE, lane], aero[COSINE, lane] = sine_cosine(bank[lane])
@@ -463,7 +486,7 @@ def _fly_group(
                     if flying[lane]:
                         crossrange, _, _ = _feature(state, directions, lane, parameters, feature)
                         row = (cycle * substeps + substep) // every
-                        _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, history, observed)
+                        _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, group)
             for row in range(STATES):
                 for lane in range(LANES):
                     before[row, lane] = state[row, lane]
@@ -495,11 +518,12 @@ def _fly_group(
             _finish(lane, feature, crossrange, constants, final)
             if not velocity_trigger:
                 row = history.shape[0] - 1
-                _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, history, observed)
+                _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, group)
 
 
 @njit(error_model="numpy")
-def _record(row, lane, feature, crossrange, cosine, bank, change, constants, history, observed):
+def _record(row, lane, feature, crossrange, cosine, bank, change, constants, group):
+    history, observed, _, _, _ = group
     history[row, ALTITUDE, lane] = feature[0] - constants.planet_radius
     for j in range(1, 5):
         history[row, j, lane] = feature[j]
@@ -518,34 +542,41 @@ def _finish(lane, feature, crossrange, constants, final):
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly(
-    settings, log_density, log_step, deviation, retention, drag_factor, lift_factor, kind, velocity_table, gain,
-    reference, bank_cosine, least_drag, velocity_trigger, end_time, cycles, substeps, every, seed,
-    first_trial, entry_state, history, observed, largest, length, final,
-):  # fmt: skip
-    for group in prange(entry_state.shape[1] // LANES):
-        lanes = slice(group * LANES, (group + 1) * LANES)
-        biggest, ends, lengths = largest[:, lanes].copy(), np.empty((FINAL, LANES)), np.empty(LANES, np.int64)
-        table = (velocity_table, gain, reference, bank_cosine, least_drag)
+def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_trial, flown):
+    drag_factor, lift_factor = factors
+    history, observed, largest, length, final = flown
+    for number in prange(entry_state.shape[1] // LANES):
+        lanes = slice(number * LANES, (number + 1) * LANES)
+        group = Group(
+            history[:, :, lanes],
+            observed[:, :, lanes],
+            largest[:, lanes].copy(),
+            np.empty(LANES, np.int64),
+            np.empty((FINAL, LANES)),
+        )
         _fly_group(
-            settings, log_density, log_step, deviation, retention, drag_factor[lanes], lift_factor[lanes],
-            kind, table, velocity_trigger, end_time, cycles, substeps, every, seed, first_trial + group * LANES,
-            entry_state[:, lanes], history[:, :, lanes], observed[:, :, lanes], biggest, lengths, ends,
-        )  # fmt: skip
-        largest[:, lanes] = biggest
-        final[:, lanes] = ends
-        length[lanes] = lengths
+            settings,
+            tables,
+            law,
+            schedule,
+            entry_state[:, lanes],
+            (drag_factor[lanes], lift_factor[lanes]),
+            seed,
+            first_trial + number * LANES,
+            group,
+        )
+        largest[:, lanes] = group.largest
+        final[:, lanes] = group.final
+        length[lanes] = group.length
 
 
-def fly(
-    settings, air, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, varied=True, every=None
-) -> Trajectories:
+def fly(settings, air, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, every=None) -> Trajectories:
     """Fly consecutive trials to their end.
 
     settings: see `settings`. air: `Air`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time" or "velocity".
     end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration steps per
-    guidance period. seed, first_trial: key of the density variations and the number of the first trial. varied: False
-    for the mean density. every: integration steps between stored states; one guidance period unless given.
+    guidance period. seed, first_trial: key of the density variations and the number of the first trial. every:
+    integration steps between stored states; one guidance period unless given.
 
     Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
     the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
@@ -571,29 +602,20 @@ def fly(
     )
     _fly(
         settings,
-        air.log_density,
-        np.append(np.diff(air.log_density), 0.0),
-        air.deviation if varied else np.zeros_like(air.deviation),
-        air.retention,
-        pad_to_groups(vehicles.drag_factor),
-        pad_to_groups(vehicles.lift_factor),
-        law.kind,
+        Tables(
+            air.log_density,
+            np.append(np.diff(air.log_density), 0.0),
+            air.deviation,
+            air.retention,
+        ),
         # Copies, as loaded arrays are read-only, for which the kernel would be compiled once more.
-        *(np.array(part) for part in law[1:5]),
-        law.least_drag,
-        velocity_trigger,
-        float(end_time),
-        cycles,
-        substeps,
-        every,
+        Law(law.kind, *(np.array(part) for part in law[1:5]), law.least_drag),
+        Schedule(velocity_trigger, float(end_time), cycles, substeps, every),
+        state,
+        (pad_to_groups(vehicles.drag_factor), pad_to_groups(vehicles.lift_factor)),
         seed,
         first_trial,
-        state,
-        flown.history,
-        flown.observed,
-        flown.observed_maximum,
-        flown.length,
-        flown.final_state,
+        Group(flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state),
     )
     flown = flown.first(trials)
     final = flown.final_state

@@ -72,12 +72,13 @@ def simulate(
 def block_simulator(inputs, nominal, linearization, gains, case, **changes):
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials.
 
-    changes: further arguments of `flight.vehicles`, and `varied` of `flight.fly`.
+    changes: further arguments of `flight.vehicles`, and `varied`, False for the mean density.
     """
     air = environment.air(inputs)
     constants = flight.settings(inputs, air)
     flown_law = law(inputs, linearization, gains, case)
-    varied = changes.pop("varied", True)
+    if not changes.pop("varied", True):
+        air = environment.undisturbed(air)
     end_time, _, trigger = _end(inputs, nominal, case)
 
     def simulate_block(first, last):
@@ -91,7 +92,6 @@ def block_simulator(inputs, nominal, linearization, gains, case, **changes):
             substeps=inputs.flight_substeps,
             seed=inputs.seed,
             first_trial=first,
-            varied=varied,
         )
 
     return simulate_block

@@ -26,7 +26,7 @@ def compute(inputs) -> Nominal:
 
     Raises MarsedlError if the target lies behind the entry point or the end velocity is not reached in the time limit.
     """
-    air = environment.air(inputs)
+    air = environment.undisturbed(environment.air(inputs))
     constants = flight.settings(inputs, air)
     drag_factor, lift_factor = dispersions.factors(inputs)
     mean = dispersions.entry_mean(inputs)
@@ -55,7 +55,6 @@ def compute(inputs) -> Nominal:
             end_time=end_time,
             substeps=inputs.nominal_substeps,
             seed=inputs.seed,
-            varied=False,
             every=every,
         )
 
