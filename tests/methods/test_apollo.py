@@ -26,7 +26,7 @@ def profile(radius):
 
 def rates(state, cosine=COSINE):
     mean, inverse, _ = profile(state[0])
-    return np.array(longitudinal_entry_rates(*state, cosine, mean, inverse, DECAY_FACTOR * inverse, *CONSTANTS))
+    return np.array(longitudinal_entry_rates(state, cosine, mean, inverse, DECAY_FACTOR * inverse, *CONSTANTS))
 
 
 def start():
@@ -298,7 +298,7 @@ def test_slaved_matrix_is_the_derivative_with_the_density_of_the_altitude():
     def slaved_rates(points):
         density, inverse, _ = profile(points[:, 0])
         atmosphere = (density, inverse, DECAY_FACTOR * inverse)
-        return np.stack(longitudinal_entry_rates(*points.T, density, cosine, *atmosphere, *CONSTANTS)[:4], axis=1)
+        return np.stack(longitudinal_entry_rates((*points.T, density), cosine, *atmosphere, *CONSTANTS)[:4], axis=1)
 
     columns = [slaved_rates(states[:, :4] + 1j * step * unit).imag / step for unit in np.eye(4)]
     scale = np.array([1e3, 100.0, 0.01, 1e3])

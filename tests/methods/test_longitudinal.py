@@ -19,7 +19,9 @@ def profile(radius):
 def full_rates(points):
     """Rates as functions of state and bank cosine alone, (k, 6) -> (k, 5)."""
     mean, inverse, _ = profile(points[:, 0])
-    return np.stack(longitudinal_entry_rates(*points.T, mean, inverse, DECAY_FACTOR * inverse, *CONSTANTS), axis=1)
+    return np.stack(
+        longitudinal_entry_rates(points.T[:5], points.T[5], mean, inverse, DECAY_FACTOR * inverse, *CONSTANTS), axis=1
+    )
 
 
 def example(count=40, relative_density=1.0):

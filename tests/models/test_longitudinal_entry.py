@@ -11,7 +11,7 @@ CONSTANTS = (DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER)
 
 @njit
 def compiled_rates(*arguments):
-    return longitudinal_entry_rates(*arguments)
+    return longitudinal_entry_rates(arguments[:5], *arguments[5:])
 
 
 @njit
@@ -30,10 +30,11 @@ def random_arguments(count):
 def test_numba_casadi_and_numpy_agree():
     casadi.GlobalOptions.setNumpyMode(-1)
     arguments = random_arguments(200)
-    broadcast = np.array(longitudinal_entry_rates(*arguments))
+    broadcast = np.array(longitudinal_entry_rates(arguments[:5], *arguments[5:]))
     compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
     symbols = casadi.SX.sym("arguments", 12)
-    rates = casadi.vertcat(*longitudinal_entry_rates(*casadi.vertsplit(symbols)))
+    split = casadi.vertsplit(symbols)
+    rates = casadi.vertcat(*longitudinal_entry_rates(split[:5], *split[5:]))
     traced = casadi.Function("rates", [symbols], [rates]).map(200)(arguments).full()
     scale = np.abs(broadcast).max(axis=1, keepdims=True)
     np.testing.assert_allclose(compiled / scale, broadcast / scale, rtol=0, atol=1e-15)
@@ -45,7 +46,7 @@ def test_planar_part_is_equatorial_flight_over_a_planet_at_rest():
         radius, velocity, path, _, density, cosine, *_, drag, lift, mu = point
         azimuth, bank = np.pi / 2, np.arccos(cosine)
         full = entry_rates(radius, 1.0, 0.0, velocity, path, azimuth, bank, density, drag, lift, mu, 0.0, 1.0)
-        rates = longitudinal_entry_rates(*point)
+        rates = longitudinal_entry_rates(point[:5], *point[5:])
         # The downrange of Eq. 27d is measured along the flight: angle times radius.
         np.testing.assert_allclose(rates[:4], [full[0], full[3], full[4], radius * full[1]], rtol=1e-13, atol=1e-15)
 
@@ -57,13 +58,13 @@ def test_density_drift_is_that_of_mean_and_variation():
         variation, sink_rate = density / mean - 1, -velocity * np.sin(path)
         expected = (mean * inverse * (1 + variation) - mean * decay * variation) * sink_rate
         scale = (inverse + decay) * (density + mean) * abs(sink_rate)  # the terms may cancel
-        assert abs(longitudinal_entry_rates(*point)[4] - expected) < 1e-15 * scale
+        assert abs(longitudinal_entry_rates(point[:5], *point[5:])[4] - expected) < 1e-15 * scale
 
 
 def test_mean_density_stays_the_mean_density():
     mean, inverse_scale_height, climb = 3e-3, 1e-4, 2000 * np.sin(-0.2)
     state = (3.42e6, 2000.0, -0.2, 0.0, mean)
-    rates = longitudinal_entry_rates(*state, 0.5, mean, inverse_scale_height, 2e-4, *CONSTANTS)
+    rates = longitudinal_entry_rates(state, 0.5, mean, inverse_scale_height, 2e-4, *CONSTANTS)
     np.testing.assert_allclose(rates[4], -mean * inverse_scale_height * climb, rtol=1e-14)
 
 

@@ -51,7 +51,7 @@ def test_longitudinal_entry_has_the_same_rates_to_the_last_bit():
     for point in random_arguments(50).T:
         radius, velocity, path, cosine, density, *constants = point
         longitudinal = longitudinal_entry_rates(
-            radius, velocity, path, 1e5, density, cosine, 2e-4, 1e-4, 2e-4, *constants
+            (radius, velocity, path, 1e5, density), cosine, 2e-4, 1e-4, 2e-4, *constants
         )
         assert longitudinal[:3] == planar_entry_rates(*point)
 

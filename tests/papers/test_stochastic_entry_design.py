@@ -725,7 +725,7 @@ def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_t
     inverse = model.inverse_scale_height
     slopes = np.stack(
         longitudinal_entry_rates(
-            *model.state.T,
+            model.state.T,
             model.bank_cosine,
             model.state[:, 4],
             inverse,

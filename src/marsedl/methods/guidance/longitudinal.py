@@ -8,36 +8,33 @@ from marsedl.models.dynamics.longitudinal_entry import longitudinal_entry_rates
 __all__ = ["linear_model"]
 
 
-def _rates_with_profile(
-    radius,
-    velocity,
-    flight_path_angle,
-    downrange,
-    density,
-    mean_density,
-    inverse_scale_height,
-    decay_rate,
-    bank_cosine,
-    drag_factor,
-    lift_factor,
-    gravitational_parameter,
-):
+def _rates_with_profile(drag_factor, lift_factor, gravitational_parameter):
     """Rates with the profile's values at the current radius as further states, so that they are differentiated too."""
-    rates = longitudinal_entry_rates(
+
+    def rates(
         radius,
         velocity,
         flight_path_angle,
         downrange,
         density,
-        bank_cosine,
         mean_density,
         inverse_scale_height,
         decay_rate,
-        drag_factor,
-        lift_factor,
-        gravitational_parameter,
-    )
-    return (*rates, 0.0, 0.0, 0.0)
+        bank_cosine,
+    ):
+        changes = longitudinal_entry_rates(
+            (radius, velocity, flight_path_angle, downrange, density),
+            bank_cosine,
+            mean_density,
+            inverse_scale_height,
+            decay_rate,
+            drag_factor,
+            lift_factor,
+            gravitational_parameter,
+        )
+        return (*changes, 0.0, 0.0, 0.0)
+
+    return rates
 
 
 def linear_model(
@@ -88,10 +85,9 @@ def linear_model(
             raise ValueError(f"{name} must have shape ({len(states)},) as there are states, not {np.shape(values)}")
     cosine, mean, inverse, inverse_slope = (np.asarray(values, dtype=float) for values in along.values())
     model = linearize(
-        _rates_with_profile,
+        _rates_with_profile(drag_factor, lift_factor, gravitational_parameter),
         np.column_stack([states, mean, inverse, decay_factor * inverse]),
         cosine[:, np.newaxis],
-        (drag_factor, lift_factor, gravitational_parameter),
     )
     profile_slope = np.stack([-mean * inverse, inverse_slope, decay_factor * inverse_slope], axis=1)
     state_matrix = model.state_matrix[:, :5, :5].copy()

@@ -10,11 +10,7 @@ __all__ = ["density_noise_intensity", "longitudinal_entry_rates"]
 
 @jitable
 def longitudinal_entry_rates(
-    radius,
-    velocity,
-    flight_path_angle,
-    downrange,
-    density,
+    state,
     bank_cosine,
     mean_density,
     inverse_scale_height,
@@ -37,11 +33,8 @@ def longitudinal_entry_rates(
     the caller.
 
     Args:
-        radius: r, m.
-        velocity: V, m/s.
-        flight_path_angle: gamma, rad, positive while climbing.
-        downrange: R, m; the rates do not depend on it.
-        density: rho, kg/m^3.
+        state: radius r (m), velocity V (m/s), flight path angle gamma (rad, positive while climbing), downrange R (m;
+            the rates do not depend on it) and density rho (kg/m^3).
         bank_cosine: u, cosine of the bank angle, 1.
         mean_density: rho_bar, kg/m^3.
         inverse_scale_height: 1/H, 1/m.
@@ -53,6 +46,7 @@ def longitudinal_entry_rates(
         Tuple of the rates of radius (m/s), velocity (m/s^2), flight path angle (rad/s), downrange (m/s) and density
         (kg/(m^3 s)).
     """
+    radius, velocity, flight_path_angle, _, density = state
     sin_path, cos_path = np.sin(flight_path_angle), np.cos(flight_path_angle)
     climb, velocity_rate, path_rate = planar_entry_rates_from_sines(
         radius, velocity, sin_path, cos_path, bank_cosine, density, drag_factor, lift_factor, gravitational_parameter

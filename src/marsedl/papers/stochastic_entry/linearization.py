@@ -63,7 +63,7 @@ def compute(inputs, nominal: Nominal) -> Linearization:
     )
 
     mean = nominal.density[-1], -slope[-1], -inputs.decay_factor * slope[-1]
-    final_rates = np.array(longitudinal_entry_rates(*states[-1], cosine[-1], *mean, *constants))
+    final_rates = np.array(longitudinal_entry_rates(tuple(states[-1]), cosine[-1], *mean, *constants))
     deviations = dispersions.entry_deviations(inputs)
     initial = np.array(
         [
