@@ -11,10 +11,9 @@ from scipy import stats
 from marsedl.models import orbits
 from marsedl.papers.random_field import PAPER, claims, tables
 from marsedl.papers.random_field.claims import DECLARATIONS
-from marsedl.papers.random_field.convergence import VARIANTS, Convergence
-from marsedl.papers.random_field.flight import BANK_COSINE, DYNAMIC_PRESSURE
-from marsedl.papers.random_field.nominal import mission
-from marsedl.papers.random_field.regularization import Regularization
+from marsedl.papers.random_field.components import BANK_COSINE, DYNAMIC_PRESSURE
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.records import VARIANTS, Convergence, Regularization
 from marsedl.replication.claims import collect, judge, write_claims
 
 TRIALS = 5000

@@ -17,13 +17,13 @@ from scipy.special import ndtr, ndtri
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, linearization, nominal
+from marsedl.papers.random_field import environment, flight, flight_statistics, linearization, nominal
 from marsedl.papers.random_field import field_study as fields
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field import montecarlo as flights
-from marsedl.papers.random_field.double_integrator import CLOSED, OPEN, kernel, system
+from marsedl.papers.random_field.double_integrator import kernel, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
 from marsedl.papers.random_field.linearization import UNITS
+from marsedl.papers.random_field.records import CLOSED, OPEN
 from marsedl.replication.errors import MarsedlError
 
 RADIUS, MU = 3397e3, 4.2828e13
@@ -617,7 +617,7 @@ def test_the_study_of_convergence_begins_with_the_iterations_of_the_reading(rand
         np.testing.assert_allclose(study.predicted[row, :4], made.percentile, rtol=0, atol=1e-4)
     ensemble = random_field.ensemble()
     for law in range(4):
-        expected = flights.delta_v_percentile(ensemble, law, trials=300)
+        expected = flight_statistics.delta_v_percentile(ensemble, law, trials=300)
         found = study.percentile[0, law], study.percentile_error[0, law]
         np.testing.assert_allclose(found, expected, rtol=1e-3)  # the same trials
 
@@ -629,7 +629,7 @@ def test_navigation_errors_bound_the_gains(random_field):
     assert study.predicted_deviation[one] == pytest.approx(made.delta_v_deviation[-1], rel=1e-6)
     assert study.design_deviation[one] == pytest.approx(made.design_delta_v_deviation[-1], rel=1e-6)
     ensemble = random_field.ensemble()
-    expected = flights.delta_v_percentile(ensemble, 3, trials=300)[0]
+    expected = flight_statistics.delta_v_percentile(ensemble, 3, trials=300)[0]
     assert study.percentile[one] == pytest.approx(expected, rel=1e-3)
     # Larger errors: a more timid law, better conditioned, that disperses more and saturates less.
     assert (np.diff(study.condition_number) < 0.0).all()
@@ -646,7 +646,7 @@ def test_navigation_errors_bound_the_gains(random_field):
 
 def test_field_study_flies_the_trials_of_the_reading(random_field):
     study, ensemble = random_field.field_study(), random_field.ensemble()
-    expected = flights.delta_v_percentile(ensemble, 0, trials=study.trials)
+    expected = flight_statistics.delta_v_percentile(ensemble, 0, trials=study.trials)
     assert (study.percentile[0], study.percentile_error[0]) == expected
     # The reading's own variance is the second of those studied.
     assert (study.variance_percentile[1], study.variance_percentile_error[1]) == expected
@@ -679,7 +679,7 @@ def test_a_fully_correlated_field_is_one_normal_number(random_field, everything)
     # At the numbers that are drawn, these are the flights' own.
     row = list(fields.HYPOTHESES).index("fully correlated")
     drawn = normals(everything.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
-    expected = flights.percentile_with_lost(np.interp(drawn, levels, delta_v))
+    expected = flight_statistics.percentile_with_lost(np.interp(drawn, levels, delta_v))
     assert np.abs(drawn).max() < 3.9 and np.isfinite(delta_v).all()
     assert study.percentile[row] == pytest.approx(expected[0], rel=1e-3)
     # And that is one of normal numbers.

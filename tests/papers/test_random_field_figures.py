@@ -15,11 +15,9 @@ from scipy.stats import norm
 
 from marsedl.models import orbits
 from marsedl.models import random_field as fields
-from marsedl.papers.random_field import PAPER, certificates, environment, figures, flight, montecarlo
-from marsedl.papers.random_field import double_integrator as linear_example
-from marsedl.papers.random_field.convergence import Convergence
-from marsedl.papers.random_field.field_study import FieldStudy
-from marsedl.papers.random_field.regularization import Regularization
+from marsedl.papers.random_field import PAPER, certificates, environment, figures, flight
+from marsedl.papers.random_field.flight_statistics import delta_v_percentile
+from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence, FieldStudy, Regularization
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
@@ -302,7 +300,7 @@ def ellipses(axes, color, style):
     return [line.get_xydata() for line in curves(axes, color, style, least=100)]
 
 
-@pytest.mark.parametrize("law", [linear_example.OPEN, linear_example.CLOSED])
+@pytest.mark.parametrize("law", [OPEN, CLOSED])
 def test_fig05_ellipses_hold_the_stated_probability(draw, random_field, law):
     axes = draw("fig05").axes[law]
     design, flown = (random_field.stage(f"double_integrator{name}", "corrected") for name in ("", "_flights"))
@@ -561,7 +559,7 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
                                 for edge in axes.get_xlim()])  # fmt: skip
         assert np.trapezoid(height, value) == pytest.approx(inside, rel=1e-3)
         (flown,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
-        assert flown.get_xdata()[0] == montecarlo.delta_v_percentile(ensemble, number)[0]
+        assert flown.get_xdata()[0] == delta_v_percentile(ensemble, number)[0]
         # The 99th percentile of a normal distribution, by its own distribution function.
         score = (predicted.get_xdata()[0] - gains.delta_v_mean[number]) / gains.delta_v_deviation[number]
         assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)

@@ -16,6 +16,7 @@ from marsedl.models.density_table import read_density_table
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
+from marsedl.papers.random_field.environment import Air
 
 TABLE = Path(__file__).parents[2] / "data" / "atmosphere" / "mars_density.csv"
 RADIUS, MU = 3397e3, 4.2828e13
@@ -45,7 +46,7 @@ def kernel(variance):
 def make_air(profile, variance=0.148):
     coarse, fine = np.arange(-10e3, 300.5e3, 1e3), np.linspace(20e3, 260e3, 2401)
     log_density, slope, _ = profile(coarse)
-    return flight.Air(-10e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(variance), fine))
+    return Air(-10e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(variance), fine))
 
 
 def exponential_air(surface, scale_height):
@@ -53,7 +54,7 @@ def exponential_air(surface, scale_height):
     altitude = np.array([0.0, 200e3])
     fine = np.linspace(20e3, 260e3, 3)
     log_density = np.log(surface) - altitude / scale_height
-    return flight.Air(0.0, 200e3, log_density, np.full(2, -1.0 / scale_height), fine, np.zeros(2), np.zeros(2), 0.0)
+    return Air(0.0, 200e3, log_density, np.full(2, -1.0 / scale_height), fine, np.zeros(2), np.zeros(2), 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +220,7 @@ def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
 def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
     coarse, fine = np.arange(50e3, 110.5e3, 1e3), np.linspace(55e3, 100e3, 451)
     log_density, slope, _ = profile(coarse)
-    short = flight.Air(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
+    short = Air(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
     law = flight.open_loop(PARTITION, np.zeros(14))
     flown = fly(short, law, 20)
     assert_as_the_oracle(flown, Oracle(short, law, ENTRY, 20), 50)

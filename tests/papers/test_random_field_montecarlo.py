@@ -11,19 +11,19 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import orbits
-from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
+from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import CRASHED
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight, montecarlo
-from marsedl.papers.random_field.montecarlo import (
-    ESCAPED,
-    NOT_EXITED,
+from marsedl.papers.random_field.flight_statistics import (
     delta_v_percentile,
     lost,
     percentile_with_lost,
-    replay,
     step_violations,
 )
+from marsedl.papers.random_field.montecarlo import replay
+from marsedl.papers.random_field.records import CAPTURED, CRASHED, ESCAPED, NON_FINITE, NOT_EXITED, OUTCOMES
 
 RADIUS, MU = 3397e3, 4.2828e13
 MISSION = 5 * RADIUS, 2 * RADIUS, MU
@@ -31,6 +31,10 @@ TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 5000, 4.0
 BOTH = np.sqrt(1 + TRIALS / REFERENCE_TRIALS)  # of a standard error of ours, with the reference's
 UNITS = np.array([1e3, 1.0, np.radians(1.0)])
 MOTION = [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]
+
+
+def test_outcomes_are_those_of_the_library():
+    assert (CAPTURED, CRASHED, NON_FINITE) == (ensembles.COMPLETED, ensembles.CRASHED, ensembles.NON_FINITE)
 
 
 def nodes_of(ensemble, partition):
@@ -235,7 +239,7 @@ def test_open_loop_trials_that_are_lost(random_field, reading, known):
     """Of 5,000 trials of another program; the counts depend on the floor of the density, which is the same."""
     flown = random_field.simulator("aerocapture", reading, changes={"number": 0})(0, TRIALS)
     share = known / REFERENCE_TRIALS
-    found = (flown.outcome != COMPLETED).sum() / TRIALS
+    found = (flown.outcome != CAPTURED).sum() / TRIALS
     # "About", but for the first: two per cent of the trials.
     allowed = SIGMAS * np.sqrt(share * (1 - share) * (1 / TRIALS + 1 / REFERENCE_TRIALS))
     assert found == pytest.approx(share, abs=allowed + (0.0 if reading == "sign_printed" else 0.02))
@@ -258,7 +262,7 @@ def test_no_trial_is_dropped(random_field, reading):
     laws = 1 if reading == "printed" else 4
     assert ensemble.outcome.shape == ensemble.delta_v.shape == ensemble.apoapsis.shape == (laws, TRIALS)
     assert ensemble.final_state.shape == (laws, TRIALS, 4)
-    captured = ensemble.outcome == COMPLETED
+    captured = ensemble.outcome == CAPTURED
     np.testing.assert_array_equal(np.isfinite(ensemble.delta_v), captured)
     np.testing.assert_array_equal(np.isfinite(ensemble.apoapsis), captured)
     np.testing.assert_array_equal(lost(ensemble), TRIALS - captured.sum(axis=1))
@@ -321,7 +325,7 @@ def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, numb
     said = replay(inputs, **made, case="aerocapture", number=number, ensemble=ensemble)
     laws = len(ensemble.outcome)
     assert said.count("the same to the last bit") == laws and "DIFFERS" not in said
-    assert said.startswith(f"trial {number}, open loop: {montecarlo.OUTCOMES[int(ensemble.outcome[0, number])]}")
+    assert said.startswith(f"trial {number}, open loop: {OUTCOMES[int(ensemble.outcome[0, number])]}")
     if reading == "corrected":
         assert f"{ensemble.delta_v[3, number]:18.9f}" in said
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)

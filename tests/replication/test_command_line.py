@@ -21,8 +21,7 @@ from marsedl.replication.command_line import (
     check_target,
     configuration,
 )
-from marsedl.replication.errors import InputError
-from marsedl.replication.errors import nearest
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import load_studies
 
 ROOT = Path(__file__).parents[2]

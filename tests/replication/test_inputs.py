@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from marsedl.papers.powered_descent.inputs import MODEL
 from marsedl.replication import inputs
-from marsedl.replication.errors import InputError
-from marsedl.replication.errors import nearest
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import SETTINGS, Reading, load_studies, load_study, read_own_file
 from marsedl.replication.strict_yaml import read_yaml
 

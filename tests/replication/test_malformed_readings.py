@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication import inputs
-from marsedl.replication.errors import InputError
-from marsedl.replication.errors import nearest
+from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
 from marsedl.replication.strict_yaml import read_yaml
 

@@ -18,8 +18,8 @@ from marsedl.papers.funnels.linearization import Linearization as FunnelsLineari
 from marsedl.papers.funnels.montecarlo import FlightEnsemble as FunnelsFlights
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble as PoweredDescentFlights
-from marsedl.papers.random_field.gains import Gains as RandomFieldGains
-from marsedl.papers.random_field.montecarlo import FlightEnsemble as RandomFieldFlights
+from marsedl.papers.random_field.records import FlightEnsemble as RandomFieldFlights
+from marsedl.papers.random_field.records import Gains as RandomFieldGains
 from marsedl.papers.stochastic_entry import records as stochastic_entry_records
 from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
 from marsedl.papers.stochastic_entry.records import FlightEnsemble as StochasticEntryFlights

@@ -14,7 +14,7 @@ from marsedl.papers.funnels.proven import Proven as FunnelsProven
 from marsedl.papers.funnels.stage_study import StageStudy as FunnelsStageStudy
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
-from marsedl.papers.random_field.gains import Gains as RandomFieldGains
+from marsedl.papers.random_field.records import Gains as RandomFieldGains
 from marsedl.papers.stochastic_entry.records import Gains as StochasticEntryGains
 from marsedl.plotting.style import new_figure
 from marsedl.replication.errors import InputError

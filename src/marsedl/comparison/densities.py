@@ -14,7 +14,7 @@ from marsedl.papers.funnels.linearization import Linearization as FunnelsLineari
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
 from marsedl.papers.random_field import environment as random_field_environment
-from marsedl.papers.random_field.nominal import Nominal as RandomFieldNominal
+from marsedl.papers.random_field.records import Nominal as RandomFieldNominal
 from marsedl.papers.stochastic_entry import environment as stochastic_entry_environment
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import new_figure

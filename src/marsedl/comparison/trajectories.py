@@ -12,9 +12,9 @@ from marsedl.papers.funnels.linearization import Linearization as FunnelsLineari
 from marsedl.papers.funnels.montecarlo import FlightEnsemble as FunnelsFlights
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.montecarlo import FlightEnsemble as PoweredDescentFlights
-from marsedl.papers.random_field import flight as random_field_flight
-from marsedl.papers.random_field.montecarlo import FlightEnsemble as RandomFieldFlights
-from marsedl.papers.random_field.nominal import Nominal as RandomFieldNominal
+from marsedl.papers.random_field import components as random_field_components
+from marsedl.papers.random_field.records import FlightEnsemble as RandomFieldFlights
+from marsedl.papers.random_field.records import Nominal as RandomFieldNominal
 from marsedl.papers.stochastic_entry import records as stochastic_entry_records
 from marsedl.papers.stochastic_entry.records import FlightEnsemble as StochasticEntryFlights
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
@@ -52,8 +52,8 @@ def random_field(nominal: RandomFieldNominal, aerocapture: RandomFieldFlights) -
         nominal.time,
         nominal.altitude,
         nominal.velocity,
-        flown[..., random_field_flight.ALTITUDE],
-        flown[..., random_field_flight.VELOCITY],
+        flown[..., random_field_components.ALTITUDE],
+        flown[..., random_field_components.VELOCITY],
         "last iteration" if len(aerocapture.count) > 1 else "open loop",
     )
 

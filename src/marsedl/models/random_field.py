@@ -11,7 +11,6 @@ t_i is `covariance_matrix(kernel, positions)` of the positions at these times (E
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from marsedl.compiling import jitable
 from marsedl.models.density_variation import exponential_variance
@@ -255,6 +254,8 @@ def condition(kernel, points, measured_points, values, noise_variance, mean=0.0)
     Raises:
         ValueError: if shapes do not fit, noise is negative, a value is not finite, or the kernel is no covariance.
     """
+    from scipy.linalg import solve_triangular
+
     if np.ndim(mean):
         raise ValueError("mean must be one number; take a mean that varies from the values, and add it to the result")
     factor, whitened, values, _ = _measured(kernel, points, measured_points, values, noise_variance)
@@ -280,6 +281,8 @@ def condition_samples(kernel, points, measured_points, values, noise_variance, s
     Raises:
         ValueError: as `condition`, or if the samples have other shapes, or there is noise and no noise_normals.
     """
+    from scipy.linalg import solve_triangular
+
     factor, whitened, values, deviation = _measured(kernel, points, measured_points, values, noise_variance)
     (m, k), samples = whitened.shape, np.asarray(samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != k + m:
@@ -496,6 +499,8 @@ def _symmetric(matrix):
 
 def _measured(kernel, points, measured_points, values, noise_variance):
     """Factor L of Kzz + R = L L', L^-1 Kz*, the values and the deviation of their noise as stated."""
+    from scipy.linalg import cholesky, solve_triangular
+
     prior = covariance_matrix(kernel, measured_points)
     cross = covariance_matrix(kernel, measured_points, points)
     values, noise_variance = np.asarray(values, dtype=float), np.asarray(noise_variance, dtype=float)

@@ -3,8 +3,6 @@
 Everything here is about the first program of the reading, along the trajectory of zero control.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
@@ -15,41 +13,13 @@ from marsedl.montecarlo.statistics import central_moments
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.gains import Gains
-from marsedl.papers.random_field.linearization import UNITS, Linearization, along
-from marsedl.papers.random_field.nominal import Nominal, states_of
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.linearization import UNITS, along
+from marsedl.papers.random_field.nominal import states_of
+from marsedl.papers.random_field.records import Certificates, Gains, Linearization, Nominal
 from marsedl.replication.errors import MarsedlError
 
 SAMPLE_STREAM = 4  # of the fields sampled here, apart from those of the flights
 TIMES = 9  # at which the process along the nominal is compared with the field's covariance
-
-
-@dataclass(frozen=True)
-class Certificates:
-    """How well everything agrees; a relative difference is one of the larger of two values."""
-
-    objective: float = quantity("1", (), "least cost of the first program, innovations form, Clarabel")
-    history_objective: float = quantity("1", (), "of the printed form in the history of states, Clarabel")
-    history_gain_difference: float = quantity("1", (), "largest difference of a gain, units of 1 km, 100 m/s, 0.01 rad")
-    other_objective: float = quantity("1", (), "of the innovations form by the other solver")
-    other_solver: str = quantity("1", (), "its name", "str")
-    identity_residual: float = quantity("1", (), "largest entry of (I + B L)(I - B K) - I")
-    triangular_residual: float = quantity("1", (), "largest entry of K and L above their block diagonals")
-    control_covariance_residual: float = quantity("1", (), "of Cov(U): from the gains against from the innovations")
-    mean_shift: float = quantity("1", (), "change of the deviations' covariance when the mean control changes")
-    gain_shift: float = quantity("1", (), "change of the mean when the gains change")
-    convexity: float = quantity("1", (), "least excess of a chord over the cost, relative, along random segments")
-    largest_gain_difference: float = quantity("1", (), "first gains here against those of the iterations")
-    process_score: float = quantity("1", (), "largest deviation of a sampled covariance along the nominal, in errors")
-    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)")
-    normality_score: float = quantity("1", (), "likewise of skewness and excess kurtosis of the disturbances")
-    samples: int = quantity("1", (), "fields sampled")
-    largest_correlation: float = quantity("1", (), "largest correlation between disturbances of different intervals")
-    deviation_ratio: float = quantity("1", (), "largest over smallest standard deviation of a disturbance's component")
-    history_information: float = quantity(
-        "1", (), "largest share of a state's conditional variance, given the last state, that earlier states explain"
-    )
 
 
 def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> Certificates:

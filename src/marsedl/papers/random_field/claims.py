@@ -6,29 +6,32 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.models import orbits, random_field
-from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import environment
-from marsedl.papers.random_field.certificates import Certificates
-from marsedl.papers.random_field.convergence import VARIANTS, Convergence
-from marsedl.papers.random_field.double_integrator import (
+from marsedl.papers.random_field.components import BANK_COSINE, DENSITY_VARIATION, DYNAMIC_PRESSURE, FLIGHT_PATH_ANGLE
+from marsedl.papers.random_field.double_integrator import ellipse_radius, normals_and_bounds, tail
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
+from marsedl.papers.random_field.records import (
+    BRANCHES,
+    CAPTURED,
     CLOSED,
+    LOW_ALTITUDE,
+    OUTCOMES,
+    VARIANTS,
+    Certificates,
+    Convergence,
     DoubleIntegrator,
-    ellipse_radius,
-    normals_and_bounds,
-    tail,
+    DoubleIntegratorFlights,
+    FieldStudy,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    Nominal,
+    Regularization,
 )
-from marsedl.papers.random_field.double_integrator_flights import DoubleIntegratorFlights
-from marsedl.papers.random_field.field_study import FieldStudy
-from marsedl.papers.random_field.flight import BANK_COSINE, DENSITY_VARIATION, DYNAMIC_PRESSURE, FLIGHT_PATH_ANGLE
-from marsedl.papers.random_field.gains import Gains
-from marsedl.papers.random_field.linearization import BRANCHES, Linearization
-from marsedl.papers.random_field.montecarlo import OUTCOMES, FlightEnsemble, delta_v_percentile, lost, step_violations
-from marsedl.papers.random_field.nominal import Nominal, mission
-from marsedl.papers.random_field.regularization import Regularization
 from marsedl.replication.claims import Declaration, Evaluation
 
-LEVEL = 0.99  # of the percentile of delta-v that the paper reports
 OPEN = 0  # the law without control; the last one is that of the last iteration
 STATED_TAIL = 0.1  # p_f of the sentence behind Eq. 76, whatever the reading takes
 
@@ -155,7 +158,7 @@ def outcomes(ensemble, law):
     """How many trials of a law were lost and how, in words; empty if none was."""
     found = ensemble.outcome[law]
     return ", ".join(
-        f"{(found == code).sum():,} {text}" for code, text in OUTCOMES.items() if code != COMPLETED and code in found
+        f"{(found == code).sum():,} {text}" for code, text in OUTCOMES.items() if code != CAPTURED and code in found
     )
 
 
@@ -481,6 +484,7 @@ def _nominal_claims(inputs, nominal, convergence):
     given = " (given, not solved)" if inputs.entry_angle == "given" else ""
     altitude = np.linspace(0.0, inputs.variance_top_altitude + 1e5, 2001)
     deviation = environment.deviation(inputs, altitude)
+    low = 100 * float(environment.deviation(inputs, np.array(LOW_ALTITUDE)))
     above = deviation[altitude >= inputs.variance_top_altitude]
     largest = int(np.argmax(deviation))
     steps = np.diff(inputs.partition)
@@ -507,9 +511,8 @@ def _nominal_claims(inputs, nominal, convergence):
             bool(deviation.max() <= above.min() * (1.0 + ROUNDING)),
             evidence=f"standard deviation {100 * above.min():.2f} % at and above "
             f"{inputs.variance_top_altitude / 1e3:g} km, elsewhere up to {100 * deviation.max():.4g} % at "
-            f"{altitude[largest] / 1e3:.0f} km; {100 * float(environment.deviation(inputs, np.array(45e3))):.4g} % at "
-            "45 km",
-            numbers={"low": 100 * float(environment.deviation(inputs, np.array(45e3)))},
+            f"{altitude[largest] / 1e3:.0f} km; {low:.4g} % at {LOW_ALTITUDE / 1e3:.0f} km",
+            numbers={"low": low},
         ),
         "acap_end_steps_longer": Evaluation(
             bool(len(steps) > 2 and min(steps[0], steps[-1]) > steps[1:-1].max()),
@@ -670,7 +673,7 @@ def _absolute_value_claim(inputs, flown):
     gains, ensemble = flown.gains, flown.ensemble
     smooth = np.full(len(flown.laws), np.nan)
     for law in flown.laws:
-        sign, captured = _branch(inputs, gains, law), ensemble.outcome[law] == COMPLETED
+        sign, captured = _branch(inputs, gains, law), ensemble.outcome[law] == CAPTURED
         if sign is None or not captured.any():
             continue
         ends = ensemble.final_state[law, captured, : FLIGHT_PATH_ANGLE + 1] + [inputs.planet_radius, 0.0, 0.0]

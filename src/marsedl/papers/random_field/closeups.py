@@ -1,6 +1,6 @@
 """Plot of the iteration that a reader of the report can look into."""
 
-from marsedl.papers.random_field.convergence import Convergence
+from marsedl.papers.random_field.records import Convergence
 from marsedl.replication.closeups import CloseUp, rounded
 
 

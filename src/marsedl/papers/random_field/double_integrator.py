@@ -1,6 +1,5 @@
 """Covariance steering of the double integrator in a locally periodic random force (Sec. V.A)."""
 
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -9,33 +8,8 @@ import numpy as np
 from marsedl.methods import field_disturbance
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import random_field
-from marsedl.papers.random_field import flight
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.records import DoubleIntegrator
 from marsedl.replication.errors import MarsedlError
-
-OPEN, CLOSED = 0, 1
-
-
-@dataclass(frozen=True)
-class DoubleIntegrator:
-    """The open loop (law 0) and the law of the single iteration (law 1)."""
-
-    partition: np.ndarray = quantity("1", ("nodes",), "times at which the control changes")
-    transition: np.ndarray = quantity("1", ("intervals", 2, 2), "A_k")
-    input: np.ndarray = quantity("1", ("intervals", 2), "B_k")
-    disturbance_covariance: np.ndarray = quantity("1", ("intervals", 2, "intervals", 2), "Cov(w_k, w_l) (Eq. 26)")
-    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
-    gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", 2), "feedback gains on the state history")
-    mean: np.ndarray = quantity("1", ("laws", "nodes", 2), "predicted mean position and velocity")
-    covariance: np.ndarray = quantity("1", ("laws", "nodes", 2, 2), "predicted covariance")
-    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
-    objective: float = quantity("1", (), "least cost of the program")
-    unconstrained_objective: float = quantity("1", (), "without the state constraints")
-    support: np.ndarray = quantity(
-        "1", ("laws", "nodes", 2), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
-    )
-    status: str = quantity("1", (), "of the solver", "str")
-    solver_iterations: int = quantity("1", (), "of the solver")
 
 
 def kernel(inputs):
@@ -153,8 +127,3 @@ def compute(inputs) -> DoubleIntegrator:
         status=solution.status,
         solver_iterations=solution.iterations,
     )
-
-
-def law(design, number):
-    """The law that flights fly: OPEN or CLOSED."""
-    return flight.Law(design.partition, design.control[number], design.gain[number], design.mean[number])

@@ -1,6 +1,6 @@
 """Monte Carlo of the double integrator in samples of the force over position, open and closed loop (Fig. 5)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,28 +8,8 @@ from marsedl.models import random_field
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
-from marsedl.papers.random_field.double_integrator import DoubleIntegrator, kernel, law, normals_and_bounds
-from marsedl.replication.artifacts import quantity
-
-STATE = "1"
-
-
-@dataclass(frozen=True)
-class DoubleIntegratorFlights:
-    """All trials under both laws, in the same forces. State: position, velocity, force, control."""
-
-    time: np.ndarray = quantity("1", ("time",), "time")
-    node: np.ndarray = quantity("1", ("nodes",), "index of each node of the partition among these times", "int64")
-    count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
-    excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
-    mean: np.ndarray = quantity("1", ("laws", "time", 4), "mean state")
-    covariance: np.ndarray = quantity("1", ("laws", "time", 4, 4), "sample covariance")
-    violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "trials beyond each line at each node", "int64")
-    paper_violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "those among the first trials", "int64")
-    any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")
-    paper_any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "those among the first trials", "int64")
-    paper_trials: int = quantity("1", (), "number of the first trials, as many as the paper flies")
-    kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", 4), "states of the first trials")
+from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds
+from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegratorFlights
 
 
 def compute(inputs, double_integrator: DoubleIntegrator) -> DoubleIntegratorFlights:
@@ -81,6 +61,11 @@ def field_grid(inputs):
     """Positions at which the force is sampled."""
     lowest, highest = inputs.double_integrator_field_positions
     return np.linspace(lowest, highest, round((highest - lowest) / inputs.double_integrator_field_interval) + 1)
+
+
+def law(design, number):
+    """The law that flights fly: OPEN or CLOSED."""
+    return flight.Law(design.partition, design.control[number], design.gain[number], design.mean[number])
 
 
 def block_simulator(inputs, double_integrator, number, **changes):

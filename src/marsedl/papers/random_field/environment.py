@@ -1,13 +1,35 @@
-"""The reading's atmosphere: mean density, the random field of its variation, and the tables that flights look up."""
+"""The reading's mission and atmosphere: targets, mean density, its random variation, and the tables of flights."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from marsedl.models import atmosphere, random_field
 from marsedl.papers.density import profile
-from marsedl.papers.random_field import flight
 from marsedl.replication.errors import MarsedlError
+
+
+class Air(NamedTuple):
+    """The density: ln of its mean as cubics between uniform nodes, and its random part as a process down a finer grid.
+
+    Beyond its nodes ln of the mean goes on along the end slopes; the random part is held constant.
+    """
+
+    bottom: float  # m, altitude of the first node of the mean
+    spacing: float  # m, from one to the next
+    log_density: np.ndarray  # (m,), of kg/m^3
+    log_density_slope: np.ndarray  # (m,), 1/m
+    altitude: np.ndarray  # (n,), m, uniform nodes of the random part, ascending
+    retention: np.ndarray  # (n - 1,), factor from the node above
+    innovation_deviation: np.ndarray  # (n - 1,), standard deviation of what is new at each node but the top one
+    top_deviation: float  # standard deviation at the top node
+
+
+def mission(inputs):
+    """Target apoapsis, target periapsis (m) and gravitational parameter, as the functions of `orbits` want them."""
+    targets = inputs.target_apoapsis * inputs.planet_radius, inputs.target_periapsis * inputs.planet_radius
+    return *targets, inputs.gravitational_parameter
 
 
 def kernel(inputs, **changes):
@@ -36,7 +58,7 @@ def deviation(inputs, altitude):
 def air(inputs, covariance=None):
     """The tables of a flight; covariance: a kernel of the density variation other than the inputs'."""
     altitudes = field_grid(inputs)
-    return flight.Air(
+    return Air(
         *atmosphere.uniform_nodes(profile(inputs)),
         altitude=altitudes,
         **random_field.markov(covariance or kernel(inputs), altitudes)._asdict(),

@@ -1,14 +1,11 @@
 """What the open loop would need to reach the printed percentile: other correlations and larger variances."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import environment, montecarlo
-from marsedl.papers.random_field.gains import Gains
-from marsedl.papers.random_field.nominal import Nominal
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.flight_statistics import percentile_with_lost
+from marsedl.papers.random_field.records import LOW_ALTITUDE, FieldStudy, Gains, Nominal
 
 # Hypotheses on the field, as changes of the kernel's parameters: a field that is fully correlated over altitude, the
 # higher instead of the lower altitude in Eq. 73, a variance that falls half as fast, one that begins to fall lower.
@@ -21,29 +18,13 @@ HYPOTHESES = {
 }
 
 
-@dataclass(frozen=True)
-class FieldStudy:
-    """Open-loop delta-v under other random fields; the file names the hypotheses in its order."""
-
-    hypothesis: np.ndarray = quantity("1", ("hypotheses",), "what is changed", "str")
-    percentile: np.ndarray = quantity("m/s", ("hypotheses",), "99th percentile", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("hypotheses",), "its standard error", allow_nan=True)
-    lost: np.ndarray = quantity("1", ("hypotheses",), "lost trials", "int64")
-    deviation_at_45_km: np.ndarray = quantity("1", ("hypotheses",), "standard deviation of the variation at 45 km")
-    variance: np.ndarray = quantity("1", ("variances",), "largest variance of the density variation")
-    variance_percentile: np.ndarray = quantity("m/s", ("variances",), "99th percentile", allow_nan=True)
-    variance_percentile_error: np.ndarray = quantity("m/s", ("variances",), "its standard error", allow_nan=True)
-    variance_lost: np.ndarray = quantity("1", ("variances",), "lost trials", "int64")
-    trials: int = quantity("1", (), "trials of each")
-
-
 def compute(inputs, nominal: Nominal, gains: Gains) -> FieldStudy:
     """Fly the open loop through every field."""
-    low = 45e3  # m, where nominal flights are lowest
     rows = []
     for changes in HYPOTHESES.values():
         covariance = _kernel(inputs, changes)
-        rows.append((*_open_loop(inputs, nominal, gains, covariance), float(np.sqrt(covariance(low, low)))))
+        low = float(np.sqrt(covariance(LOW_ALTITUDE, LOW_ALTITUDE)))
+        rows.append((*_open_loop(inputs, nominal, gains, covariance), low))
     variances = inputs.variance_factors * inputs.variance_at_top
     scaled = [
         _open_loop(inputs, nominal, gains, environment.kernel(inputs, variance=variance)) for variance in variances
@@ -78,4 +59,4 @@ def _open_loop(inputs, nominal, gains, covariance):
     simulate_block = montecarlo.block_simulator(inputs, nominal, gains, "aerocapture", 0, covariance=covariance)
     chunk = ensembles.run_blocks(simulate_block, 0, inputs.study_trials)
     delta_v = montecarlo.burns(inputs, chunk.final_state, chunk.outcome)[1]
-    return *montecarlo.percentile_with_lost(delta_v), int((chunk.outcome != ensembles.COMPLETED).sum())
+    return *percentile_with_lost(delta_v), int((chunk.outcome != ensembles.COMPLETED).sum())

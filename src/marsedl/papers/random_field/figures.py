@@ -9,18 +9,23 @@ from matplotlib.figure import Figure
 
 from marsedl.models import density_variation, orbits, random_field
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.montecarlo.streams import normals
+from marsedl.papers.random_field import components, environment, flight_statistics
 from marsedl.papers.random_field import double_integrator as linear_example
-from marsedl.papers.random_field import environment, flight, montecarlo
-from marsedl.papers.random_field.convergence import Convergence
-from marsedl.papers.random_field.double_integrator import DoubleIntegrator
-from marsedl.papers.random_field.double_integrator_flights import DoubleIntegratorFlights
-from marsedl.papers.random_field.field_study import FieldStudy
-from marsedl.papers.random_field.gains import Gains
-from marsedl.papers.random_field.linearization import BRANCHES, Linearization
-from marsedl.papers.random_field.montecarlo import FlightEnsemble
-from marsedl.papers.random_field.nominal import Nominal, mission
-from marsedl.papers.random_field.regularization import Regularization
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.flight_statistics import LEVEL
+from marsedl.papers.random_field.records import (
+    BRANCHES,
+    CLOSED,
+    Convergence,
+    DoubleIntegrator,
+    DoubleIntegratorFlights,
+    FieldStudy,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+    Nominal,
+    Regularization,
+)
 from marsedl.plotting.ellipses import band, ellipse
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
@@ -41,21 +46,20 @@ SURFACE = "#FBEBCB"  # the planet
 SHORTFALL = 0.2  # of the climb from exit to target, by which the orbit of Fig. 6 falls short
 ITERATION_COLOR = (SKY, ORANGE, VERMILION, PURPLE)
 MOST_ITERATIONS = len(ITERATION_COLOR)  # drawn side by side; of more, some are left out, never first and last
-LEVEL = 0.99  # of the percentile of delta-v
 OPEN_LOOP_LEVELS = (0.0, 0.999)  # of the open loop's delta-v and apoapsis that are shown
 CONTROLS = (-1.6, 1.6)  # shown; commands of an ill-conditioned law leave any axis
 # Component of the history, name in the gains, unit, label of its error.
 ERRORS = (
-    (flight.ALTITUDE, "altitude", KM, "radius (km)"),
-    (flight.VELOCITY, "velocity", 1.0, "velocity (m/s)"),
-    (flight.FLIGHT_PATH_ANGLE, "flight_path_angle", DEGREE, "path angle (deg)"),
+    (components.ALTITUDE, "altitude", KM, "radius (km)"),
+    (components.VELOCITY, "velocity", 1.0, "velocity (m/s)"),
+    (components.FLIGHT_PATH_ANGLE, "flight_path_angle", DEGREE, "path angle (deg)"),
 )
 OPAQUE = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
 TEXT_WIDTH = 44  # characters of what a panel says
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
 LEAST_PROBABILITY = 1e-6  # of the axis of violations
-CONFIDENCE = 0.95  # of binomial intervals
+SHOWN_CONFIDENCE = 0.95  # of binomial intervals in figures
 VARIANT_STYLE = {
     "one_branch": (VERMILION, "o", "one branch, as in the paper"),
     "both_branches": (BLUE, "s", "both branches"),
@@ -189,7 +193,7 @@ def fig04(inputs) -> Figure:
     kernel = linear_example.kernel(inputs)
     position = np.linspace(0.0, SHOWN_PERIODS * inputs.double_integrator_period, LINE_POINTS)
     root = random_field.root(random_field.covariance_matrix(kernel, position))
-    drawn = normals(inputs.seed, FORCE_STREAM, np.arange(inputs.drawn_samples), LINE_POINTS)
+    drawn = _normals(inputs.seed, FORCE_STREAM, np.arange(inputs.drawn_samples), LINE_POINTS)
     samples = random_field.sample(drawn, root)
     deviation = np.sqrt(kernel(position, position))
     band(axes, position, -2 * deviation, 2 * deviation, BLUE, label=r"$\pm 2 \sigma$")
@@ -418,6 +422,13 @@ def fig10(inputs) -> Figure:
 # ---- samples ---------------------------------------------------------------------------------------------------------
 
 
+def _normals(seed, stream, trials, count):
+    """Standard normals, (trials, count), imported here: figures that draw no samples need no compiled code."""
+    from marsedl.montecarlo.streams import normals
+
+    return normals(seed, stream, trials, count)
+
+
 def line_samples(inputs):
     """The example of Fig. 1: positions (k,), samples without and with measurements from the same numbers (n, k), and
     mean and standard deviation given the measurements (k,); the variance without them is one."""
@@ -427,9 +438,9 @@ def line_samples(inputs):
     everywhere = np.concatenate([position, measured])
     trials = np.arange(inputs.drawn_samples)
     root = random_field.root(random_field.covariance_matrix(kernel, everywhere))
-    before = random_field.sample(normals(inputs.seed, LINE_STREAM, trials, len(everywhere)), root)
+    before = random_field.sample(_normals(inputs.seed, LINE_STREAM, trials, len(everywhere)), root)
     known = (kernel, position, measured, inputs.example_values, inputs.example_noise**2)
-    errors = normals(inputs.seed, NOISE_STREAM, trials, len(measured))
+    errors = _normals(inputs.seed, NOISE_STREAM, trials, len(measured))
     after = random_field.condition_samples(*known, before, errors)
     mean, covariance = random_field.condition(*known)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding can make a vanishing variance negative
@@ -444,7 +455,7 @@ def plane_samples(inputs):
     kernel = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, inputs.example_length))
     # The kernel is a product over the coordinates, and so is the root of its covariance matrix on a grid.
     root = random_field.root(random_field.covariance_matrix(along, coordinate))
-    drawn = normals(inputs.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
+    drawn = _normals(inputs.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
     before = random_field.sample(random_field.sample(drawn, root).T, root).T
     points = np.stack(np.meshgrid(coordinate, coordinate, indexing="ij"), axis=-1).reshape(-1, 2)
     on_edge = (points == coordinate[-1]).any(axis=1)
@@ -462,7 +473,7 @@ def plane_samples(inputs):
 
 def variation_samples(inputs, altitude, count):
     """Exact samples of the density variation at ascending altitudes, (count, n)."""
-    drawn = normals(inputs.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
+    drawn = _normals(inputs.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
     return density_variation.sample_process(drawn, *random_field.markov(environment.kernel(inputs), altitude))
 
 
@@ -697,11 +708,13 @@ def fig16(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     figure, panels = new_figure(7.0, 0.6 + 2.4 * len(laws), nrows=len(laws), sharex=True, sharey=True, squeeze=False)
     top, reach = PRESSURE_MARGIN * gains.dynamic_pressure.max() / KM, 0.0
     for axes, (number, name) in zip(panels[:, 0], laws, strict=True):
-        drawn = aerocapture.kept_history[number, :, :, flight.DYNAMIC_PRESSURE] / KM
+        drawn = aerocapture.kept_history[number, :, :, components.DYNAMIC_PRESSURE] / KM
         for trial in drawn:
             axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.6)
         axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
-        bounds = _flown_bounds(axes, aerocapture, number, flight.DYNAMIC_PRESSURE, KM, np.zeros_like(aerocapture.time))
+        bounds = _flown_bounds(
+            axes, aerocapture, number, components.DYNAMIC_PRESSURE, KM, np.zeros_like(aerocapture.time)
+        )
         reach = max(reach, np.nan_to_num(bounds).max(), np.nan_to_num(drawn).max())
         axes.plot(gains.time, gains.dynamic_pressure[number] / KM, color=BLACK, label="nominal")
         beyond = int((np.nan_to_num(drawn).max(axis=1) > top).sum())
@@ -721,11 +734,11 @@ def fig17(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Density variation met in flight, and its deviation as measured and along the nominal."""
     number, name = _ends(gains)[-1]
     figure, axes = new_figure(7.0, 3.8)
-    drawn = aerocapture.kept_history[number, :, :, flight.DENSITY_VARIATION]
+    drawn = aerocapture.kept_history[number, :, :, components.DENSITY_VARIATION]
     for trial in drawn:
         axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.5)
     axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
-    _flown_bounds(axes, aerocapture, number, flight.DENSITY_VARIATION, 1.0, np.zeros_like(aerocapture.time))
+    _flown_bounds(axes, aerocapture, number, components.DENSITY_VARIATION, 1.0, np.zeros_like(aerocapture.time))
     for sign in (-1, 1):
         label = r"$\pm 3 \sigma$ along the nominal, $\hat\Sigma(t, t)$" if sign > 0 else None
         axes.plot(
@@ -757,7 +770,7 @@ def violations(
     shown = _iterations(gains)
     figure, panels = _grid(len(shown) + 1, 7.6, 3.0, sharey=True)
     allotted = 1.0 - inputs.control_probability
-    by_step, _ = montecarlo.step_violations(aerocapture, gains.partition)
+    by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
     trials = aerocapture.outcome.shape[1]
     middle = (gains.partition[:-1] + gains.partition[1:]) / 2
     for axes, (number, color) in zip(panels, shown, strict=False):
@@ -773,7 +786,7 @@ def violations(
     axes = panels[-1]
     flights = double_integrator_flights
     normals, bounds = linear_example.normals_and_bounds(inputs)
-    closed = linear_example.CLOSED
+    closed = CLOSED
     time = double_integrator.partition
     axes.axhline(linear_example.tail(inputs), color=BLACK, linestyle="--")
     spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
@@ -793,7 +806,7 @@ def violations(
     largest = max(by_step.max() / trials, flights.violations[closed].max() / flights.count[closed], allotted)
     for axes in panels:
         axes.set_yscale("log")
-        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, CONFIDENCE)[1]), 1.5))
+        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, SHOWN_CONFIDENCE)[1]), 1.5))
     for axes in panels[:: 2 if len(panels) > 1 else 1]:
         axes.set_ylabel("probability of violation")
     handles = [
@@ -804,7 +817,7 @@ def violations(
             (BLACK, "--", "", BLACK, "allotted"),
             (BLACK, "none", "_", BLACK, "linear covariance"),
             (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
-            (GREY, "none", "o", GREY, f"share of {flown} trials, {100 * CONFIDENCE:.0f} % interval"),
+            (GREY, "none", "o", GREY, f"share of {flown} trials, {100 * SHOWN_CONFIDENCE:.0f} % interval"),
             (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
             (GREY, "none", "v", "none", "no violation: upper end of the interval"),
         )
@@ -1054,7 +1067,7 @@ def _law(number):
 
 
 def _trials(ensemble, number):
-    lost = int(montecarlo.lost(ensemble)[number])
+    lost = int(flight_statistics.lost(ensemble)[number])
     return f"{ensemble.outcome.shape[1]:,} trials" + (f", {lost:,} lost" if lost else "")
 
 
@@ -1088,7 +1101,7 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
         density = np.exp(-(((value - mean) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
         axes.plot(value, density, color=BLACK)
         highest = density.max()
-    flown, error = montecarlo.percentile_with_lost(delta_v, LEVEL)
+    flown, error = flight_statistics.percentile_with_lost(delta_v, LEVEL)
     predicted = mean + ndtri(LEVEL) * deviation
     if np.isfinite(flown):
         axes.axvline(flown, color=BLUE, linewidth=1.4)
@@ -1127,13 +1140,13 @@ def _errors_over_time(inputs, gains, ensemble, number):
         axes.set_ylabel(f"error in\n{label}")
     control = panels[-1]
     starts = nodes[:-1]
-    for trial in ensemble.kept_history[number, :, :, flight.BANK_COSINE]:
+    for trial in ensemble.kept_history[number, :, :, components.BANK_COSINE]:
         axes_line = {"color": GREY, "linewidth": 0.5, "alpha": 0.5, "drawstyle": "steps-post"}
         control.plot(ensemble.time, trial, **axes_line)
     _limits_of_control(control, inputs)
     _predicted_bars(control, gains.partition[:-1], gains.control[number], 3 * gains.control_deviation[number])
-    mean = ensemble.mean[number, starts, flight.BANK_COSINE]
-    deviation = np.sqrt(ensemble.covariance[number, starts, flight.BANK_COSINE, flight.BANK_COSINE])
+    mean = ensemble.mean[number, starts, components.BANK_COSINE]
+    deviation = np.sqrt(ensemble.covariance[number, starts, components.BANK_COSINE, components.BANK_COSINE])
     for sign in (-1, 0, 1):
         control.plot(gains.partition[:-1], mean + sign * 3 * deviation, "*", color=BLUE, markersize=6, zorder=4)
     control.set(
@@ -1195,7 +1208,7 @@ def _limits_of_control(axes, inputs, label=None):
 
 def _shares(axes, place, counts, trials, color, marker, filled=True):
     """Shares of trials with their intervals; where there is none, an arrow at the interval's upper end."""
-    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, CONFIDENCE)
+    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, SHOWN_CONFIDENCE)
     some = counts > 0
     axes.errorbar(
         place[some],

@@ -18,22 +18,31 @@ from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.papers.random_field.components import (
+    ALTITUDE,
+    BANK_COSINE,
+    CONTROL,
+    DENSITY_VARIATION,
+    DYNAMIC_PRESSURE,
+    FIELD,
+    FINAL,
+    FLIGHT_PATH_ANGLE,
+    FLOORED,
+    HISTORY,
+    POINT_HISTORY,
+    POINT_STATES,
+    POSITION,
+    RATE,
+    VELOCITY,
+)
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1
 
-# Aerocapture: the integrated state, what is stored over time, and what is stored of the end.
+# Aerocapture: the integrated state, and what is observed behind the commanded bank cosine.
 RADIUS, SPEED, PATH_ANGLE = range(3)
 STATES = 3
-ALTITUDE, VELOCITY, FLIGHT_PATH_ANGLE, DENSITY_VARIATION, DYNAMIC_PRESSURE, BANK_COSINE = range(6)
-HISTORY = 6
-BANK_MAGNITUDE = 1  # behind the commanded bank cosine
+BANK_MAGNITUDE = 1
 OBSERVED = 2
-FLOORED = 3  # behind the first three of the history
-FINAL = 4
-
-# Double integrator: the integrated state comes first in what is stored.
-POSITION, RATE, FIELD, CONTROL = range(4)
-POINT_STATES, POINT_HISTORY = 2, 4
 
 # What `_look_up` finds, and the steps counted at whose start the density was at its floor.
 LOG_DENSITY, VARIATION, FLOOR_COUNT = range(3)
@@ -45,22 +54,6 @@ _NUMBERS = (
     *("density_floor", "lower_limit", "upper_limit"),
 )
 _SETTINGS = np.dtype([(name, "f8") for name in _NUMBERS] + [("actual_density", "i8")])
-
-
-class Air(NamedTuple):
-    """The density: ln of its mean as cubics between uniform nodes, and its random part as a process down a finer grid.
-
-    Beyond its nodes ln of the mean goes on along the end slopes; the random part is held constant.
-    """
-
-    bottom: float  # m, altitude of the first node of the mean
-    spacing: float  # m, from one to the next
-    log_density: np.ndarray  # (m,), of kg/m^3
-    log_density_slope: np.ndarray  # (m,), 1/m
-    altitude: np.ndarray  # (n,), m, uniform nodes of the random part, ascending
-    retention: np.ndarray  # (n - 1,), factor from the node above
-    innovation_deviation: np.ndarray  # (n - 1,), standard deviation of what is new at each node but the top one
-    top_deviation: float  # standard deviation at the top node
 
 
 class Law(NamedTuple):
@@ -379,10 +372,10 @@ def _fly(
 def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, varied=True, every=1) -> Trajectories:
     """Fly consecutive trials of the aerocapture (Eq. 71) to the end of the partition.
 
-    settings: see `settings`. air: `Air`. law: `Law` of the bank cosine, of states radius (m), velocity (m/s) and flight
-    path angle (rad). initial_states: (trials, 3). time_step: s, of the integration. seed, first_trial: key of the
-    density variations and the number of the first trial. varied: False for the mean density. every: integration steps
-    between stored states.
+    settings: see `settings`. air: `environment.Air`. law: `Law` of the bank cosine, of states radius (m), velocity
+    (m/s) and flight path angle (rad). initial_states: (trials, 3). time_step: s, of the integration. seed, first_trial:
+    key of the density variations and the number of the first trial. varied: False for the mean density. every:
+    integration steps between stored states.
 
     Returns `Trajectories` with the times of `outputs`. Stored are altitude (m), velocity (m/s), flight path angle,
     relative density variation, dynamic pressure (Pa) and the bank cosine commanded for the interval that begins or goes

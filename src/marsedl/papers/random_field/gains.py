@@ -1,6 +1,5 @@
 """Iterative covariance steering of the aerocapture: the laws of all iterations and what they predict (Algorithm 1)."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,60 +10,13 @@ from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
-from marsedl.papers.random_field.linearization import (
-    BRANCHES,
-    STATE,
-    UNITS,
-    Linearization,
-    along,
-    delta_v_gradient,
-)
-from marsedl.papers.random_field.nominal import Nominal, finite_or_nan, mission, output_times, states_of, trajectory
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.linearization import UNITS, along, delta_v_gradient
+from marsedl.papers.random_field.nominal import finite_or_nan, output_times, states_of, trajectory
+from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
 from marsedl.replication.errors import MarsedlError
 
 SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta-v enters the cost
-
-
-@dataclass(frozen=True)
-class Gains:
-    """The open loop (law 0) and the law of every iteration.
-
-    "Predicted" is what linear covariance says along the trajectory about which the law's program was linearised. The
-    design adds navigation errors to the disturbances; predictions leave them out unless they are called the design's.
-    """
-
-    refused: str = quantity("1", (), "why there is no law but the open loop; empty if there is", "str")
-    outcome: str = quantity("1", (), "converged, cycling, stopped, or refused", "str")
-    period: int = quantity("1", (), "iterations of a cycle; 1 if converged, 0 otherwise")
-    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes")
-    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
-    gain: np.ndarray = quantity("1/m, s/m, 1", ("laws", "intervals", "nodes", 3), "feedback gains on the state history")
-    reference: np.ndarray = quantity(STATE, ("laws", "nodes", 3), "predicted mean state, which the feedback compares")
-    covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "predicted state covariance")
-    design_covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "the same with navigation errors")
-    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
-    design_control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "the same with navigation errors")
-    delta_v_mean: np.ndarray = quantity("m/s", ("laws",), "predicted mean of delta-v", allow_nan=True)
-    delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "predicted standard deviation", allow_nan=True)
-    design_delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "with navigation errors", allow_nan=True)
-    percentile: np.ndarray = quantity(
-        "m/s", ("laws",), "design's percentile of delta-v at the reading's tail", allow_nan=True
-    )
-    time: np.ndarray = quantity("s", ("time",), "times of the nominal trajectories")
-    altitude: np.ndarray = quantity("m", ("laws", "time"), "altitude of the law's nominal, flown in the mean density")
-    velocity: np.ndarray = quantity("m/s", ("laws", "time"), "its velocity")
-    flight_path_angle: np.ndarray = quantity("rad", ("laws", "time"), "its flight path angle")
-    dynamic_pressure: np.ndarray = quantity("Pa", ("laws", "time"), "its dynamic pressure")
-    variation_deviation: np.ndarray = quantity("1", ("laws", "time"), "standard deviation of the variation along it")
-    apoapsis: np.ndarray = quantity("1", ("laws",), "its exit apoapsis, planet radii", allow_nan=True)
-    nominal_delta_v: np.ndarray = quantity("m/s", ("laws",), "its delta-v", allow_nan=True)
-    largest_gain: np.ndarray = quantity("1", ("laws",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
-    objective: np.ndarray = quantity("1", ("iterations",), "least cost of the program")
-    quadratic_cost: np.ndarray = quantity("1", ("iterations",), "its part J1")
-    condition_number: np.ndarray = quantity("1", ("iterations",), "of the design's Cov(W), same units")
-    status: np.ndarray = quantity("1", ("iterations",), "of the solver", "str")
-    solver_iterations: np.ndarray = quantity("1", ("iterations",), "of the solver", "int64")
 
 
 class Design(NamedTuple):

@@ -1,6 +1,5 @@
 """Linear model, disturbance statistics and delta-v gradients along a nominal trajectory (Eqs. 19-26 and 75-78)."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,32 +10,12 @@ from marsedl.methods.linearization import linearize
 from marsedl.models import orbits
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.random_field import environment
-from marsedl.papers.random_field.nominal import Nominal, mission, states_of
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
 
 UNITS = np.array([1e3, 100.0, 0.01])  # m, m/s, rad: every program is posed in these
-STATE = "m, m/s, rad"
-BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-up burn
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """The model along the initial guess."""
-
-    refused: str = quantity("1", (), "why no design can be made on the reading's partition; empty if one can", "str")
-    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes; both ends if refused")
-    state: np.ndarray = quantity(STATE, ("nodes", 3), "nominal radius, velocity, flight path angle at these times")
-    transition: np.ndarray = quantity("SI", ("intervals", 3, 3), "A_k")
-    control: np.ndarray = quantity("SI", ("intervals", 3), "B_k")
-    disturbance_covariance: np.ndarray = quantity("SI", ("intervals", 3, "intervals", 3), "Cov(w_k, w_l) (Eq. 26)")
-    condition_number: float = quantity("1", (), "of Cov(W) in units of 1 km, 100 m/s, 0.01 rad")
-    pressure_gradient: np.ndarray = quantity("1/m, s/m, 1", ("intervals", 3), "relative change of dynamic pressure")
-    apoapsis_gradient: np.ndarray = quantity("1, s, m", (3,), "derivative of the exit apoapsis")
-    delta_v: float = quantity("m/s", (), "total delta-v of the nominal", allow_nan=True)
-    delta_v_gradient: np.ndarray = quantity(
-        "1/s, 1, m/s", (3, 3), "derivatives of delta-v: undershoot, mean of both sides, overshoot", allow_nan=True
-    )
 
 
 class Model(NamedTuple):

@@ -1,35 +1,14 @@
 """The nominal aerocapture: entry angle and flight without control in the mean density (Eq. 71, Sec. V.B.2)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.records import Nominal
 from marsedl.replication.errors import MarsedlError
 
 CRASHED_APOAPSIS, ESCAPED_APOAPSIS = -1.0, 100.0  # planet radii, what the root finder sees beyond both ends
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """The flight with zero control, at every half integration step."""
-
-    entry_flight_path_angle: float = quantity("rad", (), "flight path angle at the start")
-    time: np.ndarray = quantity("s", ("time",), "time from the start")
-    altitude: np.ndarray = quantity("m", ("time",), "altitude")
-    velocity: np.ndarray = quantity("m/s", ("time",), "velocity")
-    flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
-    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
-    dynamic_pressure: np.ndarray = quantity("Pa", ("time",), "dynamic pressure")
-    variation_deviation: np.ndarray = quantity("1", ("time",), "standard deviation of the density variation met")
-    time_of_largest_dynamic_pressure: float = quantity("s", (), "of a parabola through the largest values")
-    largest_dynamic_pressure: float = quantity("Pa", (), "the parabola's largest value")
-    lowest_altitude: float = quantity("m", (), "lowest altitude")
-    apoapsis: float = quantity("1", (), "apoapsis after the exit, planet radii", allow_nan=True)
-    delta_v: float = quantity("m/s", (), "total delta-v of the two burns", allow_nan=True)
-    clean_up_burn: float = quantity("m/s", (), "signed second burn, positive below the target", allow_nan=True)
 
 
 def initial_state(inputs, flight_path_angle):
@@ -62,12 +41,6 @@ def states_of(inputs, nominal):
 def output_times(inputs):
     """Times of the stored states of flights."""
     return np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
-
-
-def mission(inputs):
-    """Target apoapsis, target periapsis (m) and gravitational parameter, as the functions of `orbits` want them."""
-    targets = inputs.target_apoapsis * inputs.planet_radius, inputs.target_periapsis * inputs.planet_radius
-    return *targets, inputs.gravitational_parameter
 
 
 def compute(inputs) -> Nominal:

@@ -3,22 +3,21 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.papers.random_field.certificates import Certificates
-from marsedl.papers.random_field.claims import (
-    CONFIDENCE,
-    LEVEL,
-    OPEN,
-    node_deviations,
-    normal_violation,
+from marsedl.papers.random_field.claims import CONFIDENCE, OPEN, node_deviations, normal_violation
+from marsedl.papers.random_field.components import FLOORED
+from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
+from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
+from marsedl.papers.random_field.records import (
+    CLOSED,
+    Certificates,
+    Convergence,
+    DoubleIntegrator,
+    DoubleIntegratorFlights,
+    FieldStudy,
+    FlightEnsemble,
+    Gains,
+    Regularization,
 )
-from marsedl.papers.random_field.convergence import Convergence
-from marsedl.papers.random_field.double_integrator import CLOSED, DoubleIntegrator, normals_and_bounds, tail
-from marsedl.papers.random_field.double_integrator_flights import DoubleIntegratorFlights
-from marsedl.papers.random_field.field_study import FieldStudy
-from marsedl.papers.random_field.flight import FLOORED
-from marsedl.papers.random_field.gains import Gains
-from marsedl.papers.random_field.montecarlo import FlightEnsemble, delta_v_percentile, lost, step_violations
-from marsedl.papers.random_field.regularization import Regularization
 
 NO_VALUE = "–"
 STATES = (("r", 1e-3, "km"), ("v", 1.0, "m/s"), ("gamma", 180.0 / np.pi, "deg"))

@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import gains, linearization, montecarlo
+from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import Slice
 
@@ -30,5 +31,5 @@ def flown(inputs, nominal, made):
 
 def percentiles(ensemble):
     """99th percentiles of delta-v of all laws with standard errors, m/s, two arrays (laws,)."""
-    found = [montecarlo.delta_v_percentile(ensemble, law) for law in range(len(ensemble.delta_v))]
+    found = [delta_v_percentile(ensemble, law) for law in range(len(ensemble.delta_v))]
     return tuple(np.array(values) for values in zip(*found, strict=True))

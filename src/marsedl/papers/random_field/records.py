@@ -1,0 +1,284 @@
+"""Artifact types of the random field, and the names and codes in which they are to be read."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.replication.artifacts import quantity
+
+MOTION = "m, m/s, rad"  # radius, velocity, flight path angle
+HISTORY = "m, m/s, rad, 1, Pa, 1"  # altitude, velocity, path angle, density variation, dynamic pressure, bank cosine
+
+OPEN, CLOSED = 0, 1  # laws of the double integrator
+BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-up burn
+# One linearised branch, as in the paper; both branches in the program; one branch and short end steps.
+VARIANTS = ("one_branch", "both_branches", "short_end_steps")
+LOW_ALTITUDE = 45e3  # m, where nominal flights are lowest: `FieldStudy.deviation_at_45_km`
+CAPTURED, CRASHED, ESCAPED, NON_FINITE, NOT_EXITED = range(5)
+OUTCOMES = {
+    CAPTURED: "captured",
+    CRASHED: "below the ground",
+    ESCAPED: "not captured: hyperbolic at the exit",
+    NON_FINITE: "not finite",
+    NOT_EXITED: "still in the atmosphere at the final time",
+}
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The flight with zero control, at every half integration step."""
+
+    entry_flight_path_angle: float = quantity("rad", (), "flight path angle at the start")
+    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    altitude: np.ndarray = quantity("m", ("time",), "altitude")
+    velocity: np.ndarray = quantity("m/s", ("time",), "velocity")
+    flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
+    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
+    dynamic_pressure: np.ndarray = quantity("Pa", ("time",), "dynamic pressure")
+    variation_deviation: np.ndarray = quantity("1", ("time",), "standard deviation of the density variation met")
+    time_of_largest_dynamic_pressure: float = quantity("s", (), "of a parabola through the largest values")
+    largest_dynamic_pressure: float = quantity("Pa", (), "the parabola's largest value")
+    lowest_altitude: float = quantity("m", (), "lowest altitude")
+    apoapsis: float = quantity("1", (), "apoapsis after the exit, planet radii", allow_nan=True)
+    delta_v: float = quantity("m/s", (), "total delta-v of the two burns", allow_nan=True)
+    clean_up_burn: float = quantity("m/s", (), "signed second burn, positive below the target", allow_nan=True)
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """The model along the initial guess."""
+
+    refused: str = quantity("1", (), "why no design can be made on the reading's partition; empty if one can", "str")
+    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes; both ends if refused")
+    state: np.ndarray = quantity(MOTION, ("nodes", 3), "nominal radius, velocity, flight path angle at these times")
+    transition: np.ndarray = quantity("SI", ("intervals", 3, 3), "A_k")
+    control: np.ndarray = quantity("SI", ("intervals", 3), "B_k")
+    disturbance_covariance: np.ndarray = quantity("SI", ("intervals", 3, "intervals", 3), "Cov(w_k, w_l) (Eq. 26)")
+    condition_number: float = quantity("1", (), "of Cov(W) in units of 1 km, 100 m/s, 0.01 rad")
+    pressure_gradient: np.ndarray = quantity("1/m, s/m, 1", ("intervals", 3), "relative change of dynamic pressure")
+    apoapsis_gradient: np.ndarray = quantity("1, s, m", (3,), "derivative of the exit apoapsis")
+    delta_v: float = quantity("m/s", (), "total delta-v of the nominal", allow_nan=True)
+    delta_v_gradient: np.ndarray = quantity(
+        "1/s, 1, m/s", (3, 3), "derivatives of delta-v: undershoot, mean of both sides, overshoot", allow_nan=True
+    )
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The open loop (law 0) and the law of every iteration.
+
+    "Predicted" is what linear covariance says along the trajectory about which the law's program was linearised. The
+    design adds navigation errors to the disturbances; predictions leave them out unless they are called the design's.
+    """
+
+    refused: str = quantity("1", (), "why there is no law but the open loop; empty if there is", "str")
+    outcome: str = quantity("1", (), "converged, cycling, stopped, or refused", "str")
+    period: int = quantity("1", (), "iterations of a cycle; 1 if converged, 0 otherwise")
+    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes")
+    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
+    gain: np.ndarray = quantity("1/m, s/m, 1", ("laws", "intervals", "nodes", 3), "feedback gains on the state history")
+    reference: np.ndarray = quantity(MOTION, ("laws", "nodes", 3), "predicted mean state, which the feedback compares")
+    covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "predicted state covariance")
+    design_covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "the same with navigation errors")
+    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
+    design_control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "the same with navigation errors")
+    delta_v_mean: np.ndarray = quantity("m/s", ("laws",), "predicted mean of delta-v", allow_nan=True)
+    delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "predicted standard deviation", allow_nan=True)
+    design_delta_v_deviation: np.ndarray = quantity("m/s", ("laws",), "with navigation errors", allow_nan=True)
+    percentile: np.ndarray = quantity(
+        "m/s", ("laws",), "design's percentile of delta-v at the reading's tail", allow_nan=True
+    )
+    time: np.ndarray = quantity("s", ("time",), "times of the nominal trajectories")
+    altitude: np.ndarray = quantity("m", ("laws", "time"), "altitude of the law's nominal, flown in the mean density")
+    velocity: np.ndarray = quantity("m/s", ("laws", "time"), "its velocity")
+    flight_path_angle: np.ndarray = quantity("rad", ("laws", "time"), "its flight path angle")
+    dynamic_pressure: np.ndarray = quantity("Pa", ("laws", "time"), "its dynamic pressure")
+    variation_deviation: np.ndarray = quantity("1", ("laws", "time"), "standard deviation of the variation along it")
+    apoapsis: np.ndarray = quantity("1", ("laws",), "its exit apoapsis, planet radii", allow_nan=True)
+    nominal_delta_v: np.ndarray = quantity("m/s", ("laws",), "its delta-v", allow_nan=True)
+    largest_gain: np.ndarray = quantity("1", ("laws",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
+    objective: np.ndarray = quantity("1", ("iterations",), "least cost of the program")
+    quadratic_cost: np.ndarray = quantity("1", ("iterations",), "its part J1")
+    condition_number: np.ndarray = quantity("1", ("iterations",), "of the design's Cov(W), same units")
+    status: np.ndarray = quantity("1", ("iterations",), "of the solver", "str")
+    solver_iterations: np.ndarray = quantity("1", ("iterations",), "of the solver", "int64")
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """How well everything agrees; a relative difference is one of the larger of two values."""
+
+    objective: float = quantity("1", (), "least cost of the first program, innovations form, Clarabel")
+    history_objective: float = quantity("1", (), "of the printed form in the history of states, Clarabel")
+    history_gain_difference: float = quantity("1", (), "largest difference of a gain, units of 1 km, 100 m/s, 0.01 rad")
+    other_objective: float = quantity("1", (), "of the innovations form by the other solver")
+    other_solver: str = quantity("1", (), "its name", "str")
+    identity_residual: float = quantity("1", (), "largest entry of (I + B L)(I - B K) - I")
+    triangular_residual: float = quantity("1", (), "largest entry of K and L above their block diagonals")
+    control_covariance_residual: float = quantity("1", (), "of Cov(U): from the gains against from the innovations")
+    mean_shift: float = quantity("1", (), "change of the deviations' covariance when the mean control changes")
+    gain_shift: float = quantity("1", (), "change of the mean when the gains change")
+    convexity: float = quantity("1", (), "least excess of a chord over the cost, relative, along random segments")
+    largest_gain_difference: float = quantity("1", (), "first gains here against those of the iterations")
+    process_score: float = quantity("1", (), "largest deviation of a sampled covariance along the nominal, in errors")
+    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)")
+    normality_score: float = quantity("1", (), "likewise of skewness and excess kurtosis of the disturbances")
+    samples: int = quantity("1", (), "fields sampled")
+    largest_correlation: float = quantity("1", (), "largest correlation between disturbances of different intervals")
+    deviation_ratio: float = quantity("1", (), "largest over smallest standard deviation of a disturbance's component")
+    history_information: float = quantity(
+        "1", (), "largest share of a state's conditional variance, given the last state, that earlier states explain"
+    )
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Iteration histories of the variants, which the file names in its order; law 0 is the open loop."""
+
+    variant: np.ndarray = quantity("1", ("variants",), "name of the variant", "str")
+    outcome: np.ndarray = quantity("1", ("variants",), "converged, cycling or stopped", "str")
+    period: np.ndarray = quantity("1", ("variants",), "of the cycle; 1 if converged, 0 if stopped", "int64")
+    apoapsis: np.ndarray = quantity("1", ("variants", "laws"), "nominal exit apoapsis, planet radii", allow_nan=True)
+    nominal_delta_v: np.ndarray = quantity("m/s", ("variants", "laws"), "nominal delta-v", allow_nan=True)
+    predicted: np.ndarray = quantity(
+        "m/s", ("variants", "laws"), "percentile that the program predicts", allow_nan=True
+    )
+    percentile: np.ndarray = quantity("m/s", ("variants", "laws"), "99th percentile over flights", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("variants", "laws"), "its standard error", allow_nan=True)
+    lost: np.ndarray = quantity("1", ("variants", "laws"), "lost trials", "int64")
+    control_change: np.ndarray = quantity("1", ("variants", "laws"), "largest change of the mean control")
+
+
+@dataclass(frozen=True)
+class Regularization:
+    """The last law of the reading's iterations for every size of the navigation errors."""
+
+    factor: np.ndarray = quantity("1", ("sizes",), "factor of the reading's navigation errors")
+    position_error: np.ndarray = quantity("m", ("sizes",), "standard deviation of the navigation error in radius")
+    condition_number: np.ndarray = quantity("1", ("sizes",), "of the design's Cov(W) in the last iteration")
+    largest_gain: np.ndarray = quantity("1", ("sizes",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
+    predicted_deviation: np.ndarray = quantity("m/s", ("sizes",), "predicted standard deviation of delta-v")
+    design_deviation: np.ndarray = quantity("m/s", ("sizes",), "the same with navigation errors")
+    flown_deviation: np.ndarray = quantity("m/s", ("sizes",), "over the captured flights", allow_nan=True)
+    percentile: np.ndarray = quantity("m/s", ("sizes",), "99th percentile over flights", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("sizes",), "its standard error", allow_nan=True)
+    saturated: np.ndarray = quantity("1", ("sizes",), "flights whose command leaves the limits at some step", "int64")
+    worst_step: np.ndarray = quantity("1", ("sizes",), "flights beyond the limits at the worst step", "int64")
+    lost: np.ndarray = quantity("1", ("sizes",), "lost trials", "int64")
+
+
+@dataclass(frozen=True)
+class FieldStudy:
+    """Open-loop delta-v under other random fields; the file names the hypotheses in its order."""
+
+    hypothesis: np.ndarray = quantity("1", ("hypotheses",), "what is changed", "str")
+    percentile: np.ndarray = quantity("m/s", ("hypotheses",), "99th percentile", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("hypotheses",), "its standard error", allow_nan=True)
+    lost: np.ndarray = quantity("1", ("hypotheses",), "lost trials", "int64")
+    deviation_at_45_km: np.ndarray = quantity("1", ("hypotheses",), "standard deviation of the variation at 45 km")
+    variance: np.ndarray = quantity("1", ("variances",), "largest variance of the density variation")
+    variance_percentile: np.ndarray = quantity("m/s", ("variances",), "99th percentile", allow_nan=True)
+    variance_percentile_error: np.ndarray = quantity("m/s", ("variances",), "its standard error", allow_nan=True)
+    variance_lost: np.ndarray = quantity("1", ("variances",), "lost trials", "int64")
+    trials: int = quantity("1", (), "trials of each")
+
+
+@dataclass(frozen=True)
+class DoubleIntegrator:
+    """The open loop (law 0) and the law of the single iteration (law 1)."""
+
+    partition: np.ndarray = quantity("1", ("nodes",), "times at which the control changes")
+    transition: np.ndarray = quantity("1", ("intervals", 2, 2), "A_k")
+    input: np.ndarray = quantity("1", ("intervals", 2), "B_k")
+    disturbance_covariance: np.ndarray = quantity("1", ("intervals", 2, "intervals", 2), "Cov(w_k, w_l) (Eq. 26)")
+    control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
+    gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", 2), "feedback gains on the state history")
+    mean: np.ndarray = quantity("1", ("laws", "nodes", 2), "predicted mean position and velocity")
+    covariance: np.ndarray = quantity("1", ("laws", "nodes", 2, 2), "predicted covariance")
+    control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
+    objective: float = quantity("1", (), "least cost of the program")
+    unconstrained_objective: float = quantity("1", (), "without the state constraints")
+    support: np.ndarray = quantity(
+        "1", ("laws", "nodes", 2), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
+    )
+    status: str = quantity("1", (), "of the solver", "str")
+    solver_iterations: int = quantity("1", (), "of the solver")
+
+
+@dataclass(frozen=True)
+class DoubleIntegratorFlights:
+    """All trials under both laws, in the same forces. State: position, velocity, force, control."""
+
+    time: np.ndarray = quantity("1", ("time",), "time")
+    node: np.ndarray = quantity("1", ("nodes",), "index of each node of the partition among these times", "int64")
+    count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
+    excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
+    mean: np.ndarray = quantity("1", ("laws", "time", 4), "mean state")
+    covariance: np.ndarray = quantity("1", ("laws", "time", 4, 4), "sample covariance")
+    violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "trials beyond each line at each node", "int64")
+    paper_violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "those among the first trials", "int64")
+    any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")
+    paper_any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "those among the first trials", "int64")
+    paper_trials: int = quantity("1", (), "number of the first trials, as many as the paper flies")
+    kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", 4), "states of the first trials")
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What chunks and ensembles have in common; the first law is the open loop, then follow the iterations'.
+
+    State: altitude, velocity, flight path angle, density variation, dynamic pressure, commanded control. Observed:
+    commanded control and how far it lies beyond its limits (negative inside). Final state: altitude,
+    velocity, path angle, steps at the density's floor.
+    """
+
+    histogram: np.ndarray = quantity(
+        "1",
+        ("laws", "time", 2, "bins"),
+        "trials by commanded control; the first and last bin: beyond the limits",
+        "int64",
+    )
+    histogram_edges: np.ndarray = quantity("1", ("laws", 2, "edges"), "edges of the inner bins")
+    maximum_over_trials: np.ndarray = quantity(
+        "1", ("laws", "time", 2), "largest values over the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity("m, m/s, rad, 1", ("laws", "trials", 4), "state at the end", allow_nan=True)
+    observed_maximum: np.ndarray = quantity(
+        "1", ("laws", "trials", 2), "largest commanded control and excess over the limits", allow_nan=True
+    )
+    outcome: np.ndarray = quantity(
+        "1", ("laws", "trials"), "0 captured, 1 below the ground, 2 hyperbolic, 3 not finite, 4 not exited", "int8"
+    )
+    kept_history: np.ndarray = quantity(
+        HISTORY, ("laws", "kept", "time", 6), "states of the kept trials", allow_nan=True
+    )
+    kept_observed: np.ndarray = quantity("1", ("laws", "kept", "time", 2), "observed of them", allow_nan=True)
+
+
+@dataclass(frozen=True)
+class FlightChunk(Flights):
+    """Reduced trials of one chunk, block by block."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
+    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
+    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity(HISTORY, ("laws", "blocks", "time", 6), "mean state of each block")
+    block_second_moment: np.ndarray = quantity("SI", ("laws", "blocks", "time", 6, 6), "second moment about that mean")
+    block_observed_mean: np.ndarray = quantity("1", ("laws", "blocks", "time", 2), "mean of the observed quantities")
+
+
+@dataclass(frozen=True)
+class FlightEnsemble(Flights):
+    """All trials of the aerocapture under all laws, every law with the same density variations."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
+    count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
+    excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
+    mean: np.ndarray = quantity(HISTORY, ("laws", "time", 6), "mean state", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("laws", "time", 6, 6), "sample covariance", allow_nan=True)
+    observed_mean: np.ndarray = quantity("1", ("laws", "time", 2), "mean of the observed quantities", allow_nan=True)
+    apoapsis: np.ndarray = quantity("1", ("laws", "trials"), "exit apoapsis, planet radii; NaN if lost", allow_nan=True)
+    delta_v: np.ndarray = quantity("m/s", ("laws", "trials"), "total delta-v; NaN if lost", allow_nan=True)
