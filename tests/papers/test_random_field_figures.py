@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 from marsedl.models import orbits
 from marsedl.models import random_field as fields
+from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import PAPER, certificates, environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence, FieldStudy, Regularization
@@ -203,7 +204,7 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
     coordinate, before, _ = figures.plane_samples(inputs)
     points = np.array([(x, y) for x in coordinate for y in coordinate])
     covariance = np.exp(-((points[:, None] - points) ** 2).sum(axis=-1) / 2)
-    drawn = figures.normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
+    drawn = normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
     np.testing.assert_allclose(before.ravel(), fields.root(covariance) @ drawn.ravel(), atol=1e-9)
 
 

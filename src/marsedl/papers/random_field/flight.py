@@ -65,6 +65,43 @@ class Law(NamedTuple):
     reference: np.ndarray  # (N + 1, n), xbar
 
 
+class Density(NamedTuple):
+    """The density as kernels read it; fields as of `environment.Air`, the mean as the cells of `uniform_cells`."""
+
+    cells: np.ndarray
+    retention: np.ndarray
+    innovation_deviation: np.ndarray
+    top_deviation: float
+    varied: bool  # or the mean density alone
+
+
+class Force(NamedTuple):
+    """The force on the double integrator: a root of its covariance on a uniform grid of positions."""
+
+    bottom: float  # position of the first node
+    nodes_per_unit: float
+    root: np.ndarray  # (nodes, normals)
+    varied: bool  # or none
+
+
+class Schedule(NamedTuple):
+    """Integration steps of every interval (N,), their length, s, and how many of them lie between stored states."""
+
+    steps: np.ndarray
+    time_step: float
+    every: int
+
+
+class Stored(NamedTuple):
+    """What kernels fill, the trial last: arrays of `Trajectories` by their names there, shorter."""
+
+    history: np.ndarray
+    observed: np.ndarray
+    largest: np.ndarray  # observed_maximum
+    length: np.ndarray
+    final: np.ndarray  # final_state
+
+
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
@@ -128,15 +165,15 @@ def outputs(law, every, time_step):
 
 
 def _checked_law(law, states):
-    """The law's control, gain and reference, whatever they were, as arrays to compile for; ValueError on shapes."""
+    """The law in arrays to compile for, whatever they were; ValueError on shapes."""
     nodes = len(law.start)
     # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
-    control, gain, reference = (np.array(part, dtype=float, order="C") for part in law[1:])
+    checked = Law(*(np.array(part, dtype=float, order="C") for part in law))
     expected = (nodes - 1,), (nodes - 1, nodes, states), (nodes, states)
-    found = control.shape, gain.shape, reference.shape
+    found = checked.control.shape, checked.gain.shape, checked.reference.shape
     if found != expected:
         raise ValueError(f"control, gain and reference of {nodes} nodes must have shapes {expected}, got {found}")
-    return control, gain, reference
+    return checked
 
 
 def _checked_states(initial_states, states):
@@ -172,7 +209,7 @@ def _checked_process(air):
 @inline_njit
 def _command(interval, law, state, deviation, command):
     """Control of Eq. 8 at the start of an interval, command (LANES,); keeps the deviation there for later ones."""
-    control, gain, reference = law
+    control, gain, reference = law.control, law.gain, law.reference
     states = state.shape[0]
     for row in range(states):
         for lane in range(LANES):
@@ -253,7 +290,7 @@ _advance = runge_kutta_4(_drift)
 
 
 @njit(error_model="numpy")
-def _sample_variations(retention, innovation_deviation, top_deviation, seed, first_trial, variation):
+def _sample_variations(density, seed, first_trial, variation):
     """Density variations of a group, variation (nodes, LANES), down from the top node, one normal a node."""
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
     drawn = lane_array(NORMALS_PER_BLOCK)
@@ -265,8 +302,8 @@ def _sample_variations(retention, innovation_deviation, top_deviation, seed, fir
         position, node = number % NORMALS_PER_BLOCK, top - number
         if position == 0:
             fill_normals(seed, FIELD_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
-        keep = retention[node] if number > 0 else 0.0
-        fresh = innovation_deviation[node] if number > 0 else top_deviation
+        keep = density.retention[node] if number > 0 else 0.0
+        fresh = density.innovation_deviation[node] if number > 0 else density.top_deviation
         for lane in range(LANES):
             process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
             variation[node, lane] = process[0, lane]
@@ -302,16 +339,14 @@ def _finish(lane, state, found, constants, final):
 
 
 @njit(error_model="numpy")
-def _fly_group(
-    settings, cells, retention, innovation_deviation, top_deviation, varied, law, steps, time_step, every, seed,
-    first_trial, initial_state, history, observed, largest, length, final,
-):  # fmt: skip
-    """Fly LANES trials. initial_state: (3, LANES); the arrays after it are filled."""
-    constants = settings[0]
-    variation = np.zeros((len(retention) + 1, LANES))
-    if varied:
-        _sample_variations(retention, innovation_deviation, top_deviation, seed, first_trial, variation)
-    air = (cells, variation)
+def _fly_group(settings, density, law, schedule, seed, first_trial, initial_state, stored):
+    """Fly LANES trials. initial_state: (3, LANES); `stored` is filled."""
+    constants, (steps, time_step, every) = settings[0], schedule
+    history, observed, largest, length, final = stored
+    variation = np.zeros((len(density.retention) + 1, LANES))
+    if density.varied:
+        _sample_variations(density, seed, first_trial, variation)
+    air = (density.cells, variation)
     flown, found = lane_array(1), lane_array(3)
     parameters = (air, flown, found, constants)
 
@@ -354,19 +389,23 @@ def _fly_group(
             _finish(lane, state, found, constants, final)
 
 
+@inline_njit
+def _lanes_of(stored, lanes):
+    return Stored(
+        stored.history[:, :, lanes],
+        stored.observed[:, :, lanes],
+        stored.largest[:, lanes],
+        stored.length[lanes],
+        stored.final[:, lanes],
+    )
+
+
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly(
-    settings, cells, retention, innovation_deviation, top_deviation, varied, control, gain, reference, steps,
-    time_step, every, seed, first_trial, initial_state, history, observed, largest, length, final,
-):  # fmt: skip
+def _fly(settings, density, law, schedule, seed, first_trial, initial_state, stored):
     for group in prange(initial_state.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
-        law = (control, gain, reference)
-        _fly_group(
-            settings, cells, retention, innovation_deviation, top_deviation, varied, law, steps, time_step, every, seed,
-            first_trial + group * LANES, initial_state[:, lanes], history[:, :, lanes], observed[:, :, lanes],
-            largest[:, lanes], length[lanes], final[:, lanes],
-        )  # fmt: skip
+        first = first_trial + group * LANES
+        _fly_group(settings, density, law, schedule, seed, first, initial_state[:, lanes], _lanes_of(stored, lanes))
 
 
 def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, varied=True, every=1) -> Trajectories:
@@ -386,20 +425,16 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     Raises ValueError for shapes that do not fit, grids that are not uniform, an interval that is no whole number of
     steps, or `every` that does not divide it.
     """
-    steps = _interval_steps(law, every, time_step)
-    control, gain, reference = _checked_law(law, STATES)
-    states = _checked_states(initial_states, STATES)
+    schedule = Schedule(_interval_steps(law, every, time_step), float(time_step), int(every))
+    law, states = _checked_law(law, STATES), _checked_states(initial_states, STATES)
     cells = uniform_cells(air.log_density, air.log_density_slope, air.spacing)
-    retention, innovation_deviation = _checked_process(air)
-    times = int(steps.sum()) // every + 1
+    density = Density(cells, *_checked_process(air), float(air.top_deviation), varied)
+    times = int(schedule.steps.sum()) // every + 1
     start = new_trajectories(states.T, times, OBSERVED)
     padded = start.final_state.shape[1]
     history, final = np.empty((times, HISTORY, padded)), np.empty((FINAL, padded))
-    _fly(
-        settings, cells, retention, innovation_deviation, float(air.top_deviation), varied, control, gain, reference,
-        steps, float(time_step), int(every), seed, first_trial, start.final_state, history, start.observed,
-        start.observed_maximum, start.length, final,
-    )  # fmt: skip
+    stored = Stored(history, start.observed, start.observed_maximum, start.length, final)
+    _fly(settings, density, law, schedule, seed, first_trial, start.final_state, stored)
     flown = Trajectories(history, start.observed, start.observed_maximum, final, start.outcome, start.length).first(
         len(states)
     )
@@ -506,11 +541,11 @@ def _record_point(row, state, parameters, history, observed):
 
 
 @njit(error_model="numpy")
-def _fly_points(
-    bottom, nodes_per_unit, root, varied, law, steps, time_step, every, seed, first_trial, history, observed, largest,
-    final,
-):  # fmt: skip
-    """Fly LANES trials. final: (2, LANES), the initial state, replaced by the final one."""
+def _fly_points(force, law, schedule, seed, first_trial, stored):
+    """Fly LANES trials; `stored` is filled, its final states are the initial ones before."""
+    bottom, nodes_per_unit, root, varied = force
+    steps, time_step, every = schedule
+    history, observed, largest, _, final = stored
     value, slope = np.zeros((len(root), LANES)), np.zeros((len(root), LANES))
     if varied:
         _sample_field(root, seed, first_trial, value, slope)
@@ -539,17 +574,10 @@ def _fly_points(
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly_double_integrator(
-    bottom, nodes_per_unit, root, varied, control, gain, reference, steps, time_step, every, seed, first_trial,
-    history, observed, largest, final,
-):  # fmt: skip
-    for group in prange(final.shape[1] // LANES):
+def _fly_double_integrator(force, law, schedule, seed, first_trial, stored):
+    for group in prange(stored.final.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
-        law = (control, gain, reference)
-        _fly_points(
-            bottom, nodes_per_unit, root, varied, law, steps, time_step, every, seed, first_trial + group * LANES,
-            history[:, :, lanes], observed[:, :, lanes], largest[:, lanes], final[:, lanes],
-        )  # fmt: skip
+        _fly_points(force, law, schedule, seed, first_trial + group * LANES, _lanes_of(stored, lanes))
 
 
 def fly_double_integrator(
@@ -566,20 +594,18 @@ def fly_double_integrator(
 
     Raises ValueError as `fly`.
     """
-    steps = _interval_steps(law, every, time_step)
-    control, gain, reference = _checked_law(law, POINT_STATES)
-    states = _checked_states(initial_states, POINT_STATES)
+    schedule = Schedule(_interval_steps(law, every, time_step), float(time_step), int(every))
+    law, states = _checked_law(law, POINT_STATES), _checked_states(initial_states, POINT_STATES)
     spacing = _uniform_spacing(field_grid, "field_grid")
     root = np.array(field_root, dtype=float, order="C")
     if root.ndim != 2 or len(root) != len(field_grid):
         raise ValueError(f"field_root must have a row per node, shape ({len(field_grid)}, normals), got {root.shape}")
-    times = int(steps.sum()) // every + 1
+    times = int(schedule.steps.sum()) // every + 1
     start = new_trajectories(states.T, times, 1)
     history = np.empty((times, POINT_HISTORY, start.final_state.shape[1]))
-    _fly_double_integrator(
-        float(field_grid[0]), 1.0 / spacing, root, varied, control, gain, reference, steps, float(time_step),
-        int(every), seed, first_trial, history, start.observed, start.observed_maximum, start.final_state,
-    )  # fmt: skip
+    force = Force(float(field_grid[0]), 1.0 / spacing, root, varied)
+    stored = Stored(history, start.observed, start.observed_maximum, start.length, start.final_state)
+    _fly_double_integrator(force, law, schedule, seed, first_trial, stored)
     flown = Trajectories(
         history, start.observed, start.observed_maximum, start.final_state, start.outcome, start.length
     ).first(len(states))
