@@ -31,7 +31,7 @@ def car(steps=40):
 
 def entry_rates(half_index, state, control, disturbance):
     density = np.exp((-4.259 + 0.05 * disturbance[0]) + (-9.678e-5 + 1e-6 * disturbance[1]) * state[0])
-    return vinh_entry_rates(*state, control[0], density, 3.3895e6, 1 / 270, 0.24 / 270, 4.2828e13, 7.0882e-5)
+    return vinh_entry_rates(state, control[0], density, 3.3895e6, 1 / 270, 0.24 / 270, 4.2828e13, 7.0882e-5)
 
 
 def entry(steps=60):

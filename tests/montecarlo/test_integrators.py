@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from marsedl.montecarlo.ensembles import observe_nothing, propagator
+from marsedl.montecarlo.ensembles import Brownian, Segment, observe_nothing, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit
 
@@ -31,15 +31,8 @@ def kernel_of(scheme):
             state = np.full((1, LANES), start)
             propagate(
                 parameters=(table, cubic, sigma),
-                steps=steps,
-                step=step,
-                steps_per_output=steps,
-                noise_size=1,
-                seed=77,
-                stream=1,
-                first_trial=group * LANES,
-                first_increment=0,
-                increments_per_step=increments_per_step,
+                segment=Segment(steps, step, steps),
+                brownian=Brownian(1, 77, 1, group * LANES, 0, increments_per_step),
                 state=state,
                 history=history,
                 observed=observed,

@@ -12,7 +12,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import orbits
 from marsedl.montecarlo import ensembles
-from marsedl.montecarlo.outcomes import CRASHED
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight, montecarlo

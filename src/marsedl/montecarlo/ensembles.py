@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import reduce
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,6 +55,25 @@ def _record(index, source, destination):
             destination[index, row, lane] = source[row, lane]
 
 
+class Segment(NamedTuple):
+    """Steps of equal length without a change of the model."""
+
+    steps: int
+    step: float  # s
+    steps_per_output: int  # must divide steps, see `output_count`
+
+
+class Brownian(NamedTuple):
+    """Which Brownian increments drive a group of trials; see `streams` for the normals behind them."""
+
+    size: int  # components of the noise, 0 or more
+    seed: int
+    stream: int
+    first_trial: int  # of lane 0
+    first_increment: int  # fine increments used by earlier segments
+    increments_per_step: int  # fine increments in one step
+
+
 def propagator(scheme, drift, observe):
     """Compile the inner loop of a model; a paper does so once, at the top of its module.
 
@@ -62,21 +82,18 @@ def propagator(scheme, drift, observe):
 
     Returns the compiled function
 
-        propagate(parameters, steps, step, steps_per_output, noise_size, seed, stream, first_trial, first_increment,
-                  increments_per_step, state, history, observed, observed_maximum)
+        propagate(parameters, segment, brownian, state, history, observed, observed_maximum)
 
     which carries one group of LANES consecutive trials over one segment; it is called once per segment. The Brownian
     increment of component j over step k is
 
-        sqrt(h / q) sum_{i < q} z[(first_increment + q k + i) m + j],   q = increments_per_step, m = noise_size,
+        sqrt(h / q) sum_{i < q} z[(first_increment + q k + i) m + j],   q = increments_per_step, m = size,
 
     with z the normals of (seed, stream, trial). A coarse run with step q h and q fine increments per step therefore
     follows the Brownian path of the run with step h. The drift receives increment / step. Arguments:
 
     parameters: passed on; its tables must reach half index 2 steps (not checked here).
-    steps, step: number of steps and their length, s. steps_per_output: must divide steps, see `output_count`.
-    noise_size: components of the noise, 0 or more. seed, stream: see `streams`. first_trial: trial of lane 0.
-    first_increment: fine increments used by earlier segments. increments_per_step: fine increments in one step.
+    segment: `Segment`. brownian: `Brownian`.
     state: (n, LANES), initial state, replaced by the final one.
     history: (steps / steps_per_output + 1, n, LANES), filled: states at the start, at every output and at the end.
     observed: (steps / steps_per_output + 1, n_observed, LANES), filled likewise.
@@ -91,20 +108,15 @@ def propagator(scheme, drift, observe):
     @njit(error_model="numpy")
     def propagate(
         parameters,
-        steps,
-        step,
-        steps_per_output,
-        noise_size,
-        seed,
-        stream,
-        first_trial,
-        first_increment,
-        increments_per_step,
+        segment,
+        brownian,
         state,
         history,
         observed,
         observed_maximum,
     ):
+        steps, step, steps_per_output = segment
+        noise_size, seed, stream, first_trial, first_increment, increments_per_step = brownian
         rows = state.shape[0]
         current = lane_array(rows)
         _copy(state, current)

@@ -10,12 +10,7 @@ __all__ = ["vinh_entry_rates"]
 
 @jitable
 def vinh_entry_rates(
-    altitude,
-    longitude,
-    latitude,
-    velocity,
-    flight_path_angle,
-    heading,
+    state,
     bank,
     density,
     planet_radius,
@@ -40,12 +35,9 @@ def vinh_entry_rates(
     is pi/2 - psi.
 
     Args:
-        altitude: h, m.
-        longitude: theta, rad; the rates do not depend on it.
-        latitude: phi, rad.
-        velocity: V, planet-relative, m/s.
-        flight_path_angle: gamma, planet-relative, positive while climbing, rad.
-        heading: psi, planet-relative, counter-clockwise from east, rad.
+        state: altitude h (m), longitude theta (rad; the rates do not depend on it), latitude phi (rad), planet-relative
+            velocity V (m/s), flight path angle gamma (positive while climbing, rad) and heading psi (counter-clockwise
+            from east, rad): six scalars or arrays in a tuple or along a first axis.
         bank: sigma, rad; a positive bank turns right, that is, lowers psi.
         density: rho, kg/m^3.
         planet_radius: R, m.
@@ -57,6 +49,7 @@ def vinh_entry_rates(
         Tuple of the rates of altitude (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and
         heading (rad/s).
     """
+    altitude, _, latitude, velocity, flight_path_angle, heading = state
     climb, longitude_rate, latitude_rate, velocity_rate, path_rate, azimuth_rate = entry_rates_from_sines(
         planet_radius + altitude,
         velocity,

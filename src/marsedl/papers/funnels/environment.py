@@ -40,7 +40,7 @@ def entry_rates(inputs):
 
     def rates(_, state, control, disturbance):
         density = np.exp(log_density(inputs, state[0], disturbance))
-        return vinh_entry_rates(*state, control[0], density, *constants)
+        return vinh_entry_rates(state, control[0], density, *constants)
 
     return rates
 

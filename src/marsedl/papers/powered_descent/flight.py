@@ -7,7 +7,7 @@ from numba import njit, prange
 
 from marsedl.compiling import jitable
 from marsedl.models.dynamics.powered_descent import powered_descent_rates, thrust_magnitude
-from marsedl.montecarlo.ensembles import new_trajectories, output_count, propagator
+from marsedl.montecarlo.ensembles import Brownian, Segment, new_trajectories, output_count, propagator
 from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
@@ -59,9 +59,7 @@ class Pace(NamedTuple):
     """How one segment is integrated: part of a kernel's arguments."""
 
     use_runge_kutta: bool
-    steps: int
-    step: float  # s
-    steps_per_output: int
+    segment: Segment
     first_increment: int  # of the Brownian path
 
 
@@ -180,25 +178,18 @@ def _fly_segment(control, plant, pace, draws, outputs):
     gain, mean, feedforward = control.gain, control.mean, control.feedforward
     gravity, mass_flow, noise_density = plant
     final_state, history, observed, observed_maximum = outputs
-    steps, step, every, increment = pace.steps, pace.step, pace.steps_per_output, pace.first_increment
-    seed, increments = draws.seed, draws.increments
+    segment, increment, seed, increments = pace.segment, pace.first_increment, draws.seed, draws.increments
     for group in prange(final_state.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
         state = final_state[:, lanes].copy()
         largest = observed_maximum[:, lanes].copy()
         states, observations = history[:, :, lanes], observed[:, :, lanes]
         parameters = (gain, mean, feedforward, (gravity, mass_flow, noise_density))
-        first = draws.first_trial + group * LANES
+        brownian = Brownian(NOISES, seed, NOISE_STREAM, draws.first_trial + group * LANES, increment, increments)
         if pace.use_runge_kutta:
-            _runge_kutta(
-                parameters, steps, step, every, NOISES, seed, NOISE_STREAM, first, increment,
-                increments, state, states, observations, largest,
-            )  # fmt: skip
+            _runge_kutta(parameters, segment, brownian, state, states, observations, largest)
         else:
-            _euler_maruyama(
-                parameters, steps, step, every, NOISES, seed, NOISE_STREAM, first, increment,
-                increments, state, states, observations, largest,
-            )  # fmt: skip
+            _euler_maruyama(parameters, segment, brownian, state, states, observations, largest)
         final_state[:, lanes] = state
         observed_maximum[:, lanes] = largest
 
@@ -229,7 +220,7 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
             flown.observed[output : output + count],
             flown.observed_maximum,
         )
-        pace = Pace(integrator == "rk4", control.steps, control.step, every, increment)
+        pace = Pace(integrator == "rk4", Segment(control.steps, control.step, every), increment)
         _fly_segment(control, plant, pace, draws, outputs)
         output += count
         increment += control.steps * draws.increments
