@@ -55,14 +55,6 @@ class Draws(NamedTuple):
     increments: int = 1  # Brownian increments per step, so that runs of different steps share their paths
 
 
-class Pace(NamedTuple):
-    """How one segment is integrated: part of a kernel's arguments."""
-
-    use_runge_kutta: bool
-    segment: Segment
-    first_increment: int  # of the Brownian path
-
-
 class Outputs(NamedTuple):
     """Arrays that a kernel fills, see `Trajectories`."""
 
@@ -172,21 +164,23 @@ _euler_maruyama = propagator(euler_maruyama, _drift, _observe)
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly_segment(control, plant, pace, draws, outputs):
+def _fly_segment(use_runge_kutta, control, plant, pace, draws, first_increment, outputs):
     """Fly one segment with all trials; `outputs.final_state` holds the initial states."""
     # Named tuples are taken apart here: what a parallel loop writes into an array of a tuple is lost.
     gain, mean, feedforward = control.gain, control.mean, control.feedforward
     gravity, mass_flow, noise_density = plant
     final_state, history, observed, observed_maximum = outputs
-    segment, increment, seed, increments = pace.segment, pace.first_increment, draws.seed, draws.increments
+    steps, step, every = pace
+    seed, increments = draws.seed, draws.increments
     for group in prange(final_state.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
         state = final_state[:, lanes].copy()
         largest = observed_maximum[:, lanes].copy()
         states, observations = history[:, :, lanes], observed[:, :, lanes]
         parameters = (gain, mean, feedforward, (gravity, mass_flow, noise_density))
-        brownian = Brownian(NOISES, seed, NOISE_STREAM, draws.first_trial + group * LANES, increment, increments)
-        if pace.use_runge_kutta:
+        segment, first = Segment(steps, step, every), draws.first_trial + group * LANES
+        brownian = Brownian(NOISES, seed, NOISE_STREAM, first, first_increment, increments)
+        if use_runge_kutta:
             _runge_kutta(parameters, segment, brownian, state, states, observations, largest)
         else:
             _euler_maruyama(parameters, segment, brownian, state, states, observations, largest)
@@ -220,8 +214,8 @@ def fly(schedules, plant, initial_states, draws, *, steps_per_output, integrator
             flown.observed[output : output + count],
             flown.observed_maximum,
         )
-        pace = Pace(integrator == "rk4", Segment(control.steps, control.step, every), increment)
-        _fly_segment(control, plant, pace, draws, outputs)
+        pace = Segment(control.steps, control.step, every)
+        _fly_segment(integrator == "rk4", control, plant, pace, draws, increment, outputs)
         output += count
         increment += control.steps * draws.increments
     flown.outcome[flown.observed_maximum[DEPTH] > 0] = CRASHED
