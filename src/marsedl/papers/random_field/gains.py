@@ -1,7 +1,5 @@
 """Iterative covariance steering of the aerocapture: the laws of all iterations and what they predict (Algorithm 1)."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from marsedl.methods.covariance_steering import block_program
@@ -14,34 +12,10 @@ from marsedl.papers.random_field.environment import mission
 from marsedl.papers.random_field.linearization import UNITS, along, delta_v_gradient
 from marsedl.papers.random_field.nominal import finite_or_nan, output_times, states_of, trajectory
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
+from marsedl.replication.artifacts import quantities
 from marsedl.replication.errors import MarsedlError
 
 SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta-v enters the cost
-
-
-class Design(NamedTuple):
-    """One law with its predictions, in SI units; fields as of `Gains`."""
-
-    control: np.ndarray
-    gain: np.ndarray
-    reference: np.ndarray
-    covariance: np.ndarray
-    design_covariance: np.ndarray
-    control_deviation: np.ndarray
-    design_control_deviation: np.ndarray
-    delta_v_mean: float
-    delta_v_deviation: float
-    design_delta_v_deviation: float
-    percentile: float
-    largest_gain: float
-    states: np.ndarray  # of the nominal that the law's mean control gives, at every half integration step
-    apoapsis: float
-    nominal_delta_v: float
-    objective: float
-    quadratic_cost: float
-    condition_number: float
-    status: str
-    solver_iterations: int
 
 
 def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
@@ -57,20 +31,14 @@ def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
         laws, outcome, period = [*laws, *run.results], run.outcome, run.period
     time = output_times(inputs)
     every = round(2 * inputs.output_interval / inputs.time_step)
-    states = np.array([law.states[::every] for law in laws])
+    states = np.array([law["states"][::every] for law in laws])
     altitude = states[..., 0] - inputs.planet_radius
-    designs = laws[1:]
-
-    def of(name, laws=laws):
-        return np.array([getattr(law, name) for law in laws])
-
-    by_law = (
-        *("control", "gain", "reference", "covariance", "design_covariance", "control_deviation"),
-        *("design_control_deviation", "delta_v_mean", "delta_v_deviation", "design_delta_v_deviation", "percentile"),
-        *("largest_gain", "apoapsis", "nominal_delta_v"),
-    )
-    by_iteration = ("objective", "quadratic_cost", "condition_number", "status", "solver_iterations")
-    empty = {"status": np.array([], dtype=str), "solver_iterations": np.array([], dtype=int)}
+    rows = {"laws": laws, "iterations": laws[1:]}
+    columns = {
+        name: np.array([row[name] for row in rows[declared.dims[0]]], dtype=declared.dtype)
+        for name, declared in quantities(Gains).items()
+        if name in laws[0]
+    }
     return Gains(
         refused=linearization.refused,
         outcome=outcome,
@@ -82,8 +50,7 @@ def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
         flight_path_angle=states[..., 2],
         dynamic_pressure=0.5 * np.exp(environment.profile(inputs)(altitude)[0]) * states[..., 1] ** 2,
         variation_deviation=environment.deviation(inputs, altitude),
-        **{name: of(name) for name in by_law},
-        **{name: of(name, designs) if designs else empty.get(name, np.zeros(0)) for name in by_iteration},
+        **columns,
     )
 
 
@@ -92,8 +59,8 @@ def law(gains, number):
     return flight.Law(gains.partition, gains.control[number], gains.gain[number], gains.reference[number])
 
 
-def open_loop(inputs, nominal, linearization) -> Design:
-    """The open loop as a law: zero control, no feedback, and its linear covariance."""
+def open_loop(inputs, nominal, linearization):
+    """The open loop as a law: zero control, no feedback, and its linear covariance; as `_design` returns laws."""
     intervals = len(linearization.partition) - 1
     system = _system(inputs, linearization, np.zeros(intervals), _stacked(linearization.disturbance_covariance))
     covariance, _ = block_program.closed_loop(system, np.zeros((intervals, intervals + 1, 1, 3)))
@@ -103,32 +70,32 @@ def open_loop(inputs, nominal, linearization) -> Design:
     deviation = float(np.sqrt(gradient @ covariance[-1] @ gradient))
     states = states_of(inputs, nominal)
     nothing = np.zeros(intervals)
-    return Design(
-        control=nothing,
-        gain=np.zeros((intervals, intervals + 1, 3)),
-        reference=linearization.state,
-        covariance=covariance,
-        design_covariance=covariance,
-        control_deviation=nothing,
-        design_control_deviation=nothing,
-        delta_v_mean=linearization.delta_v,
-        delta_v_deviation=deviation,
-        design_delta_v_deviation=deviation,
-        percentile=linearization.delta_v + upper_quantile(inputs.percentile_tail) * deviation,
-        largest_gain=0.0,
-        states=states,
-        apoapsis=nominal.apoapsis,
-        nominal_delta_v=nominal.delta_v,
-        objective=np.nan,
-        quadratic_cost=np.nan,
-        condition_number=linearization.condition_number,
-        status="",
-        solver_iterations=0,
-    )
+    return {
+        "control": nothing,
+        "gain": np.zeros((intervals, intervals + 1, 3)),
+        "reference": linearization.state,
+        "covariance": covariance,
+        "design_covariance": covariance,
+        "control_deviation": nothing,
+        "design_control_deviation": nothing,
+        "delta_v_mean": linearization.delta_v,
+        "delta_v_deviation": deviation,
+        "design_delta_v_deviation": deviation,
+        "percentile": linearization.delta_v + upper_quantile(inputs.percentile_tail) * deviation,
+        "largest_gain": 0.0,
+        "states": states,
+        "apoapsis": nominal.apoapsis,
+        "nominal_delta_v": nominal.delta_v,
+        "objective": np.nan,
+        "quadratic_cost": np.nan,
+        "condition_number": linearization.condition_number,
+        "status": "",
+        "solver_iterations": 0,
+    }
 
 
 def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
-    """Iterations of Algorithm 1 from zero control; the results are `Design`."""
+    """Iterations of Algorithm 1 from zero control; the results are laws as `_design` returns them, flown."""
     air = environment.air(inputs)
     compiled = None
 
@@ -161,12 +128,13 @@ def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
         end = current[-1]
         apoapsis = float(orbits.apoapsis_radius(*end, gravity))
         delta_v = float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity))
-        result = _design(inputs, model, system, posed, solution)._replace(
-            states=current,
-            apoapsis=finite_or_nan(apoapsis / inputs.planet_radius),
-            nominal_delta_v=finite_or_nan(delta_v),
-        )
-        monitored = np.array([np.nan_to_num(result.apoapsis, nan=np.inf), result.percentile])
+        result = {
+            **_design(inputs, model, system, posed, solution),
+            "states": current,
+            "apoapsis": finite_or_nan(apoapsis / inputs.planet_radius),
+            "nominal_delta_v": finite_or_nan(delta_v),
+        }
+        monitored = np.array([np.nan_to_num(result["apoapsis"], nan=np.inf), result["percentile"]])
         return Step(solution.control[:, 0], monitored, result)
 
     return successive_convexification(
@@ -236,8 +204,12 @@ def _system(inputs, model, control, disturbance_covariance):
     )
 
 
-def _design(inputs, model, system, posed, solution) -> Design:
-    """The law in SI units, with what linear covariance predicts of it."""
+def _design(inputs, model, system, posed, solution):
+    """The law in SI units, with what linear covariance predicts of it: one row of the fields of `Gains`, by name.
+
+    Its nominal is missing: "apoapsis", "nominal_delta_v", and "states" at every half integration step, which are not
+    stored.
+    """
     state, control = block_program.closed_loop(system, solution.gain)
     both = np.outer(UNITS, UNITS)
     covariance, design_covariance = state * both, solution.covariance * both
@@ -248,28 +220,25 @@ def _design(inputs, model, system, posed, solution) -> Design:
     def along_gradient(matrix):
         return float(np.sqrt(gradient @ matrix @ gradient))
 
-    return Design(
-        control=solution.control[:, 0],
-        gain=solution.gain[:, :, 0, :] / UNITS,
-        reference=model.state + mean,
-        covariance=covariance,
-        design_covariance=design_covariance,
-        control_deviation=np.sqrt(np.maximum(control[:, 0, 0], 0.0)),
-        design_control_deviation=np.sqrt(np.maximum(solution.control_covariance[:, 0, 0], 0.0)),
-        delta_v_mean=float(value + gradient @ mean[-1]),
-        delta_v_deviation=along_gradient(covariance[-1]),
-        design_delta_v_deviation=along_gradient(design_covariance[-1]),
-        percentile=solution.percentile / SPEED[inputs.percentile_unit],
-        largest_gain=solution.largest_gain,
-        states=np.zeros(0),
-        apoapsis=np.nan,
-        nominal_delta_v=np.nan,
-        objective=solution.objective,
-        quadratic_cost=solution.quadratic_cost,
-        condition_number=condition_number(posed.system.disturbance_covariance, np.ones(3)),
-        status=solution.status,
-        solver_iterations=solution.iterations,
-    )
+    return {
+        "control": solution.control[:, 0],
+        "gain": solution.gain[:, :, 0, :] / UNITS,
+        "reference": model.state + mean,
+        "covariance": covariance,
+        "design_covariance": design_covariance,
+        "control_deviation": np.sqrt(np.maximum(control[:, 0, 0], 0.0)),
+        "design_control_deviation": np.sqrt(np.maximum(solution.control_covariance[:, 0, 0], 0.0)),
+        "delta_v_mean": float(value + gradient @ mean[-1]),
+        "delta_v_deviation": along_gradient(covariance[-1]),
+        "design_delta_v_deviation": along_gradient(design_covariance[-1]),
+        "percentile": solution.percentile / SPEED[inputs.percentile_unit],
+        "largest_gain": solution.largest_gain,
+        "objective": solution.objective,
+        "quadratic_cost": solution.quadratic_cost,
+        "condition_number": condition_number(posed.system.disturbance_covariance, np.ones(3)),
+        "status": solution.status,
+        "solver_iterations": solution.iterations,
+    }
 
 
 def _burns(inputs, model):
