@@ -51,7 +51,7 @@ def compiled(altitude, variation):
     phi = dv.diffusion(decay, zeta)
     exact = dv.exact_diffusion(decay, zeta, slope)
     stationary = dv.stationary_variance(phi, decay)
-    factor, negative = dv.density_factor(variation), dv.is_negative(variation)
+    factor, negative = dv.density_factor(variation), dv.is_floored(variation)
     return zeta, slope, decay, phi, exact, stationary, dv.mars_gram_2010_deviation(altitude), factor, negative
 
 
@@ -208,7 +208,7 @@ def test_the_process_runs_from_the_top_down():
 def test_density_factor_and_negative_density():
     variation = np.array([-2.0, -1.0, -0.25, 0.5, np.nan])
     np.testing.assert_array_equal(dv.density_factor(variation), [0, 0, 0.75, 1.5, np.nan])
-    np.testing.assert_array_equal(dv.is_negative(variation), [True, False, False, False, False])
+    np.testing.assert_array_equal(dv.is_floored(variation), [True, False, False, False, False])
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ __all__ = [
     "exact_diffusion",
     "exponential_variance",
     "innovation_variance",
-    "is_negative",
+    "is_floored",
     "mars_gram_2010_deviation",
     "process_variance",
     "retention",
@@ -296,28 +296,30 @@ def sample_exact(normals, retention, deviation):
 
 
 @jitable
-def is_negative(variation):
-    """Whether a variation would make the density negative, 1 + variation < 0 (an unbounded Gaussian can).
+def is_floored(variation, floor=0.0):
+    """Whether `density_factor` has to raise the density, 1 + variation < floor (an unbounded Gaussian can need it).
 
     Args:
         variation: relative density variation, 1.
+        floor: 1.
 
     Returns:
         Boolean, for the caller to count.
     """
-    return 1.0 + variation < 0.0
+    return 1.0 + variation < floor
 
 
 @jitable
-def density_factor(variation):
-    """Ratio of the density to its mean (stochastic entry guidance, Eq. 5), zero where it would be negative.
+def density_factor(variation, floor=0.0):
+    """Ratio of the density to its mean (stochastic entry guidance, Eq. 5; random field, Eq. 72), kept above a floor.
 
-        rho / rho_bar = max(1 + variation, 0)
+        rho / rho_bar = max(1 + variation, floor)
 
     Args:
         variation: relative density variation, 1. NaN stays NaN.
+        floor: 1; zero keeps the density from being negative.
 
     Returns:
         Ratio, 1.
     """
-    return np.maximum(1.0 + variation, 0.0)
+    return np.maximum(1.0 + variation, floor)

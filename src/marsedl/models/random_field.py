@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.compiling import jitable
 from marsedl.models.density_variation import exponential_variance
 
 __all__ = [
@@ -21,9 +20,7 @@ __all__ = [
     "condition",
     "condition_samples",
     "covariance_matrix",
-    "density_factor",
     "interpolate",
-    "is_floored",
     "locally_periodic",
     "markov",
     "require_positive_semidefinite",
@@ -399,36 +396,6 @@ def interpolate(positions, grid, values):
     at_lower, at_upper = (np.take_along_axis(values, lower + step, axis=-1) for step in (0, 1))
     found = (1.0 - fraction) * at_lower + fraction * at_upper
     return found if positions.ndim else found[..., 0]
-
-
-@jitable
-def density_factor(variation, floor):
-    """Ratio of the density to its nominal value (random field, Eq. 72), kept from falling below a floor.
-
-        rho / rho_bar = max(1 + variation, floor)
-
-    Args:
-        variation: relative density variation, 1. NaN stays NaN.
-        floor: 1; an unbounded Gaussian would make thin air negative.
-
-    Returns:
-        Ratio, 1.
-    """
-    return np.maximum(1.0 + variation, floor)
-
-
-@jitable
-def is_floored(variation, floor):
-    """Whether `density_factor` had to raise the density, 1 + variation < floor.
-
-    Args:
-        variation: relative density variation, 1.
-        floor: 1.
-
-    Returns:
-        Boolean, for the caller to count.
-    """
-    return 1.0 + variation < floor
 
 
 # ---- checks ----------------------------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit, prange
 
 from marsedl.models.atmosphere import uniform_cells
+from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.planar_entry import planar_entry_rates_from_sines
-from marsedl.models.random_field import density_factor, is_floored
 from marsedl.montecarlo.elementary import exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories, new_trajectories
 from marsedl.montecarlo.integrators import runge_kutta_4

@@ -18,7 +18,7 @@ from marsedl.methods.guidance.lateral import (
     rate_limited_bank_as_printed,
 )
 from marsedl.methods.guidance.targeting import targeting_from_sines
-from marsedl.models.density_variation import density_factor, is_negative
+from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.entry import entry_rates_from_sines
 from marsedl.montecarlo.elementary import exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
@@ -377,7 +377,7 @@ def _sample_factors(air_deviation, retention, seed, first_trial, factor, negativ
         for lane in range(LANES):
             process[lane] = keep * process[lane] + fresh * drawn[position, lane]
             variation = air_deviation[node] * process[lane]
-            negative[lane] += is_negative(variation)
+            negative[lane] += is_floored(variation)
             factor[node, lane] = density_factor(variation)
 
 
