@@ -13,10 +13,8 @@ import pytest
 
 from marsedl.methods.funnels.monte_carlo import fly
 from marsedl.papers.funnels import PAPER, claims, environment, montecarlo
-from marsedl.papers.funnels.certificates import Certificates
 from marsedl.papers.funnels.claims import DECLARATIONS, MEASURED, STUDIED
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.records import Certificates, Proven, StageStudy
 from marsedl.replication.claims import collect, judge, write_claims
 
 READINGS = ("corrected", "printed", "euler")

@@ -17,15 +17,19 @@ from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d import Axes3D
 
 from marsedl.papers.funnels import figures
-from marsedl.papers.funnels.certificates import Certificates
-from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
-from marsedl.papers.funnels.funnel import Funnel
-from marsedl.papers.funnels.linear_bounds import LinearBounds
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
-from marsedl.papers.funnels.nominal import Nominal, Optima
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.records import (
+    Certificates,
+    Dubins,
+    DubinsStudy,
+    FlightEnsemble,
+    Funnel,
+    LinearBounds,
+    Linearization,
+    Nominal,
+    Optima,
+    Proven,
+    StageStudy,
+)
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_figure
 from marsedl.replication import artifacts
 from marsedl.replication.jobs import Slice

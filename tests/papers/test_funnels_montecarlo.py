@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import environment, flight, montecarlo
-from marsedl.papers.funnels.funnel import Funnel
+from marsedl.papers.funnels.records import Funnel
 from marsedl.replication import artifacts
 
 TRIALS = 2000

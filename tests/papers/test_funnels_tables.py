@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 
 from marsedl.papers.funnels import PAPER, tables
-from marsedl.papers.funnels.certificates import Certificates
-from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
-from marsedl.papers.funnels.funnel import Funnel
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linear_bounds import LinearBounds
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
-from marsedl.papers.funnels.nominal import Optima
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.records import (
+    Certificates,
+    Dubins,
+    DubinsStudy,
+    FlightEnsemble,
+    Funnel,
+    Gains,
+    LinearBounds,
+    Optima,
+    Proven,
+    StageStudy,
+)
 from marsedl.replication.artifacts import quantities
 from marsedl.replication.tables import read_table, write_table
 

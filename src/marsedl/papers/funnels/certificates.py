@@ -4,7 +4,7 @@ All funnels here have points on the slices themselves, and the integrated motion
 whatever the reading takes. A funnel that does not exist has its message, and NaN from where it ends.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -17,13 +17,10 @@ from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels import gains as gains_stage
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.papers.funnels.stage_study import BASIS_DEGREE, SLICE, SPHERES, finite, fitted, stage_at
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, CONDITIONS, SLICE, SPHERES, finite
+from marsedl.papers.funnels.records import Certificates, Gains, Linearization
+from marsedl.papers.funnels.stage_study import fitted, stage_at
 
-COMPLETE = "complete"
-CONDITIONS = ("flow", "euler")
 LOWER_ORDERS = {1: 1, 2: BASIS_DEGREE}  # than that of the inputs, each with the degree of the basis that it needs
 FACTORS = (0.25, 0.5, 1.0, 2.0)  # of the levels over which a stage is studied
 SECOND_SOLVER = "CLARABEL"  # at a few stages; the other solver takes all
@@ -32,81 +29,6 @@ EXCESS_TOLERANCE = 1e-5  # of programs whose bounds are compared with others tha
 RANDOM_STATES = 1000
 FLIGHTS, STATES = 21, 22  # streams of random numbers, keyed by that of the design
 COMPLEX_STEP = 1e-30
-
-PER_SPACING = ("conditions", "spacings")
-
-
-@dataclass(frozen=True)
-class Certificates:
-    """What the funnel is worth. Levels are rho of the slices; the coarse slices are those of the backward funnel."""
-
-    spacing: np.ndarray = quantity("1", ("spacings",), "fine steps from one slice to the next", "int64")
-    condition: np.ndarray = quantity("1", ("conditions",), "what a stage bounds: the motion, or the Euler step", "str")
-    level: np.ndarray = quantity("1", (*PER_SPACING, "slices"), "levels, as many as there are slices", allow_nan=True)
-    outcome: np.ndarray = quantity("1", PER_SPACING, "complete, or why the funnel ends", "str")
-    final_level: np.ndarray = quantity("1", PER_SPACING, "last level", allow_nan=True)
-    peak_level: np.ndarray = quantity("1", PER_SPACING, "largest level", allow_nan=True)
-    excess: np.ndarray = quantity(
-        "1",
-        ("spacings", "stages"),
-        "Euler bound over that of the motion from the same level, less one; negative: the Euler step bounds nothing",
-        allow_nan=True,
-    )
-    unsafe_share: np.ndarray = quantity("1", ("spacings",), "share of stages where that is negative", allow_nan=True)
-    least_excess: np.ndarray = quantity("1", ("spacings",), "least of them", allow_nan=True)
-    largest_excess: np.ndarray = quantity("1", ("spacings",), "largest of them", allow_nan=True)
-    mean_excess: np.ndarray = quantity("1", ("spacings",), "mean of them", allow_nan=True)
-    mean_difference: np.ndarray = quantity("1", ("spacings",), "mean of their magnitudes", allow_nan=True)
-
-    coarse_step: np.ndarray = quantity("1", ("coarse",), "fine steps at which coarse slices are", "int64")
-    variant: np.ndarray = quantity("1", ("variants",), "funnels with coarse slices", "str")
-    variant_level: np.ndarray = quantity("1", ("variants", "coarse"), "their levels", allow_nan=True)
-    variant_outcome: np.ndarray = quantity("1", ("variants",), "complete, or why the funnel ends", "str")
-    multiplier_status: np.ndarray = quantity(
-        "1", ("coarse_stages",), "how the solver of the programs with multipliers ended", "str"
-    )
-    multiplier_difference: float = quantity(
-        "1", (), "largest relative difference of levels by multipliers and by samples", allow_nan=True
-    )
-    second_stage: np.ndarray = quantity("1", ("second",), "coarse stages, from 1, solved by Clarabel too", "int64")
-    second_difference: np.ndarray = quantity(
-        "1", ("second",), "relative difference of the bounds of both solvers there", allow_nan=True
-    )
-    second_status: np.ndarray = quantity("1", ("second",), "how Clarabel ended", "str")
-    backward_programs: np.ndarray = quantity("1", ("coarse_stages",), "programs for each backward stage", "int64")
-    round_trip: float = quantity(
-        "1", (), "largest relative difference of the backward funnel and its return", allow_nan=True
-    )
-    round_trip_shortfall: float = quantity(
-        "1", (), "largest by which the return exceeds it; never above the rounding", allow_nan=True
-    )
-    undisturbed_level: np.ndarray = quantity(
-        "1", ("base",), "levels of the slices of the inputs without disturbance", allow_nan=True
-    )
-    undisturbed_outcome: str = quantity("1", (), "complete, or why that funnel ends", "str")
-
-    studied_slice: np.ndarray = quantity(
-        "1", ("studied",), "slices, from 1, whose stages are taken over levels", "int64"
-    )
-    studied_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of these slices")
-    reached_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of the next slices")
-
-    change: np.ndarray = quantity("1", ("changes",), "what is changed, with coarse slices", "str")
-    change_factor: np.ndarray = quantity("1", ("changes",), "factor")
-    change_initial_level: np.ndarray = quantity("1", ("changes",), "first level then")
-    change_level: np.ndarray = quantity("1", ("changes", "coarse"), "levels then", allow_nan=True)
-    change_outcome: np.ndarray = quantity("1", ("changes",), "complete, or why the funnel ends", "str")
-    change_flown: np.ndarray = quantity(
-        "1", ("changes",), "largest V of flights with constant disturbance", allow_nan=True
-    )
-    change_lost: np.ndarray = quantity("1", ("changes",), "flights that do not stay finite", "int64")
-
-    position_rate_deviation: float = quantity(
-        "1", (), "largest relative deviation of Eq. 37 from the inertial velocity, random states"
-    )
-    velocity_rate_deviation: float = quantity(
-        "1", (), "the same from the inertial acceleration by gravity, lift and drag"
-    )
 
 
 def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:

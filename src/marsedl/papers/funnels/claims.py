@@ -3,26 +3,26 @@
 from math import comb
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.certificates import Certificates
-from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
-from marsedl.papers.funnels.flight import OBSERVED
-from marsedl.papers.funnels.funnel import BASIS_DEGREE, COMPLETE, SPHERES, Funnel
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linear_bounds import LinearBounds
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
-from marsedl.papers.funnels.nominal import Nominal, Optima
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, HEAT_RATE, KILOMETRE, LEVEL, SPHERES, WATT_PER_CM2
+from marsedl.papers.funnels.records import (
+    Certificates,
+    Dubins,
+    DubinsStudy,
+    FlightEnsemble,
+    Funnel,
+    Gains,
+    LinearBounds,
+    Linearization,
+    Nominal,
+    Optima,
+    Proven,
+    StageStudy,
+)
 from marsedl.replication.claims import Declaration, Evaluation
 
-LEVEL, HEAT_RATE = OBSERVED.index("level"), OBSERVED.index("heat_rate")
 STANDARD_GRAVITY = 9.80665  # m/s^2
-KILOMETRE = 1e3
-WATTS_PER_CM2 = 1e4
 MINUTE = 60.0
 COMPLEX_STEP = 1e-30
 
@@ -602,7 +602,9 @@ def linear_reach(inputs, linearization, gains, half_gain):
     """
     loop = environment.closed_loop(inputs, linearization, half_gain)
     spread = np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
-    states, disturbances = np.split(1j * COMPLEX_STEP * block_diag(spread, np.eye(loop.disturbances)), [len(spread)])
+    corner = np.zeros((len(spread), loop.disturbances))
+    directions = np.block([[spread, corner], [corner.T, np.eye(loop.disturbances)]])
+    states, disturbances = np.split(1j * COMPLEX_STEP * directions, [len(spread)])
     final = np.array(loop.flow(0, loop.steps, states, disturbances)).imag / COMPLEX_STEP
     by_start, by_disturbance = np.split(final, [len(spread)], axis=1)
     reached = np.linalg.norm(by_start, axis=1) + np.linalg.norm(by_disturbance, axis=1)
@@ -613,10 +615,10 @@ def linear_reach(inputs, linearization, gains, half_gain):
 
 
 def _heating_claims(inputs, nominal, optima, funnel, constant):
-    limit, peak = inputs.heat_rate_limit / WATTS_PER_CM2, nominal.peak_heat_rate / WATTS_PER_CM2
-    at_nodes = nominal.heat_rate.max() / WATTS_PER_CM2
-    on_funnel = largest(funnel.heat_rate, np.inf) / WATTS_PER_CM2
-    flown = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATTS_PER_CM2
+    limit, peak = inputs.heat_rate_limit / WATT_PER_CM2, nominal.peak_heat_rate / WATT_PER_CM2
+    at_nodes = nominal.heat_rate.max() / WATT_PER_CM2
+    on_funnel = largest(funnel.heat_rate, np.inf) / WATT_PER_CM2
+    flown = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATT_PER_CM2
     meshes, found = np.unique(optima.intervals, return_counts=True) if optima else ([0], [0])
     return {
         "thermal_constraint_nominal": Evaluation(

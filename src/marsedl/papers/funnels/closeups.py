@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from marsedl.papers.funnels.dubins import Dubins
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
+from marsedl.papers.funnels.records import Dubins, FlightEnsemble
 from marsedl.replication.closeups import CloseUp, rounded
 
 MOST_FLIGHTS = 30  # each drawn at every so many of its steps:

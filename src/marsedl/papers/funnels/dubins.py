@@ -3,7 +3,6 @@
 Nothing about the car is printed; its inputs are the same in all readings, and they do not look at those of the entry.
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -22,92 +21,17 @@ from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import BASIS_DEGREE
+from marsedl.papers.funnels.records import Dubins, DubinsStudy
 from marsedl.replication.errors import SolverError
 
-STATE_UNIT = "m, m, rad"
 WIND = 2  # components
 # Funnels: what a stage bounds, and whether there is wind.
 FUNNELS = {"flow": ("flow", False), "euler": ("euler", False), "wind": ("flow", True)}
 PROVEN = ("flow", "wind")  # the others leave out a part of the motion anyway
-DEGREE = 2  # of the basis
 CHECK_POINTS = 400  # of every stage: more than the 85 polynomials of degree 4 that are independent on S^2 x S^1
 FIT_POINTS = 400  # more than the 126 coefficients of degree 4 in 5 variables
 BACKWARD_TOLERANCE = 1e-6
-
-PER_FUNNEL = ("funnels", "slices")
-PER_STAGE = ("funnels", "stages")
-
-
-@dataclass(frozen=True)
-class Dubins:
-    """Path, regulator and funnels of the car.
-
-    The state is x, y and heading. A slice is {1/2 xb'P xb <= rho} with P the cost-to-go of the regulator.
-    """
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
-    state: np.ndarray = quantity(STATE_UNIT, ("half", 3), "nominal path: x, y and heading")
-    turn_rate: np.ndarray = quantity("1/s", ("half",), "nominal turn rate, radians per second")
-    gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("steps", 3), "feedback of the deviation on the turn rate")
-    half_gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("half", 3), "the same at nodes and half-way between")
-    shape: np.ndarray = quantity("SI", ("time", 3, 3), "cost-to-go of the regulator, shape P of the slices")
-
-    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
-    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
-    funnel: np.ndarray = quantity("1", ("funnels",), "flow and Euler condition without wind, flow with wind", "str")
-    level: np.ndarray = quantity("1", PER_FUNNEL, "level of the slice")
-    half_width: np.ndarray = quantity("m, m, rad", (*PER_FUNNEL, 3), "largest deviation of each state in the slice")
-    log_volume: np.ndarray = quantity("1", PER_FUNNEL, "logarithm of the volume of the slice, in m^2 rad")
-    bound: np.ndarray = quantity("1", PER_STAGE, "bound of V at the next slice by the program, relative to the level")
-    gap: np.ndarray = quantity("1", PER_STAGE, "its duality gap")
-    residual: np.ndarray = quantity("1", PER_STAGE, "largest violation of its equations at the samples")
-    iterations: np.ndarray = quantity("1", PER_STAGE, "iterations of the solver", "int64")
-    status: np.ndarray = quantity("1", PER_STAGE, "how the solver ended", "str")
-    identity_error: np.ndarray = quantity("1", PER_STAGE, "error of the Gram identity at fresh points, of the range")
-    least_value: np.ndarray = quantity("1", PER_STAGE, "least difference of bound and polynomial there, of the range")
-    least_eigenvalue: np.ndarray = quantity("1", PER_STAGE, "least eigenvalue of the Gram matrix")
-    rounding_margin: np.ndarray = quantity("1", PER_STAGE, "by how much it may be off")
-    sound: np.ndarray = quantity("1", PER_STAGE, "whether all of this is as it should be", "bool")
-
-    basis_size: np.ndarray = quantity("1", ("funnels",), "polynomials in the basis, rows of the Gram matrix", "int64")
-    samples: np.ndarray = quantity("1", ("funnels",), "samples", "int64")
-    rank: np.ndarray = quantity("1", ("funnels",), "products of the basis that they determine", "int64")
-
-
-@dataclass(frozen=True)
-class DubinsStudy:
-    """The same funnels by other programs, backwards, of linear dynamics, against the motion itself, and proven."""
-
-    funnel: np.ndarray = quantity("1", ("funnels",), "names, as in the funnels", "str")
-    true_maximum: np.ndarray = quantity("1", PER_STAGE, "largest V of the motion found at the next slice, relative")
-    violation: np.ndarray = quantity("1", PER_STAGE, "by how much it exceeds the bound, relative; negative if below")
-
-    multiplier_level: np.ndarray = quantity("1", PER_FUNNEL, "level by programs with multipliers and coefficients")
-    multiplier_status: np.ndarray = quantity("1", PER_STAGE, "how their solver ended", "str")
-    multiplier_difference: np.ndarray = quantity("1", ("funnels",), "largest relative difference to the samples' level")
-    fit_error: np.ndarray = quantity("1", ("funnels",), "largest error of the coefficients at the fitted points")
-
-    linear_level: np.ndarray = quantity("1", PER_FUNNEL, "level for linear dynamics, exact")
-    backward_level: np.ndarray = quantity("1", ("slices",), "level backwards from the end of the first funnel")
-    backward_programs: np.ndarray = quantity("1", ("stages",), "programs solved for the stage", "int64")
-    round_trip: float = quantity("1", (), "largest shortfall of the backward level, relative; never below zero")
-
-    proven_funnel: np.ndarray = quantity("1", ("proven",), "funnels whose levels are proven", "str")
-    proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
-    proven_polynomial: np.ndarray = quantity(
-        "1",
-        ("proven", "stages"),
-        "bound of the polynomial of the stage, relative, on the slice and for all of the disc",
-    )
-    proven_truncation: np.ndarray = quantity(
-        "1", ("proven", "stages"), "addition for the terms above its degree that are polynomials"
-    )
-    proven_remainder: np.ndarray = quantity("1", ("proven", "stages"), "addition for everything else")
-    proven_rise: np.ndarray = quantity(
-        "1", ("proven", "stages"), "addition for what the polynomial may be larger inside of the slice"
-    )
 
 
 # ---- the car ---------------------------------------------------------------------------------------------------------
@@ -189,7 +113,7 @@ def compute(inputs) -> Dubins:
     )
     half_gain = at_half_steps(regulator.gains)[:, 0]
     steps = np.arange(0, len(time), inputs.dubins_steps_per_slice)
-    designs = [well_chosen_design(spheres(wind), inputs.design_seed, DEGREE) for _, wind in FUNNELS.values()]
+    designs = [well_chosen_design(spheres(wind), inputs.design_seed, BASIS_DEGREE) for _, wind in FUNNELS.values()]
     funnels = [
         _propagated(
             inputs,
@@ -319,7 +243,7 @@ def _multiplier_levels(inputs, dubins, number):
     for k in range(dubins.bound.shape[1]):
         stage = stage_of(inputs, dubins, loop, condition, k, levels[-1])
         coefficients, error = polynomial_coefficients(
-            stage.values, program.spheres.variables, 2 * DEGREE, inputs.design_seed + 3, points=FIT_POINTS
+            stage.values, program.spheres.variables, 2 * BASIS_DEGREE, inputs.design_seed + 3, points=FIT_POINTS
         )
         certificate = program.solve(coefficients)
         levels.append(levels[-1] * certificate.safe_bound)
@@ -341,7 +265,7 @@ def _backwards(inputs, dubins):
         dubins.shape[dubins.slice_step],
         dubins.slice_step,
         dubins.level[0, -1],
-        well_chosen_design(spheres(wind), inputs.design_seed, DEGREE),
+        well_chosen_design(spheres(wind), inputs.design_seed, BASIS_DEGREE),
         solver=partial(rank_one, tolerance=inputs.program_tolerance),
         order=inputs.taylor_order,
         condition=condition,
@@ -353,7 +277,7 @@ def _proven_stages(inputs, dubins, name):
     """Stages of a funnel, proven for the integrated motion from the whole first slice under any wind of the disc."""
     _, wind = FUNNELS[name]
     loop = closed_loop(inputs, dubins, wind)
-    design = well_chosen_design(covering_spheres(loop), inputs.design_seed, DEGREE)
+    design = well_chosen_design(covering_spheres(loop), inputs.design_seed, BASIS_DEGREE)
     stages = proven_stages(loop, dubins.shape, dubins.slice_step, inputs.dubins_level, design, inputs.taylor_order)
     try:
         return list(stages)

@@ -4,30 +4,30 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from marsedl.papers.funnels.certificates import CONDITIONS, Certificates
-from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
-from marsedl.papers.funnels.flight import OBSERVED
-from marsedl.papers.funnels.funnel import COMPLETE, Funnel
-from marsedl.papers.funnels.linear_bounds import LinearBounds
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
-from marsedl.papers.funnels.nominal import Nominal, Optima
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, DEGREE, HEAT_RATE, KILOMETRE, LEVEL, WATT_PER_CM2
+from marsedl.papers.funnels.records import (
+    Certificates,
+    Dubins,
+    DubinsStudy,
+    FlightEnsemble,
+    Funnel,
+    LinearBounds,
+    Linearization,
+    Nominal,
+    Optima,
+    Proven,
+    StageStudy,
+)
 from marsedl.plotting.ellipses import band, ellipse
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
-KM = 1e3
-DEGREE = np.pi / 180
-WATT_PER_CM2 = 1e4  # W/m^2
 TIME_LABEL = "time from entry (s)"
 LEVEL_LABEL = r"level $\rho$"
 HEAT_LABEL = "heat rate (W/cm$^2$)"
 ALTITUDE, LONGITUDE, _, VELOCITY = range(4)
-LEVEL, HEAT_RATE = OBSERVED.index("level"), OBSERVED.index("heat_rate")
 # Names of the states, and what one of their units is; None: of angles that are distances on the ground.
 STATE_LABELS = (
-    ("altitude (km)", KM),
+    ("altitude (km)", KILOMETRE),
     ("downrange (km)", None),
     ("crossrange (km)", None),
     ("velocity (m/s)", 1.0),
@@ -53,7 +53,7 @@ RESOLVED = 1e-9  # relative: smaller deviations are on a linear part of their ax
 def fig01(inputs, linearization: Linearization, funnel: Funnel) -> Figure:
     """Slices of the funnel in downrange and altitude, and the end of it enlarged."""
     figure, (whole, end) = new_figure(7.8, 3.6, ncols=2, width_ratios=(1.9, 1))
-    scale = np.array([inputs.planet_radius / KM, 1.0 / KM])
+    scale = np.array([inputs.planet_radius / KILOMETRE, 1.0 / KILOMETRE])
     path = (linearization.state[:, [LONGITUDE, ALTITUDE]] - [inputs.entry_longitude, 0.0]) * scale
     ellipses = _in_plane(funnel, (LONGITUDE, ALTITUDE)) * np.outer(scale, scale)
     late = int((1.0 - END_SHARE) * len(funnel.step))
@@ -176,7 +176,7 @@ def nominal(inputs, linearization: Linearization, nominal: Nominal, optima: Opti
     time, last = linearization.half_time, linearization.half_time[-1]
     state = linearization.state
     for axes, values, label in (
-        (panels[0, 0], state[:, ALTITUDE] / KM, "altitude (km)"),
+        (panels[0, 0], state[:, ALTITUDE] / KILOMETRE, "altitude (km)"),
         (panels[0, 1], state[:, VELOCITY], "velocity (m/s)"),
         (panels[0, 2], linearization.bank / DEGREE, "bank angle (deg)"),
         (panels[1, 0], linearization.heat_rate / WATT_PER_CM2, HEAT_LABEL),
@@ -209,7 +209,7 @@ def nominal(inputs, linearization: Linearization, nominal: Nominal, optima: Opti
 def bands(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble) -> Figure:
     """Half widths of the funnel in every state, with flights inside and what linear dynamics say."""
     figure, panels = new_figure(8.4, 5.4, nrows=2, ncols=3, sharex=True)
-    length, beyond = inputs.planet_radius / KM, False
+    length, beyond = inputs.planet_radius / KILOMETRE, False
     for component, axes in enumerate(panels.flat):
         name, scale = STATE_LABELS[component]
         scale = length if scale is None else 1.0 / scale

@@ -14,9 +14,9 @@ from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import dubins as car
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.basics import OBSERVED
 
 START_STREAM, DISTURBANCE_STREAM, ADDITIVE_STREAM = range(3)
-OBSERVED = ("level", "feedback", "heat_rate")
 
 
 @dataclass(frozen=True)

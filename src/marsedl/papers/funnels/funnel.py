@@ -1,6 +1,5 @@
 """The funnel of the entry: levels from slice to slice, how far each bound can be trusted, and what lies inside."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,101 +13,15 @@ from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.environment import STATE_UNIT
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
+from marsedl.papers.funnels.records import Funnel, Gains, Linearization
 
-COMPLETE = "complete"
-BASIS_DEGREE = 2  # of the sums of squares: 43 polynomials, 406 samples
-SPHERES = Spheres((len(environment.STATES), environment.DISTURBANCES))
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
 # Streams of random numbers, all keyed by that of the design.
 CHECKS, TRUE_MAXIMUM, TIGHTNESS, SLICE_POINTS = range(1, 5)
 ANGLES = 2001  # around the slice, for the heat rate: its maximum is off by less than a millionth
 CIRCLE = 72  # points of the slice that are drawn in Fig. 4
 MEMORY_FACTOR = 10.0
-
-
-@dataclass(frozen=True)
-class Funnel:
-    """Slices {1/2 xb'P xb <= rho} along the reference, the bounds that made them, and their checks.
-
-    A stage leads from a slice to the next; levels and bounds are NaN from where the funnel does not exist.
-    """
-
-    outcome: str = quantity("1", (), "complete, or why the funnel ends where it does", "str")
-    step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
-    time: np.ndarray = quantity("s", ("slices",), "its time")
-    shape: np.ndarray = quantity("SI", ("slices", 6, 6), "its shape P")
-    level: np.ndarray = quantity("1", ("slices",), "its level rho", allow_nan=True)
-    half_width: np.ndarray = quantity(
-        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
-    )
-    log_volume: np.ndarray = quantity(
-        "1", ("slices",), "natural logarithm of its volume, in the units of the states", allow_nan=True
-    )
-    feedback: np.ndarray = quantity("rad", ("slices",), "largest feedback bank angle in it", allow_nan=True)
-    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference")
-    heat_rate: np.ndarray = quantity(
-        "W/m^2", ("slices",), "largest heat rate in the slice with any disturbance of the density", allow_nan=True
-    )
-    rising: np.ndarray = quantity(
-        "1", ("slices",), "share of random points of its boundary where V grows under the worst w", allow_nan=True
-    )
-    rising_undisturbed: np.ndarray = quantity("1", ("slices",), "the same share under no disturbance", allow_nan=True)
-    literal_level: np.ndarray = quantity(
-        "1", ("slices", 2), "least and largest V/rho of the points of Eq. 26, in the units of raw_units", allow_nan=True
-    )
-    literal_level_si: np.ndarray = quantity(
-        "1", ("slices", 2), "the same with states in m, rad and m/s", allow_nan=True
-    )
-    bound: np.ndarray = quantity("1", ("stages",), "proven bound of the polynomial over the level", allow_nan=True)
-    growth: np.ndarray = quantity("1", ("stages",), "factor by which the stage raises the level", allow_nan=True)
-    additive_growth: np.ndarray = quantity(
-        "1", ("stages",), "V caused by disturbances that are added to the rates, which comes on top by its root"
-    )
-    true_maximum: np.ndarray = quantity(
-        "1", ("stages",), "largest value of the integrated motion that was found, over the level", allow_nan=True
-    )
-    violation: np.ndarray = quantity(
-        "1", ("stages",), "by how much that exceeds the bound, relative; negative if it does not", allow_nan=True
-    )
-    tightness: np.ndarray = quantity(
-        "1",
-        ("studied",),
-        "how far the largest value of the polynomial found is below its bound, relative",
-        allow_nan=True,
-    )
-    tightness_stage: np.ndarray = quantity("1", ("studied",), "number of that stage, from 1", "int64")
-    gap: np.ndarray = quantity("1", ("stages",), "duality gap of the program, over the bound", allow_nan=True)
-    residual: np.ndarray = quantity(
-        "1", ("stages",), "largest violation of its equations, over the bound", allow_nan=True
-    )
-    iterations: np.ndarray = quantity("1", ("stages",), "iterations of its solver; 0: not solved", "int64")
-    status: np.ndarray = quantity("1", ("stages",), "how the solver ended", "str")
-    identity_error: np.ndarray = quantity(
-        "1", ("stages",), "error of the sum of squares at fresh points, over the range of values", allow_nan=True
-    )
-    least_value: np.ndarray = quantity(
-        "1", ("stages",), "least distance from the polynomial to its bound there, over that range", allow_nan=True
-    )
-    least_eigenvalue: np.ndarray = quantity("1", ("stages",), "of the Gram matrix", allow_nan=True)
-    rounding_margin: np.ndarray = quantity("1", ("stages",), "what rounding may change of it", allow_nan=True)
-    stage_sound: np.ndarray = quantity("1", ("stages",), "whether these checks are passed", "bool")
-    sound: bool = quantity("1", (), "whether the funnel is complete and all stages are sound")
-    memory: float = quantity(
-        "1", (), "relative change of the second level when the first is ten times as large", allow_nan=True
-    )
-    samples: np.ndarray = quantity("1", ("samples", 8), "points (y, w) at which the programs are matched")
-    fig4_coordinate: np.ndarray = quantity("1", ("grid",), "whitened coordinates along both axes of Fig. 4")
-    fig4_rate: np.ndarray = quantity(
-        "1/s", ("grid", "grid"), "rate of V in that plane, without disturbance; rows: second coordinate", allow_nan=True
-    )
-    fig4_worst_rate: np.ndarray = quantity("1/s", ("grid", "grid"), "the same under the worst w", allow_nan=True)
-    fig4_circle: np.ndarray = quantity("1", ("circle", 2), "points of the slice in that plane")
-    fig4_circle_rate: np.ndarray = quantity("1/s", ("circle",), "rate of V there", allow_nan=True)
-    fig4_circle_worst_rate: np.ndarray = quantity("1/s", ("circle",), "the same under the worst w", allow_nan=True)
 
 
 def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
@@ -332,7 +245,7 @@ def largest_heat_rate(inputs, state, shape, level):
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
     outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
     altitude, velocity = state[[0, 3], np.newaxis] + outline
-    return _finite(environment.heat_rate(inputs, altitude, velocity, densest(inputs, altitude)).max())
+    return finite(environment.heat_rate(inputs, altitude, velocity, densest(inputs, altitude)).max())
 
 
 def densest(inputs, altitude):
@@ -356,7 +269,7 @@ def lyapunov_rates(inputs, loop, step, shape, shape_rate, level, points):
     still, most, least = (
         lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
     )
-    return np.array([_finite(still), _finite(np.maximum(most, least))])
+    return np.array([finite(still), finite(np.maximum(most, least))])
 
 
 def literal_levels(units, design, shape, level):
@@ -397,8 +310,3 @@ def _padded(values, length, fill=np.nan):
     values = np.asarray(values)
     missing = np.full((length - len(values), *values.shape[1:]), fill)
     return np.concatenate([values.astype(missing.dtype), missing])
-
-
-def _finite(values):
-    """NaN in place of infinities, which artifacts cannot hold."""
-    return np.where(np.isfinite(values), values, np.nan)[()]

@@ -4,7 +4,6 @@ The paper compares its funnel with linear ellipsoidal ones (robust entry funnels
 the entry: terms beyond the first order are left out. The disturbance is that of the density, in all readings.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,57 +18,13 @@ from marsedl.methods.funnels.linear import (
 from marsedl.methods.funnels.monte_carlo import fly, quadratic_values
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.environment import STATE_UNIT
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import finite, half_widths
+from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
 
 FLIGHTS = 2000  # a share of them is known to about a per cent
 DIRECTION_STREAM, RADIUS_STREAM = 8, 9  # of the random numbers; the Monte Carlo flights use others
 # Start and disturbance may both be at their limits: then the sum of squares that the joint ellipsoid holds at 1 is 2.
 BOTH_LIMITS = 2.0
-
-
-@dataclass(frozen=True)
-class LinearBounds:
-    """Levels, sets and shapes of the linearised closed loop.
-
-    The value of a flight in the joint ellipsoid is 1 on its surface. Linear flights stay below 2, whose start is in the
-    initial set and whose disturbance is in its own. NaN: of flights that are not finite.
-    """
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
-    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
-
-    exact_level: np.ndarray = quantity("1", ("slices",), "level, exact for linear dynamics")
-    triangle_level: np.ndarray = quantity("1", ("slices",), "level by the triangle inequality")
-    undisturbed_level: np.ndarray = quantity("1", ("slices",), "level without disturbance, exact for linear dynamics")
-    exact_half_width: np.ndarray = quantity(
-        STATE_UNIT, ("slices", 6), "largest deviation of each state within the level of the first kind"
-    )
-
-    joint_half_width: np.ndarray = quantity(
-        STATE_UNIT,
-        ("time", 6),
-        "largest deviation within the joint ellipsoid of start and constant disturbance",
-    )
-    joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
-    flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
-    lost: int = quantity("1", (), "flights that are not finite")
-    flown_half_width: np.ndarray = quantity(STATE_UNIT, ("time", 6), "largest deviation of them", allow_nan=True)
-    largest_value: np.ndarray = quantity("1", ("time",), "their largest value", allow_nan=True)
-    largest_linear_value: np.ndarray = quantity("1", ("time",), "the same if they were linear")
-    share_outside: float = quantity("1", (), "share of the flights whose value exceeds 1 at some time")
-    linear_share_outside: float = quantity("1", (), "the same if they were linear")
-    share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
-
-    reachable_half_width: np.ndarray = quantity(
-        STATE_UNIT,
-        ("time", 6),
-        "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
-    )
-    reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
 
 
 def compute(inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
@@ -98,18 +53,18 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
         exact_level=exact,
         triangle_level=linear_triangle(across, pushed, shapes, gains.initial_level),
         undisturbed_level=linear_exact(across, pushed[:, :, :0], shapes, gains.initial_level),
-        exact_half_width=_half_widths(2.0 * exact[:, np.newaxis, np.newaxis] * _inverse(shapes, 1.0 / scale)),
-        joint_half_width=_half_widths(ellipsoids),
+        exact_half_width=half_widths(2.0 * exact[:, np.newaxis, np.newaxis] * _inverse(shapes, 1.0 / scale)),
+        joint_half_width=half_widths(ellipsoids),
         joint_condition=np.linalg.cond(ellipsoids / np.outer(scale, scale)),
         flights=FLIGHTS,
         lost=int(np.count_nonzero(~np.isfinite(values).all(axis=0))),
-        flown_half_width=_finite(np.array(flown)),
-        largest_value=_finite(values.max(axis=1)),
+        flown_half_width=finite(np.array(flown)),
+        largest_value=finite(values.max(axis=1)),
         largest_linear_value=linear_values.max(axis=1),
         share_outside=_share(values, 1.0),
         linear_share_outside=_share(linear_values, 1.0),
         share_beyond=_share(values, BOTH_LIMITS),
-        reachable_half_width=_half_widths(2.0 * _inverse(reachable, 1.0 / scale)),
+        reachable_half_width=half_widths(2.0 * _inverse(reachable, 1.0 / scale)),
         reachable_level=linear_exact(across, pushed, reachable[steps], 1.0),
     )
 
@@ -155,14 +110,5 @@ def _inverse(matrices, scale):
     return np.linalg.inv(matrices / units) / units
 
 
-def _half_widths(ellipsoids):
-    """Largest components in {x'E^-1 x <= 1}."""
-    return np.sqrt(np.diagonal(ellipsoids, axis1=1, axis2=2))
-
-
 def _share(values, limit):
     return float((values.max(axis=0) > limit).mean())
-
-
-def _finite(values):
-    return np.where(np.isfinite(values), values, np.nan)

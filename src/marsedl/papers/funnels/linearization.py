@@ -1,35 +1,11 @@
 """The reference on the fine grid and the linear model about it (robust entry funnels, Sec. 4)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.environment import STATE_UNIT
-from marsedl.papers.funnels.nominal import Nominal
-from marsedl.replication.artifacts import quantity
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """Reference and Jacobians of Eq. 37 at the nodes of the fine grid and half-way between."""
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
-    state: np.ndarray = quantity(
-        STATE_UNIT,
-        ("half", 6),
-        "reference: altitude, longitude, latitude, velocity, path angle and heading",
-    )
-    bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference")
-    state_matrix: np.ndarray = quantity("SI", ("half", 6, 6), "derivative of the rates by the state")
-    control_matrix: np.ndarray = quantity("SI", ("half", 6), "by the bank angle")
-    disturbance_matrix: np.ndarray = quantity("SI", ("half", 6, 2), "by the disturbance of the density")
-    heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference")
-    deceleration: np.ndarray = quantity("m/s^2", ("half",), "deceleration of the reference")
-    drift: np.ndarray = quantity(STATE_UNIT, (6,), "final state of the reference, less that of the nominal")
+from marsedl.papers.funnels.records import Linearization, Nominal
 
 
 def compute(inputs, nominal: Nominal) -> Linearization:

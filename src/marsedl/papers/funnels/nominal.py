@@ -6,8 +6,6 @@ limit, and every pair of nodes near the peak has one. Finer meshes have more of 
 rate exceed its limit by less; see `optima`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.collocation import (
@@ -23,55 +21,14 @@ from marsedl.methods.collocation import (
 )
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.environment import STATE_UNIT, STATES
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import DEGREE
+from marsedl.papers.funnels.environment import STATES
+from marsedl.papers.funnels.records import Nominal, Optima
 from marsedl.replication.errors import MarsedlError, SolverError
 
-DEGREE = np.pi / 180.0
 FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted
 SAME = 1e-5  # relative difference of costs below which two solutions are one optimum
 NOTHING = 1e-3  # cost in deg^2/s that counts as none
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """The trajectory that is flown."""
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
-    state: np.ndarray = quantity(
-        STATE_UNIT, ("time", 6), "altitude, longitude, latitude, velocity, path angle, heading"
-    )
-    bank: np.ndarray = quantity("rad", ("time",), "bank angle at the nodes, linear in between")
-    bank_rate: np.ndarray = quantity("rad/s", ("intervals",), "bank rate on each interval")
-    cost: float = quantity("rad^2/s", (), "integral of the squared bank rate")
-    heat_rate: np.ndarray = quantity("W/m^2", ("time",), "heat rate at the nodes, where it is limited")
-    peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
-    peak_time: float = quantity("s", (), "when it is reached")
-    miss: np.ndarray = quantity(STATE_UNIT, (6,), "final state flown by a method of order eight, less the solution's")
-    status: str = quantity("1", (), "how the solver ended", "str")
-    iterations: int = quantity("1", (), "iterations of the solver")
-    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
-
-
-@dataclass(frozen=True)
-class Optima:
-    """All optima that were found on several meshes, by mesh and cost.
-
-    The heat rate is limited at the nodes, so that the nodes make optima of their own.
-    """
-
-    intervals: np.ndarray = quantity("1", ("optima",), "intervals of its mesh", "int64")
-    cost: np.ndarray = quantity("rad^2/s", ("optima",), "integral of the squared bank rate")
-    final_time: np.ndarray = quantity("s", ("optima",), "final time")
-    final_velocity: np.ndarray = quantity("m/s", ("optima",), "final velocity")
-    peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
-    peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
-    starts: np.ndarray = quantity("1", ("optima",), "starts that lead to it", "int64")
-    start_bank: np.ndarray = quantity("rad", ("starts",), "constant bank angle of each start; the first is the guess")
-    start_final_time: np.ndarray = quantity("s", ("starts",), "its final time")
-    start_optimum: np.ndarray = quantity(
-        "1", ("meshes", "starts"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
-    )
 
 
 # ---- the problem -----------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ The stage is studied at a level of its own, that of the configuration, with poin
 motion, whatever the reading's funnel takes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import comb
 
@@ -27,13 +27,9 @@ from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.gains import KILOMETRES, Gains
-from marsedl.papers.funnels.linearization import Linearization
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, finite
+from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
 
-BASIS_DEGREE = 2  # of the sums of squares
-SLICE = Spheres((len(environment.STATES),))
-SPHERES = Spheres((len(environment.STATES), environment.DISTURBANCES))
 # Slice, slice with disturbances of the density, the Dubins car without and with wind, a circle; last, additive
 # disturbances of all states beside those of the density, which are counted only.
 VARIETIES = ((6,), (6, 2), (3,), (3, 2), (2,), (6, 8))
@@ -50,91 +46,6 @@ ANGLES, RADII = 36, (0.0, 0.25, 0.5, 0.75)  # where disturbances are compared
 NEWTON_STEPS, NEWTON_FRACTIONS = 12, 2.0 ** -np.arange(8)
 CONVERGED = 1e-9  # of the gradient at no disturbance
 DIFFERENCE = 1e-4  # of disturbances
-
-
-@dataclass(frozen=True)
-class StageStudy:
-    """What the program of a stage needs, and what it gives in other forms.
-
-    Bounds are of V at the next slice over the level of this one. The form "samples, rank one" is that of the funnel.
-    """
-
-    variety: np.ndarray = quantity("1", ("varieties",), "spheres on which polynomials are bounded", "str")
-    variables: np.ndarray = quantity("1", ("varieties",), "their coordinates", "int64")
-    monomials: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 2", "int64")
-    basis_size: np.ndarray = quantity("1", ("varieties",), "of which are independent there", "int64")
-    coefficients: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 4", "int64")
-    gram_unknowns: np.ndarray = quantity("1", ("varieties",), "entries of a symmetric matrix over the basis", "int64")
-    samples: np.ndarray = quantity("1", ("varieties",), "least number of samples", "int64")
-    basis_rank: np.ndarray = quantity("1", ("varieties",), "rank of all monomials at samples; 0: not computed", "int64")
-    product_rank: np.ndarray = quantity(
-        "1", ("varieties",), "rank of the products of the basis at more than enough samples; 0: not computed", "int64"
-    )
-    exponent: np.ndarray = quantity("1", ("exponents",), "exponent d of Eq. 24", "int64")
-    exponent_degree: np.ndarray = quantity("1", ("exponents",), "degree of the left side of Eq. 24", "int64")
-    gram_degree: int = quantity("1", (), "degree of the right side")
-
-    form: np.ndarray = quantity("1", ("forms",), "form of the program and its solver", "str")
-    form_bound: np.ndarray = quantity("1", ("forms",), "bound", allow_nan=True)
-    form_safe_bound: np.ndarray = quantity(
-        "1", ("forms",), "bound that holds in spite of residual and rounding", allow_nan=True
-    )
-    form_gap: np.ndarray = quantity("1", ("forms",), "duality gap", allow_nan=True)
-    form_residual: np.ndarray = quantity("1", ("forms",), "largest violation of the equations", allow_nan=True)
-    form_iterations: np.ndarray = quantity("1", ("forms",), "iterations of the solver", "int64")
-    form_status: np.ndarray = quantity("1", ("forms",), "how it ended", "str")
-    fit_error: float = quantity("1", (), "largest error of the coefficients at the fitted points")
-    polynomial_maximum: float = quantity("1", (), "largest value found of the polynomial, on both spheres")
-    disc_maximum: float = quantity("1", (), "the same with disturbances inside their disc as well")
-    true_maximum: float = quantity("1", (), "largest value found of the motion itself, there")
-    identity_error: float = quantity("1", (), "error of the sum of squares at fresh points")
-    least_value: float = quantity("1", (), "least distance from the polynomial to its bound there")
-    least_eigenvalue: float = quantity("1", (), "of the Gram matrix")
-    rounding_margin: float = quantity("1", (), "what rounding may change of it")
-
-    linear_slice: np.ndarray = quantity("1", ("linear",), "slices, from 1, of stages with linear motion", "int64")
-    linear_level: np.ndarray = quantity("1", ("linear",), "their levels")
-    linear_small_bound: np.ndarray = quantity("1", ("linear",), "bound with a basis of degree 1")
-    linear_large_bound: np.ndarray = quantity("1", ("linear",), "bound with the basis of degree 2")
-    linear_exact: np.ndarray = quantity("1", ("linear",), "largest value of linear motion, without samples")
-    linear_still_bound: np.ndarray = quantity("1", ("linear",), "bound without disturbance, degree 1")
-    linear_still_exact: np.ndarray = quantity("1", ("linear",), "largest squared singular value of the motion")
-    linear_gram_size: int = quantity("1", (), "rows of the Gram matrix of degree 1")
-    linear_samples: int = quantity("1", (), "its samples")
-
-    few_samples: np.ndarray = quantity("1", ("counts",), "numbers of random samples", "int64")
-    few_rank: np.ndarray = quantity("1", ("counts",), "products of the basis that they determine", "int64")
-    few_bound: np.ndarray = quantity("1", ("counts",), "bound from them")
-    few_least_value: np.ndarray = quantity("1", ("counts",), "its least distance to the polynomial at fresh points")
-    few_identity_error: np.ndarray = quantity("1", ("counts",), "error of the sum of squares there")
-
-    exponent_whitened_bound: np.ndarray = quantity("1", ("exponents",), "bound with (y'y)^d, on the unit sphere")
-    exponent_bound: np.ndarray = quantity(
-        "1", ("exponents", "designs"), "bound with (x'x)^d of scaled states; the first samples are the funnel's"
-    )
-    exponent_status: np.ndarray = quantity("1", ("exponents", "designs"), "how the solver ended", "str")
-
-    basis: np.ndarray = quantity("1", ("bases",), "coordinates and basis", "str")
-    basis_condition: np.ndarray = quantity("1", ("bases",), "condition number at the samples, without null directions")
-    design: np.ndarray = quantity("1", ("designs",), "well chosen and random samples", "str")
-    design_condition: np.ndarray = quantity("1", ("designs",), "condition number of the interpolation of degree 4")
-    design_bound: np.ndarray = quantity("1", ("designs",), "bound from them")
-    invariance: np.ndarray = quantity("1", ("changes",), "changes that must not change the bound", "str")
-    invariance_bound: np.ndarray = quantity("1", ("changes",), "bound after them")
-
-    stationary_converged: float = quantity("1", (), "share of deviations for which Newton's method finds a point of O")
-    stationary_norm: np.ndarray = quantity("1", (3,), "least, median and largest norm of w there", allow_nan=True)
-    stationary_inside: int = quantity("1", (), "how many of them are in W")
-    stationary_saddles: float = quantity("1", (), "share of deviations and disturbances with an indefinite Hessian")
-    stationary_value: float = quantity("1", (), "largest value of the Euler polynomial in them", allow_nan=True)
-    boundary_value: float = quantity("1", (), "the same on the boundary of W")
-    interior_better: int = quantity("1", (), "deviations for which a disturbance in W is worse than on its boundary")
-    gradient_deviation: float = quantity("1", (), "largest relative deviation of Eq. 35 from differences of V'")
-    gradient_angle: float = quantity(
-        "rad", (), "largest angle from the gradient of the rates themselves to that of the logarithm of the density"
-    )
-    gradient_least: float = quantity("1", (), "least norm of it over the median: it is nowhere zero")
-    hessian_rank_one: float = quantity("1", (), "largest |determinant| over squared trace of the rates' own Hessian")
 
 
 def compute(inputs, linearization: Linearization, gains: Gains) -> StageStudy:
@@ -365,7 +276,7 @@ def conditions(inputs, stage, design):
     spread = np.sqrt(np.repeat(SPHERES.dimensions, SPHERES.dimensions))
     bases = {
         "monomials, m, m/s and rad": monomials(np.ones(states)),
-        "monomials, km, km/s and rad": monomials(KILOMETRES),
+        "monomials, km, km/s and rad": monomials(STATES_IN_KILOMETRES),
         "monomials, scales of the regulator": monomials(environment.state_scale(inputs)),
         "monomials, whitened": SPHERES.evaluate(exponents, points),
         "Hermite, whitened": hermite_values(exponents, points),
@@ -532,9 +443,3 @@ def _own_derivatives(inputs, loop, stage, points):
         "gradient_least": float(size.min() / np.median(size)),
         "hessian_rank_one": float(np.abs(determinant / trace**2).max()),
     }
-
-
-def finite(values):
-    """NaN in place of infinities, which artifacts cannot hold."""
-    values = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(values), values, np.nan)

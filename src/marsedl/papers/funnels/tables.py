@@ -2,20 +2,23 @@
 
 import numpy as np
 
-from marsedl.papers.funnels.certificates import Certificates
-from marsedl.papers.funnels.claims import LEVEL, flown_levels, largest, over_flown, peaks
-from marsedl.papers.funnels.dubins import Dubins, DubinsStudy
-from marsedl.papers.funnels.funnel import COMPLETE, Funnel
-from marsedl.papers.funnels.gains import Gains
-from marsedl.papers.funnels.linear_bounds import LinearBounds
-from marsedl.papers.funnels.montecarlo import FlightEnsemble
-from marsedl.papers.funnels.nominal import DEGREE, Optima
-from marsedl.papers.funnels.proven import Proven
-from marsedl.papers.funnels.stage_study import StageStudy
+from marsedl.papers.funnels.basics import COMPLETE, DEGREE, KILOMETRE, LEVEL, STATES_IN_KILOMETRES, WATT_PER_CM2
+from marsedl.papers.funnels.claims import flown_levels, largest, over_flown, peaks
+from marsedl.papers.funnels.records import (
+    Certificates,
+    Dubins,
+    DubinsStudy,
+    FlightEnsemble,
+    Funnel,
+    Gains,
+    LinearBounds,
+    Optima,
+    Proven,
+    StageStudy,
+)
 
 NO_VALUE = "–"
 PAPER = "in the paper"
-KILOMETRE, WATTS_PER_CM2 = 1e3, 1e4
 TIMES = 13  # at which levels are tabulated
 # Inputs in which readings may differ that say how much is computed, not what.
 _SIZES = (
@@ -87,7 +90,7 @@ def withheld(inputs, published):
         ("final velocity, between", _list(inputs.final_velocity_bounds, "g"), "m/s", NOT_PRINTED),
         ("bank angle, between", degrees(inputs.bank_bounds), "deg", NOT_PRINTED),
         ("cost of the nominal", "integral of the squared bank rate", "", NOT_PRINTED),
-        ("limit of the heat rate", f"{inputs.heat_rate_limit / WATTS_PER_CM2:g}", "W/cm^2", NOT_PRINTED),
+        ("limit of the heat rate", f"{inputs.heat_rate_limit / WATT_PER_CM2:g}", "W/cm^2", NOT_PRINTED),
         ("weights of the regulator: equal deviations", "; ".join(scales), "km, m/s, deg", NOT_PRINTED),
         ("bank angle that costs as much", degrees(inputs.scale_bank), "deg", NOT_PRINTED),
         ("times of running costs of state and bank angle", _list(times, "g"), "s", NOT_PRINTED),
@@ -138,7 +141,7 @@ def optima(inputs, published, optima: Optima):
                 _number(optima.cost[number] / DEGREE**2, ".4f"),
                 _number(optima.final_time[number], ".3f"),
                 _number(optima.final_velocity[number], ".2f"),
-                _number(optima.peak_heat_rate[number] / WATTS_PER_CM2, ".4f"),
+                _number(optima.peak_heat_rate[number] / WATT_PER_CM2, ".4f"),
                 _number(optima.peak_position[number], ".3f"),
                 f"{optima.starts[number]} of {len(optima.start_bank)}",
             )
@@ -259,13 +262,12 @@ def conditions(inputs, published, gains: Gains):
             "in scales of the regulator",
         )
     ]
-    kilometres = np.array([KILOMETRE, 1.0, 1.0, KILOMETRE, 1.0, 1.0])
     last = len(gains.time) - 1
     for k in (0, last // 2, last):
         rows.append(
             (
                 _number(gains.time[k], ".2f"),
-                _list(np.diag(gains.value_matrix[k]) * kilometres**2, ".5g"),
+                _list(np.diag(gains.value_matrix[k]) * STATES_IN_KILOMETRES**2, ".5g"),
                 _number(gains.condition[k], ".3g"),
                 _number(gains.scaled_condition[k], ".4g"),
             )
@@ -522,7 +524,7 @@ def readings(artifacts, published):
                 f"{sum(len(law.outcome) for law in laws):,}",
                 f"{exceeded} of {len(funnel.bound)}" if sought else NO_VALUE,
                 _number(100.0 * largest(funnel.violation), ".3f"),
-                _number(largest(funnel.heat_rate) / WATTS_PER_CM2, ".4g"),
+                _number(largest(funnel.heat_rate) / WATT_PER_CM2, ".4g"),
                 _number(largest(funnel.feedback) / DEGREE, ".4g"),
                 _yes(funnel.stage_sound.all()),
                 _yes(inputs.sampling == "whitened"),

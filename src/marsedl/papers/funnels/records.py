@@ -1,0 +1,564 @@
+"""Artifact types of the funnels paper."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.papers.funnels.environment import STATE_UNIT
+from marsedl.replication.artifacts import quantity
+
+GAIN_UNIT = "rad/m, 1, 1, rad s/m, 1, 1"
+CAR_UNIT = "m, m, rad"  # of the state of the Dubins car
+OBSERVED_UNIT = "1, SI, W/m^2"
+PER_SPACING = ("conditions", "spacings")
+PER_CAR_SLICE = ("funnels", "slices")
+PER_CAR_STAGE = ("funnels", "stages")
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The trajectory that is flown."""
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
+    state: np.ndarray = quantity(
+        STATE_UNIT, ("time", 6), "altitude, longitude, latitude, velocity, path angle, heading"
+    )
+    bank: np.ndarray = quantity("rad", ("time",), "bank angle at the nodes, linear in between")
+    bank_rate: np.ndarray = quantity("rad/s", ("intervals",), "bank rate on each interval")
+    cost: float = quantity("rad^2/s", (), "integral of the squared bank rate")
+    heat_rate: np.ndarray = quantity("W/m^2", ("time",), "heat rate at the nodes, where it is limited")
+    peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
+    peak_time: float = quantity("s", (), "when it is reached")
+    miss: np.ndarray = quantity(STATE_UNIT, (6,), "final state flown by a method of order eight, less the solution's")
+    status: str = quantity("1", (), "how the solver ended", "str")
+    iterations: int = quantity("1", (), "iterations of the solver")
+    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
+
+
+@dataclass(frozen=True)
+class Optima:
+    """All optima that were found on several meshes, by mesh and cost.
+
+    The heat rate is limited at the nodes, so that the nodes make optima of their own.
+    """
+
+    intervals: np.ndarray = quantity("1", ("optima",), "intervals of its mesh", "int64")
+    cost: np.ndarray = quantity("rad^2/s", ("optima",), "integral of the squared bank rate")
+    final_time: np.ndarray = quantity("s", ("optima",), "final time")
+    final_velocity: np.ndarray = quantity("m/s", ("optima",), "final velocity")
+    peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
+    peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
+    starts: np.ndarray = quantity("1", ("optima",), "starts that lead to it", "int64")
+    start_bank: np.ndarray = quantity("rad", ("starts",), "constant bank angle of each start; the first is the guess")
+    start_final_time: np.ndarray = quantity("s", ("starts",), "its final time")
+    start_optimum: np.ndarray = quantity(
+        "1", ("meshes", "starts"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
+    )
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """Reference and Jacobians of Eq. 37 at the nodes of the fine grid and half-way between."""
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
+    state: np.ndarray = quantity(
+        STATE_UNIT,
+        ("half", 6),
+        "reference: altitude, longitude, latitude, velocity, path angle and heading",
+    )
+    bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference")
+    state_matrix: np.ndarray = quantity("SI", ("half", 6, 6), "derivative of the rates by the state")
+    control_matrix: np.ndarray = quantity("SI", ("half", 6), "by the bank angle")
+    disturbance_matrix: np.ndarray = quantity("SI", ("half", 6, 2), "by the disturbance of the density")
+    heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference")
+    deceleration: np.ndarray = quantity("m/s^2", ("half",), "deceleration of the reference")
+    drift: np.ndarray = quantity(STATE_UNIT, (6,), "final state of the reference, less that of the nominal")
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Regulator, shapes of the slices at all nodes of the fine grid, and the level of the first one.
+
+    V(xb) = 1/2 xb'P xb with P the shape; its unit is one over those of two states.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    gain: np.ndarray = quantity(GAIN_UNIT, ("steps", 6), "feedback of the deviation on the bank angle, on each step")
+    half_gain: np.ndarray = quantity(GAIN_UNIT, ("half", 6), "the same at nodes and half-way between")
+    value_matrix: np.ndarray = quantity("SI", ("time", 6, 6), "cost-to-go of the regulator")
+    shape: np.ndarray = quantity("SI", ("time", 6, 6), "shape P of the slices")
+    initial_level: float = quantity("1", (), "least level rho of the first slice that holds the initial set, Eq. 20")
+    condition: np.ndarray = quantity("1", ("time",), "condition number of the shape, in km, s and rad")
+    scaled_condition: np.ndarray = quantity("1", ("time",), "the same in scales of the regulator")
+    initial_feedback: float = quantity("rad", (), "largest feedback bank angle on the first slice")
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """Slices {1/2 xb'P xb <= rho} along the reference, the bounds that made them, and their checks.
+
+    A stage leads from a slice to the next; levels and bounds are NaN from where the funnel does not exist.
+    """
+
+    outcome: str = quantity("1", (), "complete, or why the funnel ends where it does", "str")
+    step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
+    time: np.ndarray = quantity("s", ("slices",), "its time")
+    shape: np.ndarray = quantity("SI", ("slices", 6, 6), "its shape P")
+    level: np.ndarray = quantity("1", ("slices",), "its level rho", allow_nan=True)
+    half_width: np.ndarray = quantity(
+        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
+    )
+    log_volume: np.ndarray = quantity(
+        "1", ("slices",), "natural logarithm of its volume, in the units of the states", allow_nan=True
+    )
+    feedback: np.ndarray = quantity("rad", ("slices",), "largest feedback bank angle in it", allow_nan=True)
+    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference")
+    heat_rate: np.ndarray = quantity(
+        "W/m^2", ("slices",), "largest heat rate in the slice with any disturbance of the density", allow_nan=True
+    )
+    rising: np.ndarray = quantity(
+        "1", ("slices",), "share of random points of its boundary where V grows under the worst w", allow_nan=True
+    )
+    rising_undisturbed: np.ndarray = quantity("1", ("slices",), "the same share under no disturbance", allow_nan=True)
+    literal_level: np.ndarray = quantity(
+        "1", ("slices", 2), "least and largest V/rho of the points of Eq. 26, in the units of raw_units", allow_nan=True
+    )
+    literal_level_si: np.ndarray = quantity(
+        "1", ("slices", 2), "the same with states in m, rad and m/s", allow_nan=True
+    )
+    bound: np.ndarray = quantity("1", ("stages",), "proven bound of the polynomial over the level", allow_nan=True)
+    growth: np.ndarray = quantity("1", ("stages",), "factor by which the stage raises the level", allow_nan=True)
+    additive_growth: np.ndarray = quantity(
+        "1", ("stages",), "V caused by disturbances that are added to the rates, which comes on top by its root"
+    )
+    true_maximum: np.ndarray = quantity(
+        "1", ("stages",), "largest value of the integrated motion that was found, over the level", allow_nan=True
+    )
+    violation: np.ndarray = quantity(
+        "1", ("stages",), "by how much that exceeds the bound, relative; negative if it does not", allow_nan=True
+    )
+    tightness: np.ndarray = quantity(
+        "1",
+        ("studied",),
+        "how far the largest value of the polynomial found is below its bound, relative",
+        allow_nan=True,
+    )
+    tightness_stage: np.ndarray = quantity("1", ("studied",), "number of that stage, from 1", "int64")
+    gap: np.ndarray = quantity("1", ("stages",), "duality gap of the program, over the bound", allow_nan=True)
+    residual: np.ndarray = quantity(
+        "1", ("stages",), "largest violation of its equations, over the bound", allow_nan=True
+    )
+    iterations: np.ndarray = quantity("1", ("stages",), "iterations of its solver; 0: not solved", "int64")
+    status: np.ndarray = quantity("1", ("stages",), "how the solver ended", "str")
+    identity_error: np.ndarray = quantity(
+        "1", ("stages",), "error of the sum of squares at fresh points, over the range of values", allow_nan=True
+    )
+    least_value: np.ndarray = quantity(
+        "1", ("stages",), "least distance from the polynomial to its bound there, over that range", allow_nan=True
+    )
+    least_eigenvalue: np.ndarray = quantity("1", ("stages",), "of the Gram matrix", allow_nan=True)
+    rounding_margin: np.ndarray = quantity("1", ("stages",), "what rounding may change of it", allow_nan=True)
+    stage_sound: np.ndarray = quantity("1", ("stages",), "whether these checks are passed", "bool")
+    sound: bool = quantity("1", (), "whether the funnel is complete and all stages are sound")
+    memory: float = quantity(
+        "1", (), "relative change of the second level when the first is ten times as large", allow_nan=True
+    )
+    samples: np.ndarray = quantity("1", ("samples", 8), "points (y, w) at which the programs are matched")
+    fig4_coordinate: np.ndarray = quantity("1", ("grid",), "whitened coordinates along both axes of Fig. 4")
+    fig4_rate: np.ndarray = quantity(
+        "1/s", ("grid", "grid"), "rate of V in that plane, without disturbance; rows: second coordinate", allow_nan=True
+    )
+    fig4_worst_rate: np.ndarray = quantity("1/s", ("grid", "grid"), "the same under the worst w", allow_nan=True)
+    fig4_circle: np.ndarray = quantity("1", ("circle", 2), "points of the slice in that plane")
+    fig4_circle_rate: np.ndarray = quantity("1/s", ("circle",), "rate of V there", allow_nan=True)
+    fig4_circle_worst_rate: np.ndarray = quantity("1/s", ("circle",), "the same under the worst w", allow_nan=True)
+
+
+@dataclass(frozen=True)
+class LinearBounds:
+    """Levels, sets and shapes of the linearised closed loop.
+
+    The value of a flight in the joint ellipsoid is 1 on its surface. Linear flights stay below 2, whose start is in the
+    initial set and whose disturbance is in its own. NaN: of flights that are not finite.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
+
+    exact_level: np.ndarray = quantity("1", ("slices",), "level, exact for linear dynamics")
+    triangle_level: np.ndarray = quantity("1", ("slices",), "level by the triangle inequality")
+    undisturbed_level: np.ndarray = quantity("1", ("slices",), "level without disturbance, exact for linear dynamics")
+    exact_half_width: np.ndarray = quantity(
+        STATE_UNIT, ("slices", 6), "largest deviation of each state within the level of the first kind"
+    )
+
+    joint_half_width: np.ndarray = quantity(
+        STATE_UNIT,
+        ("time", 6),
+        "largest deviation within the joint ellipsoid of start and constant disturbance",
+    )
+    joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
+    flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
+    lost: int = quantity("1", (), "flights that are not finite")
+    flown_half_width: np.ndarray = quantity(STATE_UNIT, ("time", 6), "largest deviation of them", allow_nan=True)
+    largest_value: np.ndarray = quantity("1", ("time",), "their largest value", allow_nan=True)
+    largest_linear_value: np.ndarray = quantity("1", ("time",), "the same if they were linear")
+    share_outside: float = quantity("1", (), "share of the flights whose value exceeds 1 at some time")
+    linear_share_outside: float = quantity("1", (), "the same if they were linear")
+    share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
+
+    reachable_half_width: np.ndarray = quantity(
+        STATE_UNIT,
+        ("time", 6),
+        "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
+    )
+    reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
+
+
+@dataclass(frozen=True)
+class StageStudy:
+    """What the program of a stage needs, and what it gives in other forms.
+
+    Bounds are of V at the next slice over the level of this one. The form "samples, rank one" is that of the funnel.
+    """
+
+    variety: np.ndarray = quantity("1", ("varieties",), "spheres on which polynomials are bounded", "str")
+    variables: np.ndarray = quantity("1", ("varieties",), "their coordinates", "int64")
+    monomials: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 2", "int64")
+    basis_size: np.ndarray = quantity("1", ("varieties",), "of which are independent there", "int64")
+    coefficients: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 4", "int64")
+    gram_unknowns: np.ndarray = quantity("1", ("varieties",), "entries of a symmetric matrix over the basis", "int64")
+    samples: np.ndarray = quantity("1", ("varieties",), "least number of samples", "int64")
+    basis_rank: np.ndarray = quantity("1", ("varieties",), "rank of all monomials at samples; 0: not computed", "int64")
+    product_rank: np.ndarray = quantity(
+        "1", ("varieties",), "rank of the products of the basis at more than enough samples; 0: not computed", "int64"
+    )
+    exponent: np.ndarray = quantity("1", ("exponents",), "exponent d of Eq. 24", "int64")
+    exponent_degree: np.ndarray = quantity("1", ("exponents",), "degree of the left side of Eq. 24", "int64")
+    gram_degree: int = quantity("1", (), "degree of the right side")
+
+    form: np.ndarray = quantity("1", ("forms",), "form of the program and its solver", "str")
+    form_bound: np.ndarray = quantity("1", ("forms",), "bound", allow_nan=True)
+    form_safe_bound: np.ndarray = quantity(
+        "1", ("forms",), "bound that holds in spite of residual and rounding", allow_nan=True
+    )
+    form_gap: np.ndarray = quantity("1", ("forms",), "duality gap", allow_nan=True)
+    form_residual: np.ndarray = quantity("1", ("forms",), "largest violation of the equations", allow_nan=True)
+    form_iterations: np.ndarray = quantity("1", ("forms",), "iterations of the solver", "int64")
+    form_status: np.ndarray = quantity("1", ("forms",), "how it ended", "str")
+    fit_error: float = quantity("1", (), "largest error of the coefficients at the fitted points")
+    polynomial_maximum: float = quantity("1", (), "largest value found of the polynomial, on both spheres")
+    disc_maximum: float = quantity("1", (), "the same with disturbances inside their disc as well")
+    true_maximum: float = quantity("1", (), "largest value found of the motion itself, there")
+    identity_error: float = quantity("1", (), "error of the sum of squares at fresh points")
+    least_value: float = quantity("1", (), "least distance from the polynomial to its bound there")
+    least_eigenvalue: float = quantity("1", (), "of the Gram matrix")
+    rounding_margin: float = quantity("1", (), "what rounding may change of it")
+
+    linear_slice: np.ndarray = quantity("1", ("linear",), "slices, from 1, of stages with linear motion", "int64")
+    linear_level: np.ndarray = quantity("1", ("linear",), "their levels")
+    linear_small_bound: np.ndarray = quantity("1", ("linear",), "bound with a basis of degree 1")
+    linear_large_bound: np.ndarray = quantity("1", ("linear",), "bound with the basis of degree 2")
+    linear_exact: np.ndarray = quantity("1", ("linear",), "largest value of linear motion, without samples")
+    linear_still_bound: np.ndarray = quantity("1", ("linear",), "bound without disturbance, degree 1")
+    linear_still_exact: np.ndarray = quantity("1", ("linear",), "largest squared singular value of the motion")
+    linear_gram_size: int = quantity("1", (), "rows of the Gram matrix of degree 1")
+    linear_samples: int = quantity("1", (), "its samples")
+
+    few_samples: np.ndarray = quantity("1", ("counts",), "numbers of random samples", "int64")
+    few_rank: np.ndarray = quantity("1", ("counts",), "products of the basis that they determine", "int64")
+    few_bound: np.ndarray = quantity("1", ("counts",), "bound from them")
+    few_least_value: np.ndarray = quantity("1", ("counts",), "its least distance to the polynomial at fresh points")
+    few_identity_error: np.ndarray = quantity("1", ("counts",), "error of the sum of squares there")
+
+    exponent_whitened_bound: np.ndarray = quantity("1", ("exponents",), "bound with (y'y)^d, on the unit sphere")
+    exponent_bound: np.ndarray = quantity(
+        "1", ("exponents", "designs"), "bound with (x'x)^d of scaled states; the first samples are the funnel's"
+    )
+    exponent_status: np.ndarray = quantity("1", ("exponents", "designs"), "how the solver ended", "str")
+
+    basis: np.ndarray = quantity("1", ("bases",), "coordinates and basis", "str")
+    basis_condition: np.ndarray = quantity("1", ("bases",), "condition number at the samples, without null directions")
+    design: np.ndarray = quantity("1", ("designs",), "well chosen and random samples", "str")
+    design_condition: np.ndarray = quantity("1", ("designs",), "condition number of the interpolation of degree 4")
+    design_bound: np.ndarray = quantity("1", ("designs",), "bound from them")
+    invariance: np.ndarray = quantity("1", ("changes",), "changes that must not change the bound", "str")
+    invariance_bound: np.ndarray = quantity("1", ("changes",), "bound after them")
+
+    stationary_converged: float = quantity("1", (), "share of deviations for which Newton's method finds a point of O")
+    stationary_norm: np.ndarray = quantity("1", (3,), "least, median and largest norm of w there", allow_nan=True)
+    stationary_inside: int = quantity("1", (), "how many of them are in W")
+    stationary_saddles: float = quantity("1", (), "share of deviations and disturbances with an indefinite Hessian")
+    stationary_value: float = quantity("1", (), "largest value of the Euler polynomial in them", allow_nan=True)
+    boundary_value: float = quantity("1", (), "the same on the boundary of W")
+    interior_better: int = quantity("1", (), "deviations for which a disturbance in W is worse than on its boundary")
+    gradient_deviation: float = quantity("1", (), "largest relative deviation of Eq. 35 from differences of V'")
+    gradient_angle: float = quantity(
+        "rad", (), "largest angle from the gradient of the rates themselves to that of the logarithm of the density"
+    )
+    gradient_least: float = quantity("1", (), "least norm of it over the median: it is nowhere zero")
+    hessian_rank_one: float = quantity("1", (), "largest |determinant| over squared trace of the rates' own Hessian")
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """What the funnel is worth. Levels are rho of the slices; the coarse slices are those of the backward funnel."""
+
+    spacing: np.ndarray = quantity("1", ("spacings",), "fine steps from one slice to the next", "int64")
+    condition: np.ndarray = quantity("1", ("conditions",), "what a stage bounds: the motion, or the Euler step", "str")
+    level: np.ndarray = quantity("1", (*PER_SPACING, "slices"), "levels, as many as there are slices", allow_nan=True)
+    outcome: np.ndarray = quantity("1", PER_SPACING, "complete, or why the funnel ends", "str")
+    final_level: np.ndarray = quantity("1", PER_SPACING, "last level", allow_nan=True)
+    peak_level: np.ndarray = quantity("1", PER_SPACING, "largest level", allow_nan=True)
+    excess: np.ndarray = quantity(
+        "1",
+        ("spacings", "stages"),
+        "Euler bound over that of the motion from the same level, less one; negative: the Euler step bounds nothing",
+        allow_nan=True,
+    )
+    unsafe_share: np.ndarray = quantity("1", ("spacings",), "share of stages where that is negative", allow_nan=True)
+    least_excess: np.ndarray = quantity("1", ("spacings",), "least of them", allow_nan=True)
+    largest_excess: np.ndarray = quantity("1", ("spacings",), "largest of them", allow_nan=True)
+    mean_excess: np.ndarray = quantity("1", ("spacings",), "mean of them", allow_nan=True)
+    mean_difference: np.ndarray = quantity("1", ("spacings",), "mean of their magnitudes", allow_nan=True)
+
+    coarse_step: np.ndarray = quantity("1", ("coarse",), "fine steps at which coarse slices are", "int64")
+    variant: np.ndarray = quantity("1", ("variants",), "funnels with coarse slices", "str")
+    variant_level: np.ndarray = quantity("1", ("variants", "coarse"), "their levels", allow_nan=True)
+    variant_outcome: np.ndarray = quantity("1", ("variants",), "complete, or why the funnel ends", "str")
+    multiplier_status: np.ndarray = quantity(
+        "1", ("coarse_stages",), "how the solver of the programs with multipliers ended", "str"
+    )
+    multiplier_difference: float = quantity(
+        "1", (), "largest relative difference of levels by multipliers and by samples", allow_nan=True
+    )
+    second_stage: np.ndarray = quantity("1", ("second",), "coarse stages, from 1, solved by Clarabel too", "int64")
+    second_difference: np.ndarray = quantity(
+        "1", ("second",), "relative difference of the bounds of both solvers there", allow_nan=True
+    )
+    second_status: np.ndarray = quantity("1", ("second",), "how Clarabel ended", "str")
+    backward_programs: np.ndarray = quantity("1", ("coarse_stages",), "programs for each backward stage", "int64")
+    round_trip: float = quantity(
+        "1", (), "largest relative difference of the backward funnel and its return", allow_nan=True
+    )
+    round_trip_shortfall: float = quantity(
+        "1", (), "largest by which the return exceeds it; never above the rounding", allow_nan=True
+    )
+    undisturbed_level: np.ndarray = quantity(
+        "1", ("base",), "levels of the slices of the inputs without disturbance", allow_nan=True
+    )
+    undisturbed_outcome: str = quantity("1", (), "complete, or why that funnel ends", "str")
+
+    studied_slice: np.ndarray = quantity(
+        "1", ("studied",), "slices, from 1, whose stages are taken over levels", "int64"
+    )
+    studied_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of these slices")
+    reached_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of the next slices")
+
+    change: np.ndarray = quantity("1", ("changes",), "what is changed, with coarse slices", "str")
+    change_factor: np.ndarray = quantity("1", ("changes",), "factor")
+    change_initial_level: np.ndarray = quantity("1", ("changes",), "first level then")
+    change_level: np.ndarray = quantity("1", ("changes", "coarse"), "levels then", allow_nan=True)
+    change_outcome: np.ndarray = quantity("1", ("changes",), "complete, or why the funnel ends", "str")
+    change_flown: np.ndarray = quantity(
+        "1", ("changes",), "largest V of flights with constant disturbance", allow_nan=True
+    )
+    change_lost: np.ndarray = quantity("1", ("changes",), "flights that do not stay finite", "int64")
+
+    position_rate_deviation: float = quantity(
+        "1", (), "largest relative deviation of Eq. 37 from the inertial velocity, random states"
+    )
+    velocity_rate_deviation: float = quantity(
+        "1", (), "the same from the inertial acceleration by gravity, lift and drag"
+    )
+
+
+@dataclass(frozen=True)
+class Proven:
+    """Levels within which every deviation from the first slice is proven to stay, at all nodes of the fine grid.
+
+    Proven is this of the closed loop as integrated by the Runge-Kutta rule on the fine grid, for the reference and the
+    gains as stored, under every disturbance of the density in the unit disc that is constant over each stage. Nothing
+    is said of the error of that rule, and of times between its nodes. Taken for granted is that numpy's elementary
+    functions are right to 1e-13, and that rounding outside of the enclosures, of the whitening and of polynomials at
+    samples, changes no bound by more than 1e-9 of it, which is added. NaN where nothing is proven.
+    """
+
+    outcome: str = quantity("1", (), "complete, or why nothing is proven beyond some stage", "str")
+    proven: bool = quantity("1", (), "whether all stages are proven")
+    step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
+    time: np.ndarray = quantity("s", ("slices",), "its time")
+    level: np.ndarray = quantity("1", ("slices",), "its proven level rho", allow_nan=True)
+    half_width: np.ndarray = quantity(
+        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
+    )
+    node_time: np.ndarray = quantity("s", ("nodes",), "nodes of the fine grid")
+    node_level: np.ndarray = quantity("1", ("nodes",), "proven level there, between slices too", allow_nan=True)
+    node_nominal_heat_rate: np.ndarray = quantity("W/m^2", ("nodes",), "heat rate of the reference there")
+    node_heat_rate: np.ndarray = quantity(
+        "W/m^2", ("nodes",), "largest heat rate within that level, with any disturbance of the density", allow_nan=True
+    )
+    interpolation_excess: float = quantity(
+        "1", (), "by how much a level between slices is above the straight line at most, relative", allow_nan=True
+    )
+    bound: np.ndarray = quantity(
+        "1",
+        ("stages",),
+        "proven bound of V at the next slice, over the level: the sum of the next four",
+        allow_nan=True,
+    )
+    polynomial_bound: np.ndarray = quantity(
+        "1", ("stages",), "bound of its polynomial part, on the slice and for all of the disc", allow_nan=True
+    )
+    truncation: np.ndarray = quantity("1", ("stages",), "bound of known terms of higher degrees", allow_nan=True)
+    remainder: np.ndarray = quantity("1", ("stages",), "bound of everything else", allow_nan=True)
+    rise: np.ndarray = quantity(
+        "1", ("stages",), "by how much the polynomial may be larger inside of the slice", allow_nan=True
+    )
+    basis_size: int = quantity("1", (), "polynomials in the basis, of the slice and a sphere whose shadow the disc is")
+    samples: int = quantity("1", (), "samples there")
+
+
+@dataclass(frozen=True)
+class Dubins:
+    """Path, regulator and funnels of the car.
+
+    The state is x, y and heading. A slice is {1/2 xb'P xb <= rho} with P the cost-to-go of the regulator.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
+    state: np.ndarray = quantity(CAR_UNIT, ("half", 3), "nominal path: x, y and heading")
+    turn_rate: np.ndarray = quantity("1/s", ("half",), "nominal turn rate, radians per second")
+    gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("steps", 3), "feedback of the deviation on the turn rate")
+    half_gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("half", 3), "the same at nodes and half-way between")
+    shape: np.ndarray = quantity("SI", ("time", 3, 3), "cost-to-go of the regulator, shape P of the slices")
+
+    slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
+    funnel: np.ndarray = quantity("1", ("funnels",), "flow and Euler condition without wind, flow with wind", "str")
+    level: np.ndarray = quantity("1", PER_CAR_SLICE, "level of the slice")
+    half_width: np.ndarray = quantity("m, m, rad", (*PER_CAR_SLICE, 3), "largest deviation of each state in the slice")
+    log_volume: np.ndarray = quantity("1", PER_CAR_SLICE, "logarithm of the volume of the slice, in m^2 rad")
+    bound: np.ndarray = quantity(
+        "1", PER_CAR_STAGE, "bound of V at the next slice by the program, relative to the level"
+    )
+    gap: np.ndarray = quantity("1", PER_CAR_STAGE, "its duality gap")
+    residual: np.ndarray = quantity("1", PER_CAR_STAGE, "largest violation of its equations at the samples")
+    iterations: np.ndarray = quantity("1", PER_CAR_STAGE, "iterations of the solver", "int64")
+    status: np.ndarray = quantity("1", PER_CAR_STAGE, "how the solver ended", "str")
+    identity_error: np.ndarray = quantity(
+        "1", PER_CAR_STAGE, "error of the Gram identity at fresh points, of the range"
+    )
+    least_value: np.ndarray = quantity(
+        "1", PER_CAR_STAGE, "least difference of bound and polynomial there, of the range"
+    )
+    least_eigenvalue: np.ndarray = quantity("1", PER_CAR_STAGE, "least eigenvalue of the Gram matrix")
+    rounding_margin: np.ndarray = quantity("1", PER_CAR_STAGE, "by how much it may be off")
+    sound: np.ndarray = quantity("1", PER_CAR_STAGE, "whether all of this is as it should be", "bool")
+
+    basis_size: np.ndarray = quantity("1", ("funnels",), "polynomials in the basis, rows of the Gram matrix", "int64")
+    samples: np.ndarray = quantity("1", ("funnels",), "samples", "int64")
+    rank: np.ndarray = quantity("1", ("funnels",), "products of the basis that they determine", "int64")
+
+
+@dataclass(frozen=True)
+class DubinsStudy:
+    """The same funnels by other programs, backwards, of linear dynamics, against the motion itself, and proven."""
+
+    funnel: np.ndarray = quantity("1", ("funnels",), "names, as in the funnels", "str")
+    true_maximum: np.ndarray = quantity("1", PER_CAR_STAGE, "largest V of the motion found at the next slice, relative")
+    violation: np.ndarray = quantity(
+        "1", PER_CAR_STAGE, "by how much it exceeds the bound, relative; negative if below"
+    )
+
+    multiplier_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level by programs with multipliers and coefficients")
+    multiplier_status: np.ndarray = quantity("1", PER_CAR_STAGE, "how their solver ended", "str")
+    multiplier_difference: np.ndarray = quantity("1", ("funnels",), "largest relative difference to the samples' level")
+    fit_error: np.ndarray = quantity("1", ("funnels",), "largest error of the coefficients at the fitted points")
+
+    linear_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level for linear dynamics, exact")
+    backward_level: np.ndarray = quantity("1", ("slices",), "level backwards from the end of the first funnel")
+    backward_programs: np.ndarray = quantity("1", ("stages",), "programs solved for the stage", "int64")
+    round_trip: float = quantity("1", (), "largest shortfall of the backward level, relative; never below zero")
+
+    proven_funnel: np.ndarray = quantity("1", ("proven",), "funnels whose levels are proven", "str")
+    proven_level: np.ndarray = quantity("1", ("proven", "slices"), "level of the integrated motion, proven")
+    proven_polynomial: np.ndarray = quantity(
+        "1",
+        ("proven", "stages"),
+        "bound of the polynomial of the stage, relative, on the slice and for all of the disc",
+    )
+    proven_truncation: np.ndarray = quantity(
+        "1", ("proven", "stages"), "addition for the terms above its degree that are polynomials"
+    )
+    proven_remainder: np.ndarray = quantity("1", ("proven", "stages"), "addition for everything else")
+    proven_rise: np.ndarray = quantity(
+        "1", ("proven", "stages"), "addition for what the polynomial may be larger inside of the slice"
+    )
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What chunks and ensembles have in common.
+
+    A deviation is the state less that of the reference. Observed: V, magnitude of the feedback (rad; rad/s of the
+    car), and heat rate, which the car has not.
+    """
+
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    level: np.ndarray = quantity(
+        "1", ("time",), "level rho of the funnel, linear between slices; NaN where there is none", allow_nan=True
+    )
+    observed_name: np.ndarray = quantity("1", ("observed",), "what is observed", "str")
+    maximum_over_trials: np.ndarray = quantity(
+        OBSERVED_UNIT, ("time", "observed"), "largest observed values over the trials", allow_nan=True
+    )
+    repeat_maximum: np.ndarray = quantity(
+        OBSERVED_UNIT, ("repeats", "time", "observed"), "the same of ten parts of the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity(
+        "SI", ("trials", "final"), "deviation at the end; largest V/rho at slices, and between them", allow_nan=True
+    )
+    observed_maximum: np.ndarray = quantity(
+        OBSERVED_UNIT, ("trials", "observed"), "largest observed values", allow_nan=True
+    )
+    outcome: np.ndarray = quantity("1", ("trials",), "0 flown to the end, 3 not finite", "int8")
+    kept_history: np.ndarray = quantity(
+        "SI", ("kept", "time", "states"), "deviations of the kept trials", allow_nan=True
+    )
+    kept_observed: np.ndarray = quantity(
+        OBSERVED_UNIT, ("kept", "time", "observed"), "observed of the kept trials", allow_nan=True
+    )
+
+
+@dataclass(frozen=True)
+class FlightChunk(Flights):
+    """Reduced trials of one chunk, block by block."""
+
+    first_trial: int = quantity("1", (), "number of the first trial")
+    block_size: int = quantity("1", (), "trials in a block")
+    block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity("SI", ("blocks", "time", "states"), "mean deviation of each block")
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("blocks", "time", "states", "states"), "second moment about that mean"
+    )
+    block_observed_mean: np.ndarray = quantity(OBSERVED_UNIT, ("blocks", "time", "observed"), "mean of the observed")
+    histogram: np.ndarray = quantity("1", ("time", "observed", 3), "trials below 0, within 0 and 1, above", "int64")
+    histogram_edges: np.ndarray = quantity(OBSERVED_UNIT, ("observed", 2), "0 and 1")
+
+
+@dataclass(frozen=True)
+class FlightEnsemble(Flights):
+    """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
+
+    count: int = quantity("1", (), "finite trials")
+    excluded: int = quantity("1", (), "trials that are not finite")
+    mean: np.ndarray = quantity("SI", ("time", "states"), "mean deviation", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("time", "states", "states"), "sample covariance", allow_nan=True)
+    outside_at_slices: int = quantity("1", (), "trials outside of the funnel at a slice after the first")
+    outside_between: int = quantity("1", (), "trials outside of the funnel at a node between slices")
+    largest_ratio: float = quantity("1", (), "largest V/rho of the finite trials after the start", allow_nan=True)
