@@ -14,7 +14,14 @@ import pytest
 from marsedl.methods.funnels.monte_carlo import fly
 from marsedl.papers.funnels import PAPER, claims, environment, montecarlo
 from marsedl.papers.funnels.claims import DECLARATIONS, MEASURED, STUDIED
-from marsedl.papers.funnels.records import Certificates, Proven, StageStudy
+from marsedl.papers.funnels.records import (
+    CoarseFunnels,
+    Discretization,
+    EquationsOfMotion,
+    Monotonicity,
+    Proven,
+    StageStudy,
+)
 from marsedl.replication.claims import collect, judge, write_claims
 
 READINGS = ("corrected", "printed", "euler")
@@ -60,22 +67,24 @@ def stand_ins(made):
             gradient_angle=1e-13,
             gradient_deviation=1e-10,
         ),
-        "certificates": SimpleNamespace(
-            multiplier_difference=2e-7,
+        "discretization": SimpleNamespace(
             spacing=np.array([24, 4]),
             unsafe_share=np.array([0.2, 0.35]),
             least_excess=np.array([-0.016, -0.0056]),
             largest_excess=np.array([0.15, 0.041]),
             mean_excess=np.array([0.02, 0.003]),
-            position_rate_deviation=1e-15,
-            velocity_rate_deviation=1e-15,
+        ),
+        "equations_of_motion": SimpleNamespace(position_rate_deviation=1e-15, velocity_rate_deviation=1e-15),
+        "coarse_funnels": SimpleNamespace(
+            multiplier_difference=2e-7,
             variant=np.array(["samples", "multipliers", "backward"]),
             variant_level=np.array([coarse, coarse, coarse + 0.1]),
             round_trip=1e-5,
             round_trip_shortfall=-1e-9,
             backward_programs=np.full(30, 4),
-            studied_level=np.array([[1.0, 2.0, 4.0]]),
-            reached_level=np.array([[1.2, 2.4, 4.2]]),
+        ),
+        "monotonicity": SimpleNamespace(
+            studied_level=np.array([[1.0, 2.0, 4.0]]), reached_level=np.array([[1.2, 2.4, 4.2]])
         ),
         "proven": SimpleNamespace(
             proven=True,
@@ -87,7 +96,14 @@ def stand_ins(made):
     }
 
 
-TYPES = {"stage_study": StageStudy, "certificates": Certificates, "proven": Proven}
+TYPES = {
+    "stage_study": StageStudy,
+    "discretization": Discretization,
+    "coarse_funnels": CoarseFunnels,
+    "monotonicity": Monotonicity,
+    "equations_of_motion": EquationsOfMotion,
+    "proven": Proven,
+}
 
 
 @pytest.fixture(scope="module")
@@ -278,8 +294,8 @@ CHANGED = {
     "fig4_samples_cover_sublevel_set": of("funnel", fig4_circle_rate=at(2, 1e-9)),
     "worst_disturbance_location": of("stage_study", interior_better=lambda _: 1),
     "w_gradient_formula": of("stage_study", gradient_deviation=lambda _: 1e-3),
-    "entry_equations": of("certificates", velocity_rate_deviation=lambda _: 1e-5),
-    "backward_funnel": of("certificates", round_trip_shortfall=lambda _: 1e-4),
+    "entry_equations": of("equations_of_motion", velocity_rate_deviation=lambda _: 1e-5),
+    "backward_funnel": of("coarse_funnels", round_trip_shortfall=lambda _: 1e-4),
     "mc_inside_funnel": of("constant", outside_at_slices=lambda _: 1),
     "interpolation_between_slices": of("adversarial", outside_between=lambda _: 1),
     "sos_above_mc": of("constant", maximum_over_trials=at((24, 0), 10.0, times=True)),
@@ -287,9 +303,9 @@ CHANGED = {
     "dubins_funnel": of("dubins_wind", outside_at_slices=lambda _: 1),
     "thermal_constraint_nominal": of("nominal", peak_heat_rate=lambda _: 6.17e5),
     "reaches_goal_region": of("proven", half_width=at((-1, 2), 10.1e3 / 3389.5e3)),
-    "four_funnel_solvers": of("certificates", variant_level=at((1, -1), np.nan)),
+    "four_funnel_solvers": of("coarse_funnels", variant_level=at((1, -1), np.nan)),
     # that fail
-    "stage_condition_bounds_step": of("certificates", least_excess=at(1, 0.0)),
+    "stage_condition_bounds_step": of("discretization", least_excess=at(1, 0.0)),
     "rescaled_points_on_bk": of("funnel", literal_level=np.ones_like),
     "stationary_w_by_newton": of("stage_study", stationary_converged=lambda _: 1.0, stationary_inside=lambda _: 2000),
     "first_peak": of("funnel", level=at(6, 50.0)),

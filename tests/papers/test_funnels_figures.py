@@ -18,7 +18,9 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from marsedl.papers.funnels import figures
 from marsedl.papers.funnels.records import (
-    Certificates,
+    CoarseFunnels,
+    Discretization,
+    Divergence,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -124,7 +126,7 @@ def study(empty=False):
 
     car_time = np.linspace(0.0, 4.0, FINE + 1)
     spacing = np.array([4, 2])
-    excess = made(Certificates).excess.copy() - 1.5
+    excess = made(Discretization).excess.copy() - 1.5
     excess[0, FINE // 4 :] = np.nan
     return {
         "nominal": made(Nominal),
@@ -141,15 +143,19 @@ def study(empty=False):
             form_status=np.array(["optimal", "optimal", "inaccurate", "optimal"]),
             few_samples=np.array([50, 100, 200, 400, 406]),
         ),
-        "certificates": made(
-            Certificates,
+        "discretization": made(
+            Discretization,
             spacing=spacing,
             condition=np.array(["flow", "euler"]),
             excess=excess,
             least_excess=np.array([-0.02, -0.01]),
+        ),
+        "coarse_funnels": made(
+            CoarseFunnels,
             coarse_step=np.array([0, 4, 8, 12]),
             variant=np.array(["samples", "order 1", "order 2"]),
         ),
+        "divergence": made(Divergence),
         "dubins": made(
             Dubins,
             time=car_time,
@@ -468,7 +474,7 @@ def test_stage_forms_are_relative_to_the_largest_value_found(draw, made):
 
 
 def test_euler_marks_stages_where_it_is_no_bound(draw, made):
-    found = made["certificates"]
+    found = made["discretization"]
     stages, orders, levels = draw("euler").axes
     for row, spacing, line in zip(found.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True):
         count = FINE // spacing
@@ -487,15 +493,15 @@ def test_euler_marks_stages_where_it_is_no_bound(draw, made):
 
 
 def test_fragility_marks_where_funnels_end(draw, made):
-    found = made["certificates"]
+    found = made["divergence"]
     level = found.change_level.copy()
     level[1, 2:] = np.nan
-    figure = draw("fragility", certificates=replace(found, change_level=level))
+    figure = draw("fragility", divergence=replace(found, change_level=level))
     (axes,) = figure.axes
     (cross,) = [line for line in axes.lines if line.get_marker() == "x"]
     np.testing.assert_allclose(cross.get_xydata(), [[80.0, level[1, 1]]])
     assert [label.endswith("(ends)") for label in labels(figure)] == [False, False, True, False, False]
-    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), found.variant_level[0])
+    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made["coarse_funnels"].variant_level[0])
 
 
 def test_proven_is_relative_to_the_funnel(draw, made):

@@ -12,7 +12,9 @@ import pytest
 
 from marsedl.papers.funnels import PAPER, tables
 from marsedl.papers.funnels.records import (
-    Certificates,
+    CoarseFunnels,
+    Discretization,
+    Divergence,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -74,9 +76,8 @@ def stage_study(**values):
     return made_up(StageStudy, 5, **given | values)
 
 
-def certificates(**values):
-    given = {"condition": np.array(["flow", "euler"]), "coarse_step": np.array([0, 8])}
-    return made_up(Certificates, 6, **given | values)
+def discretization(**values):
+    return made_up(Discretization, 6, **{"condition": np.array(["flow", "euler"])} | values)
 
 
 def proven(**values):
@@ -98,7 +99,9 @@ MAKERS = {
     "funnel": funnel,
     "linear_bounds": linear_bounds,
     "stage_study": stage_study,
-    "certificates": certificates,
+    "discretization": discretization,
+    "coarse_funnels": lambda: made_up(CoarseFunnels, 15, coarse_step=np.array([0, 8])),
+    "divergence": lambda: made_up(Divergence, 16),
     "proven": proven,
     "dubins": dubins,
     "dubins_study": dubins_study,
@@ -223,8 +226,8 @@ def test_ranks_that_are_not_computed_are_none(table):
 
 
 def test_the_euler_step_is_judged_in_its_own_rows(table):
-    made = certificates(least_excess=np.array([-0.0056, 0.01]), unsafe_share=np.array([0.35, 0.0]))
-    rows = table("numbers_of_slices", certificates=made)
+    made = discretization(least_excess=np.array([-0.0056, 0.01]), unsafe_share=np.array([0.35, 0.0]))
+    rows = table("numbers_of_slices", discretization=made)
     assert [row[1] for row in rows[1:]] == ["flow", "euler"] * 2
     assert rows[1][5:] == ("",) * 5 and rows[2][5:7] == ("35.0", "0.560")
 

@@ -23,12 +23,13 @@ USED = {
 # Which stages solve a cone program, and so depend on the version of its solver, which no code imports.
 CONE_PROGRAMS = {
     *("powered_descent/certificates", "random_field/gains", "random_field/certificates", "random_field/convergence"),
-    *("random_field/regularization", "random_field/double_integrator", "funnels/stage_study", "funnels/certificates"),
+    *("random_field/regularization", "random_field/double_integrator", "funnels/stage_study", "funnels/coarse_funnels"),
     *("funnels/dubins_study", "stochastic_entry/certificates"),
 }
 NO_SCIPY = {
     *("powered_descent/montecarlo_gather", "random_field/montecarlo_gather", "random_field/double_integrator_flights"),
-    *("funnels/montecarlo_gather", "funnels/linearization", "funnels/dubins_calm", "funnels/dubins_wind"),
+    *("funnels/montecarlo", "funnels/montecarlo_chunk", "funnels/montecarlo_gather", "funnels/linearization"),
+    *("funnels/dubins_calm", "funnels/dubins_wind", "funnels/equations_of_motion"),
     "stochastic_entry/montecarlo_gather",
 }
 

@@ -71,16 +71,51 @@ STAGES = {
         meaning="one stage in every form: counts, programs, samples, bases, exponents, stationary disturbances",
         claimed_in=("corrected",),
     ),
-    "certificates": Stage(
+    "discretization": Stage(
         (
-            *(*_MOTION, *_PROGRAM, *_REGULATOR, *_INITIAL, *_STUDIED, *_GRID, "studied_spacings"),
-            *("entry_altitude", "entry_velocity", "largest_level", "backward_level", "backward_steps_per_slice"),
+            *(*_MOTION, *_PROGRAM, *_GRID, "studied_spacings", "largest_level"),
+            *("condition", "sampling", "inflated", "additive"),
+        ),
+        ("linearization", "gains", "funnel"),
+        meaning="funnels with more and fewer slices, by the integrated motion and by the Euler step",
+        claimed_in=("corrected",),
+        priority=1,  # the longest jobs are this and the next, one after the other: they must not be left for the end
+    ),
+    "coarse_funnels": Stage(
+        (
+            *(*_MOTION, *_PROGRAM, *_GRID, "studied_slices", "largest_level"),
+            *("backward_level", "backward_steps_per_slice"),
+        ),
+        ("linearization", "gains", "discretization"),
+        meaning="funnels on coarse slices by other programs, orders and directions",
+        claimed_in=("corrected",),
+        priority=1,
+    ),
+    "undisturbed_funnel": Stage(
+        (*_MOTION, *_PROGRAM, *_GRID, "largest_level"),
+        ("linearization", "gains"),
+        meaning="the funnel without disturbance",
+        claimed_in=("corrected",),
+    ),
+    "monotonicity": Stage(
+        (*_MOTION, *_PROGRAM, *_STUDIED, *_GRID),
+        ("linearization", "gains"),
+        meaning="levels that a stage reaches from several levels",
+        claimed_in=("corrected",),
+    ),
+    "divergence": Stage(
+        (
+            *(*_MOTION, *_PROGRAM, *_REGULATOR, *_INITIAL, *_GRID, "largest_level", "backward_steps_per_slice"),
             *("studied_bank_factors", "studied_density_factors", "studied_initial_factors", "studied_trials"),
         ),
-        ("linearization", "gains"),
-        meaning="funnels by other programs, directions, orders and slices, what makes one diverge, equations of motion",
+        ("linearization",),
+        meaning="what makes a funnel diverge: cheaper feedback, wider density, larger initial sets",
         claimed_in=("corrected",),
-        priority=1,  # the longest job: it must not be left for the end
+    ),
+    "equations_of_motion": Stage(
+        (*_MOTION, "entry_altitude", "entry_velocity", "design_seed"),
+        meaning="the equations of motion against those in an inertial frame",
+        claimed_in=("corrected",),
     ),
     "proven": Stage(
         (*_MOTION, *_HEAT, *_GRID, "additive", "taylor_order", "design_seed"),
@@ -195,14 +230,14 @@ FIGURES = {
         "Bound by the Euler step of Eq. 22 against that of the integrated motion from the same level: stage by "
         "stage (red: the Euler step is too small), over all stages by the time between slices, and what both make "
         "of the funnel.",
-        ("linearization", "certificates"),
+        ("linearization", "discretization"),
         beyond=True,
     ),
     "fragility": Product(
         "Levels of funnels with other inputs, on half of the slices: the bank angle at the same cost, the "
         "disturbance of the density and the initial set multiplied by a factor. A cross is where a funnel ends "
         "because it diverges; a mark at the right is the largest V of flights with the same inputs.",
-        ("linearization", "certificates"),
+        ("linearization", "coarse_funnels", "divergence"),
         beyond=True,
     ),
     "proven": Product(
@@ -320,19 +355,19 @@ TABLES = {
     "numbers_of_slices": Product(
         "Funnels with more and fewer slices, by the integrated motion and by the Euler step of Eq. 22; and the Euler "
         "step at the levels of the motion, stage by stage.",
-        ("certificates",),
+        ("discretization",),
         beyond=True,
     ),
     "variants": Product(
         "Funnels on coarse slices: by samples, with expansions of lower order, by multipliers, backwards from the "
         "last level, and forward again from where that ends.",
-        ("certificates",),
+        ("coarse_funnels",),
         beyond=True,
     ),
     "divergence": Product(
         "Whether a funnel exists with other feedback, wider density and larger initial sets, on coarse slices. Flights "
         "stay bounded where the funnel diverges.",
-        ("certificates",),
+        ("divergence",),
         beyond=True,
     ),
     "proof": Product(
@@ -524,8 +559,8 @@ PAPER = Paper(
         # Programs that the samples do not determine, and stationary points of polynomials far outside of their range.
         *("corrected/stage_study/exponent_*", "corrected/stage_study/stationary_*"),
         # Differences of solvers of first order, and searches that end within a tolerance.
-        *("corrected/certificates/multiplier_difference", "corrected/certificates/second_difference"),
-        *("corrected/certificates/round_trip*", "corrected/certificates/backward_programs"),
+        *("corrected/coarse_funnels/multiplier_difference", "corrected/coarse_funnels/second_difference"),
+        *("corrected/coarse_funnels/round_trip*", "corrected/coarse_funnels/backward_programs"),
         *("corrected/dubins_study/multiplier_difference", "corrected/dubins_study/backward_*"),
         "corrected/dubins_study/round_trip",
         "corrected/optima/start*",  # which optimum a start leads to

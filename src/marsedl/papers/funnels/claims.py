@@ -7,18 +7,23 @@ import numpy as np
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, HEAT_RATE, KILOMETRE, LEVEL, SPHERES, WATT_PER_CM2
 from marsedl.papers.funnels.records import (
-    Certificates,
+    CoarseFunnels,
+    Discretization,
+    Divergence,
     Dubins,
     DubinsStudy,
+    EquationsOfMotion,
     FlightEnsemble,
     Funnel,
     Gains,
     LinearBounds,
     Linearization,
+    Monotonicity,
     Nominal,
     Optima,
     Proven,
     StageStudy,
+    UndisturbedFunnel,
 )
 from marsedl.replication.claims import Declaration, Evaluation
 
@@ -58,7 +63,12 @@ def evaluate(
     optima: Optima | None = None,
     linear_bounds: LinearBounds | None = None,
     stage_study: StageStudy | None = None,
-    certificates: Certificates | None = None,
+    discretization: Discretization | None = None,
+    coarse_funnels: CoarseFunnels | None = None,
+    undisturbed_funnel: UndisturbedFunnel | None = None,
+    monotonicity: Monotonicity | None = None,
+    divergence: Divergence | None = None,
+    equations_of_motion: EquationsOfMotion | None = None,
     proven: Proven | None = None,
     dubins: Dubins | None = None,
     dubins_study: DubinsStudy | None = None,
@@ -71,19 +81,20 @@ def evaluate(
     Claims that rest on a study which is not done for the reading are None. What a funnel that ends early has not, is
     not a number, and meets no statement. measured: run times and their ratios, by what they are of.
     """
+    del undisturbed_funnel, divergence  # no claim is on them
     laws = {"constant": constant, "redrawn": redrawn, "adversarial": adversarial}
     return {
         **_stated_inputs(inputs, linearization),
-        **_program_claims(inputs, funnel, dubins, stage_study, certificates),
+        **_program_claims(inputs, funnel, dubins, stage_study, coarse_funnels, monotonicity),
         **_set_claims(inputs, gains, funnel),
-        **_stage_claims(inputs, stage_study, certificates),
+        **_stage_claims(inputs, stage_study, discretization, coarse_funnels, equations_of_motion),
         **_flight_claims(funnel, laws, proven),
         **_course_claims(linearization, funnel, constant),
         **_guarantee_claims(inputs, linearization, gains, funnel, proven),
         **_heating_claims(inputs, nominal, optima, funnel, constant),
         "dubins_funnel": dubins and _dubins_claim(dubins, dubins_study, dubins_calm, dubins_wind),
-        "four_funnel_solvers": certificates
-        and _four_solvers_claim(funnel, linear_bounds.exact_level, flown_levels(funnel, constant), certificates),
+        "four_funnel_solvers": coarse_funnels
+        and _four_solvers_claim(funnel, linear_bounds.exact_level, flown_levels(funnel, constant), coarse_funnels),
         **_cost_claims(measured or {}),
     }
 
@@ -154,7 +165,7 @@ def _stated_inputs(inputs, linearization):
 # ---- sums of squares and samples (Secs. 2 and 3) ---------------------------------------------------------------------
 
 
-def _program_claims(inputs, funnel, dubins, study, certificates):
+def _program_claims(inputs, funnel, dubins, study, coarse_funnels, monotonicity):
     variables, degree = SPHERES.variables, BASIS_DEGREE
     rows, independent = len(SPHERES.monomials(degree)), SPHERES.basis_dimension(degree)
     states = SPHERES.dimensions[0]
@@ -202,13 +213,13 @@ def _program_claims(inputs, funnel, dubins, study, certificates):
             f"degree {2 * degree} on slice and disturbance{car}",
             numbers={"used": used, **_undersampled(study)},
         ),
-        "sampling_equivalence": study and certificates and _equivalence_claim(study, certificates),
+        "sampling_equivalence": study and coarse_funnels and _equivalence_claim(study, coarse_funnels),
         "hermite_conditioning": study and _conditioning_claim(study),
         "greedy_needed": Evaluation(
             bool(abs(funnel.memory) > ROUNDING),
             evidence=f"with the first level ten times as large the second one changes by {100 * funnel.memory:.4g} %: "
             "the points of a stage depend on the level before it",
-            numbers={"twice": _least_increase(certificates)},
+            numbers={"twice": _least_increase(monotonicity)},
         ),
     }
 
@@ -225,10 +236,10 @@ def _undersampled(study):
     }
 
 
-def _equivalence_claim(study, certificates):
+def _equivalence_claim(study, coarse_funnels):
     """Bounds of the benchmark stage in all forms, and of a whole funnel in two."""
     apart = largest(np.abs(study.form_bound / study.form_bound[0] - 1.0), np.inf)
-    whole = certificates.multiplier_difference
+    whole = coarse_funnels.multiplier_difference
     return Evaluation(
         bool(apart < SAME_OPTIMUM and whole < SAME_OPTIMUM and np.isfinite(study.form_bound).all()),
         evidence=f"bounds of one stage by samples and by multipliers, from {len(study.form)} programs, differ by "
@@ -339,8 +350,8 @@ def _sublevel_claim(inputs, funnel, off):
 # ---- the stage condition and the disturbances (Sec. 3, Apps. A and B) ------------------------------------------------
 
 
-def _stage_claims(inputs, study, certificates):
-    if study is None or certificates is None:
+def _stage_claims(inputs, study, discretization, coarse_funnels, equations_of_motion):
+    if None in (study, discretization, coarse_funnels, equations_of_motion):
         return dict.fromkeys(STUDIED)
     least, median, most = study.stationary_norm
     return {
@@ -368,18 +379,18 @@ def _stage_claims(inputs, study, certificates):
             bool(study.gradient_deviation < ROUNDING),
             evidence=f"Eq. 35 departs from differences of the rate of V by {study.gradient_deviation:.1g} at most",
         ),
-        "stage_condition_bounds_step": _euler_claim(inputs, certificates),
-        "entry_equations": _equations_claim(certificates),
-        "backward_funnel": _backward_claim(certificates),
+        "stage_condition_bounds_step": _euler_claim(inputs, discretization),
+        "entry_equations": _equations_claim(equations_of_motion),
+        "backward_funnel": _backward_claim(coarse_funnels),
     }
 
 
-def _euler_claim(inputs, certificates):
+def _euler_claim(inputs, discretization):
     """At the number of slices of the inputs, and at the least that is studied."""
-    spacing = list(certificates.spacing)
+    spacing = list(discretization.spacing)
     here, coarsest = spacing.index(inputs.steps_per_slice), int(np.argmax(spacing))
     share, least, most, mean = (
-        100.0 * getattr(certificates, name)[here]
+        100.0 * getattr(discretization, name)[here]
         for name in ("unsafe_share", "least_excess", "largest_excess", "mean_excess")
     )
     return Evaluation(
@@ -391,14 +402,14 @@ def _euler_claim(inputs, certificates):
             "worst": -least,
             "most": most,
             "coarsest": spacing[coarsest],
-            "coarsest_share": 100.0 * certificates.unsafe_share[coarsest],
-            "coarsest_worst": -100.0 * certificates.least_excess[coarsest],
+            "coarsest_share": 100.0 * discretization.unsafe_share[coarsest],
+            "coarsest_worst": -100.0 * discretization.least_excess[coarsest],
         },
     )
 
 
-def _equations_claim(certificates):
-    apart = max(certificates.position_rate_deviation, certificates.velocity_rate_deviation)
+def _equations_claim(equations_of_motion):
+    apart = max(equations_of_motion.position_rate_deviation, equations_of_motion.velocity_rate_deviation)
     return Evaluation(
         bool(apart < ROUNDING),
         evidence=f"with the terms of rotation written out the rates depart from inertial motion by {apart:.1g} of them "
@@ -406,36 +417,36 @@ def _equations_claim(certificates):
     )
 
 
-def _backward_claim(certificates):
-    back = of_variant(certificates, "backward")
+def _backward_claim(coarse_funnels):
+    back = of_variant(coarse_funnels, "backward")
     return Evaluation(
         bool(
             np.isfinite(back).all()
-            and certificates.round_trip < ROUND_TRIP
-            and certificates.round_trip_shortfall < ROUNDING
+            and coarse_funnels.round_trip < ROUND_TRIP
+            and coarse_funnels.round_trip_shortfall < ROUNDING
         ),
         evidence=f"from rho = {back[-1]:g} at the end back to {back[0]:.4f} at the first of {len(back)} slices, by up "
-        f"to {certificates.backward_programs.max()} programs a stage; forward again it departs by "
-        f"{certificates.round_trip:.1g}",
+        f"to {coarse_funnels.backward_programs.max()} programs a stage; forward again it departs by "
+        f"{coarse_funnels.round_trip:.1g}",
         numbers={
             "first": back[0],
             "last": back[-1],
-            "programs": certificates.backward_programs.mean(),
-            "trip": certificates.round_trip,
+            "programs": coarse_funnels.backward_programs.mean(),
+            "trip": coarse_funnels.round_trip,
         },
     )
 
 
-def of_variant(certificates, name):
+def of_variant(coarse_funnels, name):
     """Levels of one of the funnels with coarse slices."""
-    return certificates.variant_level[list(certificates.variant).index(name)]
+    return coarse_funnels.variant_level[list(coarse_funnels.variant).index(name)]
 
 
-def _least_increase(certificates):
+def _least_increase(monotonicity):
     """Least factor between the levels that a stage reaches from two of which one is twice the other."""
-    if certificates is None:
+    if monotonicity is None:
         return np.nan
-    powers = np.diff(np.log(certificates.reached_level)) / np.diff(np.log(certificates.studied_level))
+    powers = np.diff(np.log(monotonicity.reached_level)) / np.diff(np.log(monotonicity.studied_level))
     return float(2.0 ** powers.min())
 
 
@@ -659,8 +670,8 @@ def _dubins_claim(dubins, dubins_study, calm, wind):
     )
 
 
-def _four_solvers_claim(funnel, exact, flown, certificates):
-    multipliers = of_variant(certificates, "multipliers")
+def _four_solvers_claim(funnel, exact, flown, coarse_funnels):
+    multipliers = of_variant(coarse_funnels, "multipliers")
     below = int(np.count_nonzero(exact < funnel.level * (1.0 - ROUNDING)))
     return Evaluation(
         bool(

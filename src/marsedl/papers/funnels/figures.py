@@ -6,7 +6,9 @@ from matplotlib.patches import Polygon
 
 from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, DEGREE, HEAT_RATE, KILOMETRE, LEVEL, WATT_PER_CM2
 from marsedl.papers.funnels.records import (
-    Certificates,
+    CoarseFunnels,
+    Discretization,
+    Divergence,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -370,10 +372,10 @@ def stage_forms(inputs, stage_study: StageStudy) -> Figure:
     return figure
 
 
-def euler(inputs, linearization: Linearization, certificates: Certificates) -> Figure:
+def euler(inputs, linearization: Linearization, discretization: Discretization) -> Figure:
     """Euler bound against that of the motion, by stage and by step, and the levels of both by the number of slices."""
     figure, (stages, orders, levels) = new_figure(9.0, 3.9, ncols=3)
-    found, last = certificates, linearization.time[-1]
+    found, last = discretization, linearization.time[-1]
     step = found.spacing * linearization.time[1]
     stages.axhline(0.0, color=GREY, linewidth=0.8)
     for number, row in enumerate(found.excess):
@@ -412,15 +414,15 @@ def euler(inputs, linearization: Linearization, certificates: Certificates) -> F
     return figure
 
 
-def fragility(inputs, linearization: Linearization, certificates: Certificates) -> Figure:
+def fragility(inputs, linearization: Linearization, coarse_funnels: CoarseFunnels, divergence: Divergence) -> Figure:
     """Levels under cheaper feedback, wider density and larger initial sets, and whether these funnels exist."""
     figure, axes = new_figure(7.2, 3.8)
-    time = linearization.time[certificates.coarse_step]
-    base = list(certificates.variant).index("samples")
-    axes.semilogy(time, certificates.variant_level[base], color=BLACK, linewidth=1.8, label="as it is")
-    for number, (name, factor) in enumerate(zip(certificates.change, certificates.change_factor, strict=True)):
-        color, values = CURVE_COLOR[number % len(CURVE_COLOR)], certificates.change_level[number]
-        flown = certificates.change_flown[number]
+    time = linearization.time[coarse_funnels.coarse_step]
+    base = list(coarse_funnels.variant).index("samples")
+    axes.semilogy(time, coarse_funnels.variant_level[base], color=BLACK, linewidth=1.8, label="as it is")
+    for number, (name, factor) in enumerate(zip(divergence.change, divergence.change_factor, strict=True)):
+        color, values = CURVE_COLOR[number % len(CURVE_COLOR)], divergence.change_level[number]
+        flown = divergence.change_flown[number]
         ends = "" if np.isfinite(values).all() else " (ends)"
         axes.semilogy(time, values, ".-", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
         axes.plot(time[-1], flown, "_", color=color, markersize=10, clip_on=False)

@@ -303,8 +303,8 @@ class StageStudy:
 
 
 @dataclass(frozen=True)
-class Certificates:
-    """What the funnel is worth. Levels are rho of the slices; the coarse slices are those of the backward funnel."""
+class Discretization:
+    """Funnels with more and fewer slices, by the motion and by the Euler step; levels are rho of the slices."""
 
     spacing: np.ndarray = quantity("1", ("spacings",), "fine steps from one slice to the next", "int64")
     condition: np.ndarray = quantity("1", ("conditions",), "what a stage bounds: the motion, or the Euler step", "str")
@@ -323,6 +323,11 @@ class Certificates:
     largest_excess: np.ndarray = quantity("1", ("spacings",), "largest of them", allow_nan=True)
     mean_excess: np.ndarray = quantity("1", ("spacings",), "mean of them", allow_nan=True)
     mean_difference: np.ndarray = quantity("1", ("spacings",), "mean of their magnitudes", allow_nan=True)
+
+
+@dataclass(frozen=True)
+class CoarseFunnels:
+    """Funnels on the slices of the backward funnel by other programs, orders and directions."""
 
     coarse_step: np.ndarray = quantity("1", ("coarse",), "fine steps at which coarse slices are", "int64")
     variant: np.ndarray = quantity("1", ("variants",), "funnels with coarse slices", "str")
@@ -346,16 +351,32 @@ class Certificates:
     round_trip_shortfall: float = quantity(
         "1", (), "largest by which the return exceeds it; never above the rounding", allow_nan=True
     )
+
+
+@dataclass(frozen=True)
+class UndisturbedFunnel:
+    """The funnel without disturbance."""
+
     undisturbed_level: np.ndarray = quantity(
         "1", ("base",), "levels of the slices of the inputs without disturbance", allow_nan=True
     )
     undisturbed_outcome: str = quantity("1", (), "complete, or why that funnel ends", "str")
+
+
+@dataclass(frozen=True)
+class Monotonicity:
+    """Levels that a stage reaches from several levels."""
 
     studied_slice: np.ndarray = quantity(
         "1", ("studied",), "slices, from 1, whose stages are taken over levels", "int64"
     )
     studied_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of these slices")
     reached_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of the next slices")
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Funnels with other inputs, on the slices of the backward funnel, and flights with the same inputs."""
 
     change: np.ndarray = quantity("1", ("changes",), "what is changed, with coarse slices", "str")
     change_factor: np.ndarray = quantity("1", ("changes",), "factor")
@@ -366,6 +387,11 @@ class Certificates:
         "1", ("changes",), "largest V of flights with constant disturbance", allow_nan=True
     )
     change_lost: np.ndarray = quantity("1", ("changes",), "flights that do not stay finite", "int64")
+
+
+@dataclass(frozen=True)
+class EquationsOfMotion:
+    """How far the equations of motion are from those in an inertial frame."""
 
     position_rate_deviation: float = quantity(
         "1", (), "largest relative deviation of Eq. 37 from the inertial velocity, random states"

@@ -12,7 +12,7 @@ import numpy as np
 
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.linear import linear_exact, slice_jacobians, whitened_step
-from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
+from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.conic_program import conic
 from marsedl.methods.sos.design import (
     condition_number,
@@ -21,13 +21,13 @@ from marsedl.methods.sos.design import (
     rank_of_products,
     well_chosen_design,
 )
-from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
-from marsedl.methods.sos.sampled_program import rank_one
+from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, finite
+from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
 
 # Slice, slice with disturbances of the density, the Dubins car without and with wind, a circle; last, additive
@@ -38,7 +38,8 @@ FURTHER_POINTS = 20  # beyond those needed, which must not raise a rank
 EXPONENTS = (0, 1, 2)
 CONIC_TOLERANCE = {"CLARABEL": 1e-8, "SCS": 1e-6}  # of the sampled program, on which SCS stalls when asked for more
 # Streams of random numbers, all keyed by that of the design.
-CHECKS, RANKS, FIT, MAXIMA, SAMPLES, ROTATION, DISTURBANCES = range(11, 18)
+CHECKS, RANKS = 11, 12
+MAXIMA, SAMPLES, ROTATION, DISTURBANCES = range(14, 18)
 MORE = 2  # times as many ascents as for a stage of the funnel: few of them end in a local maximum
 FEW_DESIGNS = 2  # random ones
 LEVEL_FACTOR = 7.0  # of shapes and level at once, which changes nothing
@@ -51,7 +52,7 @@ DIFFERENCE = 1e-4  # of disturbances
 def compute(inputs, linearization: Linearization, gains: Gains) -> StageStudy:
     """Study the stage of the configuration."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    design = well_chosen_design(SPHERES, inputs.design_seed, BASIS_DEGREE)
+    design = samples(inputs)
     stage = stage_at(inputs, loop, gains, inputs.benchmark_slice, inputs.benchmark_level)
     return StageStudy(
         **counts(inputs),
@@ -65,20 +66,6 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> StageStudy:
     )
 
 
-def stage_at(inputs, loop, gains: Gains, number, level, spacing=None, **options):
-    """A stage of any level; number: of its slice, from 1; spacing: fine steps to the next slice."""
-    first, last = (int(step) for step in environment.slices(inputs, spacing)[number - 1 : number + 1])
-    return FunnelStage(
-        loop,
-        first,
-        last,
-        gains.shape[first],
-        gains.shape[last],
-        float(level),
-        **{"order": int(inputs.taylor_order)} | options,
-    )
-
-
 def random(inputs, stream):
     """Generator of one of the streams of this study."""
     return np.random.Generator(np.random.Philox((inputs.design_seed, stream)))
@@ -86,7 +73,7 @@ def random(inputs, stream):
 
 def solved(inputs, values, basis):
     """Certificate as the funnel takes it."""
-    return rank_one(values, basis, tolerance=inputs.program_tolerance)
+    return solver(inputs)(values, basis)
 
 
 # ---- counts ----------------------------------------------------------------------------------------------------------
@@ -133,13 +120,12 @@ def forms(inputs, stage, design):
     values = stage.values(design.points)
     coefficients, fit_error = fitted(inputs, stage)
     certificates = {"samples, rank one": solved(inputs, values, design.basis)}
-    for solver, tolerance in CONIC_TOLERANCE.items():
-        certificates[f"samples, {solver}"] = conic(values, design.basis, solver, tolerance)
-    for name, full in (("multipliers", False), ("multipliers for the disc", True)):
-        for solver in CONIC_TOLERANCE:
-            certificates[f"{name}, {solver}"] = MultiplierProgram(SPHERES.dimensions, full, solver=solver).solve(
-                coefficients
-            )
+    for name, tolerance in CONIC_TOLERANCE.items():
+        certificates[f"samples, {name}"] = conic(values, design.basis, name, tolerance)
+    for form, full in (("multipliers", False), ("multipliers for the disc", True)):
+        for name in CONIC_TOLERANCE:
+            program = MultiplierProgram(SPHERES.dimensions, full, solver=name)
+            certificates[f"{form}, {name}"] = program.solve(coefficients)
     found = list(certificates.values())
     check = verify(design, found[0], stage.values, (inputs.design_seed, CHECKS), inputs.check_points)
     search = partial(
@@ -170,16 +156,9 @@ def forms(inputs, stage, design):
     }
 
 
-def fitted(inputs, stage):
-    """Coefficients of the polynomial of a stage, and the error of their fit."""
-    return polynomial_coefficients(
-        stage.values, SPHERES.variables, 2 * BASIS_DEGREE, (inputs.design_seed, FIT), points=1000
-    )
-
-
 def linear_stages(inputs, loop, gains: Gains, design):
     """Stages with linear motion, whose largest value is known otherwise (robust entry funnels, Eq. 22)."""
-    small, still = (well_chosen_design(spheres, inputs.design_seed, degree=1) for spheres in (SPHERES, SLICE))
+    small, still = (samples(inputs, spheres, 1) for spheres in (SPHERES, SLICE))
     rows = []
     for number, level in zip(inputs.studied_slices.astype(int), inputs.studied_levels, strict=True):
         stage = stage_at(inputs, loop, gains, number, level, order=1)

@@ -5,7 +5,9 @@ import numpy as np
 from marsedl.papers.funnels.basics import COMPLETE, DEGREE, KILOMETRE, LEVEL, STATES_IN_KILOMETRES, WATT_PER_CM2
 from marsedl.papers.funnels.claims import flown_levels, largest, over_flown, peaks
 from marsedl.papers.funnels.records import (
-    Certificates,
+    CoarseFunnels,
+    Discretization,
+    Divergence,
     Dubins,
     DubinsStudy,
     FlightEnsemble,
@@ -356,9 +358,9 @@ def samples_and_bases(inputs, published, stage_study: StageStudy):
     return rows
 
 
-def numbers_of_slices(inputs, published, certificates: Certificates):
+def numbers_of_slices(inputs, published, discretization: Discretization):
     """Funnels with fewer and more slices by both conditions, and what the Euler step leaves out."""
-    found = certificates
+    found = discretization
     rows = [
         (
             *("fine steps between slices", "condition", "largest rho", "last rho", "outcome"),
@@ -390,9 +392,9 @@ def numbers_of_slices(inputs, published, certificates: Certificates):
     return rows
 
 
-def variants(inputs, published, certificates: Certificates):
+def variants(inputs, published, coarse_funnels: CoarseFunnels):
     """Funnels with coarse slices by other programs, orders and directions."""
-    found = certificates
+    found = coarse_funnels
     shown = np.unique(np.linspace(0, found.variant_level.shape[1] - 1, 7).round().astype(int))
     rows = [("funnel", *(f"rho at fine step {found.coarse_step[k]}" for k in shown), "outcome")]
     for name, values, outcome in zip(found.variant, found.variant_level, found.variant_outcome, strict=True):
@@ -400,9 +402,9 @@ def variants(inputs, published, certificates: Certificates):
     return rows
 
 
-def divergence(inputs, published, certificates: Certificates):
+def divergence(inputs, published, divergence: Divergence):
     """Whether funnels still exist with other weights, disturbances and initial sets, and where flights stay."""
-    found = certificates
+    found = divergence
     rows = [
         (
             *("changed", "factor", "first rho", "largest rho", "last rho", "outcome"),

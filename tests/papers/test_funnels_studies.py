@@ -6,14 +6,29 @@ Expected numbers without another source are those of an independent study of the
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
 from marsedl.methods.sos.sampled_program import rank_one
-from marsedl.papers.funnels import certificates, environment, gains, stage_study
+from marsedl.papers.funnels import (
+    coarse_funnels,
+    discretization,
+    divergence,
+    environment,
+    equations_of_motion,
+    funnel,
+    gains,
+    monotonicity,
+    programs,
+    stage_study,
+    undisturbed_funnel,
+)
+from marsedl.papers.funnels.basics import SPHERES
 from marsedl.papers.funnels.inputs import MODEL
+from marsedl.papers.funnels.records import StageStudy
 from marsedl.replication import artifacts
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_study
@@ -54,7 +69,7 @@ def loop(model, regulator):
 
 @pytest.fixture(scope="module")
 def design(funnels):
-    return stage_study.well_chosen_design(stage_study.SPHERES, inputs().design_seed, 2)
+    return programs.samples(inputs())
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +169,11 @@ def test_the_bound_does_not_depend_on_coordinates(found):
 @pytest.fixture(scope="module")
 def euler_stage(loop, regulator):
     at = inputs().stationary_slice, inputs().stationary_level
-    return stage_study.stage_at(inputs(), loop, regulator, *at, condition="euler")
+    return programs.stage_at(inputs(), loop, regulator, *at, condition="euler")
 
 
 def test_the_polynomial_in_the_disturbance_is_that_of_the_stage(euler_stage):
-    points = stage_study.SPHERES.random_points(40, np.random.Generator(np.random.Philox(3)))
+    points = SPHERES.random_points(40, np.random.Generator(np.random.Philox(3)))
     polynomial, w = stage_study.in_disturbances(euler_stage, points[:, :6]), 3.0 * points[:, 6:]
     value, gradient, hessian = polynomial(w)
 
@@ -203,7 +218,7 @@ def test_stationary_disturbances_are_saddles_outside_of_the_disc(found):
 
 
 def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(loop, regulator, euler_stage):
-    points = stage_study.SPHERES.random_points(50, np.random.Generator(np.random.Philox(8)))
+    points = SPHERES.random_points(50, np.random.Generator(np.random.Philox(8)))
     deviations, first = euler_stage.deviations(points), euler_stage.first
     altitude = loop.states[2 * first, 0] + deviations[:, 0]
     along = np.stack([np.full(50, inputs().density_amplitude), inputs().density_slope_amplitude * altitude], axis=1)
@@ -224,15 +239,15 @@ def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_densi
 
 
 def test_equations_of_motion_are_those_of_inertial_flight(monkeypatch):
-    found = certificates.equations(inputs())
-    assert found["position_rate_deviation"] < 1e-14 and found["velocity_rate_deviation"] < 1e-13
+    found = equations_of_motion.compute(inputs())
+    assert found.position_rate_deviation < 1e-14 and found.velocity_rate_deviation < 1e-13
     rates = environment.entry_rates
 
     def banked_left(given):
         return lambda half, state, control, w: rates(given)(half, state, [-control[0]], w)
 
     monkeypatch.setattr(environment, "entry_rates", banked_left)
-    assert certificates.equations(inputs())["velocity_rate_deviation"] > 0.1
+    assert equations_of_motion.compute(inputs()).velocity_rate_deviation > 0.1
 
 
 def test_the_euler_step_differs_in_second_order(loop, regulator, design):
@@ -240,10 +255,10 @@ def test_the_euler_step_differs_in_second_order(loop, regulator, design):
     size = []
     for spacing in (4, 2, 1):
         k = first // spacing
-        stage = stage_study.stage_at(inputs(), loop, regulator, k + 1, level, spacing)
+        stage = programs.stage_at(inputs(), loop, regulator, k + 1, level, spacing)
         levels = np.full(240 // spacing + 1, np.nan)
         levels[k : k + 2] = level, level * rank_one(stage.values(design.points), design.basis).safe_bound
-        excess = certificates.euler_excess(inputs(), loop, regulator, design, spacing, levels)
+        excess = discretization.euler_excess(inputs(), loop, regulator, design, spacing, levels)
         assert np.flatnonzero(np.isfinite(excess)).tolist() == [k]
         size.append(excess[k])
     ratio = np.array([coarse / fine for coarse, fine in pairwise(size)])
@@ -251,32 +266,32 @@ def test_the_euler_step_differs_in_second_order(loop, regulator, design):
     assert (np.abs(ratio - 4.0) < 1.2).all()
 
 
-def test_without_disturbance_the_level_never_rises(loop, regulator):
-    found = certificates.undisturbed(inputs(steps_per_slice=24), loop, regulator)
-    assert found["undisturbed_outcome"] == "complete"
-    assert (np.diff(found["undisturbed_level"]) < 0.0).all() and found["undisturbed_level"][-1] > 0.0
+def test_without_disturbance_the_level_never_rises(model, regulator):
+    found = undisturbed_funnel.compute(inputs(steps_per_slice=24), model, regulator)
+    assert found.undisturbed_outcome == "complete"
+    assert (np.diff(found.undisturbed_level) < 0.0).all() and found.undisturbed_level[-1] > 0.0
 
 
-def test_a_larger_slice_reaches_a_larger_one(loop, regulator, design):
-    found = certificates.over_levels(inputs(), loop, regulator, design)
-    assert (np.diff(found["reached_level"], axis=1) > 0.0).all()
-    base = certificates.FACTORS.index(1.0)
-    assert found["reached_level"][0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
+def test_a_larger_slice_reaches_a_larger_one(model, regulator):
+    found = monotonicity.compute(inputs(), model, regulator)
+    assert (np.diff(found.reached_level, axis=1) > 0.0).all()
+    base = monotonicity.FACTORS.index(1.0)
+    assert found.reached_level[0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
 
 
-def test_a_funnel_that_diverges_ends_with_its_message(model, design):
+def test_a_funnel_that_diverges_ends_with_its_message(model):
     wide = inputs(studied_bank_factors=np.array([]), studied_initial_factors=np.array([1.0]))
     wide.studied_density_factors = np.array([8.0])
     wide.backward_steps_per_slice = 24
-    found = certificates.changes(wide, model, design)
-    assert found["change"].tolist() == ["disturbance of the density", "initial set"]
-    assert "the funnel diverges" in found["change_outcome"][0] and found["change_outcome"][1] == "complete"
-    diverged, same = found["change_level"]
+    found = divergence.compute(wide, model)
+    assert found.change.tolist() == ["disturbance of the density", "initial set"]
+    assert "the funnel diverges" in found.change_outcome[0] and found.change_outcome[1] == "complete"
+    diverged, same = found.change_level
     ended = np.flatnonzero(np.isnan(diverged))[0]
     assert 2 < ended < 10 and np.isfinite(diverged[:ended]).all() and np.isnan(diverged[ended:]).all()
     assert (diverged[2:ended] > same[2:ended]).all()
     # The flights stay finite all the same, and those of the unchanged case inside of its funnel.
-    assert (found["change_lost"] == 0).all() and found["change_flown"][1] < same.max()
+    assert (found.change_lost == 0).all() and found.change_flown[1] < same.max()
 
 
 @pytest.fixture(scope="module")
@@ -297,37 +312,62 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def small_study(small, model):
+def part(small, model):
+    """The reference and the feedback of that part."""
     first, last = 88, 88 + small.fine_steps
     extents = {"time": slice(first, last + 1), "half": slice(2 * first, 2 * last + 1)}
     declared = artifacts.quantities(type(model)).items()
     parts = {name: getattr(model, name)[extents[of.dims[0]]] for name, of in declared if of.dims[0] in extents}
     lines = replace(model, **parts)
+    return lines, gains.compute(small, lines)
+
+
+@pytest.fixture(scope="module")
+def spacings(small, part):
+    """Funnels with more and fewer slices; the reading has none."""
+    return discretization.compute(small, *part, SimpleNamespace(outcome="the funnel diverges"))
+
+
+@pytest.fixture(scope="module")
+def coarse(small, part, spacings):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(certificates, "SECOND_SOLVER", "SCS")
-        return certificates.compute(small, lines, gains.compute(small, lines))
+        patch.setattr(coarse_funnels, "SECOND_SOLVER", "SCS")
+        return coarse_funnels.compute(small, *part, spacings)
 
 
 def variant(study, name):
     return study.variant_level[list(study.variant).index(name)]
 
 
-def test_multipliers_and_samples_give_one_funnel(small_study):
-    assert small_study.multiplier_difference < 1e-6
-    np.testing.assert_allclose(small_study.second_difference, 0.0, atol=1e-6)  # of two tolerances here
-    assert small_study.multiplier_status.tolist() == ["optimal"] * 2
+def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small, part, spacings):
+    few = {"ascent_starts": 4, "ascent_polished": 1, "ascent_iterations": 0, "check_points": 50}
+    loop, design = environment.closed_loop(small, part[0], part[1].half_gain), programs.samples(small)
+    levels, outcome = funnel.propagate(Slice(vars(small) | few), loop, part[1], design)
+    np.testing.assert_array_equal(levels.rho, spacings.level[0, 1])
+    made = SimpleNamespace(level=levels.rho, outcome=outcome)
+    taken = discretization.of_motion(small, None, None, None, 4, made)
+    assert taken[0] is levels.rho and taken[1] == spacings.outcome[0, 1]
+    for other in ({"condition": "euler"}, {"sampling": "raw"}, {"inflated": True}, {"additive": True}):
+        computed = discretization.of_motion(Slice(vars(small) | other), loop, part[1], design, 4, made)
+        assert computed[0] is not levels.rho
 
 
-def test_the_backward_funnel_returns(small_study):
-    back, returned = variant(small_study, "backward"), variant(small_study, "returned")
+def test_multipliers_and_samples_give_one_funnel(coarse):
+    assert coarse.multiplier_difference < 1e-6
+    np.testing.assert_allclose(coarse.second_difference, 0.0, atol=1e-6)  # of two tolerances here
+    assert coarse.multiplier_status.tolist() == ["optimal"] * 2
+
+
+def test_the_backward_funnel_returns(coarse):
+    back, returned = variant(coarse, "backward"), variant(coarse, "returned")
     assert back[-1] == 5.0 and back[0] == returned[0]
-    assert (returned <= back * (1.0 + 1e-12)).all() and small_study.round_trip_shortfall <= 1e-12
+    assert (returned <= back * (1.0 + 1e-12)).all() and coarse.round_trip_shortfall <= 1e-12
     np.testing.assert_allclose(returned, back, rtol=1e-4)
-    assert small_study.round_trip == np.abs(back / returned - 1.0).max()
+    assert coarse.round_trip == np.abs(back / returned - 1.0).max()
 
 
-def test_what_a_study_says_of_its_funnels_is_so(small, small_study):
-    study = small_study
+def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
+    study = spacings
     slices = small.fine_steps // small.studied_spacings.astype(int) + 1
     for i, j in np.ndindex(2, 2):
         levels = study.level[i, j]
@@ -339,13 +379,14 @@ def test_what_a_study_says_of_its_funnels_is_so(small, small_study):
     assert study.least_excess[1] == known.min() and study.largest_excess[1] == known.max()
     # Longer slices, larger differences.
     assert study.mean_difference[0] > study.mean_difference[1]
-    np.testing.assert_array_equal(variant(study, "samples"), study.level[0, 0][: slices[0]])
-    assert variant(study, "order 1")[-1] < variant(study, "order 2")[-1]
+    np.testing.assert_array_equal(variant(coarse, "samples"), study.level[0, 0][: slices[0]])
+    assert variant(coarse, "order 1")[-1] < variant(coarse, "order 2")[-1]
 
 
-@pytest.mark.parametrize("made", ["certificates", "stage_study"])
-def test_artifacts_are_kept(made, small_study, found, tmp_path):
-    artifact = small_study if made == "certificates" else stage_study.StageStudy(**found)
+@pytest.mark.parametrize("made", ["spacings", "coarse", "found"])
+def test_artifacts_are_kept(made, request, tmp_path):
+    artifact = request.getfixturevalue(made)
+    artifact = StageStudy(**artifact) if made == "found" else artifact
     path = tmp_path / "made.h5"
     artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
     loaded = artifacts.load(path, type(artifact))
@@ -354,10 +395,10 @@ def test_artifacts_are_kept(made, small_study, found, tmp_path):
 
 
 def test_a_stage_is_that_between_the_slices_named(loop, regulator):
-    stage = stage_study.stage_at(inputs(), loop, regulator, 26, 3.0)
+    stage = programs.stage_at(inputs(), loop, regulator, 26, 3.0)
     assert (stage.first, stage.last, stage.order, stage.condition) == (100, 104, 3, "flow")
     assert isinstance(stage, FunnelStage)
-    finer = stage_study.stage_at(inputs(), loop, regulator, 26, 3.0, 2, condition="euler")
+    finer = programs.stage_at(inputs(), loop, regulator, 26, 3.0, 2, condition="euler")
     assert (finer.first, finer.last) == (50, 52)
     np.testing.assert_array_equal(finer.shape, regulator.shape[50])
     assert replace(finer, rho=1.0).rho == 1.0
