@@ -37,7 +37,7 @@ class Descent:
         }
         control_matrix = np.eye(4, 2, k=-2) / self.masses[segment][:, None, None]
         return SteeringProblem.from_linear_model(
-            time, self.state_matrix, control_matrix, self.affine, **(arguments | changes)
+            time, (self.state_matrix, control_matrix, self.affine), **(arguments | changes)
         )
 
     def axis(self, segment, axis, **changes):

@@ -299,9 +299,7 @@ def test_gramian_converges_with_order_four():
         control_matrix = np.array([[0.0], [1.0]]) / (mass - flow * time)[:, None, None]
         problem = SteeringProblem.from_linear_model(
             time,
-            np.eye(2, k=1),
-            control_matrix,
-            np.array([0, -3.71]),
+            (np.eye(2, k=1), control_matrix, np.array([0, -3.71])),
             initial_mean=np.zeros(2),
             final_mean=np.zeros(2),
             initial_covariance=np.eye(2),
@@ -325,9 +323,7 @@ def test_varying_state_matrix_converges_with_order_four():
         turn = expm(spin * time[:, None, None])
         problem = SteeringProblem.from_linear_model(
             time,
-            turn @ a_0 @ np.linalg.inv(turn),
-            turn @ np.array([[0.0], [1.0]]),
-            turn @ affine_0,
+            (turn @ a_0 @ np.linalg.inv(turn), turn @ np.array([[0.0], [1.0]]), turn @ affine_0),
             initial_mean=np.zeros(2),
             final_mean=np.zeros(2),
             initial_covariance=np.eye(2),
@@ -350,9 +346,7 @@ def test_ten_millisecond_cells_suffice(descent):
     control_matrix = np.eye(4, 2, k=-2) / fine(time)[:, None, None]
     finer = SteeringProblem.from_linear_model(
         time,
-        descent.state_matrix,
-        control_matrix,
-        descent.affine,
+        (descent.state_matrix, control_matrix, descent.affine),
         initial_mean=problem.initial_mean,
         final_mean=problem.final_mean,
         initial_covariance=problem.initial_covariance,
@@ -424,5 +418,7 @@ def test_bad_models_are_refused(changes, message):
     }
     ends = {name: np.zeros(2) for name in ("initial_mean", "final_mean")}
     ends |= {name: np.eye(2) for name in ("initial_covariance", "final_covariance")}
+    given = model | ends | {"noise_density": 1.0} | changes
+    given["model"] = tuple(given.pop(name) for name in ("state_matrix", "control_matrix", "affine"))
     with pytest.raises(SteeringError, match=message):
-        SteeringProblem.from_linear_model(**(model | ends | {"noise_density": 1.0} | changes))
+        SteeringProblem.from_linear_model(**given)

@@ -18,7 +18,7 @@ GAMMA, FULL_THRUST = 0.02, 18000.0
 def iterate(problem, gamma=GAMMA, **options):
     phi = problem.transition[-1]
     gramian = phi @ problem.gramian[-1] @ phi.T  # M(T,0) of Eq. 48
-    return fixed_point(phi, gramian, problem.initial_covariance, problem.final_covariance, gamma, **options)
+    return fixed_point(phi, gramian, (problem.initial_covariance, problem.final_covariance), gamma, **options)
 
 
 def final_variances(problem, riccati, plant_noise_density):
@@ -69,7 +69,7 @@ def test_full_matrices_are_inverted_with_row_exchange():
     phi = np.array([[0.0, 1, 0.2], [1, 0, 0.3], [0.1, -0.2, 1]])
     root = random.standard_normal((3, 3))
     gramian, start, end = root @ root.T + np.eye(3), np.diag([1.0, 2, 3]), np.diag([2.0, 1, 2])
-    result = fixed_point(phi, gramian, start, end, 2.0, tolerance=1e-13)
+    result = fixed_point(phi, gramian, (start, end), 2.0, tolerance=1e-13)
     assert result.converged
     inverse = np.linalg.inv
     p_t = phi @ result.p_initial @ phi.T + gramian
@@ -137,7 +137,7 @@ def test_the_iteration_stops_when_the_slower_of_both_matrices_is_within_the_tole
     def run(**options):
         start_covariance, end_covariance = np.diag(start), np.diag(end)
         return fixed_point(
-            np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(2), start_covariance, end_covariance, 2.0, **options
+            np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(2), (start_covariance, end_covariance), 2.0, **options
         )
 
     def change(iteration, name):
@@ -162,13 +162,13 @@ def test_corrected_iteration_in_newtons_does_not_converge(descent):
 
 def test_singular_start_is_reported():
     # The weight at the end equals P(T)^-1 exactly.
-    result = fixed_point(np.eye(2), np.eye(2), np.eye(2), 2 * np.eye(2), 1.0)
+    result = fixed_point(np.eye(2), np.eye(2), (np.eye(2), 2 * np.eye(2)), 1.0)
     assert not result.converged
     assert "singular" in result.status
 
 
 def test_divergence_is_reported():
-    result = fixed_point(np.eye(1), np.array([[np.inf]]), np.eye(1), np.eye(1), 1.0)
+    result = fixed_point(np.eye(1), np.array([[np.inf]]), (np.eye(1), np.eye(1)), 1.0)
     assert not result.converged
     assert "diverged" in result.status
 
@@ -176,9 +176,9 @@ def test_divergence_is_reported():
 @pytest.mark.parametrize("option", ["boundary", "order", "tolerance_kind"])
 def test_unknown_options_are_refused(option):
     with pytest.raises(ValueError, match=option):
-        fixed_point(np.eye(2), np.eye(2), np.eye(2), np.eye(2), 1.0, **{option: "none"})
+        fixed_point(np.eye(2), np.eye(2), (np.eye(2), np.eye(2)), 1.0, **{option: "none"})
 
 
 def test_shapes_must_agree():
     with pytest.raises(ValueError, match="one shape"):
-        fixed_point(np.eye(2), np.eye(2), np.eye(3), np.eye(2), 1.0)
+        fixed_point(np.eye(2), np.eye(2), (np.eye(3), np.eye(2)), 1.0)

@@ -5,21 +5,17 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.closed_form import riccati_initial, steer
-from marsedl.methods.covariance_steering.forward_integration import integrate_forward, modified_index
+from marsedl.methods.covariance_steering.forward_integration import LinearMotion, integrate_forward, modified_index
+
+
+def motion(descent, problem, segment):
+    start = problem.initial_mean, problem.initial_covariance
+    return LinearMotion(*descent.model(segment), descent.durations[segment], *start, problem.noise_density)
 
 
 def forward(descent, problem, segment, riccati, times, **options):
-    return integrate_forward(
-        *descent.model(segment),
-        descent.durations[segment],
-        riccati,
-        initial_mean=problem.initial_mean,
-        final_mean=problem.final_mean,
-        initial_covariance=problem.initial_covariance,
-        noise_density=problem.noise_density,
-        times=times,
-        **options,
-    )
+    moved = motion(descent, problem, segment)
+    return integrate_forward(moved, riccati, problem.final_mean, times=times, **options)
 
 
 @pytest.mark.parametrize("segment", [0, 1])
@@ -78,7 +74,6 @@ def indices(descent, steerings):
     """Eqs. 18, 20 and 23 under the optimal control, under none, and under a poor linear feedback."""
     problem, steering = descent.problem(1), steerings[1]
     costate = steering.mean_costate + steering.riccati[0] @ problem.initial_mean
-    state_matrix, control_matrix, affine = descent.model(1)
 
     gain, mean = CubicSpline(steering.time, steering.gain), CubicSpline(steering.time, steering.mean)
     thrust = CubicSpline(steering.time, steering.feedforward)
@@ -89,17 +84,7 @@ def indices(descent, steerings):
     }
     return {
         name: modified_index(
-            state_matrix,
-            control_matrix,
-            affine,
-            descent.durations[1],
-            steering.riccati[0],
-            costate,
-            feedback=feedback,
-            feedforward=feedforward,
-            initial_mean=problem.initial_mean,
-            initial_covariance=problem.initial_covariance,
-            noise_density=problem.noise_density,
+            motion(descent, problem, 1), steering.riccati[0], costate, feedback=feedback, feedforward=feedforward
         )
         for name, (feedback, feedforward) in controls.items()
     }

@@ -8,7 +8,15 @@ import pytest
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.linear import additive_growth, linear_exact, slice_jacobians
-from marsedl.methods.funnels.recursion import Funnel, FunnelError, backward, forward, initial_level, largest_feedback
+from marsedl.methods.funnels.recursion import (
+    Funnel,
+    FunnelError,
+    StageRule,
+    backward,
+    forward,
+    initial_level,
+    largest_feedback,
+)
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos import verification
 from marsedl.methods.sos.conic_program import conic
@@ -116,7 +124,7 @@ def test_dubins_funnels_have_the_levels_of_an_independent_computation():
         (calm, CALM, "euler", [0.15, 0.12060, 0.09509, 0.07023, 0.04690]),
         (windy, WINDY, "flow", [0.15, 0.15368, 0.14927, 0.13601, 0.10962]),
     ):
-        funnel = forward(*problem, 0.15, design, condition=condition)
+        funnel = forward(*problem, 0.15, design, StageRule(condition=condition))
         np.testing.assert_allclose(funnel.rho[::10], levels, atol=6e-6)
     linear = linear_exact(*slice_jacobians(calm[0], calm[2])[:2], calm[1], 0.15)
     np.testing.assert_allclose(linear[::10], [0.15, 0.11973, 0.09293, 0.06875, 0.04583], atol=6e-6)
@@ -151,7 +159,7 @@ def test_first_order_funnel_is_the_linear_recursion(calm, windy):
     for problem, design in ((calm, CALM), (windy, WINDY)):
         loop, shapes, slices = problem
         jacobians = slice_jacobians(loop, slices)
-        funnel = forward(*problem, 0.15, design, order=1)
+        funnel = forward(*problem, 0.15, design, StageRule(order=1))
         np.testing.assert_allclose(funnel.rho, linear_exact(*jacobians[:2], shapes, 0.15), rtol=2e-6)
         if not loop.disturbances:
             moved = np.linalg.inv(shapes[:-1]) @ jacobians[0].swapaxes(1, 2) @ shapes[1:] @ jacobians[0]
@@ -161,8 +169,8 @@ def test_first_order_funnel_is_the_linear_recursion(calm, windy):
 @pytest.mark.parametrize("condition", ["flow", "euler"])
 def test_funnel_scales_with_its_lyapunov_function(windy, condition):
     loop, shapes, slices = windy
-    one = forward(loop, shapes, slices, 0.15, WINDY, condition=condition)
-    scaled = forward(loop, 1e4 * shapes, slices, 1500.0, WINDY, condition=condition, limit=1e5)
+    one = forward(loop, shapes, slices, 0.15, WINDY, StageRule(condition=condition))
+    scaled = forward(loop, 1e4 * shapes, slices, 1500.0, WINDY, StageRule(condition=condition), limit=1e5)
     np.testing.assert_allclose(scaled.rho, 1e4 * one.rho, rtol=1e-6)
 
 
@@ -195,10 +203,11 @@ def test_literal_samples_make_a_funnel_without_memory(windy):
     """Eq. 26 as printed: later levels do not depend on the first, and are levels of that sphere, not of the slices."""
     units = np.array([0.1, 0.1, 0.1])
     funnels = [
-        forward(*windy, level, WINDY, condition="euler", raw_scale=units, limit=np.inf) for level in (0.15, 15.0)
+        forward(*windy, level, WINDY, StageRule(condition="euler", raw_scale=units), limit=np.inf)
+        for level in (0.15, 15.0)
     ]
     np.testing.assert_allclose(funnels[1].rho[1:], funnels[0].rho[1:], rtol=1e-6)
-    whitened = [forward(*windy, level, WINDY, condition="euler").rho[-1] for level in (0.15, 0.3)]
+    whitened = [forward(*windy, level, WINDY, StageRule(condition="euler")).rho[-1] for level in (0.15, 0.3)]
     assert whitened[1] > 1.2 * whitened[0]
 
 
@@ -225,17 +234,17 @@ def test_inflated_funnel_covers_what_the_truncation_leaves_out(windy):
     def find(stage, bound):
         return maximize(stage.true_values, (3, 2), 1, full_ball=(False, True), starts=100, polished=3)[0]
 
-    plain = forward(*windy, 0.15, WINDY, order=1, maximum=find)
+    plain = forward(*windy, 0.15, WINDY, StageRule(order=1, maximum=find))
     assert (plain.violation > 1e-3).any()
     np.testing.assert_array_equal(plain.growth, plain.polynomial_bound)
-    inflated = forward(*windy, 0.15, WINDY, order=1, maximum=find, inflate=True)
+    inflated = forward(*windy, 0.15, WINDY, StageRule(order=1, maximum=find, inflate=True))
     np.testing.assert_array_equal(inflated.growth, np.maximum(inflated.polynomial_bound, inflated.true_maximum))
     np.testing.assert_allclose(inflated.rho[1:], inflated.growth * inflated.rho[:-1], rtol=1e-14)
     assert (inflated.rho[1:] > plain.rho[1:]).all()
-    third = forward(*windy, 0.15, WINDY, maximum=find)
+    third = forward(*windy, 0.15, WINDY, StageRule(maximum=find))
     assert np.abs(third.violation).max() < 0.1 * plain.violation.max()
     with pytest.raises(FunnelError, match="an inflated funnel needs the function `maximum`"):
-        forward(*windy, 0.15, WINDY, inflate=True)
+        forward(*windy, 0.15, WINDY, StageRule(inflate=True))
 
 
 def test_additive_disturbance_adds_to_the_root_of_the_level(calm, calm_funnel):
@@ -289,7 +298,7 @@ def test_backward_funnel_finds_the_edge_of_attraction():
     for every, order in ((2, 9), (2, 3), (1, 3)):
         slices = np.arange(0, 41, every)
         design = well_chosen_design(Spheres((1,)), 1, degree=(order + 1) // 2)
-        funnel = backward(loop, np.ones((len(slices), 1, 1)), slices, 0.1, design, order=order)
+        funnel = backward(loop, np.ones((len(slices), 1, 1)), slices, 0.1, design, StageRule(order=order))
         errors.append(funnel.rho[0] / start - 1)
     assert abs(errors[0]) < 1e-4
     assert errors[2] > 0
@@ -299,7 +308,7 @@ def test_backward_funnel_finds_the_edge_of_attraction():
 @pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
 def test_generic_solvers_give_the_same_levels(windy, windy_funnel, solver):
     loop, shapes, slices = windy
-    funnel = forward(loop, shapes[:4], slices[:4], 0.15, WINDY, solver=partial(conic, solver=solver))
+    funnel = forward(loop, shapes[:4], slices[:4], 0.15, WINDY, StageRule(solver=partial(conic, solver=solver)))
     np.testing.assert_allclose(funnel.rho, windy_funnel.rho[:4], rtol=3e-6)
 
 
@@ -313,13 +322,13 @@ def test_verification_is_asked_of_every_stage_and_carried(calm):
 
     levels = []
     report = lambda number, level: levels.append((number, level))  # noqa: E731
-    funnel = forward(loop, shapes[:4], slices[:4], 0.15, CALM, verify=verify, progress=report)
+    funnel = forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=verify), progress=report)
     assert funnel.verifications == (1, 2, 3)
     assert min(asked) >= 0
     assert levels == [(k + 1, funnel.rho[k]) for k in (1, 2, 3)]
-    returned = backward(loop, shapes[:4], slices[:4], funnel.rho[-1], CALM, verify=verify)
+    returned = backward(loop, shapes[:4], slices[:4], funnel.rho[-1], CALM, StageRule(verify=verify))
     assert returned.verifications == (6, 5, 4)
-    checked = forward(loop, shapes[:4], slices[:4], 0.15, CALM, verify=partial(verification.verify, seed=3))
+    checked = forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=partial(verification.verify, seed=3)))
     assert all(check.sound and check.identity_error < 1e-6 for check in checked.verifications)
 
 
@@ -327,7 +336,7 @@ def test_a_certificate_that_fails_its_check_makes_no_funnel(calm):
     loop, shapes, slices = calm[:3]
     strict = partial(verification.verify, seed=3, tolerance=0.0)  # no identity of floating point numbers is exact
     with pytest.raises(FunnelError, match=r"stage from slice 1 of 4 .* fails its check: its identity is off by"):
-        forward(loop, shapes[:4], slices[:4], 0.15, CALM, verify=strict)
+        forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=strict))
 
 
 def test_half_widths_and_volumes_of_slices():
@@ -349,17 +358,23 @@ def test_half_widths_and_volumes_of_slices():
     ("changes", "message"),
     [
         (
-            {"first_level": 0.5, "feedback_limit": 0.3},
+            {"first_level": 0.5, "rule": StageRule(feedback_limit=0.3)},
             r"slice 1 of 21 .* deviation 1.\d+ of control 1, .* 0.3; the",
         ),
-        ({"solver": partial(rank_one, iterations=2)}, r"stage from slice 1 of 21 .* not closed: not converged .*\(gap"),
+        (
+            {"rule": StageRule(solver=partial(rank_one, iterations=2))},
+            r"stage from slice 1 of 21 .* not closed: not converged .*\(gap",
+        ),
         ({"design": WINDY}, r"design must be on spheres \(3,\), not \(3, 2\)"),
-        ({"order": 4}, "basis of degree 2 cannot carry the polynomial of degree 5 of a stage of order 4"),
+        (
+            {"rule": StageRule(order=4)},
+            "basis of degree 2 cannot carry the polynomial of degree 5 of a stage of order 4",
+        ),
         ({"slices": np.arange(1, 82, 4)}, "two or more fine steps, increasing, within 0 [.][.][.] 80"),
         ({"slices": np.arange(0, 80, 4)}, "20 slices need as many shapes, not 21"),
         ({"additive": -np.ones(20)}, "additive must be 20 growths of 0 or more"),
         ({"first_level": np.nan}, "rho must be positive and finite, not nan"),
-        ({"condition": "midpoint"}, "condition must be one of flow, euler"),
+        ({"rule": StageRule(condition="midpoint")}, "condition must be one of flow, euler"),
     ],
 )
 def test_errors_name_slice_and_cause(calm, changes, message):
@@ -375,12 +390,12 @@ def test_an_indefinite_shape_is_refused_before_any_stage_is_solved(calm):
     shapes[3] = np.diag([1.0, 1.0, -2.0])
     for run in (forward, backward):
         with pytest.raises(FunnelError, match=r"P of slice 4 of 21 \(t = 0.6 s\) is not positive definite: .* is -2"):
-            run(loop, shapes, slices, 0.15, CALM, solver=None)
+            run(loop, shapes, slices, 0.15, CALM, StageRule(solver=None))
 
 
 def test_backward_funnel_says_why_no_level_was_tried_with_success(calm):
     with pytest.raises(FunnelError, match=r"stage from slice 20 of 21 .* not closed: not converged"):
-        backward(*calm, 0.05, CALM, solver=partial(rank_one, iterations=2))
+        backward(*calm, 0.05, CALM, StageRule(solver=partial(rank_one, iterations=2)))
 
 
 def test_a_diverging_funnel_says_where_and_in_what():
@@ -395,7 +410,7 @@ def test_euler_condition_with_too_long_a_step_is_refused():
     """x' = -x over a step of 4: V - 4 x^2 is negative, and no slice is."""
     loop, design = scalar_loop(lambda x, u, w: u, duration=4.0), well_chosen_design(Spheres((1,)), 1)
     with pytest.raises(FunnelError, match=r"the euler condition leaves no slice after slice 1 of 2 .* -7 rho_k"):
-        forward(loop, np.ones((2, 1, 1)), [0, 40], 0.3, design, condition="euler")
+        forward(loop, np.ones((2, 1, 1)), [0, 40], 0.3, design, StageRule(condition="euler"))
 
 
 def test_a_polynomial_that_is_not_finite_is_refused():

@@ -98,9 +98,7 @@ class SteeringProblem:
     def from_linear_model(
         cls,
         time,
-        state_matrix,
-        control_matrix,
-        affine,
+        model,
         *,
         initial_mean,
         final_mean,
@@ -116,9 +114,7 @@ class SteeringProblem:
 
         Args:
             time: nodes, (k,), s; k >= 4. The model must be smooth in between (begin a new segment at every jump).
-            state_matrix: A(t), (k, n, n) or constant (n, n).
-            control_matrix: B(t), (k, n, m).
-            affine: c(t), (k, n) or constant (n,).
+            model: A(t), (k, n, n) or constant (n, n); B(t), (k, n, m); c(t), (k, n) or constant (n,).
             initial_mean, final_mean: (n,).
             initial_covariance, final_covariance: (n, n), symmetric positive definite.
             noise_density: G, control unit times sqrt(s).
@@ -130,6 +126,7 @@ class SteeringProblem:
         Raises:
             SteeringError: naming the field that does not fit.
         """
+        state_matrix, control_matrix, affine = model
         time, control_matrix = np.asarray(time, dtype=float), np.asarray(control_matrix, dtype=float)
         if time.ndim != 1 or len(time) < 4 or not (np.diff(time) > 0).all():
             raise SteeringError("time must be one-dimensional and strictly increasing, with four nodes at least")

@@ -37,8 +37,7 @@ class FixedPoint(NamedTuple):
 def fixed_point(
     transition,
     gramian,
-    initial_covariance,
-    final_covariance,
+    covariances,
     noise_density,
     *,
     control_unit=1.0,
@@ -59,7 +58,7 @@ def fixed_point(
     Args:
         transition: Phi(T,0), (n, n).
         gramian: M(T,0) of Eq. 48 with the control in the caller's unit (SI), (n, n).
-        initial_covariance, final_covariance: S0, ST, (n, n).
+        covariances: S0 and ST, (n, n) each.
         noise_density: gamma, in units of U sqrt(s).
         control_unit: U, caller's unit of control per unit of the iteration (18000 N: fractions of full thrust).
         boundary: "corrected", "algorithm_1" or "eq_46".
@@ -74,6 +73,7 @@ def fixed_point(
     Raises:
         ValueError: for an unknown option, or matrices that are not of one square shape.
     """
+    initial_covariance, final_covariance = covariances
     shapes = [np.shape(matrix) for matrix in (transition, gramian, initial_covariance, final_covariance)]
     if len(set(shapes)) > 1 or len(shapes[0]) != 2 or shapes[0][0] != shapes[0][1]:
         raise ValueError(f"transition, gramian and both covariances must be of one shape (n, n), not {shapes}")

@@ -4,6 +4,7 @@ It is independent of the closed form (no Phi, no N, other formulas for lambda(0)
 evaluates Eqs. 18, 20 and 23 for any control, to show what completing the square drops.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,18 @@ class ForwardIntegration(NamedTuple):
     costate_initial_eq39: np.ndarray  # lambda(0), (n,)
 
 
+class LinearMotion(NamedTuple):
+    """x' = A x + B (u + gamma noise) + c from 0 to T, and its start (Eqs. 4, 5)."""
+
+    state_matrix: Callable  # A (n, n) as a function of time
+    control_matrix: Callable  # B (n, m) as a function of time
+    affine: Callable  # c (n,) as a function of time
+    duration: float  # T, s
+    initial_mean: np.ndarray  # x0, (n,)
+    initial_covariance: np.ndarray  # S0, (n, n)
+    noise_density: float  # gamma, control unit times sqrt(s)
+
+
 class ModifiedIndex(NamedTuple):
     """The modified index of one control, by four expressions; control unit^2 s."""
 
@@ -40,20 +53,7 @@ class ModifiedIndex(NamedTuple):
     cost: float  # E int u'u dt (Eq. 10)
 
 
-def integrate_forward(
-    state_matrix,
-    control_matrix,
-    affine,
-    duration,
-    riccati_initial,
-    *,
-    initial_mean,
-    final_mean,
-    initial_covariance,
-    noise_density,
-    times=None,
-    relative_tolerance=1e-11,
-):
+def integrate_forward(motion, riccati_initial, final_mean, *, times=None, relative_tolerance=1e-11):
     """Integrate Eqs. 21, 22, 27, 28, 31, 38, 40 and 42 forward from Lambda(0) (Algorithm 2).
 
     c1 and c2 (Eqs. 35, 36) and the integral of Eq. 37 are integrated along with them, written as differential equations
@@ -65,12 +65,9 @@ def integrate_forward(
     and lambda(t) and the mean follow from it in a second pass.
 
     Args:
-        state_matrix, control_matrix, affine: functions of time giving A (n, n), B (n, m), c (n,).
-        duration: T, s.
+        motion: `LinearMotion`.
         riccati_initial: Lambda(0), (n, n).
-        initial_mean, final_mean: x0, xT, (n,).
-        initial_covariance: S0, (n, n).
-        noise_density: gamma, control unit times sqrt(s).
+        final_mean: xT, (n,).
         times: times of the answer within [0, T], (k,), s; 0 and T if absent.
         relative_tolerance: of the eighth-order Runge-Kutta method (DOP853).
 
@@ -80,6 +77,7 @@ def integrate_forward(
     Raises:
         RuntimeError: if the integration fails, as it does when Lambda escapes in finite time.
     """
+    state_matrix, control_matrix, affine, duration, initial_mean, initial_covariance, noise_density = motion
     n = len(initial_mean)
     identity, zeros = np.eye(n), np.zeros((n, n))
     times = np.array([0.0, duration]) if times is None else np.asarray(times, dtype=float)
@@ -151,34 +149,17 @@ def integrate_forward(
     )
 
 
-def modified_index(
-    state_matrix,
-    control_matrix,
-    affine,
-    duration,
-    riccati_initial,
-    costate_initial,
-    *,
-    feedback,
-    feedforward,
-    initial_mean,
-    initial_covariance,
-    noise_density,
-    relative_tolerance=1e-11,
-):
+def modified_index(motion, riccati_initial, costate_initial, *, feedback, feedforward, relative_tolerance=1e-11):
     """Evaluate Eqs. 18, 20 and 23 under any affine control u = f(t) - F(t) x, which need not steer anywhere.
 
     With Eqs. 21 and 22 the integrand of Eq. 20 minus that of Eq. 23 is -(lambda' B B' lambda + 2 lambda' c). Eq. 23
     leaves it out; as it does not depend on u, the minimizer is the same.
 
     Args:
-        state_matrix, control_matrix, affine: functions of time giving A (n, n), B (n, m), c (n,).
-        duration: T, s.
+        motion: `LinearMotion`.
         riccati_initial: Lambda(0), (n, n).
         costate_initial: lambda(0), (n,).
         feedback, feedforward: functions of time giving F (m, n) and f (m,).
-        initial_mean, initial_covariance: x0 (n,), S0 (n, n).
-        noise_density: gamma, control unit times sqrt(s).
         relative_tolerance: of the integration.
 
     Returns:
@@ -187,6 +168,7 @@ def modified_index(
     Raises:
         RuntimeError: if the integration fails.
     """
+    state_matrix, control_matrix, affine, duration, initial_mean, initial_covariance, noise_density = motion
     n = len(initial_mean)
 
     def rates(t, y):

@@ -1,5 +1,6 @@
 """Levels of a funnel from slice to slice, forward and backward (robust entry funnels, Algorithm 1)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import lgamma, pi
@@ -9,7 +10,7 @@ import numpy as np
 from marsedl.methods.funnels.stage import FunnelStage, cholesky_factor
 from marsedl.methods.sos.sampled_program import rank_one
 
-__all__ = ["Funnel", "FunnelError", "backward", "forward", "initial_level", "largest_feedback"]
+__all__ = ["Funnel", "FunnelError", "StageRule", "backward", "forward", "initial_level", "largest_feedback"]
 
 # Largest distance from a bound to its dual value, relative to the values, at which a program counts as solved.
 _CLOSED = 1e-5
@@ -126,25 +127,34 @@ def largest_feedback(gain, shape, rho):
     return np.sqrt(2 * rho) * np.linalg.norm(np.linalg.solve(cholesky_factor(shape), np.transpose(gain)), axis=0)
 
 
-def forward(
-    loop,
-    shapes,
-    slices,
-    first_level,
-    design,
-    *,
-    solver=rank_one,
-    order=3,
-    condition="flow",
-    raw_scale=None,
-    maximum=None,
-    inflate=False,
-    additive=None,
-    verify=None,
-    limit=1e3,
-    feedback_limit=None,
-    progress=None,
-):
+@dataclass(frozen=True, eq=False)
+class StageRule:
+    """How the stages of a funnel are bounded (robust entry funnels, Eqs. 22 to 26).
+
+    Args:
+        solver: function of values (M,) and basis (M, p) that returns a `Certificate`.
+        order, condition, raw_scale: of `FunnelStage`.
+        maximum: None, or a function of `FunnelStage` and s_k that returns the largest V_{k+1}/rho_k of the integrated
+            error, no series between: found by an ascent, which shows where s_k is no bound, or proven.
+        inflate: raise the level to that maximum, where it is larger: rho_{k+1} = max(s_k, maximum) rho_k. Only with a
+            proven maximum are the slices proven to follow one another.
+        verify: None, or a function of design, certificate and polynomial whose results the funnel carries. One that is
+            not `sound` makes no funnel.
+        feedback_limit: None, or the largest control deviation for which the Taylor polynomial means something, (nu,).
+
+    """
+
+    solver: Callable = rank_one
+    order: int = 3
+    condition: str = "flow"
+    raw_scale: np.ndarray | None = None
+    maximum: Callable | None = None
+    inflate: bool = False
+    verify: Callable | None = None
+    feedback_limit: np.ndarray | None = None
+
+
+def forward(loop, shapes, slices, first_level, design, rule=None, *, additive=None, limit=1e3, progress=None):
     """Propagate the level of a funnel from its first slice to its last (robust entry funnels, Algorithm 1, Eq. 36).
 
         rho_{k+1} = s_k rho_k,   s_k = min {s: s - b_k is a sum of squares on the spheres}
@@ -158,17 +168,9 @@ def forward(
         slices: fine steps at which the slices lie, (N,), increasing.
         first_level: rho_1, see `initial_level`.
         design: well chosen samples (robust entry funnels, Eq. 24), of basis degree d with 2 d >= order + 1.
-        solver: function of values (M,) and basis (M, p) that returns a `Certificate`.
-        order, condition, raw_scale: of `FunnelStage`.
-        maximum: None, or a function of `FunnelStage` and s_k that returns the largest V_{k+1}/rho_k of the integrated
-            error, no series between: found by an ascent, which shows where s_k is no bound, or proven.
-        inflate: raise the level to that maximum, where it is larger: rho_{k+1} = max(s_k, maximum) rho_k. Only with a
-            proven maximum are the slices proven to follow one another.
+        rule: `StageRule`; None: the one with all defaults.
         additive: None, or beta_k of `linear.additive_growth`, (N - 1,).
-        verify: None, or a function of design, certificate and polynomial whose results the funnel carries. One that is
-            not `sound` makes no funnel.
         limit: level above which the funnel counts as diverged.
-        feedback_limit: None, or the largest control deviation for which the Taylor polynomial means something, (nu,).
         progress: None, or a function of slice number and level, called after each stage.
 
     Returns:
@@ -179,9 +181,7 @@ def forward(
             diverges, a stage is not closed, or its certificate fails the check; the message names the slice, counted
             from 1.
     """
-    stages = _Stages(
-        loop, shapes, slices, design, solver, order, condition, raw_scale, maximum, inflate, additive, feedback_limit
-    )
+    stages = _Stages(loop, shapes, slices, design, rule or StageRule(), additive)
     levels, outcomes = [float(first_level)], []
     stages.check_feedback(0, levels[0])
     for k in range(stages.count):
@@ -191,30 +191,13 @@ def forward(
             raise FunnelError(stages.divergence(k + 1, level, levels[0], limit))
         stages.check_feedback(k + 1, level)
         levels.append(level)
-        outcomes.append(stages.verified(k, outcome, verify))
+        outcomes.append(stages.verified(k, outcome))
         if progress is not None:
             progress(k + 2, level)
     return stages.funnel(levels, outcomes)
 
 
-def backward(
-    loop,
-    shapes,
-    slices,
-    last_level,
-    design,
-    *,
-    solver=rank_one,
-    order=3,
-    condition="flow",
-    maximum=None,
-    inflate=False,
-    additive=None,
-    verify=None,
-    feedback_limit=None,
-    tolerance=1e-6,
-    progress=None,
-):
+def backward(loop, shapes, slices, last_level, design, rule=None, *, additive=None, tolerance=1e-6):
     """Largest slices from which the last one is reached, from the last to the first (robust entry funnels, Sec. 5).
 
         largest rho_k with rho_k s_k(rho_k) <= rho_{k+1}
@@ -225,8 +208,7 @@ def backward(
     Args:
         last_level: rho_N.
         tolerance: how far rho_k s_k may stay below rho_{k+1}, relative.
-        loop, shapes, slices, design, solver, order, condition, maximum, inflate, additive, verify, feedback_limit,
-            progress: as for `forward`.
+        loop, shapes, slices, design, rule, additive: as for `forward`.
 
     Returns:
         `Funnel`.
@@ -234,18 +216,14 @@ def backward(
     Raises:
         FunnelError: as `forward`, or if the disturbance leaves the next slice from everywhere in this one.
     """
-    stages = _Stages(
-        loop, shapes, slices, design, solver, order, condition, None, maximum, inflate, additive, feedback_limit
-    )
+    stages = _Stages(loop, shapes, slices, design, rule or StageRule(), additive)
     levels, outcomes, growth = [float(last_level)], [], 1.0
     for k in reversed(range(stages.count)):
         level, outcome = stages.largest_level(k, levels[0], growth, tolerance)
         stages.check_feedback(k, level)
         levels.insert(0, level)
-        outcomes.insert(0, stages.verified(k, outcome, verify))
+        outcomes.insert(0, stages.verified(k, outcome))
         growth = outcome.growth
-        if progress is not None:
-            progress(k + 1, level)
     return stages.funnel(levels, outcomes)
 
 
@@ -269,14 +247,8 @@ class _Stages:
     shapes: np.ndarray
     slices: np.ndarray
     design: object
-    solver: object
-    order: int
-    condition: str
-    raw_scale: np.ndarray | None
-    maximum: object
-    inflate: bool
+    rule: StageRule
     additive: np.ndarray | None
-    feedback_limit: np.ndarray | None
 
     def __post_init__(self):
         slices, shapes = np.asarray(self.slices), np.asarray(self.shapes, dtype=float)
@@ -289,15 +261,16 @@ class _Stages:
         spheres = (shapes.shape[-1], self.loop.disturbances)[: 2 if self.loop.disturbances else 1]
         if self.design.spheres.dimensions != spheres:
             raise FunnelError(f"the design must be on spheres {spheres}, not {self.design.spheres.dimensions}")
-        if 2 * self.design.degree < self.order + 1:
+        order = self.rule.order
+        if 2 * self.design.degree < order + 1:
             raise FunnelError(
-                f"a basis of degree {self.design.degree} cannot carry the polynomial of degree {self.order + 1} of a "
-                f"stage of order {self.order}"
+                f"a basis of degree {self.design.degree} cannot carry the polynomial of degree {order + 1} of a stage "
+                f"of order {order}"
             )
         additive = np.zeros(len(slices) - 1) if self.additive is None else np.asarray(self.additive, dtype=float)
         if additive.shape != (len(slices) - 1,) or not (additive >= 0).all():
             raise FunnelError(f"additive must be {len(slices) - 1} growths of 0 or more")
-        if self.inflate and self.maximum is None:
+        if self.rule.inflate and self.rule.maximum is None:
             raise FunnelError("an inflated funnel needs the function `maximum`")
         for name, value in (("slices", slices), ("shapes", shapes), ("additive", additive)):
             object.__setattr__(self, name, value)
@@ -324,15 +297,15 @@ class _Stages:
             self.shapes[k],
             self.shapes[k + 1],
             rho,
-            self.order,
-            self.condition,
-            self.raw_scale,
+            self.rule.order,
+            self.rule.condition,
+            self.rule.raw_scale,
         )
         with np.errstate(all="ignore"):
             values = stage.values(self.design.points)
         if not np.isfinite(values).all():
             raise FunnelError(f"the polynomial of the stage from {self.name(k)} at rho = {rho:.4g} is not finite")
-        certificate = self.solver(values, self.design.basis)
+        certificate = self.rule.solver(values, self.design.basis)
         bound = certificate.safe_bound
         # What counts is a bound with a sum of squares, close to the least one; not what the solver says of itself.
         if not bound - (certificate.bound - certificate.gap) <= _CLOSED * np.abs(values).max():
@@ -342,18 +315,18 @@ class _Stages:
             )
         if not bound > 0:
             raise FunnelError(
-                f"the {self.condition} condition leaves no slice after {self.name(k)}: the bound on V is {bound:.3g} "
-                "rho_k; its step is too long"
+                f"the {self.rule.condition} condition leaves no slice after {self.name(k)}: the bound on V is "
+                f"{bound:.3g} rho_k; its step is too long"
             )
-        true_maximum = np.nan if self.maximum is None else float(self.maximum(stage, bound))
-        growth = max(bound, true_maximum) if self.inflate else bound
+        true_maximum = np.nan if self.rule.maximum is None else float(self.rule.maximum(stage, bound))
+        growth = max(bound, true_maximum) if self.rule.inflate else bound
         return _Outcome(stage, certificate, true_maximum, float(growth))
 
-    def verified(self, k, outcome, verify):
+    def verified(self, k, outcome):
         """An outcome with the result of its check; one that fails it makes no funnel."""
-        if verify is None:
+        if self.rule.verify is None:
             return outcome
-        check = verify(self.design, outcome.certificate, outcome.stage.values)
+        check = self.rule.verify(self.design, outcome.certificate, outcome.stage.values)
         if not getattr(check, "sound", True):
             raise FunnelError(
                 f"the certificate of the stage from {self.name(k)} at rho = {outcome.stage.rho:.4g} fails its check: "
@@ -401,11 +374,11 @@ class _Stages:
 
     def check_feedback(self, k, rho):
         """Refuse a slice on which the feedback leaves the range of the series."""
-        if self.feedback_limit is None:
+        if self.rule.feedback_limit is None:
             return
         feedback = largest_feedback(self.loop.gains[2 * self.slices[k]], self.shapes[k], rho)
-        worst = np.argmax(feedback / self.feedback_limit)
-        allowed = np.broadcast_to(self.feedback_limit, feedback.shape)[worst]
+        worst = np.argmax(feedback / self.rule.feedback_limit)
+        allowed = np.broadcast_to(self.rule.feedback_limit, feedback.shape)[worst]
         if feedback[worst] > allowed:
             raise FunnelError(
                 f"{self.name(k)} at rho = {rho:.4g} asks for a deviation {feedback[worst]:.4g} of control {worst + 1}, "

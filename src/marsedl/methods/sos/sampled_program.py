@@ -298,7 +298,8 @@ def _product_factor(basis):
     except np.linalg.LinAlgError:
         return None
     pivots = np.diag(factor) ** 2
-    return factor if pivots.min() > _DEPENDENT * pivots.max() else None
+    # In the order of LAPACK, which copies any other one whenever it solves.
+    return np.asfortranarray(factor) if pivots.min() > _DEPENDENT * pivots.max() else None
 
 
 def _orthonormalised(basis):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.methods.funnels.recursion import FunnelError, backward
+from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
@@ -92,15 +92,8 @@ def backwards(inputs, loop, gains: Gains, design, steps):
     """Levels from the last to the first, programs solved for each, and how it ended."""
     try:
         with np.errstate(all="ignore"):
-            found = backward(
-                loop,
-                gains.shape[steps],
-                steps,
-                inputs.backward_level,
-                design,
-                solver=solver(inputs),
-                order=int(inputs.taylor_order),
-            )
+            rule = StageRule(solver=solver(inputs), order=int(inputs.taylor_order))
+            found = backward(loop, gains.shape[steps], steps, inputs.backward_level, design, rule)
     except FunnelError as error:
         return np.full(len(steps), np.nan), np.zeros(len(steps) - 1, dtype=int), str(error)
     return found.rho, found.programs, COMPLETE

@@ -10,18 +10,18 @@ import numpy as np
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.closed_loop import ClosedLoop, reference_on_half_steps
 from marsedl.methods.funnels.linear import linear_exact, slice_jacobians
-from marsedl.methods.funnels.recursion import FunnelError, backward, forward
+from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward, forward
 from marsedl.methods.funnels.remainder import covering_spheres, proven_stages
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
-from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
 from marsedl.papers.funnels.basics import BASIS_DEGREE
+from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Dubins, DubinsStudy
 from marsedl.replication.errors import SolverError
 
@@ -162,18 +162,14 @@ def compute(inputs) -> Dubins:
 
 def _propagated(inputs, name, loop, shapes, steps, design, condition):
     """A funnel, its stages verified."""
+    rule = StageRule(
+        solver=solver(inputs),
+        order=inputs.taylor_order,
+        condition=condition,
+        verify=partial(verify, seed=inputs.design_seed + 1, points=CHECK_POINTS),
+    )
     try:
-        return forward(
-            loop,
-            shapes,
-            steps,
-            inputs.dubins_level,
-            design,
-            solver=partial(rank_one, tolerance=inputs.program_tolerance),
-            order=inputs.taylor_order,
-            condition=condition,
-            verify=partial(verify, seed=inputs.design_seed + 1, points=CHECK_POINTS),
-        )
+        return forward(loop, shapes, steps, inputs.dubins_level, design, rule)
     except FunnelError as error:
         raise _does_not_exist(f"funnel '{name}'", error) from error
 
@@ -266,9 +262,7 @@ def _backwards(inputs, dubins):
         dubins.slice_step,
         dubins.level[0, -1],
         well_chosen_design(spheres(wind), inputs.design_seed, BASIS_DEGREE),
-        solver=partial(rank_one, tolerance=inputs.program_tolerance),
-        order=inputs.taylor_order,
-        condition=condition,
+        StageRule(solver=solver(inputs), order=inputs.taylor_order, condition=condition),
         tolerance=BACKWARD_TOLERANCE,
     )
 

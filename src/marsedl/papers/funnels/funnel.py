@@ -1,19 +1,20 @@
 """The funnel of the entry: levels from slice to slice, how far each bound can be trusted, and what lies inside."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from marsedl.methods.funnels.ascent import maximize
 from marsedl.methods.funnels.linear import additive_growth, slice_jacobians
-from marsedl.methods.funnels.recursion import FunnelError, forward, largest_feedback
+from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward, largest_feedback
 from marsedl.methods.funnels.stage import FunnelStage, lyapunov_rate
 from marsedl.methods.sos.design import well_chosen_design
-from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
+from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
 
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
@@ -72,22 +73,16 @@ def propagate(inputs, loop, gains: Gains, design):
     def until(count, progress=None):
         chosen = steps[:count]
         shape = gains.shape[chosen]
-        return forward(
-            loop,
-            shape,
-            chosen,
-            gains.initial_level,
-            design,
-            solver=_solver(inputs),
-            **_stage_options(inputs),
+        rule = replace(
+            stage_rule(inputs),
             maximum=None if inputs.sampling == "raw" else true_maximum(inputs),
             inflate=inputs.inflated,
-            additive=added_growth(inputs, loop, shape, chosen),
             verify=partial(verify, seed=(inputs.design_seed, CHECKS), points=inputs.check_points),
-            limit=inputs.largest_level,
             feedback_limit=inputs.largest_feedback,
-            progress=progress,
         )
+        added = added_growth(inputs, loop, shape, chosen)
+        first, limit = gains.initial_level, inputs.largest_level
+        return forward(loop, shape, chosen, first, design, rule, additive=added, limit=limit, progress=progress)
 
     try:
         return until(len(steps), lambda number, level: reached.append(number)), COMPLETE
@@ -95,17 +90,10 @@ def propagate(inputs, loop, gains: Gains, design):
         return (until(reached[-1]) if reached[-1] > 1 else None), str(error)
 
 
-def _stage_options(inputs):
-    """What makes the polynomial of a stage."""
-    return {
-        "order": inputs.taylor_order,
-        "condition": inputs.condition,
-        "raw_scale": inputs.raw_units if inputs.sampling == "raw" else None,
-    }
-
-
-def _solver(inputs):
-    return partial(rank_one, tolerance=inputs.program_tolerance)
+def stage_rule(inputs):
+    """What makes the polynomial of a stage and bounds it."""
+    raw_scale = inputs.raw_units if inputs.sampling == "raw" else None
+    return StageRule(solver(inputs), inputs.taylor_order, inputs.condition, raw_scale)
 
 
 def true_maximum(inputs):
@@ -138,10 +126,10 @@ def added_growth(inputs, loop, shape, steps):
 def memory(inputs, loop, gains: Gains, design):
     """Relative change of the second level when the first is ten times as large; NaN if there is none then."""
     steps = environment.slices(inputs)[:2]
-    options = {"solver": _solver(inputs), **_stage_options(inputs), "limit": np.inf}
+    rule = stage_rule(inputs)
 
     def next_level(level):
-        return forward(loop, gains.shape[steps], steps, level, design, **options).rho[1]
+        return forward(loop, gains.shape[steps], steps, level, design, rule, limit=np.inf).rho[1]
 
     try:
         return float(next_level(MEMORY_FACTOR * gains.initial_level) / next_level(gains.initial_level) - 1.0)
@@ -179,6 +167,7 @@ def tightness(inputs, loop, design, steps, shape, level, bound):
 
     The samples of the design determine a polynomial on the slices: there it is evaluated by its coefficients.
     """
+    rule = stage_rule(inputs)
     exponents = SPHERES.quotient_monomials(2 * BASIS_DEGREE)
     at_samples = SPHERES.evaluate(exponents, design.points)
     count = len(steps) - 1
@@ -186,9 +175,9 @@ def tightness(inputs, loop, design, steps, shape, level, bound):
     below = np.full(len(studied), np.nan)
     for i, k in enumerate(studied):
         if np.isfinite(bound[k]):
-            stage = FunnelStage(
-                loop, int(steps[k]), int(steps[k + 1]), shape[k], shape[k + 1], level[k], **_stage_options(inputs)
-            )
+            first, last = int(steps[k]), int(steps[k + 1])
+            polynomial = rule.order, rule.condition, rule.raw_scale
+            stage = FunnelStage(loop, first, last, shape[k], shape[k + 1], level[k], *polynomial)
             coefficients = np.linalg.solve(at_samples, stage.values(design.points))
             largest = largest_polynomial(inputs, lambda points, c=coefficients: SPHERES.evaluate(exponents, points) @ c)
             below[i] = 1.0 - largest / bound[k]

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from marsedl.methods.funnels.recursion import FunnelError, forward
+from marsedl.methods.funnels.recursion import FunnelError, StageRule, forward
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import polynomial_coefficients
@@ -60,7 +60,7 @@ def propagate(inputs, loop, gains: Gains, design, spacing, first_level=None, **o
         design: samples.
         spacing: fine steps from one slice to the next.
         first_level: instead of that of the gains.
-        options: of `forward`.
+        options: of `StageRule`.
 
     Returns:
         (levels of all slices, "complete" or a message).
@@ -72,10 +72,10 @@ def propagate(inputs, loop, gains: Gains, design, spacing, first_level=None, **o
     def note(number, level):
         levels[number - 1] = level
 
-    settings = {"order": int(inputs.taylor_order), "limit": inputs.largest_level, "solver": solver(inputs)}
+    rule = StageRule(**{"solver": solver(inputs), "order": int(inputs.taylor_order)} | options)
     try:
         with np.errstate(all="ignore"):  # a funnel that diverges leaves the range of the equations
-            forward(loop, gains.shape[steps], steps, levels[0], design, progress=note, **settings | options)
+            forward(loop, gains.shape[steps], steps, levels[0], design, rule, limit=inputs.largest_level, progress=note)
     except FunnelError as error:
         return levels, str(error)
     return levels, COMPLETE

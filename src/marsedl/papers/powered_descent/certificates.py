@@ -4,7 +4,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.certificates import covariance_certificate, mean_certificate
-from marsedl.methods.covariance_steering.forward_integration import integrate_forward, modified_index
+from marsedl.methods.covariance_steering.forward_integration import LinearMotion, integrate_forward, modified_index
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Design, Entry, Mission, Noise, Studies
 from marsedl.papers.powered_descent.records import Certificates, Gains, Linearization
@@ -55,18 +55,16 @@ def _forward(problem, model, riccati, costate_of_mean):
     state_matrix, control_matrix, affine = (CubicSpline(problem.time, part) for part in model)
     density = problem.noise_density
     times = np.linspace(0.0, problem.time[-1], 5)
-    forward = integrate_forward(
+    motion = LinearMotion(
         state_matrix,
         control_matrix,
         affine,
         problem.time[-1],
-        riccati,
-        initial_mean=problem.initial_mean,
-        final_mean=problem.final_mean,
-        initial_covariance=problem.initial_covariance,
-        noise_density=density,
-        times=times,
+        problem.initial_mean,
+        problem.initial_covariance,
+        density,
     )
+    forward = integrate_forward(motion, riccati, problem.final_mean, times=times)
     r = np.eye(len(riccati)) - problem.gramian[-1] @ riccati
     backward = np.linalg.inv(problem.transition[-1])
     riccati_end = backward.T @ riccati @ np.linalg.inv(r) @ backward
@@ -80,19 +78,7 @@ def _forward(problem, model, riccati, costate_of_mean):
         (lambda t: control_matrix(t).T @ riccati, lambda t: 1000.0 * np.array([np.sin(t), np.cos(t)])),
     )
     indices = [
-        modified_index(
-            state_matrix,
-            control_matrix,
-            affine,
-            problem.time[-1],
-            riccati,
-            costate,
-            feedback=feedback,
-            feedforward=feedforward,
-            initial_mean=problem.initial_mean,
-            initial_covariance=problem.initial_covariance,
-            noise_density=density,
-        )
+        modified_index(motion, riccati, costate, feedback=feedback, feedforward=feedforward)
         for feedback, feedforward in controls
     ]
     return {

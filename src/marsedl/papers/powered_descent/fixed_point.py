@@ -41,8 +41,7 @@ def compute(
         return fixed_point(
             problem.transition[-1],
             _gramian(problem),
-            problem.initial_covariance,
-            problem.final_covariance,
+            (problem.initial_covariance, problem.final_covariance),
             noise.noise_coefficient,
             **{"control_unit": unit, "boundary": boundary, "order": order, "tolerance": tolerance, **options},
         )
@@ -66,8 +65,7 @@ def compute(
         return fixed_point(
             problem.transition[-1],
             _gramian(problem),
-            problem.initial_covariance,
-            problem.final_covariance,
+            (problem.initial_covariance, problem.final_covariance),
             density,
             order=order,
             tolerance=tolerance,

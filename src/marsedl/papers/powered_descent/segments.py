@@ -107,7 +107,7 @@ def problems_along(divert: Divert, models, transitions=None) -> list[SteeringPro
     """
     return [
         SteeringProblem.from_linear_model(
-            time, *model, **_ends(divert, number), transition=None if transitions is None else transitions[number]
+            time, model, **_ends(divert, number), transition=None if transitions is None else transitions[number]
         )
         for number, (time, model) in enumerate(zip(divert.times, models, strict=True))
     ]
