@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from marsedl.papers.desensitized import PAPER, claims, entry_problem
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import Certificates
 from marsedl.papers.desensitized.claims import (
     ALL_LAW,
     CROSSRANGE,
@@ -25,10 +23,8 @@ from marsedl.papers.desensitized.claims import (
     SHAPED,
 )
 from marsedl.papers.desensitized.entry_problem import BANK, DEGREE
-from marsedl.papers.desensitized.further_perturbations import FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import GainStudy
-from marsedl.papers.desensitized.minimum_fuel import MinimumFuel
 from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import Branches, Certificates, FurtherPerturbations, GainStudy, MinimumFuel
 from marsedl.replication.claims import collect, judge, write_claims
 
 SMALL = {

@@ -13,15 +13,19 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.papers.desensitized import figures
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import Certificates
-from marsedl.papers.desensitized.further_perturbations import FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import GainStudy
-from marsedl.papers.desensitized.gains import LAWS, Gains
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS, MinimumFuel
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble
-from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.papers.desensitized.gains import LAWS
+from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FlightEnsemble,
+    FurtherPerturbations,
+    Gains,
+    GainStudy,
+    MinimumFuel,
+    Responses,
+    Tradeoff,
+)
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, VERMILION, save_figure
 from marsedl.replication import artifacts
 from marsedl.replication.jobs import Slice

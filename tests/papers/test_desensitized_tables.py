@@ -12,16 +12,23 @@ import numpy as np
 import pytest
 
 from marsedl.papers.desensitized import PAPER, tables
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import VARIANTS, Certificates
+from marsedl.papers.desensitized.certificates import VARIANTS
 from marsedl.papers.desensitized.entry_problem import CHANNELS
-from marsedl.papers.desensitized.further_perturbations import PERTURBATIONS, FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import LOST, GainStudy
-from marsedl.papers.desensitized.gains import LAWS, Gains
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS, MinimumFuel
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble
-from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.papers.desensitized.further_perturbations import PERTURBATIONS
+from marsedl.papers.desensitized.gain_study import LOST
+from marsedl.papers.desensitized.gains import LAWS
+from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FlightEnsemble,
+    FurtherPerturbations,
+    Gains,
+    GainStudy,
+    MinimumFuel,
+    Responses,
+    Tradeoff,
+)
 from marsedl.replication.artifacts import quantities
 from marsedl.replication.tables import read_table, write_table
 

@@ -9,8 +9,8 @@ from marsedl.comparison.records import COLORS, NAMES, number
 from marsedl.methods.sensitivity import midpoint_responses, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
-from marsedl.papers.desensitized.gains import Gains as DesensitizedGains
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble as DesensitizedFlights
+from marsedl.papers.desensitized.records import FlightEnsemble as DesensitizedFlights
+from marsedl.papers.desensitized.records import Gains as DesensitizedGains
 from marsedl.papers.desensitized.tables import LAW_NAMES
 from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
 from marsedl.papers.funnels.gains import Gains as FunnelsGains

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
-from marsedl.papers.desensitized.nominal import Nominal as DesensitizedNominal
-from marsedl.papers.desensitized.tradeoff import Tradeoff as DesensitizedTradeoff
+from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
+from marsedl.papers.desensitized.records import Tradeoff as DesensitizedTradeoff
 from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
 from marsedl.papers.funnels.proven import Proven as FunnelsProven
 from marsedl.papers.funnels.stage_study import StageStudy as FunnelsStageStudy

@@ -8,7 +8,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
 from marsedl.papers.density import profile
-from marsedl.papers.desensitized.nominal import Nominal as DesensitizedNominal
+from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
 from marsedl.papers.funnels.environment import log_density
 from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains

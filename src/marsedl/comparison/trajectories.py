@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from marsedl.comparison.records import COLORS, NAMES
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble as DesensitizedFlights
-from marsedl.papers.desensitized.nominal import Nominal as DesensitizedNominal
+from marsedl.papers.desensitized.records import FlightEnsemble as DesensitizedFlights
+from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
 from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
 from marsedl.papers.funnels.montecarlo import FlightEnsemble as FunnelsFlights
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains

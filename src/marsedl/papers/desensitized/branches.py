@@ -6,7 +6,7 @@ what lies beyond minimises the energy at that error, but no weighted sum.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -28,9 +28,9 @@ from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM
-from marsedl.papers.desensitized.nominal import Nominal, as_guess
-from marsedl.papers.desensitized.tradeoff import Tradeoff, effort, final_error, prepared
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
+from marsedl.papers.desensitized.tradeoff import effort, final_error, prepared
 from marsedl.replication.jobs import Slice
 
 SEARCH_STREAM, SHAKE_STREAM = 2, 3  # of the random numbers; gains and flights use others
@@ -43,71 +43,6 @@ FOLD_TOLERANCE = 1e-4  # of the error at a fold; the weight there is known to th
 SMALLEST_STEP = 0.05  # of the way to the next value; a branch that needs shorter steps ends
 STEP_ITERATIONS = 30  # a step on a branch takes about ten
 BETTER = 1e-3  # of the control energy: a solution that needs less by no more than this does not dominate
-
-
-@dataclass(frozen=True)
-class Branches:
-    """Local minima of the problem without weight, sorted by control energy, and what begins at them.
-
-    Solutions are counted once with their mirror images, where the problem has them, and with whole turns of the bank
-    angle added. Errors are those that the sensitivity gives for the radius error of Table 3, weights those on the norm
-    of the radius column in metres per metre, unless told otherwise. Rows are those of Table 3 with a finite weight.
-    """
-
-    name: np.ndarray = quantity("1", ("solutions",), "what the solution is called by its bank angle", "str")
-    effort: np.ndarray = quantity("deg^2/s^3", ("solutions",), "control energy J0")
-    cumulative: np.ndarray = quantity("rad/s", ("solutions",), "integral of the absolute bank acceleration")
-    propellant: np.ndarray = quantity("kg", ("solutions",), "propellant of the reaction control system")
-    final_time: np.ndarray = quantity("s", ("solutions",), "time from entry to deployment")
-    reversals: np.ndarray = quantity("1", ("solutions",), "bank reversals", "int64")
-    rolls: np.ndarray = quantity("1", ("solutions",), "full turns of the bank angle", "int64")
-    error: np.ndarray = quantity("m", ("solutions", 3), "final altitude, crossrange and downrange error")
-    time: np.ndarray = quantity("s", ("solutions", "time"), "nodes")
-    bank: np.ndarray = quantity("rad", ("solutions", "time"), "bank angle")
-    found: np.ndarray = quantity("1", ("solutions",), "random starts that led to it", "int64")
-    returned: np.ndarray = quantity(
-        "rad", ("solutions",), "bank angle's largest change when shaken and solved again; NaN: failed", allow_nan=True
-    )
-    nominal: int = quantity("1", (), "number of the nominal among the solutions")
-    starts: int = quantity("1", (), "random starts")
-    failed_starts: int = quantity("1", (), "random starts that led to no solution")
-    roll: np.ndarray = quantity("rad", ("rolls",), "turn of the bank angle in a guess")
-    roll_status: np.ndarray = quantity("1", ("rolls",), "how the solver ended from that guess", "str")
-
-    set_fixed: np.ndarray = quantity(
-        "1", ("sets", 4), "whether initial bank, its rate, final bank, its rate are fixed", "bool"
-    )
-    set_status: np.ndarray = quantity("1", ("sets",), "how the solver ended, from the nominal", "str")
-    set_effort: np.ndarray = quantity("deg^2/s^3", ("sets",), "control energy J0; NaN: not solved", allow_nan=True)
-    set_cumulative: np.ndarray = quantity(
-        "rad/s", ("sets",), "integral of the absolute bank acceleration; NaN: not solved", allow_nan=True
-    )
-    set_reversals: np.ndarray = quantity(
-        "1", ("sets",), "bank reversals; others than the nominal's: its branch is lost", "int64"
-    )
-
-    curve_error: np.ndarray = quantity("m", ("points",), "norm of the final error on the nominal's branch")
-    curve_effort: np.ndarray = quantity("deg^2/s^3", ("points",), "least control energy there")
-    curve_weight: np.ndarray = quantity("deg^2/s^3", ("points",), "weight of which the point is a stationary one")
-    curve_final_bank: np.ndarray = quantity("rad", ("points",), "bank angle at deployment")
-    fold_weight: float = quantity("deg^2/s^3", (), "largest weight on that branch; NaN: no fold", allow_nan=True)
-    fold_error: float = quantity("m", (), "norm of the final error there", allow_nan=True)
-
-    continued_solution: np.ndarray = quantity("1", ("continued",), "solution at which the branch begins", "int64")
-    continued_weight: np.ndarray = quantity(
-        "deg^2/s^3", ("continued",), "weight on the norm as in the trade-off, of the branches beside the nominal's"
-    )
-    continued_effort: np.ndarray = quantity("deg^2/s^3", ("continued",), "control energy J0")
-    continued_cumulative: np.ndarray = quantity("rad/s", ("continued",), "integral of the absolute bank acceleration")
-    continued_error: np.ndarray = quantity("m", ("continued", 3), "final altitude, crossrange and downrange error")
-
-    row_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1")
-    row_error: np.ndarray = quantity("m", ("rows",), "norm of the row's final error")
-    row_effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "the row's control energy")
-    least_effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "least one found anywhere at no larger error")
-    least_solution: np.ndarray = quantity(
-        "1", ("rows",), "solution at which that branch begins; -1: the row itself has the least", "int64"
-    )
 
 
 class Candidate(NamedTuple):

@@ -3,7 +3,6 @@
 The cases that are studied are the nominal and the row of the largest finite weight of Table 3.
 """
 
-from dataclasses import dataclass
 from math import ceil
 from typing import NamedTuple
 
@@ -29,9 +28,9 @@ from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import CHANNELS, MIRROR, STATES, WARM
 from marsedl.papers.desensitized.gains import last_finite_row
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
-from marsedl.papers.desensitized.nominal import Nominal, as_guess
-from marsedl.papers.desensitized.tradeoff import Tradeoff, columns_in_norm, effort, norm, prepared
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import Certificates, Nominal, Tradeoff
+from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, norm, prepared
 
 FRACTIONS = (0.01, 0.1, 1.0)  # of the radius error of Table 3, flown either way
 DIFFERENCE = 1e-3  # of that error, half the distance of differences of flights
@@ -40,93 +39,6 @@ STATE_DIFFERENCE = 1e-8  # of the scales of the states, half the distance of dif
 NEWTON_STEPS = 4  # with a matrix that is off by the difference only, each gains some digits
 LONGITUDE_SHIFT = 1.0  # rad
 EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
-
-STUDIED = ("cases", "schemes", "meshes")
-
-
-@dataclass(frozen=True)
-class Certificates:
-    """What the solutions are worth.
-
-    Errors are of the final altitude, crossrange and downrange. Sensitivities are metric, in metres per metre. Cases:
-    the nominal, then the row of the largest finite weight. What a solver could not solve has its status and NaN.
-    """
-
-    weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity")
-    scheme: np.ndarray = quantity("1", ("schemes",), "transcription", "str")
-    intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64")
-
-    mesh_status: np.ndarray = quantity("1", STUDIED, "how the solver ended", "str")
-    mesh_iterations: np.ndarray = quantity("1", STUDIED, "iterations from the solution on a mesh beside it", "int64")
-    mesh_effort: np.ndarray = quantity("deg^2/s^3", STUDIED, "control energy J0", allow_nan=True)
-    mesh_cumulative: np.ndarray = quantity(
-        "rad/s", STUDIED, "integral of the absolute bank acceleration", allow_nan=True
-    )
-    mesh_bank_change: np.ndarray = quantity(
-        "rad", STUDIED, "largest difference of the bank angle to the inputs' mesh", allow_nan=True
-    )
-    mesh_error: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
-    )
-    mesh_flown_error: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "the same by central differences of flights of these controls", allow_nan=True
-    )
-    mesh_miss: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "by which such a flight without error misses the target", allow_nan=True
-    )
-    miss_order: np.ndarray = quantity(
-        "1", ("cases", "schemes", "refinements"), "order of the miss from mesh to mesh", allow_nan=True
-    )
-    error_order: np.ndarray = quantity(
-        "1", ("cases", "schemes", "refinements"), "order of the error's difference to flights", allow_nan=True
-    )
-
-    mesh_longitude_deviation: np.ndarray = quantity(
-        "m/m", STUDIED, "largest deviation of the longitude column from its unit vector, all nodes", allow_nan=True
-    )
-    mesh_crossrange_deviation: np.ndarray = quantity(
-        "m/m", STUDIED, "of the final crossrange column from that of a turned flight", allow_nan=True
-    )
-    mesh_solver_deviation: np.ndarray = quantity(
-        "1", STUDIED, "relative, of the solver's radius column from the recursion; NaN without weight", allow_nan=True
-    )
-    flow_deviation: np.ndarray = quantity(
-        "1",
-        ("cases", "schemes"),
-        "relative, of the sensitivity on the inputs' mesh from differences of the discrete flow",
-        allow_nan=True,
-    )
-
-    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight of the rows of Table 3")
-    row_longitude_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes, for the rows of Table 3")
-    row_crossrange_deviation: np.ndarray = quantity("m/m", ("rows",), "as of the meshes")
-    row_solver_deviation: np.ndarray = quantity("1", ("rows",), "as of the meshes, all nodes")
-    row_adjoint_deviation: np.ndarray = quantity("m/m", ("rows",), "largest difference of adjoint and forward")
-    row_frobenius_deviation: np.ndarray = quantity(
-        "1", ("rows",), "relative, of the squared norm of all columns from that of the radius column and the turn"
-    )
-    row_defect: np.ndarray = quantity("1", ("rows",), "largest defect of an interval in the scales of the states")
-    mirrored_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight seen in a mirror")
-    shifted_defect: np.ndarray = quantity("1", ("rows",), "the same of the flight moved in longitude")
-    mirrored_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error in the mirror")
-    shifted_error_deviation: np.ndarray = quantity("m", ("rows",), "largest change of the error when moved")
-
-    slope_weight: np.ndarray = quantity("deg^2/s^3", ("slopes",), "weights at which the slope of the curve is taken")
-    slope_deviation: np.ndarray = quantity(
-        "1", ("slopes",), "relative deviation of dJ0/d(norm), by differences, from minus the weight", allow_nan=True
-    )
-
-    variant: np.ndarray = quantity("1", ("variants",), "derivatives and how the equations are traced", "str")
-    variant_status: np.ndarray = quantity("1", ("cases", "variants"), "how the solver ended", "str")
-    variant_iterations: np.ndarray = quantity(
-        "1", ("cases", "variants"), "iterations from one and the same start", "int64"
-    )
-    variant_effort: np.ndarray = quantity("deg^2/s^3", ("cases", "variants"), "control energy J0 of the last iterate")
-    variant_reversals: np.ndarray = quantity("1", ("cases", "variants"), "its bank reversals", "int64")
-
-    radius_error: np.ndarray = quantity("m", ("sizes",), "radius errors at entry")
-    linear_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors by the sensitivity")
-    flown_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors as flown", allow_nan=True)
 
 
 class Case(NamedTuple):

@@ -6,18 +6,24 @@ from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propa
 from marsedl.models import atmosphere
 from marsedl.papers import density
 from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import Certificates
 from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS, DEGREE, STATES
-from marsedl.papers.desensitized.further_perturbations import DENSITY, FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import GainStudy
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, LAWS, NO_DOC, RESHAPED, Gains, gain_vector
-from marsedl.papers.desensitized.linearization import Linearization, position_columns, position_rows
-from marsedl.papers.desensitized.minimum_fuel import MinimumFuel
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble
-from marsedl.papers.desensitized.nominal import Nominal, zero_crossings
-from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.papers.desensitized.further_perturbations import DENSITY
+from marsedl.papers.desensitized.gains import ALL_COLUMNS, LAWS, NO_DOC, RESHAPED, gain_vector
+from marsedl.papers.desensitized.linearization import position_columns, position_rows
+from marsedl.papers.desensitized.nominal import zero_crossings
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FlightEnsemble,
+    FurtherPerturbations,
+    Gains,
+    GainStudy,
+    Linearization,
+    MinimumFuel,
+    Nominal,
+    Responses,
+    Tradeoff,
+)
 from marsedl.replication.claims import Close, Declaration, Evaluation
 
 PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)

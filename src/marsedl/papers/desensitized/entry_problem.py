@@ -25,7 +25,6 @@ STATES = (
     *("altitude", "latitude", "longitude", "radial_velocity", "north_velocity", "east_velocity"),
     *("bank", "bank_rate"),
 )
-STATE_UNIT = "m, rad, rad, m/s, m/s, m/s, rad, rad/s"
 POSITIONS, MEASURED = STATES[:3], STATES[:6]
 CHANNELS = ("radius", "crossrange", "downrange")
 BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")

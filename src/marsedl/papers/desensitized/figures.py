@@ -4,18 +4,23 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import Certificates
 from marsedl.papers.desensitized.claims import printed_rows
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS
-from marsedl.papers.desensitized.further_perturbations import DENSITY, FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import GainStudy
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED, Gains
-from marsedl.papers.desensitized.minimum_fuel import MinimumFuel
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble
-from marsedl.papers.desensitized.nominal import Nominal, zero_crossings
-from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.papers.desensitized.further_perturbations import DENSITY
+from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED
+from marsedl.papers.desensitized.nominal import zero_crossings
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FlightEnsemble,
+    FurtherPerturbations,
+    Gains,
+    GainStudy,
+    MinimumFuel,
+    Nominal,
+    Responses,
+    Tradeoff,
+)
 from marsedl.plotting.ellipses import probability_inside
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 

@@ -4,7 +4,7 @@ Density is a factor on the whole profile. In the norm that is made small its err
 Table 3, so that weights compare: the norm is the final position error for `density_error` over `tabulated_error`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +15,11 @@ from marsedl.methods.linearization import linearize
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM
-from marsedl.papers.desensitized.gains import GAIN_UNIT, gain_problem, gain_vector, reference
+from marsedl.papers.desensitized.gains import gain_problem, gain_vector, reference
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
-from marsedl.papers.desensitized.nominal import Nominal, as_guess
-from marsedl.papers.desensitized.tradeoff import Point, Tradeoff, effort, final_error, follow
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import FurtherPerturbations, Nominal, Tradeoff
+from marsedl.papers.desensitized.tradeoff import Point, effort, final_error, follow
 from marsedl.replication.errors import MarsedlError
 
 PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
@@ -32,56 +32,6 @@ NO_FEEDBACK, NULL, BOTH_NULL, TUNED, BOTH_TUNED = LAWS = (
 DENSITY_FRACTIONS = (0.02, 0.2, 1.0, 2.0)  # of the density error, flown either way under every law
 RADIUS_FRACTIONS = TUNED_FRACTIONS = (0.2, 1.0)  # likewise of the radius error; of the density error when tuning
 BOTH_WAYS = np.array([1.0, -1.0])
-
-
-@dataclass(frozen=True)
-class FurtherPerturbations:
-    """Sensitivity to further perturbations, a nominal desensitized against density, and feedback against it.
-
-    Errors are of the final altitude, crossrange and downrange. Perturbations: density, velocity along its direction,
-    flight path angle, radius, crossrange, downrange. Linear errors are by the midpoint rule. Flown errors are those of
-    the perturbation either way, first the positive one; NaN: below the ground before the end. Designs are the nominal
-    and the solutions at the wanted weights on density.
-    """
-
-    perturbation: np.ndarray = quantity("1", (6,), "name", "str")
-    size: np.ndarray = quantity("1, m/s, rad, m, m, m", (6,), "size")
-    row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the radius of the rows of Table 3")
-    row_linear_error: np.ndarray = quantity("m", ("rows", 6, 3), "by the sensitivity, rows of Table 3")
-    row_flown_error: np.ndarray = quantity("m", ("rows", 6, 2, 3), "as flown, rows of Table 3", allow_nan=True)
-
-    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity to density")
-    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
-    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
-    path_error: np.ndarray = quantity("m", ("steps", 3), "for the density error, by the columns of the solver")
-    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
-    path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
-    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
-    path_end: str = quantity("1", (), "why the path ends where it does", "str")
-
-    design_weight: np.ndarray = quantity("deg^2/s^3", ("designs",), "weight on the sensitivity to density")
-    design_time: np.ndarray = quantity("s", ("designs", "time"), "nodes")
-    design_bank: np.ndarray = quantity("rad", ("designs", "time"), "bank angle")
-    design_bank_acceleration: np.ndarray = quantity("rad/s^2", ("designs", "intervals"), "on each interval")
-    design_effort: np.ndarray = quantity("deg^2/s^3", ("designs",), "control energy J0")
-    design_cumulative: np.ndarray = quantity("rad/s", ("designs",), "integral of the absolute bank acceleration")
-    design_propellant: np.ndarray = quantity("kg", ("designs",), "propellant of the reaction control system")
-    design_branch: np.ndarray = quantity("1", ("designs",), "number of the branch", "int64")
-    design_linear_error: np.ndarray = quantity("m", ("designs", 6, 3), "by the sensitivity")
-    design_flown_error: np.ndarray = quantity("m", ("designs", 6, 2, 3), "as flown", allow_nan=True)
-
-    law: np.ndarray = quantity("1", ("laws",), "feedback on the nominal", "str")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
-    converged: np.ndarray = quantity("1", ("laws",), "whether the search for them converged", "bool")
-    ended: np.ndarray = quantity("1", ("laws",), "how it ended", "str")
-    law_linear_error: np.ndarray = quantity(
-        "m", ("laws", 2, 3), "by the sensitivity, for density and radius error", allow_nan=True
-    )
-    density_error: np.ndarray = quantity("1", ("densities",), "relative errors of the density under every law")
-    density_flown_error: np.ndarray = quantity("m", ("laws", "densities", 3), "as flown", allow_nan=True)
-    radius_error: np.ndarray = quantity("m", ("radii",), "radius errors under every law")
-    radius_flown_error: np.ndarray = quantity("m", ("laws", "radii", 3), "as flown", allow_nan=True)
 
 
 class Model(NamedTuple):

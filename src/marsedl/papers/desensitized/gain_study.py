@@ -4,7 +4,6 @@ All candidates but the tuned ones make the final position insensitive to first o
 from the nominal that holds.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from marsedl.papers.desensitized import environment
 from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED
 from marsedl.papers.desensitized.gains import (
     ALL_COLUMNS,
-    Gains,
     flown_law,
     gain_problem,
     gain_vector,
@@ -23,41 +21,12 @@ from marsedl.papers.desensitized.gains import (
     simulated_errors,
     tuned,
 )
-from marsedl.papers.desensitized.linearization import Linearization, position_columns
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.linearization import position_columns
+from marsedl.papers.desensitized.records import Gains, GainStudy, Linearization
 
 START_STREAM = 2
 LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
 SAME = 1e-3  # scaled gains nearer to each other than this are one candidate
-
-
-@dataclass(frozen=True)
-class GainStudy:
-    """Candidates of every channel in the order of their flown errors, and gains for all channels at once."""
-
-    channel: np.ndarray = quantity("1", ("candidates",), "radius, crossrange or downrange, as a number", "int64")
-    method: np.ndarray = quantity("1", ("candidates",), "how the gains were found", "str")
-    found: np.ndarray = quantity("1", ("candidates",), "starts that led there", "int64")
-    rank: np.ndarray = quantity("1", ("candidates",), "place among the channel's candidates, 0 the best", "int64")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("candidates", 6), "gains on position and velocity by their scales")
-    linear_error: np.ndarray = quantity(
-        "m/m", ("candidates", 3), "final radius, crossrange and downrange by the linear sensitivity"
-    )
-    flown_norm: np.ndarray = quantity("1", ("candidates",), "root mean square of the flown errors per initial error")
-    tuning_error: np.ndarray = quantity("m", ("sizes",), "initial errors flown")
-    flown_error: np.ndarray = quantity(
-        "m", ("candidates", "sizes"), "norm of the final error they lead to", allow_nan=True
-    )
-    least_starts: np.ndarray = quantity("1", (3,), "random starts of the least gains, by channel", "int64")
-    least_failed: np.ndarray = quantity("1", (3,), "those that did not converge", "int64")
-    all_sizes: np.ndarray = quantity(
-        "m", ("all_sizes",), "initial errors of every channel, flown with one set of gains"
-    )
-    all_scaled_gain: np.ndarray = quantity("rad/s^2", (2, 6), "one set of gains: of the linear problem, and tuned")
-    all_flown_error: np.ndarray = quantity(
-        "m", (2, 3, "all_sizes"), "norm of the final error that they lead to, by channel", allow_nan=True
-    )
-    all_tuned: bool = quantity("1", (), "whether the tuning of the one set came to an end")
 
 
 class Candidate(NamedTuple):

@@ -4,7 +4,7 @@ The control energy does not depend on the gains, and three numbers are to vanish
 the least gains are a choice that does not depend on a solver's path.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,40 +14,15 @@ from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATE_UNIT, STATES, WARM
-from marsedl.papers.desensitized.linearization import Linearization, along, position_columns, position_rows
-from marsedl.papers.desensitized.nominal import Nominal, as_guess
-from marsedl.papers.desensitized.tradeoff import Tradeoff
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATES, WARM
+from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
+from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import Gains, Linearization, Nominal, Tradeoff
 from marsedl.replication.errors import SolverError
 
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
 LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
 TUNING_STREAM = 1  # of the random numbers; flights use others
-GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"
-
-
-@dataclass(frozen=True)
-class Gains:
-    """What is flown: nominals without feedback, and with gains designed for one channel or for all.
-
-    Laws: no_doc; reshaped, the row c1 = 1 of Table 3 without feedback; then those with feedback. A law with feedback
-    flies the nominal, but for those that were solved for together with a trajectory.
-    """
-
-    law: np.ndarray = quantity("1", ("laws",), "name", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "nodes of the trajectory that the law follows")
-    state: np.ndarray = quantity(STATE_UNIT, ("laws", "time", 8), "states there")
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("laws", "intervals"), "bank acceleration on each interval")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
-    final: np.ndarray = quantity(
-        "m/m", ("laws", 3, 3), "final radius, crossrange and downrange against those at entry, closed loop"
-    )
-    effort: np.ndarray = quantity("deg^2/s^3", ("laws",), "control energy of the trajectory")
-    iterations: np.ndarray = quantity("1", ("laws",), "iterations of the gains", "int64")
-    converged: np.ndarray = quantity("1", ("laws",), "whether they converged", "bool")
-    ended: np.ndarray = quantity("1", ("laws",), "how their search ended", "str")
 
 
 class Law(NamedTuple):

@@ -1,36 +1,12 @@
 """Sensitivity of the flight to its start, without feedback (Eqs. 5 and 7, Sec. 4.2)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, midpoint_transitions, propagate_columns
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import STATES
-from marsedl.papers.desensitized.nominal import Nominal
-from marsedl.papers.desensitized.tradeoff import Tradeoff
-from marsedl.replication.artifacts import quantity
-
-COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """Linear model along the nominal, and sensitivities of it and of the rows of Table 3.
-
-    Columns are those of the radius, crossrange and downrange at entry, per metre.
-    """
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the nominal")
-    state_matrix: np.ndarray = quantity("SI", ("intervals", 8, 8), "df/dy in the middle of each interval")
-    control_matrix: np.ndarray = quantity("SI", ("intervals", 8), "df/du there")
-    sensitivity: np.ndarray = quantity(COLUMN_UNIT, ("time", 8, 3), "states against position at entry, nominal")
-    adjoint: np.ndarray = quantity("SI", ("time", 3, 8), "final position (m, angles times radius) against the states")
-    final: np.ndarray = quantity(
-        "m/m", ("rows", 3, 3), "final radius, crossrange and downrange against those at entry, rows of Table 3"
-    )
-    printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
+from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
 
 
 def along(inputs, time, states, bank_acceleration):

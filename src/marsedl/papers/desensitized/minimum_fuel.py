@@ -4,7 +4,7 @@ The fuel is, by a constant, the integral of |u|. Its minimum thrusts at the boun
 not; from the nominal, the cost is led over from one to the other.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,71 +13,13 @@ from marsedl.methods.collocation import SOLVED, BranchEndError, Guess, Program, 
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.branches import attempt
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM
-from marsedl.papers.desensitized.nominal import Nominal
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.records import MinimumFuel, Nominal
 
 SOLUTIONS = ("nominal", "least fuel", "least energy beside it")
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost
 CLEAR = 1e-3  # of the bound: less counts as coasting, and so little below it as at the bound
 SMALLEST_STEP = 0.05  # of the way to the next share; a branch that needs shorter steps ends
 STEP_ITERATIONS = 100  # a step on a branch takes about ten, one onto another branch several times as many
-
-
-@dataclass(frozen=True)
-class MinimumFuel:
-    """Solutions under each bound of the bank acceleration: of least control energy, least fuel, and energy beside it.
-
-    The last one is what the least fuel is fairly compared with: where the nominal's branch ends on the way from energy
-    to fuel, the solution of least fuel lies on another. A burst that is shorter than an interval is spread over it, and
-    then does not come to the bound. What was not solved has NaN.
-    """
-
-    bound: np.ndarray = quantity("rad/s^2", ("bounds",), "bound of the bank acceleration")
-    solution: np.ndarray = quantity("1", ("solutions",), "what is minimised", "str")
-    status: np.ndarray = quantity("1", ("bounds", "solutions"), "how the solver ended", "str")
-    time: np.ndarray = quantity("s", ("bounds", "solutions", "time"), "nodes", allow_nan=True)
-    bank: np.ndarray = quantity("rad", ("bounds", "solutions", "time"), "bank angle", allow_nan=True)
-    bank_acceleration: np.ndarray = quantity(
-        "rad/s^2", ("bounds", "solutions", "intervals"), "bank acceleration on each interval", allow_nan=True
-    )
-    effort: np.ndarray = quantity("deg^2/s^3", ("bounds", "solutions"), "control energy J0", allow_nan=True)
-    cumulative: np.ndarray = quantity(
-        "rad/s", ("bounds", "solutions"), "integral of the absolute bank acceleration", allow_nan=True
-    )
-    propellant: np.ndarray = quantity(
-        "kg", ("bounds", "solutions"), "propellant of the reaction control system", allow_nan=True
-    )
-    reversals: np.ndarray = quantity("1", ("bounds", "solutions"), "bank reversals; -1: not solved", "int64")
-    coasting: np.ndarray = quantity(
-        "1", ("bounds", "solutions"), "share of the intervals without thrust, below 0.001 of the bound", allow_nan=True
-    )
-    at_bound: np.ndarray = quantity(
-        "1", ("bounds", "solutions"), "share of the intervals at the bound, up to 0.001 of it", allow_nan=True
-    )
-    bursts: np.ndarray = quantity(
-        "1",
-        ("bounds", "solutions"),
-        "times of thrust with coasting between, or of the other sign; -1: not solved",
-        "int64",
-    )
-    switching: np.ndarray = quantity(
-        "1",
-        ("bounds", "intervals"),
-        "switching function of the least fuel: what bank rate saves over what it costs; thrust pays from 1 on",
-        allow_nan=True,
-    )
-    switching_violation: np.ndarray = quantity(
-        "1", ("bounds",), "by how much it contradicts thrust or coasting on any interval", allow_nan=True
-    )
-    branch_share: np.ndarray = quantity(
-        "1",
-        ("bounds",),
-        "share of the fuel in the cost as far as the nominal's branch goes; 1: to the end",
-        allow_nan=True,
-    )
-    branch_cumulative: np.ndarray = quantity(
-        "rad/s", ("bounds",), "integral of the absolute bank acceleration there", allow_nan=True
-    )
 
 
 class Way(NamedTuple):

@@ -1,77 +1,19 @@
 """Monte Carlo flights with random position errors at entry, under every law; the paper flies single errors only."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment, flight
-from marsedl.papers.desensitized.gains import Gains, flown_law
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.gains import flown_law
+from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
 
-STATE = "m, rad, rad, m/s, m/s, m/s, rad, rad/s, rad/s"
 ERROR_STREAM = 0
 OUTCOMES = {0: "flown to the final time", 1: "below the ground", 3: "not finite"}
 BINS = 40
 OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are not a multiple
-
-
-@dataclass(frozen=True)
-class Flights:
-    """What chunks and ensembles have in common, by law in the order of the gains.
-
-    State: altitude, latitude, longitude, radial, north and east velocity, bank, bank rate, integral of the absolute
-    bank acceleration. Observed: bank acceleration flown, magnitude of the one commanded.
-    """
-
-    histogram: np.ndarray = quantity(
-        "1", ("laws", "time", 2, "bins"), "trials by observed; the first and last bin: beyond the edges", "int64"
-    )
-    histogram_edges: np.ndarray = quantity("rad/s^2", ("laws", 2, "edges"), "edges of the inner bins")
-    maximum_over_trials: np.ndarray = quantity(
-        "rad/s^2", ("laws", "time", 2), "largest observed values over the trials", allow_nan=True
-    )
-    final_state: np.ndarray = quantity(STATE, ("laws", "trials", 9), "state at the end", allow_nan=True)
-    observed_maximum: np.ndarray = quantity("rad/s^2", ("laws", "trials", 2), "largest observed values", allow_nan=True)
-    outcome: np.ndarray = quantity(
-        "1", ("laws", "trials"), "0 flown to the end, 1 below the ground, 3 not finite", "int8"
-    )
-    kept_history: np.ndarray = quantity(STATE, ("laws", "kept", "time", 9), "states of the kept trials", allow_nan=True)
-    kept_observed: np.ndarray = quantity(
-        "rad/s^2", ("laws", "kept", "time", 2), "observed of the kept trials", allow_nan=True
-    )
-
-
-@dataclass(frozen=True)
-class FlightChunk(Flights):
-    """Reduced trials of one chunk, block by block."""
-
-    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
-    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
-    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE, ("laws", "blocks", "time", 9), "mean state of each block")
-    block_second_moment: np.ndarray = quantity("SI", ("laws", "blocks", "time", 9, 9), "second moment about that mean")
-    block_observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "blocks", "time", 2), "mean of the observed")
-
-
-@dataclass(frozen=True)
-class FlightEnsemble(Flights):
-    """All trials under all laws, every law with the same errors at entry."""
-
-    law: np.ndarray = quantity("1", ("laws",), "name, as in the gains", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "times of the moments")
-    nominal: np.ndarray = quantity(STATE, ("laws", "time", 9), "the flight without errors", allow_nan=True)
-    flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
-    count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
-    excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
-    mean: np.ndarray = quantity(STATE, ("laws", "time", 9), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("laws", "time", 9, 9), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "time", 2), "mean of the observed", allow_nan=True)
-    final_error: np.ndarray = quantity(
-        "m", ("laws", "trials", 3), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
-    )
 
 
 def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:

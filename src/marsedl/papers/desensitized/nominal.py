@@ -1,39 +1,12 @@
 """Nominal trajectory of least control energy, without regard to sensitivities ("no-DOC", Sec. 4 and Fig. 1)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.methods.collocation import Guess, Solution, resimulate
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATE_UNIT, WARM
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
+from marsedl.papers.desensitized.records import Nominal
 from marsedl.replication.errors import MarsedlError
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """The solution of least control energy on the wanted branch, and the same controls flown again."""
-
-    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
-    state: np.ndarray = quantity(
-        STATE_UNIT, ("time", 8), "altitude, latitude, longitude, radial, north and east velocity, bank and its rate"
-    )
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("intervals",), "bank acceleration, constant on each interval")
-    effort: float = quantity("deg^2/s^3", (), "control energy J0")
-    cumulative: float = quantity("rad/s", (), "integral of the absolute bank acceleration")
-    propellant: float = quantity("kg", (), "propellant of the reaction control system")
-    largest_bank_rate: float = quantity("rad/s", (), "largest bank rate, either way")
-    largest_bank_acceleration: float = quantity("rad/s^2", (), "largest bank acceleration, either way")
-    reversals: int = quantity("1", (), "bank reversals")
-    reversal_times: np.ndarray = quantity("s", ("reversals",), "when the bank angle passes zero")
-    branch: str = quantity("1", (), "what the solution is called by its bank angle", "str")
-    flown: np.ndarray = quantity(STATE_UNIT, ("time", 8), "the same controls flown by a method of order eight")
-    miss: np.ndarray = quantity("m", (3,), "altitude, crossrange and downrange by which that flight misses the target")
-    costate: np.ndarray = quantity("SI", ("intervals", 8), "multipliers of the equations of motion")
-    status: str = quantity("1", (), "how the solver ended", "str")
-    iterations: int = quantity("1", (), "iterations of the solver")
-    worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
 
 
 def compute(inputs) -> Nominal:

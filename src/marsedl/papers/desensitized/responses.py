@@ -1,51 +1,11 @@
 """Flights with position errors at entry, under every law: histories (Figs. 4 to 11) and sweeps (Figs. 3, 6 and 9)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.papers.desensitized import environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, STATE_UNIT
-from marsedl.papers.desensitized.gains import Gains, flown_law
-from marsedl.replication.artifacts import quantity
-
-
-@dataclass(frozen=True)
-class Responses:
-    """What position errors at entry come to; channels are radius, crossrange, downrange.
-
-    A flight that comes below the ground or is not finite has NaN from there on.
-    """
-
-    law: np.ndarray = quantity("1", ("laws",), "name, as in the gains", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "nodes")
-    nominal: np.ndarray = quantity(STATE_UNIT, ("laws", "time", 8), "states of the unperturbed flight", allow_nan=True)
-    nominal_acceleration: np.ndarray = quantity("rad/s^2", ("laws", "time"), "its bank acceleration", allow_nan=True)
-    nominal_cumulative: np.ndarray = quantity(
-        "rad/s", ("laws",), "its integral of the absolute bank acceleration", allow_nan=True
-    )
-    drawn_error: np.ndarray = quantity("m", (3,), "error at entry of the histories, by channel")
-    state: np.ndarray = quantity(
-        STATE_UNIT, ("laws", 3, "time", 8), "states with that error in each channel", allow_nan=True
-    )
-    error: np.ndarray = quantity(
-        "m", ("laws", 3, "time", 3), "radius, crossrange and downrange error in them", allow_nan=True
-    )
-    acceleration: np.ndarray = quantity("rad/s^2", ("laws", 3, "time"), "bank acceleration flown", allow_nan=True)
-    cumulative: np.ndarray = quantity(
-        "rad/s", ("laws", 3), "integral of the absolute bank acceleration", allow_nan=True
-    )
-    largest_command: np.ndarray = quantity(
-        "rad/s^2", ("laws", 3), "largest bank acceleration commanded, before its bound", allow_nan=True
-    )
-    largest_bank_rate: np.ndarray = quantity("rad/s", ("laws", 3), "largest bank rate", allow_nan=True)
-    tabulated_error: np.ndarray = quantity(
-        "m", ("laws", 3, 2, 3), "final errors for the error of Table 3, either way, in each channel", allow_nan=True
-    )
-    wide: np.ndarray = quantity("m", (3, "points"), "errors at entry of the wide sweeps, by channel")
-    wide_error: np.ndarray = quantity("m", ("laws", 3, "points", 3), "final errors", allow_nan=True)
-    narrow: np.ndarray = quantity("m", (3, "points"), "errors at entry of the zoomed sweeps, by channel")
-    narrow_error: np.ndarray = quantity("m", ("laws", 3, "points", 3), "final errors", allow_nan=True)
+from marsedl.papers.desensitized.entry_problem import CHANNELS
+from marsedl.papers.desensitized.gains import flown_law
+from marsedl.papers.desensitized.records import Gains, Responses
 
 
 def compute(inputs, gains: Gains) -> Responses:

@@ -5,17 +5,23 @@ import numpy as np
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.branches import Branches
-from marsedl.papers.desensitized.certificates import EXACT, Certificates
+from marsedl.papers.desensitized.certificates import EXACT
 from marsedl.papers.desensitized.claims import printed_rows
 from marsedl.papers.desensitized.entry_problem import CHANNELS, DEGREE, propellant
-from marsedl.papers.desensitized.further_perturbations import FurtherPerturbations
-from marsedl.papers.desensitized.gain_study import LOST, GainStudy
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED, Gains, last_finite_row
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS, MinimumFuel
-from marsedl.papers.desensitized.montecarlo import FlightEnsemble
-from marsedl.papers.desensitized.responses import Responses
-from marsedl.papers.desensitized.tradeoff import Tradeoff
+from marsedl.papers.desensitized.gain_study import LOST
+from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED, last_finite_row
+from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FlightEnsemble,
+    FurtherPerturbations,
+    Gains,
+    GainStudy,
+    MinimumFuel,
+    Responses,
+    Tradeoff,
+)
 
 NO_VALUE = "–"
 PAPER = "in the paper"

@@ -4,7 +4,6 @@ The weight on the sensitivity is raised step by step from the nominal. Where the
 finds the next one, and the path goes on there. The rows of Table 3 are points of this path.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,56 +11,10 @@ import numpy as np
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
 from marsedl.methods.desensitization import Desensitized
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATE_UNIT, STATES, WARM
-from marsedl.papers.desensitized.nominal import Nominal, as_guess
-from marsedl.replication.artifacts import quantity
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATES, WARM
+from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import Nominal, Tradeoff
 from marsedl.replication.errors import MarsedlError, SolverError
-
-
-@dataclass(frozen=True)
-class Tradeoff:
-    """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
-
-    Errors are those that the sensitivity gives for the radius error of Table 3. Rows are those of c1 = 0, of the
-    printed weights, and of the weights that stand for an infinite one.
-    """
-
-    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity")
-    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
-    path_norm: np.ndarray = quantity("1", ("steps",), "norm of the sensitivity in the objective")
-    path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
-    path_error: np.ndarray = quantity("m", ("steps", 3), "final altitude, crossrange and downrange error")
-    path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
-    path_status: np.ndarray = quantity("1", ("steps",), "how the solver ended", "str")
-    path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
-    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
-    fold_weight: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "last weight on a branch, first beyond it")
-    fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "control energy there")
-    fold_error: np.ndarray = quantity("m", ("folds", 2), "norm of the final position error there")
-    printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
-    weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity")
-    time: np.ndarray = quantity("s", ("rows", "time"), "nodes")
-    state: np.ndarray = quantity(STATE_UNIT, ("rows", "time", 8), "states as in the nominal")
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows", "intervals"), "bank acceleration on each interval")
-    column: np.ndarray = quantity(
-        "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)",
-        ("rows", "time", 8),
-        "sensitivity of the states to the radius at entry",
-    )
-    effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "control energy J0")
-    cumulative: np.ndarray = quantity("rad/s", ("rows",), "integral of the absolute bank acceleration")
-    propellant: np.ndarray = quantity("kg", ("rows",), "propellant of the reaction control system")
-    error: np.ndarray = quantity("m", ("rows", 3), "final altitude, crossrange and downrange error")
-    norm: np.ndarray = quantity("1", ("rows",), "norm of the sensitivity in the objective")
-    reversals: np.ndarray = quantity("1", ("rows",), "bank reversals", "int64")
-    row_branch: np.ndarray = quantity("1", ("rows",), "number of the branch", "int64")
-    largest_bank_rate: np.ndarray = quantity("rad/s", ("rows",), "largest bank rate, either way")
-    largest_bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows",), "largest bank acceleration, either way")
-    miss: np.ndarray = quantity("m", ("rows", 3), "altitude, crossrange and downrange missed when flown again")
-    status: np.ndarray = quantity("1", ("rows",), "how the solver ended", "str")
-    iterations: np.ndarray = quantity("1", ("rows",), "iterations of the solver", "int64")
-    solves: int = quantity("1", (), "solves on the path and for the rows")
-
 
 SHORTEST = 5e-3  # share of a step between two weights at which a branch is taken to end
 # Along flat directions of the objective the solver may stop at its second, acceptable level; the artifact says where.
