@@ -1,6 +1,6 @@
 """Shen, Seywald and Powell: desensitizing the pin-point landing trajectory on Mars."""
 
-from marsedl.replication.catalogue import Erratum, Paper, Product, Stage
+from marsedl.replication.catalogue import Erratum, Paper, Product
 
 _DENSITY = ("density_profile", "density_coefficients", "density_upper_altitude", "density_table")
 _PLANET = ("gravitational_parameter", "planet_radius")
@@ -21,14 +21,7 @@ _BANK = (
 )
 _SOLVER = ("final_time_bounds", "intervals", "scheme", "solver_tolerance", "solver_iterations")
 _PROBLEM = (*_MOTION, *_PROPELLANT, *_ENTRY, *_TARGET, *_BANK, *_SOLVER)
-_GUESS = ("guess_banks", "guess_switch_times", "guess_width", "guess_final_time", "nominal_reversals")
 _NORM = ("sensitivity_length", "sensitivity_columns", "norm_smoothing", "solved_weight_scale", "gain_time")
-_WEIGHTS = (
-    *("printed_weights", "weight_rule", "matched_efforts", "weight_factor", "infinite_weights", "weight_path"),
-    *("branch_tolerance", "tabulated_error"),
-)
-_TRADEOFF = (*_PROBLEM, *_NORM, *_WEIGHTS)
-_FLIGHT = (*_MOTION, "bank_acceleration_bound", "substeps")
 _SEARCHED = ("gain_step_limit", "gain_tolerance", "gain_iterations", "downrange_gain_start")
 _TUNING = ("tuning_errors", "tuning_starts", "tuning_spread", "seed", "substeps")
 _GAINS = (
@@ -36,63 +29,8 @@ _GAINS = (
     *("gain_design", "all_columns_regularization", "all_columns_iterations"),
     *("feedback_weight", "unregularized_iterations"),
 )
-_MONTE_CARLO = (*_FLIGHT, "initial_deviations", "seed", "drawn_trials")
 
-STAGES = {
-    "nominal": Stage((*_PROBLEM, *_GUESS), meaning="trajectory of least control energy, without regard to sensitivity"),
-    "tradeoff": Stage(
-        _TRADEOFF, ("nominal",), meaning="control energy against sensitivity to the radius, and the rows of Table 3"
-    ),
-    "linearization": Stage(
-        (*_MOTION,), ("nominal", "tradeoff"), meaning="sensitivity to the position at entry, without feedback"
-    ),
-    "gains": Stage(
-        _GAINS, ("nominal", "tradeoff", "linearization"), meaning="constant gains of every channel, and the laws flown"
-    ),
-    "responses": Stage(
-        (*_FLIGHT, "drawn_errors", "wide_errors", "narrow_errors", "sweep_points", "tabulated_error"),
-        ("gains",),
-        meaning="flights with position errors at entry",
-    ),
-    "gain_study": Stage(
-        (*_MOTION, *_SEARCHED, *_TUNING, "bank_acceleration_bound", "gain_time", "all_columns_regularization"),
-        ("linearization", "gains"),
-        meaning="other gains that null the sensitivity as well, ranked by flown errors",
-        claimed_in=("corrected",),
-    ),
-    "branches": Stage(
-        (*_TRADEOFF, "guess_width", "roll_banks", "search_starts", "seed"),
-        ("nominal", "tradeoff"),
-        meaning="other solutions of the nominal problem, other bank conditions, and the branch beyond its fold",
-        claimed_in=("corrected",),
-    ),
-    "minimum_fuel": Stage(
-        (*_PROBLEM, *_NORM, "branch_tolerance", "fuel_bounds"),
-        ("nominal",),
-        meaning="least integral of the absolute bank acceleration",
-        claimed_in=("corrected",),
-    ),
-    "certificates": Stage(
-        (*_TRADEOFF, *_GUESS, "studied_intervals", "substeps"),
-        ("nominal", "tradeoff"),
-        meaning="discretisation, identities, symmetries and derivatives",
-        claimed_in=("corrected",),
-    ),
-    "further_perturbations": Stage(
-        (
-            *(*_TRADEOFF, *_SEARCHED, "substeps", "all_columns_regularization"),
-            *("density_error", "velocity_error", "path_angle_error", "density_weights"),
-        ),
-        ("nominal", "tradeoff"),
-        meaning="density, velocity and path angle as perturbations",
-        claimed_in=("corrected",),
-    ),
-    "montecarlo": Stage(_MONTE_CARLO, ("gains",), "montecarlo:compute", "random position errors at entry, every law"),
-    "montecarlo_chunk": Stage(_MONTE_CARLO, ("gains",), "montecarlo:simulate", "a chunk of them"),
-    "montecarlo_gather": Stage(_FLIGHT, ("gains",), "montecarlo:gather", "all of them, gathered from chunks"),
-}
 
-_RESPONSES = ("gains", "responses")
 _GAINS = (
     "The paper's gains are not printed: unless a reading says otherwise they are the least ones that null the "
     "sensitivity of this channel on the unchanged nominal."
@@ -106,7 +44,6 @@ def _sweep(channel, compared, zoom=""):
     return Product(
         f"Final position error against the {channel} error at entry{zoom}: {compared}. Norm of the position error at "
         f"the end of the nominal's time, {_SWEEP}{_GAINS} {_RANGE}",
-        _RESPONSES,
     )
 
 
@@ -114,7 +51,6 @@ def _histories(channel, compared):
     return Product(
         f"Errors of radius, crossrange and downrange over time after a {channel} error at entry: {compared}. Errors "
         f"are differences to the flight without error; crossrange is positive to the north. {_GAINS} {_DOTTED}",
-        _RESPONSES,
     )
 
 
@@ -122,7 +58,6 @@ def _rates(channel, curves):
     return Product(
         f"Bank rate and bank acceleration with feedback, nominal and after a {channel} error at entry: the same flight "
         f"as in {curves}. {_GAINS}",
-        _RESPONSES,
     )
 
 
@@ -130,7 +65,6 @@ def _angles(channel, curves):
     return Product(
         f"Bank angle with feedback, nominal and after a {channel} error at entry, and the difference of both, which "
         f"the paper does not draw: the same flight as in {curves}. {_GAINS} {_DOTTED}",
-        _RESPONSES,
     )
 
 
@@ -141,19 +75,15 @@ FIGURES = {
     "fig01a": Product(
         "Bank rate and bank acceleration of the nominal trajectory without desensitization. The bank angle is free at "
         "both ends and so is the final bank rate; that at entry is zero. None of this is printed.",
-        ("nominal",),
-        ("bank_rate_bound", "bank_acceleration_bound"),
     ),
     "fig01b": Product(
         "Bank angle of the same trajectory. Positive bank turns the lift to the right of the velocity, here to the "
         "south (assumed); the mirrored trajectory costs as much, and the one that starts negative is shown.",
-        ("nominal",),
     ),
     "fig02": Product(
         "Bank angle desensitized against radius errors at entry, without feedback, for the rows of Table 3. The scale "
         "of c1 is not printed: a row has the weight that gives the printed control energy. Two weights stand for an "
         "infinite one, which leaves the bank angle undetermined where it has no effect.",
-        ("tradeoff",),
     ),
     "fig03a": _sweep("radius", _ALL_THREE),
     "fig03b": _sweep("radius", _ALL_THREE, ", small errors"),
@@ -174,16 +104,12 @@ FIGURES = {
         "solutions over the weight, its jump where a branch ends, the rows of Table 3 and the same as printed, and "
         "what begins at other local minima, at the weights of the rows. On the right the weight along the nominal's "
         "branch with the error given instead: where it is largest the branch folds, and no weighted sum leads beyond.",
-        ("tradeoff", "branches"),
-        ("tabulated_error",),
         beyond=True,
-        published=True,
     ),
     "branches": Product(
         "Local minima of the control energy without weight on the sensitivity, from the nominal, the rows of Table 3, "
         "guesses with full rolls and random guesses: bank angle, energy, and final error for the radius error of Table "
         "3. Mirror images count once.",
-        ("branches",),
         beyond=True,
     ),
     "gain_candidates": Product(
@@ -191,23 +117,18 @@ FIGURES = {
         "in the legend with the norm of the gains on the scaled states. All but the tuned ones null the sensitivity, "
         "or nearly so. Last: one set for all channels, as solved for together with the trajectory, and tuned to flown "
         "errors. Errors of lost flights are not drawn.",
-        ("gains", "gain_study"),
         beyond=True,
     ),
     "dispersion": Product(
         "Final positions for normally distributed position errors at entry, the errors of the paper's figures as "
         "standard deviations, under every law: flights, ellipse of linear covariance and standard deviations by both. "
         "Gains designed for one channel spoil the others, and little of the linear promise of one set for all is kept.",
-        ("gains", "montecarlo.entry_errors"),
-        ("initial_deviations",),
         beyond=True,
     ),
     "discretisation": Product(
         "Discretisation, for the nominal and the row of the largest finite weight. Left: by what the controls miss the "
         "target when they are flown. Right: difference of the final error by the discrete sensitivity to that by "
         "differences of flights. Vertical line: the intervals of this reading.",
-        ("certificates",),
-        ("intervals", "tabulated_error"),
         beyond=True,
     ),
     "minimum_fuel": Product(
@@ -216,7 +137,6 @@ FIGURES = {
         "legend, bank angle, and switching function: thrust pays on and beyond the dotted lines. A burst shorter than "
         "an interval of the mesh is spread over it. Least energy is also drawn on the branch to which the least fuel "
         "belongs. The axis of the bank acceleration is linear up to the largest of the nominal, logarithmic beyond.",
-        ("minimum_fuel",),
         beyond=True,
     ),
     "further_perturbations": Product(
@@ -224,8 +144,6 @@ FIGURES = {
         "which are desensitized against the radius alone. Top right: control energy against the error for a density "
         "error, desensitized against density, and the rows of Table 3. Bottom: flown errors with gains designed "
         "against density errors, for errors of density and of the radius. Lost flights are not drawn.",
-        ("tradeoff", "further_perturbations"),
-        ("density_error",),
         beyond=True,
     ),
 }
@@ -325,23 +243,9 @@ DESCRIBED = {
 }
 
 TABLES = {
-    "tab01": Product(
-        "Table 1 from the inputs.",
-        (),
-        (
-            *("aeroshell_diameter", "ballistic_coefficient", "lift_to_drag", "roll_inertia", "yaw_inertia"),
-            *("roll_arm", "yaw_arm", "specific_impulse"),
-        ),
-        published=True,
-    ),
+    "tab01": Product("Table 1 from the inputs."),
     "tab02": Product(
-        "Table 2 from the inputs. The paper says nothing of heading and bank at either end; what is used stands below.",
-        (),
-        (
-            *("entry_altitude", "entry_velocity", "entry_longitude", "entry_latitude", "entry_flight_path_angle"),
-            *("entry_azimuth", "final_altitude", "final_velocity", "final_longitude", "final_latitude"),
-            *("initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate"),
-        ),
+        "Table 2 from the inputs. The paper says nothing of heading and bank at either end; what is used stands below."
     ),
     "tab03": Product(
         "Table 3, row by row as printed and as found here. The weight of a row is the one that gives the printed J0, "
@@ -349,28 +253,21 @@ TABLES = {
         "rate, fuel and error are. The final position error is what the sensitivity to the radius gives for the "
         "tabulated error at entry. Where the sensitivity is all that counts, J0, cumulative bank rate and fuel grow "
         "with the weight and stay open; the error does not.",
-        ("tradeoff",),
-        ("tabulated_error",),
-        published=True,
     ),
     "sensitivity_blocks": Product(
         "The block S_p of the final position against the position at entry, angles turned into lengths by the "
         "planet's radius, under every law. Gains that null one column make the others many times larger. Without "
         "feedback the crossrange column is the cosine of the longitude travelled and the downrange column a unit.",
-        ("gains",),
     ),
     "gain_sets": Product(
         "Gains of every law with what flights come to, beside the laws without feedback. Scales: the planet's radius, "
         "a radian, the planet's radius over the time scale of the gains. Linear sensitivity: norm of the final "
         "position against the error at entry, with the gains. Drawn errors are those of Figs. 4 to 11.",
-        ("gains", "responses"),
-        ("tabulated_error",),
     ),
     "candidate_gains": Product(
         "Other gains that the paper's problem admits, ranked by flown errors: least gains from the start of the "
         "design and from random ones, regularised least squares, and gains tuned to the flown errors themselves. A "
         "sensitivity of zero says little of errors of the sizes that are drawn. Below: one set for all three errors.",
-        ("gain_study",),
         beyond=True,
     ),
     "dispersions": Product(
@@ -378,35 +275,26 @@ TABLES = {
         "errors as flown, with their standard errors, and by linear covariance; commands beyond their bound; "
         "propellant. Lost trials, below the ground or not finite, count as worse than any other in the percentiles "
         "(a dash: too many of them) and are left out elsewhere.",
-        ("gains", "montecarlo.entry_errors"),
-        ("initial_deviations", "bank_acceleration_bound", *_PROPELLANT),
         beyond=True,
     ),
     "local_minima": Product(
         "Local minima of the problem without weight, mirror images and whole turns counted once. Last column: how far "
         "the bank angle ends from where it was when it is shaken and the problem solved again; a saddle would be left.",
-        ("branches",),
-        ("tabulated_error",),
         beyond=True,
     ),
     "bank_conditions": Product(
         "Conditions on the bank, about which the paper is silent: every choice, solved from the nominal, beside the "
         "first row of Table 3. Other numbers of bank reversals than the nominal's: its branch was lost.",
-        ("branches",),
-        ("initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate"),
         beyond=True,
-        published=True,
     ),
     "fold": Product(
         "The nominal's branch through its fold. Where the final error is given instead of a weight, the weight follows "
         "from each point. It has a largest value, the fold: beyond it the error still falls along the branch, but no "
         "minimum of a weighted sum leads there. Last rows: where the path over the weight leaves a branch.",
-        ("tradeoff", "branches"),
         beyond=True,
     ),
     "dominance": Product(
         "Whether the rows of Table 3 are optimal: the least control energy found on any branch at no larger error.",
-        ("branches",),
         beyond=True,
     ),
     "least_fuel": Product(
@@ -415,33 +303,28 @@ TABLES = {
         "the fair comparison is with the energy beside it. A burst that is shorter than an interval is spread over it "
         "and does not come to the bound. The switching function contradicts neither thrust nor coasting where that "
         "number is small.",
-        ("minimum_fuel",),
         beyond=True,
     ),
     "discretisation_errors": Product(
         "The nominal and the row of the largest finite weight by three schemes on several meshes. The same controls "
         "flown again by small Runge-Kutta steps miss the target by the error of the mesh; differences of such flights "
         "stand beside the sensitivity of the scheme. Orders are from the mesh in the line above.",
-        ("certificates",),
         beyond=True,
     ),
     "identities": Product(
         "Identities, symmetries, stationarity and derivatives, by weight on the sensitivity. Blank: not examined "
         "there. The slope of control energy against the norm equals minus the weight.",
-        ("certificates",),
         beyond=True,
     ),
     "other_perturbations": Product(
         "Final errors for errors of density (a factor on the whole profile), entry velocity and flight path angle, "
         "which the paper announces as its next step, beside those for position errors: rows of Table 3, and solutions "
         "that weigh the sensitivity to density instead.",
-        ("tradeoff", "further_perturbations"),
         beyond=True,
     ),
     "density_feedback": Product(
         "Constant gains on the nominal against errors of density, alone and with errors of the radius: least gains "
         "that null the column, and gains tuned to flights. A dash: below the ground before the end.",
-        ("further_perturbations",),
         beyond=True,
     ),
 }
@@ -616,7 +499,6 @@ PAPER = Paper(
     title="Desensitizing the Pin-Point Landing Trajectory on Mars",
     authors="H. Shen, H. Seywald, R. W. Powell",
     citation="Analytical Mechanics Associates, Hampton, Virginia; no year or venue on the copy used",
-    stages=STAGES,
     figures=FIGURES,
     described=DESCRIBED,
     tables=TABLES,

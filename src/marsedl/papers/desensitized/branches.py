@@ -31,6 +31,7 @@ from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIR
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import effort, final_error, prepared
+from marsedl.replication.catalogue import stage
 from marsedl.replication.jobs import Slice
 
 SEARCH_STREAM, SHAKE_STREAM = 2, 3  # of the random numbers; gains and flights use others
@@ -53,6 +54,7 @@ class Candidate(NamedTuple):
     error: float
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Branches:
     """Collect local minima, vary the conditions on the bank, and follow the branches."""
     found = catalogue(inputs, nominal, tradeoff)

@@ -31,6 +31,7 @@ from marsedl.papers.desensitized.linearization import position_columns, position
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Certificates, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, norm, prepared
+from marsedl.replication.catalogue import stage
 
 FRACTIONS = (0.01, 0.1, 1.0)  # of the radius error of Table 3, flown either way
 DIFFERENCE = 1e-3  # of that error, half the distance of differences of flights
@@ -56,6 +57,7 @@ class Trajectory(NamedTuple):
     bank_acceleration: np.ndarray  # (N,)
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Certificates:
     """Study both cases on meshes, in flights and by other derivatives, and the rows of Table 3 by their identities."""
     last = last_finite_row(tradeoff)

@@ -20,6 +20,7 @@ from marsedl.papers.desensitized.linearization import position_columns, position
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import FurtherPerturbations, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import Point, effort, final_error, follow
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
@@ -59,6 +60,7 @@ class Law(NamedTuple):
     ended: str
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> FurtherPerturbations:
     """Perturb the rows of Table 3 in other ways, desensitize the nominal against density, and feed back against it."""
     air = environment.surroundings(inputs)

@@ -23,6 +23,7 @@ from marsedl.papers.desensitized.gains import (
 )
 from marsedl.papers.desensitized.linearization import position_columns
 from marsedl.papers.desensitized.records import Gains, GainStudy, Linearization
+from marsedl.replication.catalogue import stage
 
 START_STREAM = 2
 LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
@@ -37,6 +38,7 @@ class Candidate(NamedTuple):
     found: int = 1
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> GainStudy:
     """Collect candidates for every channel, and rank them by the errors at which gains are tuned."""
     reference, _ = flown_law(gains, 0)

@@ -18,6 +18,7 @@ from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATES
 from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Gains, Linearization, Nominal, Tradeoff
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
@@ -61,6 +62,7 @@ def gain_problem(inputs, linearization: Linearization, columns, forcing=None):
     )
 
 
+@stage()
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff, linearization: Linearization) -> Gains:
     """Design the gains of every law as the inputs say."""
     columns = position_columns(inputs)

@@ -6,7 +6,19 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
-from marsedl.replication.inputs import Count, Drawn, Few, Iterations, NonNegative, Number, Positive, Seed, given, vector
+from marsedl.replication.sections import (
+    Count,
+    Drawn,
+    Few,
+    Iterations,
+    NonNegative,
+    Number,
+    Positive,
+    Seed,
+    flat,
+    given,
+    vector,
+)
 
 Angle = Number | None
 Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
@@ -174,4 +186,4 @@ class DesensitizedInputs(DensityInputs):
         return self
 
 
-MODEL = DesensitizedInputs
+MODEL = flat(DesensitizedInputs)

@@ -7,6 +7,7 @@ from marsedl.methods.sensitivity import adjoint_rows, midpoint_transitions, prop
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import STATES
 from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
+from marsedl.replication.catalogue import stage
 
 
 def along(inputs, time, states, bank_acceleration):
@@ -31,6 +32,7 @@ def position_rows(inputs):
     return np.diag(entry_problem.lengths(inputs)) @ np.eye(3, len(STATES))
 
 
+@stage()
 def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
     """Linearise about the nominal, and propagate the position columns along it and along the rows of Table 3."""
     columns, rows = position_columns(inputs), position_rows(inputs)

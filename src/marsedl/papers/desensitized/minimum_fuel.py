@@ -14,6 +14,7 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.branches import attempt
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM
 from marsedl.papers.desensitized.records import MinimumFuel, Nominal
+from marsedl.replication.catalogue import stage
 
 SOLUTIONS = ("nominal", "least fuel", "least energy beside it")
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost
@@ -29,6 +30,7 @@ class Way(NamedTuple):
     on_branch: Solution
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal) -> MinimumFuel:
     """Minimise the fuel under each bound."""
     found = [under_bound(inputs, nominal, float(bound)) for bound in inputs.fuel_bounds]

@@ -9,6 +9,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
+from marsedl.replication.catalogue import stage
 
 ERROR_STREAM = 0
 OUTCOMES = {0: "flown to the final time", 1: "below the ground", 3: "not finite"}
@@ -16,12 +17,7 @@ BINS = 40
 OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are not a multiple
 
 
-def compute(inputs, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
-    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
-    options = {"case": case, "trials": trials, "block_size": block_size}
-    return gather(inputs, gains, [simulate(inputs, gains, chunk=0, chunks=1, **options)])
-
-
+@stage()
 def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int) -> FlightChunk:
     """Fly one chunk of the trials under every law.
 
@@ -73,6 +69,7 @@ def output_step(intervals):
     return max(step for step in range(1, longest + 1) if intervals % step == 0)
 
 
+@stage()
 def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
     laws = range(len(gains.law))

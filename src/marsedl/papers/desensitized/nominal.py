@@ -6,9 +6,11 @@ from marsedl.methods.collocation import Guess, Solution, resimulate
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
 from marsedl.papers.desensitized.records import Nominal
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
+@stage()
 def compute(inputs) -> Nominal:
     """Solve for the nominal from the inputs' guess, and check its branch (Eqs. 1 to 4, Table 2)."""
     guess = entry_problem.profile_guess(inputs, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time)

@@ -6,8 +6,10 @@ from marsedl.papers.desensitized import environment, flight
 from marsedl.papers.desensitized.entry_problem import CHANNELS
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.records import Gains, Responses
+from marsedl.replication.catalogue import stage
 
 
+@stage()
 def compute(inputs, gains: Gains) -> Responses:
     """Fly every law with the errors of the figures."""
     wide, narrow = (

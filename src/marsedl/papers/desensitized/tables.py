@@ -92,7 +92,7 @@ def tab01(inputs, published):
     ]
 
 
-def tab02(inputs, published):
+def tab02(inputs):
     """Table 2 from the inputs, and below it the conditions that it does not mention."""
 
     def degrees(value):
@@ -173,7 +173,7 @@ def tab03(inputs, published, tradeoff: Tradeoff):
 # ---- sensitivities and gains -----------------------------------------------------------------------------------------
 
 
-def sensitivity_blocks(inputs, published, gains: Gains):
+def sensitivity_blocks(inputs, gains: Gains):
     """The block S_p of every law as lengths: final radius, crossrange and downrange against those at entry."""
     per_km = KILOMETRE * gains.final
     rows = [("law", "final error in", *(f"per km of {channel} at entry (m)" for channel in CHANNELS), "all three (m)")]
@@ -188,7 +188,7 @@ def sensitivity_blocks(inputs, published, gains: Gains):
     return rows
 
 
-def gain_sets(inputs, published, gains: Gains, responses: Responses):
+def gain_sets(inputs, gains: Gains, responses: Responses):
     """Every law and every channel that it is for: gains, how their search ended, and what flights come to."""
     size = inputs.tabulated_error
     rows = [
@@ -239,7 +239,7 @@ def gain_sets(inputs, published, gains: Gains, responses: Responses):
     return rows
 
 
-def candidate_gains(inputs, published, gain_study: GainStudy):
+def candidate_gains(inputs, gain_study: GainStudy):
     """Gains that meet the paper's problem as well, by channel and rank, and one set for all channels."""
     study = gain_study
     sizes = np.unique([*study.tuning_error, *study.all_sizes])
@@ -295,7 +295,7 @@ def candidate_gains(inputs, published, gain_study: GainStudy):
     return rows
 
 
-def dispersions(inputs, published, gains: Gains, entry_errors: FlightEnsemble):
+def dispersions(inputs, gains: Gains, entry_errors: FlightEnsemble):
     """Final errors under random position errors at entry, flown and by linear covariance, and what they cost."""
     ensemble, bound = entry_errors, inputs.bank_acceleration_bound
     drawn = ", ".join(f"{deviation:g}" for deviation in inputs.initial_deviations)
@@ -365,7 +365,7 @@ def _case_name(weight):
     return f"c = {weight:.4g}" if weight else "no-DOC"
 
 
-def discretisation_errors(inputs, published, certificates: Certificates):
+def discretisation_errors(inputs, certificates: Certificates):
     """Both cases by every scheme on every mesh: effort, errors by the scheme and as flown, and orders."""
     found = certificates
     rows = [
@@ -411,7 +411,7 @@ def discretisation_errors(inputs, published, certificates: Certificates):
     return rows
 
 
-def identities(inputs, published, certificates: Certificates):
+def identities(inputs, certificates: Certificates):
     """Identities, symmetries, stationarity and derivatives by row of Table 3; some are examined in some rows only."""
     found = certificates
     rows = [("check", *(_case_name(weight) for weight in found.row_weight))]
@@ -478,7 +478,7 @@ def identities(inputs, published, certificates: Certificates):
 # ---- other solutions -------------------------------------------------------------------------------------------------
 
 
-def local_minima(inputs, published, branches: Branches):
+def local_minima(inputs, branches: Branches):
     """Local minima of the problem without weight, by control energy, and how they were found."""
     found = branches
     rows = [
@@ -560,7 +560,7 @@ def bank_conditions(inputs, published, branches: Branches):
     return rows
 
 
-def fold(inputs, published, tradeoff: Tradeoff, branches: Branches):
+def fold(inputs, tradeoff: Tradeoff, branches: Branches):
     """The nominal's branch at given final errors, through its fold, and where the path over the weight leaves it."""
     found = branches
     rows = [
@@ -595,7 +595,7 @@ def fold(inputs, published, tradeoff: Tradeoff, branches: Branches):
     return rows
 
 
-def dominance(inputs, published, branches: Branches):
+def dominance(inputs, branches: Branches):
     """Rows of Table 3 against the least control energy found on any branch at no larger error."""
     found = branches
     rows = [
@@ -624,7 +624,7 @@ def dominance(inputs, published, branches: Branches):
     return rows
 
 
-def least_fuel(inputs, published, minimum_fuel: MinimumFuel):
+def least_fuel(inputs, minimum_fuel: MinimumFuel):
     """Least control energy and least fuel under each bound of the bank acceleration, and how the thrust is spread."""
     found, least = minimum_fuel, SOLUTIONS.index("least fuel")
     rows = [
@@ -676,7 +676,7 @@ def least_fuel(inputs, published, minimum_fuel: MinimumFuel):
 # ---- further perturbations -------------------------------------------------------------------------------------------
 
 
-def other_perturbations(inputs, published, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
+def other_perturbations(inputs, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
     """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
     found = further_perturbations
     names = [_size_and_name(*pair) for pair in zip(found.perturbation, found.size, strict=True)]
@@ -719,7 +719,7 @@ def _size_and_name(perturbation, size):
     return f"{perturbation} {size * factor:g}{unit}"
 
 
-def density_feedback(inputs, published, further_perturbations: FurtherPerturbations):
+def density_feedback(inputs, further_perturbations: FurtherPerturbations):
     """Feedback on the nominal against density errors: gains, and final errors of density and radius, flown."""
     found = further_perturbations
     known = dict(zip(found.perturbation, found.size, strict=True))

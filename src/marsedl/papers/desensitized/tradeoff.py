@@ -14,6 +14,7 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATES, WARM
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Nominal, Tradeoff
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
 
 SHORTEST = 5e-3  # share of a step between two weights at which a branch is taken to end
@@ -49,6 +50,7 @@ def prepared(inputs, channels=None, **options) -> tuple[Desensitized, Program]:
     return extended, entry_problem.program(inputs, declared, **options)
 
 
+@stage()
 def compute(inputs, nominal: Nominal) -> Tradeoff:
     """Follow the solutions over the weight, and find the rows of Table 3 among them."""
     extended, transcribed = prepared(inputs)

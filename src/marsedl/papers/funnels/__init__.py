@@ -1,159 +1,6 @@
 """Derollez, Le Cleac'h and Manchester: robust entry vehicle guidance with sampling-based invariant funnels."""
 
-from marsedl.replication.catalogue import Erratum, Paper, Product, Stage
-
-_PLANET = ("gravitational_parameter", "rotation_rate", "planet_radius")
-_AIR = ("log_density_at_surface", "log_density_slope", "density_amplitude", "density_slope_amplitude")
-_MOTION = (*_PLANET, *_AIR, "ballistic_coefficient", "lift_to_drag")
-_HEAT = ("nose_radius", "heat_rate_constant")
-_ENTRY = (
-    *("entry_altitude", "entry_longitude", "entry_latitude"),
-    *("entry_velocity", "entry_flight_path_angle", "entry_heading"),
-)
-_PROBLEM = (
-    *(*_MOTION, *_HEAT, *_ENTRY),
-    *("final_altitude", "final_downrange", "final_velocity_bounds", "least_velocity", "bank_bounds"),
-    *("heat_rate_limit", "scheme", "final_time_bounds", "nominal_tolerance", "nominal_iterations"),
-    *("guess_bank", "guess_final_time", "start_banks", "start_final_times"),
-)
-_SCALES = ("scale_lengths", "scale_velocity", "scale_angles")
-_REGULATOR = (*_SCALES, "scale_bank", "state_cost_time", "control_cost_time", "terminal_weight", "shape")
-_INITIAL = ("initial_lengths", "initial_velocity", "initial_angles")
-_ADDITIVE = ("additive", "additive_velocities", "additive_acceleration", "additive_turn_rates")
-_GRID = ("fine_steps", "steps_per_slice")
-_PROGRAM = ("taylor_order", "design_seed", "program_tolerance")
-_CONDITION = ("condition", "sampling", "raw_units", "inflated", "largest_level", "largest_feedback")
-_ASCENT = ("ascent_starts", "ascent_polished", "ascent_iterations")
-_TIGHTNESS = ("tightness_starts", "tightness_polished", "tightness_iterations")
-_DUBINS = (
-    *("dubins_speed", "dubins_duration", "dubins_turn_rate", "dubins_fine_steps", "dubins_steps_per_slice"),
-    *("dubins_state_weight", "dubins_control_weight", "dubins_terminal_weight", "dubins_level", "dubins_wind"),
-)
-_FLIGHTS = (*_MOTION, *_HEAT, *_ADDITIVE, "seed", "redraw_steps", "adversarial_directions", "drawn_trials")
-_FLOWN = ("linearization", "gains", "funnel")
-_STUDIED = ("studied_slices", "studied_levels")
-
-STAGES = {
-    "nominal": Stage((*_PROBLEM, "intervals", "nominal_choice"), meaning="trajectory of least bank rate"),
-    "optima": Stage(
-        (*_PROBLEM, "studied_intervals"),
-        function="nominal:optima",
-        meaning="all local optima of the nominal problem that were found, on finer and finer meshes",
-        claimed_in=("corrected",),
-    ),
-    "linearization": Stage(
-        (*_MOTION, *_HEAT, "fine_steps"), ("nominal",), meaning="reference at nodes and half-way between, and Jacobians"
-    ),
-    "gains": Stage(
-        (*_MOTION, *_REGULATOR, *_INITIAL), ("linearization",), meaning="regulator, shapes of the slices, first level"
-    ),
-    "funnel": Stage(
-        (
-            *(*_MOTION, *_HEAT, *_ADDITIVE, *_PROGRAM, *_CONDITION, *_ASCENT, *_TIGHTNESS, *_GRID, "check_points"),
-            *("fig4_slice", "fig4_coordinates", "fig4_extent", "fig4_points"),
-        ),
-        ("linearization", "gains"),
-        meaning="levels of the funnel, their checks, and what lies inside",
-    ),
-    "linear_bounds": Stage(
-        (*_MOTION, *_SCALES, *_INITIAL, *_GRID, "seed"),
-        ("linearization", "gains"),
-        meaning="levels, ellipsoids and shapes of linear dynamics",
-        claimed_in=("corrected",),
-    ),
-    "stage_study": Stage(
-        (
-            *(*_MOTION, *_PROGRAM, *_TIGHTNESS, *_SCALES, *_STUDIED, *_GRID),
-            *("benchmark_slice", "benchmark_level", "check_points", "studied_samples"),
-            *("stationary_slice", "stationary_level", "stationary_points"),
-        ),
-        ("linearization", "gains"),
-        meaning="one stage in every form: counts, programs, samples, bases, exponents, stationary disturbances",
-        claimed_in=("corrected",),
-    ),
-    "discretization": Stage(
-        (
-            *(*_MOTION, *_PROGRAM, *_GRID, "studied_spacings", "largest_level"),
-            *("condition", "sampling", "inflated", "additive"),
-        ),
-        ("linearization", "gains", "funnel"),
-        meaning="funnels with more and fewer slices, by the integrated motion and by the Euler step",
-        claimed_in=("corrected",),
-        priority=1,  # the longest jobs are this and the next, one after the other: they must not be left for the end
-    ),
-    "coarse_funnels": Stage(
-        (
-            *(*_MOTION, *_PROGRAM, *_GRID, "studied_slices", "largest_level"),
-            *("backward_level", "backward_steps_per_slice"),
-        ),
-        ("linearization", "gains", "discretization"),
-        meaning="funnels on coarse slices by other programs, orders and directions",
-        claimed_in=("corrected",),
-        priority=1,
-    ),
-    "undisturbed_funnel": Stage(
-        (*_MOTION, *_PROGRAM, *_GRID, "largest_level"),
-        ("linearization", "gains"),
-        meaning="the funnel without disturbance",
-        claimed_in=("corrected",),
-    ),
-    "monotonicity": Stage(
-        (*_MOTION, *_PROGRAM, *_STUDIED, *_GRID),
-        ("linearization", "gains"),
-        meaning="levels that a stage reaches from several levels",
-        claimed_in=("corrected",),
-    ),
-    "divergence": Stage(
-        (
-            *(*_MOTION, *_PROGRAM, *_REGULATOR, *_INITIAL, *_GRID, "largest_level", "backward_steps_per_slice"),
-            *("studied_bank_factors", "studied_density_factors", "studied_initial_factors", "studied_trials"),
-        ),
-        ("linearization",),
-        meaning="what makes a funnel diverge: cheaper feedback, wider density, larger initial sets",
-        claimed_in=("corrected",),
-    ),
-    "equations_of_motion": Stage(
-        (*_MOTION, "entry_altitude", "entry_velocity", "design_seed"),
-        meaning="the equations of motion against those in an inertial frame",
-        claimed_in=("corrected",),
-    ),
-    "proven": Stage(
-        (*_MOTION, *_HEAT, *_GRID, "additive", "taylor_order", "design_seed"),
-        ("linearization", "gains"),
-        meaning="levels proven for the integrated motion, with all remainders",
-        claimed_in=("corrected",),
-    ),
-    # Nothing about the car depends on the entry: it is looked at in one reading.
-    "dubins": Stage(
-        (*_DUBINS, *_PROGRAM), meaning="path, regulator and funnels of a Dubins car", claimed_in=("corrected",)
-    ),
-    "dubins_study": Stage(
-        ("dubins_speed", "dubins_wind", "dubins_level", *_PROGRAM, *_ASCENT),
-        ("dubins",),
-        "dubins:study",
-        "the same funnels by other programs, backwards, of linear dynamics, and proven",
-        claimed_in=("corrected",),
-    ),
-    "dubins_calm": Stage(
-        ("dubins_speed", "dubins_trials", "seed", "drawn_trials"),
-        ("dubins",),
-        "montecarlo:dubins_calm",
-        "runs of the car from the boundary of its first slice",
-        claimed_in=("corrected",),
-    ),
-    "dubins_wind": Stage(
-        ("dubins_speed", "dubins_wind", "dubins_wind_trials", "seed", "drawn_trials"),
-        ("dubins",),
-        "montecarlo:dubins_wind",
-        "the same, each in a constant wind",
-        claimed_in=("corrected",),
-    ),
-    "montecarlo": Stage(
-        _FLIGHTS, _FLOWN, "montecarlo:compute", "flights around the reference, held against the funnel"
-    ),
-    "montecarlo_chunk": Stage(_FLIGHTS, _FLOWN, "montecarlo:simulate", "a chunk of them"),
-    "montecarlo_gather": Stage((), (), "montecarlo:gather", "all of them, gathered from chunks"),
-}
+from marsedl.replication.catalogue import Erratum, Paper, Product
 
 _STAGE = "of the stage of the configuration (benchmark_slice, benchmark_level)"
 
@@ -161,42 +8,32 @@ FIGURES = {
     "fig01": Product(
         "Entry funnel around the nominal, in downrange and altitude: every slice is projected on both. The paper's "
         "drawing is a concept without axes. Slices high up may be smaller than the line is wide.",
-        ("linearization", "funnel"),
-        ("planet_radius", "entry_longitude"),
     ),
     "fig02": Product(
         "Funnel of a Dubins car: some of its slices, which are ellipsoids in x, y and heading, the nominal path, "
         "and flights that begin on the boundary of the first slice. Nothing about the car is printed.",
-        ("dubins", "dubins_calm"),
     ),
     "fig03": Product(
         "Boundary of the entry funnel and largest V of the Monte Carlo flights over the time steps, with linear and "
         "logarithmic axis. The flights begin on the boundary of the first slice, each under a constant disturbance "
         "from the boundary of its set; the band is that of the largest V among each tenth of them. No limits of the "
         "printed axes are given, and no weights, on which the shape of the curve depends.",
-        ("funnel", "montecarlo.constant"),
     ),
     "fig04": Product(
         "Where V falls around a slice, in the plane of two whitened coordinates, in which the slice is the unit "
         "circle; the others are zero. Left without disturbance, right under the worst one at each point. Grey: the "
         "samples of the program, which are not in this plane. The axes of the printed figure are not named. Where "
         "rho grows, V has to rise on a part of the slice under the worst disturbance.",
-        ("funnel",),
-        ("fig4_slice", "fig4_coordinates"),
     ),
     "bands": Product(
         "Largest deviation of every state in the funnel over time, with flights, their extremes at the end, the "
         "same level for linear dynamics, and an ellipsoid of least trace around what linear dynamics reach from the "
         "initial set itself. Most of the width is that of the shape P: flights fill little of it.",
-        ("funnel", "linear_bounds", "montecarlo.constant"),
-        ("planet_radius",),
         beyond=True,
     ),
     "heating": Product(
         "Heat rate of the nominal, the largest of the flights, and the largest in the slices of the funnel with any "
         "disturbance of the density. The limit is imposed on the nominal at nodes only.",
-        ("linearization", "funnel", "montecarlo.constant"),
-        ("heat_rate_limit",),
         beyond=True,
     ),
     "linear_bounds": Product(
@@ -204,59 +41,49 @@ FIGURES = {
         "largest V of flights with constant disturbance, with one that is drawn again and again, and with one that "
         "raises V fastest at every step. On the right all of them relative to the flights with constant "
         "disturbance. Levels for linear dynamics bound nothing of the entry.",
-        ("funnel", "linear_bounds", "proven", "montecarlo.constant", "montecarlo.redrawn", "montecarlo.adversarial"),
         beyond=True,
     ),
     "undersampling": Product(
         f"Bound {_STAGE} from fewer samples than are needed: the program is solved as well, and its bound is too "
         "small. Fresh points tell so only if the bound is far too small.",
-        ("stage_study",),
         beyond=True,
     ),
     "conditioning": Product(
         f"Condition numbers of bases at the samples {_STAGE}, without the two directions in which all of them are "
         "singular, and of interpolation at well chosen and at random samples.",
-        ("stage_study",),
         beyond=True,
     ),
     "stage_forms": Product(
         f"Bound {_STAGE} by samples and by multipliers, with several solvers, relative to the largest value of its "
         "polynomial that was found, and iterations. A bound left of the line is too small; what remains of the "
         "equations is added in those that hold.",
-        ("stage_study",),
         beyond=True,
     ),
     "euler": Product(
         "Bound by the Euler step of Eq. 22 against that of the integrated motion from the same level: stage by "
         "stage (red: the Euler step is too small), over all stages by the time between slices, and what both make "
         "of the funnel.",
-        ("linearization", "discretization"),
         beyond=True,
     ),
     "fragility": Product(
         "Levels of funnels with other inputs, on half of the slices: the bank angle at the same cost, the "
         "disturbance of the density and the initial set multiplied by a factor. A cross is where a funnel ends "
         "because it diverges; a mark at the right is the largest V of flights with the same inputs.",
-        ("linearization", "coarse_funnels", "divergence"),
         beyond=True,
     ),
     "proven": Product(
         "Level of the funnel of which every stage is proven for the integrated motion, over that of the funnel, "
         "which is linear between its slices, and what the proof adds to the bound of every stage.",
-        ("funnel", "proven"),
         beyond=True,
     ),
     "dubins_rho": Product(
         "Levels of the Dubins car without and with wind: funnels, that by the Euler step, that computed backwards, "
         "linear dynamics, which bound nothing, flights, and proven levels.",
-        ("dubins", "dubins_study", "dubins_calm", "dubins_wind"),
         beyond=True,
     ),
     "nominal": Product(
         "Nominal trajectory over time, and all optima that were found for it, on meshes of so many intervals. The heat "
         "rate is limited at the nodes; in each optimum it peaks half-way between two others of them.",
-        ("linearization", "nominal", "optima"),
-        ("bank_bounds", "heat_rate_limit"),
         beyond=True,
     ),
 }
@@ -287,99 +114,74 @@ DESCRIBED = {
     ),
 }
 
-_ALL_FLIGHTS = ("montecarlo.constant", "montecarlo.redrawn", "montecarlo.adversarial")
 
 TABLES = {
     "withheld": Product(
         "What the paper needs and does not print, with the values used here. Sources of all inputs stand in the "
         "configuration. The paper gives a vehicle and a trajectory near those of the Mars Science Laboratory.",
-        (),
-        (
-            *("ballistic_coefficient", "lift_to_drag", "log_density_at_surface", "log_density_slope", "nose_radius"),
-            *("entry_altitude", "entry_velocity", "entry_flight_path_angle", "entry_heading", "final_downrange"),
-            *("final_velocity_bounds", "bank_bounds", "heat_rate_limit", "scale_lengths", "scale_velocity"),
-            *("scale_angles", "scale_bank", "state_cost_time", "control_cost_time", "terminal_weight"),
-            *("fine_steps", "steps_per_slice", "initial_lengths", "initial_velocity", "initial_angles"),
-            *("density_amplitude", "density_slope_amplitude", "additive_velocities", "additive_acceleration"),
-            *("additive_turn_rates", "taylor_order", "goal_lengths", "dubins_speed", "dubins_turn_rate"),
-            *("dubins_level", "dubins_wind"),
-        ),
     ),
     "optima": Product(
         "Local optima of the nominal problem on several meshes. The heat rate is limited at the nodes; in each optimum "
         "its peak lies in the middle between another pair of nodes, where it exceeds the limit.",
-        ("optima",),
         beyond=True,
     ),
     "levels": Product(
         "Level rho at equally spaced slices: of the funnel, of linear dynamics in the same shape, which is no bound of "
         "the motion, and the largest V of flights that start on the first slice. The standard deviation is that of the "
         "largest V of a tenth of the flights; that of all is smaller.",
-        ("funnel", "linear_bounds", *_ALL_FLIGHTS),
     ),
     "half_widths": Product(
         "Largest deviations of the states: in the slices, in those of linear dynamics with the same shape, in the "
         "ellipsoid of least trace around what linear dynamics reach, and, at the end, in flights.",
-        ("funnel", "linear_bounds", "montecarlo.constant"),
-        ("planet_radius",),
     ),
     "verification": Product(
         "Every stage: its program and solver; the sum of squares at fresh points; eigenvalues of the Gram matrix; and "
         "the largest value of the integrated motion that was found on the slice, under any disturbance. A positive "
         "number in the column after that: the bound of the expansion is no bound of the motion.",
-        ("funnel",),
         beyond=True,
     ),
     "conditions": Product(
-        "Cost-to-go of the regulator, and condition numbers of the shape of the slices.", ("gains",), beyond=True
+        "Cost-to-go of the regulator, and condition numbers of the shape of the slices.", beyond=True
     ),
     "forms": Product(
         "One stage in all forms of its program: by samples and by multipliers, on the boundary of the disturbances and "
         "in their whole disc, with several solvers; below, the largest values that were found by ascent.",
-        ("stage_study",),
         beyond=True,
     ),
     "counts": Product(
         "Monomials, rows of the Gram matrix and samples on products of spheres: slice and density (S^5 x S^1), slice, "
         "Dubins car without and with wind, and slice, density and additive disturbances together. On spheres not all "
         "monomials are independent.",
-        ("stage_study",),
     ),
     "samples_and_bases": Product(
         "The same stage with too few samples, with the factor of Eq. 24 on the slice (y) and in scaled coordinates "
         "that are not whitened (x), where the bound depends on the samples taken, with other bases and other samples, "
         "and after changes that must not change the bound.",
-        ("stage_study",),
         beyond=True,
     ),
     "numbers_of_slices": Product(
         "Funnels with more and fewer slices, by the integrated motion and by the Euler step of Eq. 22; and the Euler "
         "step at the levels of the motion, stage by stage.",
-        ("discretization",),
         beyond=True,
     ),
     "variants": Product(
         "Funnels on coarse slices: by samples, with expansions of lower order, by multipliers, backwards from the "
         "last level, and forward again from where that ends.",
-        ("coarse_funnels",),
         beyond=True,
     ),
     "divergence": Product(
         "Whether a funnel exists with other feedback, wider density and larger initial sets, on coarse slices. Flights "
         "stay bounded where the funnel diverges.",
-        ("divergence",),
         beyond=True,
     ),
     "proof": Product(
         "Levels that are proven for the integrated motion, with all that the expansion leaves out and under every "
         "disturbance of the disc, beside those of the funnel. The bound of a stage is the sum of its four parts.",
-        ("funnel", "proven"),
         beyond=True,
     ),
     "dubins_levels": Product(
         "Level rho of the Dubins car at the quarters of its path, by all solvers. Linear dynamics lie below the "
         "funnel: they are no bound. Differences: to the levels by samples.",
-        ("dubins", "dubins_study", "dubins_calm", "dubins_wind"),
     ),
 }
 
@@ -547,10 +349,9 @@ PAPER = Paper(
     title="Robust Entry Vehicle Guidance with Sampling-Based Invariant Funnels",
     authors="R. Derollez, S. Le Cleac'h, Z. Manchester",
     citation="Stanford University and Carnegie Mellon University; no year or venue on the copy used",
-    stages=STAGES,
     figures=FIGURES,
     described=DESCRIBED,
-    closeups={"funnel": ("dubins", "dubins_calm", "dubins_wind")},
+    closeups=("funnel",),
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

@@ -8,12 +8,14 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Discretization, Gains, Linearization
+from marsedl.replication.catalogue import stage
 
 LOWER_ORDERS = {1: 1, 2: BASIS_DEGREE}  # than that of the inputs, each with the degree of the basis that it needs
 SECOND_SOLVER = "CLARABEL"  # at a few stages; the other solver takes all
 FIRST_SOLVER = "SCS"
 
 
+@stage(claimed_in=("corrected",), priority=1)
 def compute(inputs, linearization: Linearization, gains: Gains, discretization: Discretization) -> CoarseFunnels:
     """Funnels of lower order, by multipliers, backwards and back again."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

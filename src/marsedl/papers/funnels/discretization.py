@@ -7,10 +7,12 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS
 from marsedl.papers.funnels.programs import propagate, samples, stage_at
 from marsedl.papers.funnels.records import Discretization, Funnel, Gains, Linearization
+from marsedl.replication.catalogue import stage
 
 EXCESS_TOLERANCE = 1e-5  # of programs whose bounds are compared with others that differ by more than a thousandth
 
 
+@stage(claimed_in=("corrected",), priority=1)
 def compute(inputs, linearization: Linearization, gains: Gains, funnel: Funnel) -> Discretization:
     """Funnels with more and fewer slices; the Euler step at the levels of the motion (robust entry funnels, Eq. 22).
 

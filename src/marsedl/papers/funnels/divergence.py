@@ -10,10 +10,12 @@ from marsedl.papers.funnels import gains as gains_stage
 from marsedl.papers.funnels.basics import SLICE, finite
 from marsedl.papers.funnels.programs import propagate, samples
 from marsedl.papers.funnels.records import Divergence, Linearization
+from marsedl.replication.catalogue import stage
 
 FLIGHTS = 21  # stream of random numbers, keyed by that of the design
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization) -> Divergence:
     """Cheaper feedback, wider density and larger initial sets, each with a funnel and with flights."""
     cases = [

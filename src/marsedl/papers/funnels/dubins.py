@@ -23,6 +23,7 @@ from marsedl.models.dynamics.dubins_car import dubins_car_rates
 from marsedl.papers.funnels.basics import BASIS_DEGREE
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Dubins, DubinsStudy
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
 WIND = 2  # components
@@ -88,6 +89,7 @@ def spheres(wind):
 # ---- funnels ---------------------------------------------------------------------------------------------------------
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs) -> Dubins:
     """Follow the path, design the regulator, and propagate the level of every funnel.
 
@@ -177,7 +179,8 @@ def _propagated(inputs, name, loop, shapes, steps, design, condition):
 # ---- what else says the same, and what is proven ---------------------------------------------------------------------
 
 
-def study(inputs, dubins: Dubins) -> DubinsStudy:
+@stage(claimed_in=("corrected",))
+def dubins_study(inputs, dubins: Dubins) -> DubinsStudy:
     """Compare the funnels with other ways to compute them, and prove what can be proven."""
     found = np.array([largest_values(inputs, dubins, number) for number in range(len(FUNNELS))])
     multiplier = [_multiplier_levels(inputs, dubins, number) for number in range(len(FUNNELS))]

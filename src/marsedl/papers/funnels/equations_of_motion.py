@@ -4,12 +4,14 @@ import numpy as np
 
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.records import EquationsOfMotion
+from marsedl.replication.catalogue import stage
 
 RANDOM_STATES = 1000
 STATES = 22  # stream of random numbers, keyed by that of the design
 COMPLEX_STEP = 1e-30
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
     generator = np.random.Generator(np.random.Philox((inputs.design_seed, STATES)))

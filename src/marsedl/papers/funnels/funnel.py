@@ -16,6 +16,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
+from marsedl.replication.catalogue import stage
 
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
 # Streams of random numbers, all keyed by that of the design.
@@ -25,6 +26,7 @@ CIRCLE = 72  # points of the slice that are drawn in Fig. 4
 MEMORY_FACTOR = 10.0
 
 
+@stage()
 def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
     """Propagate the funnel from the initial set to the end, and check every stage of it."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

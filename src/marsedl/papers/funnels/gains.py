@@ -8,8 +8,10 @@ from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import STATES_IN_KILOMETRES
 from marsedl.papers.funnels.records import Gains, Linearization
+from marsedl.replication.catalogue import stage
 
 
+@stage()
 def compute(inputs, linearization: Linearization) -> Gains:
     """Design the regulator and the shapes."""
     scale = environment.state_scale(inputs)

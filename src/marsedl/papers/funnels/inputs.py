@@ -5,16 +5,17 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from marsedl.replication.inputs import (
+from marsedl.replication.sections import (
     Count,
     Drawn,
     Few,
-    Inputs,
     NonNegative,
     Number,
     Positive,
+    Section,
     Seed,
     StudyTrials,
+    flat,
     given,
     vector,
 )
@@ -34,7 +35,7 @@ Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
 Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6)]
 
 
-class FunnelsInputs(Inputs):
+class FunnelsInputs(Section):
     """Everything that the funnels depend on."""
 
     CASES: ClassVar[dict[str, str]] = {
@@ -240,4 +241,4 @@ class FunnelsInputs(Inputs):
         return self
 
 
-MODEL = FunnelsInputs
+MODEL = flat(FunnelsInputs)

@@ -20,6 +20,7 @@ from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import finite, half_widths
 from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
+from marsedl.replication.catalogue import stage
 
 FLIGHTS = 2000  # a share of them is known to about a per cent
 DIRECTION_STREAM, RADIUS_STREAM = 8, 9  # of the random numbers; the Monte Carlo flights use others
@@ -27,6 +28,7 @@ DIRECTION_STREAM, RADIUS_STREAM = 8, 9  # of the random numbers; the Monte Carlo
 BOTH_LIMITS = 2.0
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
     """Propagate everything that follows from the Jacobians, and fly to see what they leave out."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

@@ -6,8 +6,10 @@ from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.records import Linearization, Nominal
+from marsedl.replication.catalogue import stage
 
 
+@stage()
 def compute(inputs, nominal: Nominal) -> Linearization:
     """Fly the nominal's bank angle on the fine grid, and linearise at every half step."""
     rates = environment.entry_rates(inputs)

@@ -5,10 +5,12 @@ import numpy as np
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.programs import samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, Monotonicity
+from marsedl.replication.catalogue import stage
 
 FACTORS = (0.25, 0.5, 1.0, 2.0)  # of the levels over which a stage is studied
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> Monotonicity:
     """Solve the studied stages from several levels."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

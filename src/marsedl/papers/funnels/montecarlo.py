@@ -11,26 +11,13 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
+from marsedl.replication.catalogue import stage
 
 REPEATS = 10
 OUTCOMES = {0: "flown to the end", 3: "not finite"}
 
 
-def compute(
-    inputs,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-    *,
-    case: str,
-    trials: int,
-    block_size: int,
-) -> FlightEnsemble:
-    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
-    options = {"case": case, "trials": trials, "block_size": block_size}
-    return gather(inputs, [simulate(inputs, linearization, gains, funnel, chunk=0, chunks=1, **options)])
-
-
+@stage()
 def simulate(
     inputs,
     linearization: Linearization,
@@ -54,11 +41,13 @@ def simulate(
     return _flown(inputs, setting, case, numbers, min(inputs.drawn_trials, trials), block_size)
 
 
+@stage(claimed_in=("corrected",))
 def dubins_calm(inputs, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car without wind."""
     return _car_runs(inputs, dubins, "flow", inputs.dubins_trials)
 
 
+@stage(claimed_in=("corrected",))
 def dubins_wind(inputs, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car, each time in a constant wind from the boundary of its disc."""
     return _car_runs(inputs, dubins, "wind", inputs.dubins_wind_trials)
@@ -94,6 +83,7 @@ def _flown(inputs, setting, case, numbers, kept, block_size=ensembles.BLOCK_SIZE
     )
 
 
+@stage()
 def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and count what lies outside of the funnel."""
     del inputs  # none is needed

@@ -24,6 +24,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import DEGREE
 from marsedl.papers.funnels.environment import STATES
 from marsedl.papers.funnels.records import Nominal, Optima
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
 
 FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted
@@ -114,6 +115,7 @@ def search(inputs, intervals, begun):
 # ---- the stage -------------------------------------------------------------------------------------------------------
 
 
+@stage()
 def compute(inputs) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
     ends = search(inputs, inputs.intervals, starts(inputs)[: 1 if inputs.nominal_choice == "guess" else None])
@@ -123,6 +125,7 @@ def compute(inputs) -> Nominal:
     return described(inputs, found[0])
 
 
+@stage(claimed_in=("corrected",))
 def optima(inputs) -> Optima:
     """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
     grid, rows, leads = starts(inputs), [], []

@@ -9,12 +9,14 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, half_widths
 from marsedl.papers.funnels.funnel import largest_heat_rate
 from marsedl.papers.funnels.records import Gains, Linearization, Proven
+from marsedl.replication.catalogue import stage
 
 # Degree of the Taylor models: the square of one of degree 6 has more terms than their rounding allows for.
 MODEL_ORDER = 5
 NO_ADDITIVE = "disturbances that are added to the rates are bounded for linear dynamics only: nothing is proven"
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> Proven:
     """Propagate the level from the initial set by proven bounds, until the end or until one does not exist."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)
@@ -23,8 +25,8 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Proven:
     stages, outcome = propagate(inputs, loop, gains, design, steps)
     level = np.full(len(linearization.time), np.nan)
     level[0] = gains.initial_level
-    for stage in stages:
-        level[stage.nodes] = stage.levels
+    for proof in stages:
+        level[proof.nodes] = proof.levels
     straight = np.interp(np.arange(len(level)), steps, level[steps])
     reached = np.isfinite(straight)
 

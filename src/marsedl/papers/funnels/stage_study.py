@@ -29,6 +29,7 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, finite
 from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
+from marsedl.replication.catalogue import stage
 
 # Slice, slice with disturbances of the density, the Dubins car without and with wind, a circle; last, additive
 # disturbances of all states beside those of the density, which are counted only.
@@ -49,6 +50,7 @@ CONVERGED = 1e-9  # of the gradient at no disturbance
 DIFFERENCE = 1e-4  # of disturbances
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> StageStudy:
     """Study the stage of the configuration."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

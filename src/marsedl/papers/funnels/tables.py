@@ -58,7 +58,7 @@ def _ground(inputs, widths):
 # ---- inputs ----------------------------------------------------------------------------------------------------------
 
 
-def withheld(inputs, published):
+def withheld(inputs):
     """What the paper needs and does not print: what is used here, and where it is from."""
 
     def lengths(values):
@@ -123,7 +123,7 @@ def withheld(inputs, published):
     ]
 
 
-def optima(inputs, published, optima: Optima):
+def optima(inputs, optima: Optima):
     """Local optima of the nominal problem, by mesh and cost."""
     rows = [
         (
@@ -156,7 +156,6 @@ def optima(inputs, published, optima: Optima):
 
 def levels(
     inputs,
-    published,
     funnel: Funnel,
     linear_bounds: LinearBounds,
     constant: FlightEnsemble,
@@ -196,7 +195,7 @@ def levels(
     ]
 
 
-def half_widths(inputs, published, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble):
+def half_widths(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble):
     """Largest deviations of the states at the first slice, at that of the largest level, and at the last."""
     names = ("altitude (km)", "downrange (km)", "crossrange (km)", "velocity (m/s)")
     rows = [("slice", "of", *names, "flight path angle (deg)", "heading (deg)", "bank angle of the feedback (deg)")]
@@ -218,7 +217,7 @@ def half_widths(inputs, published, funnel: Funnel, linear_bounds: LinearBounds, 
     return rows
 
 
-def verification(inputs, published, funnel: Funnel):
+def verification(inputs, funnel: Funnel):
     """Every stage: its program, the checks of its certificate, and what the motion itself does."""
     rows = [
         (
@@ -254,7 +253,7 @@ def verification(inputs, published, funnel: Funnel):
     return rows
 
 
-def conditions(inputs, published, gains: Gains):
+def conditions(inputs, gains: Gains):
     """Regulator and shape at a few times."""
     rows = [
         (
@@ -280,7 +279,7 @@ def conditions(inputs, published, gains: Gains):
 # ---- studies ---------------------------------------------------------------------------------------------------------
 
 
-def forms(inputs, published, stage_study: StageStudy):
+def forms(inputs, stage_study: StageStudy):
     """The benchmark stage in all forms of its program."""
     study, reference = stage_study, stage_study.form_bound[0]
     rows = [
@@ -311,7 +310,7 @@ def forms(inputs, published, stage_study: StageStudy):
     return rows
 
 
-def counts(inputs, published, stage_study: StageStudy):
+def counts(inputs, stage_study: StageStudy):
     """Monomials, rows of the Gram matrix and samples, by formula and by rank."""
     study = stage_study
     rows = [
@@ -337,7 +336,7 @@ def counts(inputs, published, stage_study: StageStudy):
     return rows
 
 
-def samples_and_bases(inputs, published, stage_study: StageStudy):
+def samples_and_bases(inputs, stage_study: StageStudy):
     """Bounds of the benchmark stage by too few samples, exponents, bases and designs."""
     study = stage_study
     rows = [("what", "which", "bound over rho", "rank or condition number", "least distance to fresh points")]
@@ -358,7 +357,7 @@ def samples_and_bases(inputs, published, stage_study: StageStudy):
     return rows
 
 
-def numbers_of_slices(inputs, published, discretization: Discretization):
+def numbers_of_slices(inputs, discretization: Discretization):
     """Funnels with fewer and more slices by both conditions, and what the Euler step leaves out."""
     found = discretization
     rows = [
@@ -392,7 +391,7 @@ def numbers_of_slices(inputs, published, discretization: Discretization):
     return rows
 
 
-def variants(inputs, published, coarse_funnels: CoarseFunnels):
+def variants(inputs, coarse_funnels: CoarseFunnels):
     """Funnels with coarse slices by other programs, orders and directions."""
     found = coarse_funnels
     shown = np.unique(np.linspace(0, found.variant_level.shape[1] - 1, 7).round().astype(int))
@@ -402,7 +401,7 @@ def variants(inputs, published, coarse_funnels: CoarseFunnels):
     return rows
 
 
-def divergence(inputs, published, divergence: Divergence):
+def divergence(inputs, divergence: Divergence):
     """Whether funnels still exist with other weights, disturbances and initial sets, and where flights stay."""
     found = divergence
     rows = [
@@ -427,7 +426,7 @@ def divergence(inputs, published, divergence: Divergence):
     return rows
 
 
-def proof(inputs, published, funnel: Funnel, proven: Proven):
+def proof(inputs, funnel: Funnel, proven: Proven):
     """Proven levels beside those by samples, and what their bounds consist of."""
     rows = [
         (
@@ -455,7 +454,6 @@ def proof(inputs, published, funnel: Funnel, proven: Proven):
 
 def dubins_levels(
     inputs,
-    published,
     dubins: Dubins,
     dubins_study: DubinsStudy,
     dubins_calm: FlightEnsemble,

@@ -6,8 +6,10 @@ from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import SLICE
 from marsedl.papers.funnels.programs import propagate, samples
 from marsedl.papers.funnels.records import Gains, Linearization, UndisturbedFunnel
+from marsedl.replication.catalogue import stage
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> UndisturbedFunnel:
     """Propagate the level without disturbance."""
     loop = environment.closed_loop(inputs, linearization, gains.half_gain)

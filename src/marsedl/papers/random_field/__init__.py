@@ -1,242 +1,95 @@
 """Ridderhof and Tsiotras: chance-constrained covariance steering in a Gaussian random field."""
 
-from marsedl.replication.catalogue import Erratum, Paper, Product, Stage
-
-_PLANET = ("gravitational_parameter", "planet_radius")
-_DENSITY = (
-    *("density_profile", "density_coefficients", "density_upper_altitude", "density_table"),
-    *("variance_at_top", "variance_top_altitude", "variance_growth_length", "variance_growth_sign"),
-    *("correlation_length", "field_altitudes", "field_interval"),
-)
-_VEHICLE = ("ballistic_coefficient", "lift_to_drag")
-_ENTRY = ("entry_altitude", "entry_velocity")
-_MISSION = ("target_apoapsis", "target_periapsis")
-_FLOWN = (
-    *(*_PLANET, *_DENSITY, *_VEHICLE, *_ENTRY, *_MISSION),
-    *("density_floor", "control_limits", "dynamic_pressure_density", "final_time", "time_step"),
-)
-_NOMINAL = (
-    *_FLOWN,
-    *("entry_flight_path_angle", "entry_angle", "entry_angle_bracket", "density_beyond_table", "least_exit_altitude"),
-)
-_LINEAR = (*_PLANET, *_DENSITY, *_VEHICLE, *_MISSION, "final_time", "time_step", "partition")
-_PROGRAM = (
-    *("initial_deviations", "percentile_tail", "percentile_unit", "percentile_weight", "control_variance_weight"),
-    *("mean_control_weight", "control_limits", "control_probability", "control_trust", "apoapsis_trust"),
-    *("clean_up_branch", "branch_tolerance", "navigation_deviations", "ill_conditioned"),
-)
-_DESIGN = (
-    *(*_FLOWN, *_LINEAR, *_PROGRAM),
-    *("density_beyond_table", "iterations", "convergence_tolerances", "output_interval"),
-)
-_MONTE_CARLO = (
-    *_FLOWN,
-    *("initial_deviations", "least_exit_altitude", "output_interval", "seed", "drawn_trials"),
-)
-_DOUBLE_INTEGRATOR = tuple(
-    f"double_integrator_{name}"
-    for name in (
-        *("initial_mean", "initial_three_sigma", "variance", "period", "periodic_length", "length", "partition"),
-        *("final_mean", "final_three_sigma", "first_normal", "second_normal", "bounds", "probability"),
-        *("constrained", "weights", "quadrature"),
-    )
-)
-_FORCE = tuple(f"double_integrator_{name}" for name in ("variance", "period", "periodic_length", "length"))
-_LINES = tuple(f"double_integrator_{name}" for name in ("first_normal", "second_normal", "bounds"))
-_STUDY = tuple(dict.fromkeys((*_DESIGN, *_MONTE_CARLO, "study_trials")))
-
-STAGES = {
-    "nominal": Stage(_NOMINAL, meaning="entry angle and flight without control in the mean density"),
-    "linearization": Stage(
-        _LINEAR, ("nominal",), meaning="linear model, disturbance statistics and delta-v gradients along it"
-    ),
-    "gains": Stage(
-        _DESIGN, ("nominal", "linearization"), meaning="laws of all iterations and what linear covariance predicts"
-    ),
-    "certificates": Stage(
-        (*_DESIGN, "seed", "study_trials"),
-        ("nominal", "linearization", "gains"),
-        meaning="the design against the printed form of the program, a second solver and sampled fields",
-        claimed_in=("corrected",),
-    ),
-    "convergence": Stage(
-        (*_STUDY, "convergence_iterations", "fine_partition"),
-        ("nominal",),
-        meaning="how the iteration ends: one branch, both branches, short end steps",
-        claimed_in=("corrected",),
-    ),
-    "regularization": Stage(
-        (*_STUDY, "navigation_factors"),
-        ("nominal",),
-        meaning="what the navigation errors of the design do",
-        claimed_in=("corrected",),
-    ),
-    "field_study": Stage(
-        (*_MONTE_CARLO, "study_trials", "variance_factors"),
-        ("nominal", "gains"),
-        meaning="open-loop delta-v in other random fields",
-        claimed_in=("corrected",),
-    ),
-    "double_integrator": Stage(
-        (*_DOUBLE_INTEGRATOR, "ellipse_probability"),
-        meaning="law and linear covariance of the double integrator",
-        claimed_in=("printed", "corrected", "cc_to_4"),
-    ),
-    "double_integrator_flights": Stage(
-        (
-            *(*_FORCE, *_LINES, "seed", "paper_trials", "drawn_trials"),
-            *(
-                f"double_integrator_{name}"
-                for name in (
-                    *("initial_mean", "initial_three_sigma", "partition", "field_positions", "field_interval"),
-                    *("time_step", "output_interval", "trials"),
-                )
-            ),
-        ),
-        ("double_integrator",),
-        meaning="Monte Carlo of the double integrator in samples of the force",
-        claimed_in=("printed", "corrected", "cc_to_4"),
-    ),
-    "montecarlo": Stage(_MONTE_CARLO, ("nominal", "gains"), "montecarlo:compute", "Monte Carlo flights of every law"),
-    "montecarlo_chunk": Stage(_MONTE_CARLO, ("nominal", "gains"), "montecarlo:simulate", "a chunk of them"),
-    "montecarlo_gather": Stage((*_PLANET, *_MISSION), (), "montecarlo:gather", "all of them, gathered from chunks"),
-}
-
-_EXAMPLE = ("example_length", "example_extent", "seed")
-_PROFILE = ("density_profile", "density_coefficients", "density_upper_altitude", "density_table")
-_VARIATION = (
-    *("variance_at_top", "variance_top_altitude", "variance_growth_length", "variance_growth_sign"),
-    *("correlation_length", "seed", "drawn_samples"),
-)
-
-_LIMITS = ("control_limits", "control_probability")
-_CONSTRAINT_LINES = tuple(
-    f"double_integrator_{name}" for name in ("first_normal", "second_normal", "bounds", "probability")
-)
+from marsedl.replication.catalogue import Erratum, Paper, Product
 
 FIGURES = {
     "fig01": Product(
         "Samples of a Gaussian random field on a line. Left: without measurements. Right: the same random numbers, "
         "conditioned on noisy measurements. Kernel (squared exponential), measurements and noise are not printed; "
         "those of the configuration are drawn.",
-        (),
-        (*_EXAMPLE, "drawn_samples", "example_positions", "example_values", "example_noise"),
     ),
     "fig02": Product(
         "A sample of a Gaussian random field on a plane. Left: without a condition. Right: the same random numbers, "
         "with the field held constant, without noise, along the two edges (red) that meet in the corner on the right,"
         " where either coordinate is largest. Kernel (squared exponential) and value at the edges are not printed.",
-        (),
-        (*_EXAMPLE, "example_edge"),
     ),
     "fig03": Product(
         "Samples of the density variation over altitude, and of the process in time that they become along the "
         "nominal path, here the flight without control. Drawn from the model: the second is the first, looked up at "
         "the altitude of each time.",
-        ("nominal",),
-        _VARIATION,
     ),
-    "fig04": Product(
-        "Samples of the random force on the double integrator (Eq. 59) over three periods.",
-        (),
-        (*_FORCE, "seed", "drawn_samples"),
-    ),
+    "fig04": Product("Samples of the random force on the double integrator (Eq. 59) over three periods."),
     "fig05": Product(
         "Double integrator without feedback and with the law: ellipses of the stated probability at each step by "
         "linear covariance and of all trials, some of the trials, and the two lines that bound the state (Eq. 61). "
         "The chance constraints hold three standard deviations from each line; the ellipses have a radius of 3.44, "
         "and so protrude.",
-        ("double_integrator", "double_integrator_flights"),
-        ("ellipse_probability", *_LINES),
     ),
     "fig06": Product(
         "The mission, radii to scale. Top: the flight without control, left at a lower velocity, so that its apoapsis"
         " falls a fifth of the climb short of the target and both burns are to be seen; without this it needs no "
         "second burn where its entry angle is solved. Bottom: its altitude over the distance travelled. Blue: below "
         "the altitude of entry.",
-        ("nominal",),
-        (*_PLANET, *_MISSION, "entry_altitude"),
     ),
     "fig07": Product(
         "Coordinates of the atmospheric flight: radius, velocity, flight path angle (positive while climbing), lift "
         "and drag. A sketch, not drawn from data.",
-        (),
     ),
     "fig08": Product(
         "Angle of attack of a blunt vehicle, and the lift rolled by the bank angle, whose cosine is the control. A "
         "sketch, not drawn from data.",
-        (),
     ),
     "fig09": Product(
         "Mean density against altitude, and the table that it goes through. The paper prints no values of its "
         "MarsGRAM profile.",
-        (),
-        (*_PROFILE, "entry_altitude", "variance_top_altitude"),
     ),
     "fig10": Product(
         "Samples of the density variation against altitude, exact on all altitudes drawn. Left of the dashed line, if"
         " it is reached, the density would be negative; flights keep it at the least ratio of the configuration.",
-        (),
-        (*_VARIATION, "entry_altitude"),
     ),
     "fig11": Product(
         "Nominal flight in the mean density: the initial guess, which is zero control, dashed, and the last iteration, "
         "solid. As they hardly differ, the lower panels show the differences of all iterations from the guess.",
-        ("gains",),
     ),
     "fig12": Product(
         "Delta-v of the flights, lost ones counted in the histogram's denominator, and the normal density of linear "
         "covariance, both with their 99th percentiles. Flights need least delta-v at the target apoapsis, where the "
         "modulus of the clean-up burn has its kink; linear covariance goes on below it. It is shown without the "
         "navigation errors that the design adds.",
-        ("gains", "montecarlo.aerocapture"),
-        ("delta_v_window",),
     ),
     "fig13": Product(
         "Mean control, held over each interval, and three standard deviations by linear covariance. They include the "
         "navigation errors of the design, as in its chance constraint, which keeps them within the limits.",
-        ("nominal", "gains"),
-        ("control_limits",),
     ),
     "fig14": Product(
         "Open loop: errors against the nominal flight of zero control in the mean density, of the first trials and of "
         "all. Bars: linear covariance at the nodes, about the mean it predicts less the same nominal. Where the "
         "prediction would dwarf the flights, it leaves the axis and is stated.",
-        ("gains", "montecarlo.aerocapture"),
-        ("planet_radius", "control_limits"),
     ),
     "fig15": Product(
         "As Fig. 14 under the law of the last iteration, if there is one: errors against the nominal flight that its "
         "mean control gives. The design's navigation errors are left out of the bars. Controls are those commanded, "
         "before they are cut off at the limits; stars are the mean and three standard deviations over the flights.",
-        ("gains", "montecarlo.aerocapture"),
-        ("planet_radius", "control_limits"),
     ),
     "fig16": Product(
         "Dynamic pressure of the first trials, open loop above and under the law of the last iteration below, with the "
         "nominal on top and three standard deviations of all trials.",
-        ("gains", "montecarlo.aerocapture"),
     ),
     "fig17": Product(
         "Relative density variation that the first trials meet under the law of the last iteration; three standard "
         "deviations of all trials at each time, and of the field along the nominal flight (Eq. 16).",
-        ("gains", "montecarlo.aerocapture"),
     ),
     "violations": Product(
         "Probability of a command beyond its limits in each interval, and of a state of the double integrator beyond "
         "each line at each node: what the chance constraint allots, what linear covariance predicts, and the share of "
         "the flights with its binomial interval. Where no flight violates, an arrow marks the largest probability "
         "compatible with that. Few trials cannot tell a violation of the allotted size from a larger one.",
-        ("gains", "double_integrator", "double_integrator_flights", "montecarlo.aerocapture"),
-        (*_LIMITS, *_CONSTRAINT_LINES),
         beyond=True,
     ),
     "convergence": Product(
         "Iteration far beyond the paper's, and how it ends. With one linearised branch of the clean-up burn each "
         "program expects to gain by crossing the kink, and the flights do not follow; with both branches in the "
         "program there is nothing to gain there. Short end steps divide the first and the last interval.",
-        ("convergence",),
-        ("target_apoapsis", "percentile_tail", "study_trials"),
         beyond=True,
     ),
     "regularization": Product(
@@ -244,8 +97,6 @@ FIGURES = {
         "by the one in radius; those in velocity and path angle change in proportion. With small ones the gains grow "
         "without bound, linear covariance promises ever less spread, and the flights fail. Shares of no flight at all "
         "are not drawn.",
-        ("regularization",),
-        ("navigation_deviations", "control_probability", "study_trials"),
         beyond=True,
     ),
     "field_study": Product(
@@ -253,16 +104,12 @@ FIGURES = {
         "against the standard deviation that it gives to the density at 45 km, near the lowest altitude. Bars are "
         "three standard errors; triangles mark fields in which so many trials are lost that no percentile exists. "
         "Hypotheses say nothing of what the authors did.",
-        ("field_study",),
-        ("variance_at_top",),
         beyond=True,
     ),
     "delta_v_map": Product(
         "Delta-v against the exit apoapsis, with flights as points and histograms of their apoapses (scaled to equal "
         "height). Green: linear models at the guess, which is at the kink if its entry angle is solved. Triangles: "
         "what the design of an iteration expects of its mean; circles: what the nominal of its control then needs.",
-        ("linearization", "gains", "montecarlo.aerocapture"),
-        (*_PLANET, *_MISSION),
         beyond=True,
     ),
 }
@@ -372,42 +219,31 @@ TABLES = {
         "Trials in which the Gaussian variation would have taken the density below its floor. How often the "
         "command leaves its limits, at the worst step and at any, with exact binomial intervals beside what Eq. 77 "
         "allots per step.",
-        ("gains", "montecarlo.aerocapture"),
-        ("control_probability",),
-        published=True,
     ),
     "state_deviations": Product(
         "Standard deviations of radius, velocity and flight path angle at the nodes, over the trials and by linear "
         "covariance (Figs. 14 and 15), with the ratio of predicted and flown.",
-        ("gains", "montecarlo.aerocapture"),
     ),
     "control_violations": Product(
         "Probability that the commanded control leaves its limits at every step: what Eq. 77 allots, what linear "
         "covariance predicts without and with the design's navigation errors, and the share of the trials with its "
         "exact binomial interval.",
-        ("gains", "montecarlo.aerocapture"),
-        ("control_probability", "control_limits"),
         beyond=True,
     ),
     "double_integrator": Product(
         "Double integrator: standard deviations at the nodes, over the trials and by linear covariance; how far the "
         "99.73 % ellipse of linear covariance reaches beyond the constraint lines (a'x less its bound, above zero it "
         "protrudes); the law's control; what the state constraints cost.",
-        ("double_integrator", "double_integrator_flights"),
-        ("double_integrator_final_three_sigma",),
     ),
     "double_integrator_violations": Product(
         "Double integrator: probability of lying beyond either constraint line at every node, as allotted, as linear "
         "covariance predicts, and over the first and all trials with exact binomial intervals. As many trials as the "
         "paper's cannot tell what is allotted from half as much more.",
-        ("double_integrator", "double_integrator_flights"),
-        (*_LINES, "double_integrator_probability", "double_integrator_constrained"),
         beyond=True,
     ),
     "certificates": Product(
         "The first program against the printed form in the history of states, against another solver and against the "
         "identities of Eqs. 35 to 41, and the statistics of its disturbances against sampled fields.",
-        ("certificates",),
         beyond=True,
     ),
     "convergence_history": Product(
@@ -415,24 +251,17 @@ TABLES = {
         "what the program predicts and what flights give part by turns. With both branches in the program it "
         "converges, in apoapsis and percentile; the mean control goes on moving where the air is thin and it has no "
         "effect.",
-        ("convergence",),
-        ("percentile_tail",),
         beyond=True,
     ),
     "navigation_errors": Product(
         "The last law against the size of the navigation errors of the design: without them gains grow, predictions "
         "become fantastic and flights are lost; with large ones the law is timid.",
-        ("regularization",),
-        ("study_trials",),
         beyond=True,
     ),
     "other_fields": Product(
         "Open loop through other random fields, beside the printed 99th percentile: hypotheses on the covariance, and "
         "multiples of the variance.",
-        ("field_study",),
-        ("variance_at_top",),
         beyond=True,
-        published=True,
     ),
 }
 
@@ -586,10 +415,9 @@ PAPER = Paper(
     authors="Jack Ridderhof and Panagiotis Tsiotras",
     citation="J. Ridderhof, P. Tsiotras, Chance-Constrained Covariance Steering in a Gaussian Random Field via "
     "Successive Convex Programming",
-    stages=STAGES,
     figures=FIGURES,
     described=DESCRIBED,
-    closeups={"iterations": ("convergence",)},
+    closeups=("iterations",),
     tables=TABLES,
     summaries=SUMMARIES,
     errata=ERRATA,

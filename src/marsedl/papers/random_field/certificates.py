@@ -16,12 +16,14 @@ from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.linearization import UNITS, along
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.records import Certificates, Gains, Linearization, Nominal
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 SAMPLE_STREAM = 4  # of the fields sampled here, apart from those of the flights
 TIMES = 9  # at which the process along the nominal is compared with the field's covariance
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> Certificates:
     """Solve the first program in every way, sample fields along its trajectory, and compare.
 

@@ -5,8 +5,10 @@ import numpy as np
 from marsedl.papers.random_field.flight_statistics import lost
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
 from marsedl.papers.random_field.variants import designed, flown, percentiles
+from marsedl.replication.catalogue import stage
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal) -> Convergence:
     """Run every variant for the study's number of iterations, and fly all of its laws."""
     rows = []

@@ -9,6 +9,7 @@ from marsedl.methods import field_disturbance
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import random_field
 from marsedl.papers.random_field.records import DoubleIntegrator
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
@@ -89,6 +90,7 @@ def program(inputs, constrained=True):
     )
 
 
+@stage(claimed_in=("printed", "corrected", "cc_to_4"))
 def compute(inputs) -> DoubleIntegrator:
     """Solve the single iteration.
 

@@ -10,8 +10,10 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds
 from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegratorFlights
+from marsedl.replication.catalogue import stage
 
 
+@stage(claimed_in=("printed", "corrected", "cc_to_4"))
 def compute(inputs, double_integrator: DoubleIntegrator) -> DoubleIntegratorFlights:
     """Fly both laws."""
     trials = inputs.double_integrator_trials

@@ -6,6 +6,7 @@ from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import environment, montecarlo
 from marsedl.papers.random_field.flight_statistics import percentile_with_lost
 from marsedl.papers.random_field.records import LOW_ALTITUDE, FieldStudy, Gains, Nominal
+from marsedl.replication.catalogue import stage
 
 # Hypotheses on the field, as changes of the kernel's parameters: a field that is fully correlated over altitude, the
 # higher instead of the lower altitude in Eq. 73, a variance that falls half as fast, one that begins to fall lower.
@@ -18,6 +19,7 @@ HYPOTHESES = {
 }
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, gains: Gains) -> FieldStudy:
     """Fly the open loop through every field."""
     rows = []

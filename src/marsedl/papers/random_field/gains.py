@@ -13,11 +13,13 @@ from marsedl.papers.random_field.linearization import UNITS, along, delta_v_grad
 from marsedl.papers.random_field.nominal import finite_or_nan, output_times, states_of, trajectory
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
 from marsedl.replication.artifacts import quantities
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta-v enters the cost
 
 
+@stage()
 def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
     """Run the iterations of the reading.
 

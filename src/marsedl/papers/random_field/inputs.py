@@ -7,7 +7,7 @@ from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.partition import partition_fault
-from marsedl.replication.inputs import (
+from marsedl.replication.sections import (
     Count,
     Drawn,
     NonNegative,
@@ -16,6 +16,7 @@ from marsedl.replication.inputs import (
     Seed,
     Sign,
     StudyTrials,
+    flat,
     given,
     vector,
 )
@@ -208,4 +209,4 @@ def _require_multiples(name, values, unit_name, unit):
             raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
 
 
-MODEL = RandomFieldInputs
+MODEL = flat(RandomFieldInputs)

@@ -14,6 +14,7 @@ from marsedl.papers.random_field.environment import mission
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
+from marsedl.replication.catalogue import stage
 
 UNITS = np.array([1e3, 100.0, 0.01])  # m, m/s, rad: every program is posed in these
 
@@ -43,6 +44,7 @@ def partition_used(inputs):
     return np.array(inputs.partition, dtype=float), ""
 
 
+@stage()
 def compute(inputs, nominal: Nominal) -> Linearization:
     """Linearise about the guess."""
     partition, refused = partition_used(inputs)

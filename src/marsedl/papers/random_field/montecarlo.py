@@ -21,16 +21,12 @@ from marsedl.papers.random_field.records import (
     Gains,
     Nominal,
 )
+from marsedl.replication.catalogue import stage
 
 CONTROL_BINS = 40
 
 
-def compute(inputs, nominal: Nominal, gains: Gains, *, case: str, trials: int, block_size: int) -> FlightEnsemble:
-    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
-    options = {"case": case, "trials": trials, "block_size": block_size}
-    return gather(inputs, [simulate(inputs, nominal, gains, chunk=0, chunks=1, **options)])
-
-
+@stage()
 def simulate(
     inputs, nominal: Nominal, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int
 ) -> FlightChunk:
@@ -106,6 +102,7 @@ def block_simulator(inputs, nominal, gains, case, number=-1, **changes):
     return simulate_block
 
 
+@stage()
 def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and compute apoapsis and delta-v of every trial."""
     laws = range(len(chunks[0].first_trial))

@@ -6,6 +6,7 @@ from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
 from marsedl.papers.random_field.environment import mission
 from marsedl.papers.random_field.records import Nominal
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 CRASHED_APOAPSIS, ESCAPED_APOAPSIS = -1.0, 100.0  # planet radii, what the root finder sees beyond both ends
@@ -43,6 +44,7 @@ def output_times(inputs):
     return np.arange(0.0, inputs.final_time + inputs.output_interval / 2, inputs.output_interval)
 
 
+@stage()
 def compute(inputs) -> Nominal:
     """Solve the entry angle if it is not given, and fly.
 

@@ -6,8 +6,10 @@ from marsedl.papers.random_field.flight_statistics import lost, step_violations
 from marsedl.papers.random_field.linearization import UNITS
 from marsedl.papers.random_field.records import Nominal, Regularization
 from marsedl.papers.random_field.variants import designed, flown, percentiles
+from marsedl.replication.catalogue import stage
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal) -> Regularization:
     """Design and fly every size; ill-conditioned designs are made here, to show what comes of them."""
     rows = []

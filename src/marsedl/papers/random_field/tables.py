@@ -119,7 +119,7 @@ def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
     return rows
 
 
-def state_deviations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
+def state_deviations(inputs, gains: Gains, aerocapture: FlightEnsemble):
     """Standard deviations of the states at the nodes, flown and predicted, of the open loop and the last law."""
     laws = list(dict.fromkeys((OPEN, len(gains.control) - 1)))
     found = {law: node_deviations(gains, aerocapture, law) for law in laws}
@@ -139,7 +139,7 @@ def state_deviations(inputs, published, gains: Gains, aerocapture: FlightEnsembl
     return rows
 
 
-def control_violations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
+def control_violations(inputs, gains: Gains, aerocapture: FlightEnsemble):
     """Probability that the command leaves its limits: allotted, predicted and flown, per law and interval."""
     trials = aerocapture.outcome.shape[1]
     by_step, _ = step_violations(aerocapture, gains.partition)
@@ -194,7 +194,6 @@ def _against(low, high, allotted):
 
 def double_integrator(
     inputs,
-    published,
     double_integrator: DoubleIntegrator,
     double_integrator_flights: DoubleIntegratorFlights,
 ):
@@ -234,7 +233,6 @@ def double_integrator(
 
 def double_integrator_violations(
     inputs,
-    published,
     double_integrator: DoubleIntegrator,
     double_integrator_flights: DoubleIntegratorFlights,
 ):
@@ -293,7 +291,7 @@ def double_integrator_violations(
 # ---- studies ---------------------------------------------------------------------------------------------------------
 
 
-def certificates(inputs, published, certificates: Certificates):
+def certificates(inputs, certificates: Certificates):
     """The first program against other formulations and another solver, and its disturbances against samples."""
     found = certificates
 
@@ -325,7 +323,7 @@ def certificates(inputs, published, certificates: Certificates):
     ]
 
 
-def convergence_history(inputs, published, convergence: Convergence):
+def convergence_history(inputs, convergence: Convergence):
     """Histories of the iteration: as in the paper, with both branches in the program, with short end steps."""
     rows = [
         (
@@ -364,7 +362,7 @@ def convergence_history(inputs, published, convergence: Convergence):
     return rows
 
 
-def navigation_errors(inputs, published, regularization: Regularization):
+def navigation_errors(inputs, regularization: Regularization):
     """What the navigation errors of the design do to gains, predictions and flights."""
     study, trials = regularization, inputs.study_trials
     rows = [

@@ -1,190 +1,84 @@
 """Ridderhof, Tsiotras and Johnson: stochastic entry guidance."""
 
-from marsedl.replication.catalogue import Erratum, Paper, Product, Stage
-
-_PLANET = (
-    *("gravitational_parameter", "rotation_rate", "planet_radius", "atmosphere_altitude"),
-    *("target_longitude", "target_latitude"),
-)
-_VEHICLE = ("mass", "reference_diameter", "lift_to_drag", "ballistic_coefficient")
-_ENTRY = ("entry_longitude", "entry_latitude", "entry_velocity", "entry_flight_path_angle", "entry_azimuth")
-_DISPERSION = (
-    *("entry_velocity_three_sigma", "entry_flight_path_angle_three_sigma", "entry_azimuth_three_sigma"),
-    *("entry_downrange_three_sigma", "entry_crossrange_three_sigma"),
-)
-_PROFILE = ("density_profile", "density_coefficients", "density_upper_altitude", "density_table")
-_VARIANCE = (
-    *("variance_profile", "variance_at_top", "variance_top_altitude", "variance_growth_length"),
-    *("density_grid_interval", "decay_factor"),
-)
-_BANK = ("nominal_bank_fast", "nominal_bank_slow", "ramp_velocities")
-_FLIGHT = (
-    *(*_PLANET, *_VEHICLE, *_ENTRY, *_PROFILE, *_VARIANCE, *_BANK),
-    *("guidance_period", "bank_rate_limit", "rate_limit_form", "deadband_times", "deadband_widths"),
-    *("initial_bank_direction", "heading_rate_form", "heading_alignment_form", "heading_alignment_velocity"),
-    *("heading_alignment_gain", "heading_alignment_limits", "heading_alignment_limit_velocity", "end_velocity"),
-    *("time_limit", "seed"),
-)
-_DESIGN = (
-    *("guidance_period", "overcontrol", "apollo_form", "apollo_time_adjoint", "apollo_least_drag", "final_weight"),
-    *("weight_length", "control_weight", "control_limit", "chance_level", "altitude_limit"),
-    *("flight_path_angle_limit", "partition_interval", "gain_equation"),
-)
-_MONTE_CARLO = (
-    *_FLIGHT,
-    *_DISPERSION,
-    *("lift_dispersion", "drag_dispersion", "apollo_least_drag", "flight_substeps", "drawn_trials"),
-)
-
-_CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
-
-STAGES = {
-    "nominal": Stage((*_FLIGHT, "nominal_substeps"), meaning="nominal flight with bank reversals"),
-    "linearization": Stage(
-        (
-            *(*_PLANET, *_VEHICLE, *_PROFILE, *_VARIANCE, *_BANK, *_DISPERSION),
-            *("diffusion_factor", "nominal_substeps"),
-        ),
-        ("nominal",),
-        meaning="linear model of longitudinal motion and density along it",
-    ),
-    "gains": Stage(_DESIGN, ("linearization",), meaning="gains of both laws for both triggers, predicted covariances"),
-    "certificates": Stage(
-        (*_DESIGN,),
-        ("linearization", "gains"),
-        meaning="the design against a cone program and against the search over LQG weights",
-        claimed_in=("corrected",),
-    ),
-    "tradeoff": Stage(
-        (*_DESIGN, "partition_study", "altitude_limit_study"),
-        ("linearization",),
-        meaning="final range dispersion against partition size and altitude limit",
-        claimed_in=("corrected",),
-    ),
-    "error_budget": Stage(
-        (*_MONTE_CARLO, "source_trials"),
-        ("nominal", "linearization", "gains"),
-        meaning="final range dispersion from each source of uncertainty alone",
-        claimed_in=("corrected",),
-    ),
-    "montecarlo": Stage(
-        _MONTE_CARLO, ("nominal", "linearization", "gains"), "montecarlo:compute", "Monte Carlo flights"
-    ),
-    "montecarlo_chunk": Stage(
-        _MONTE_CARLO, ("nominal", "linearization", "gains"), "montecarlo:simulate", "a chunk of them"
-    ),
-    "montecarlo_gather": Stage((), (), "montecarlo:gather", "all of them, gathered from chunks"),
-}
-
-_SAMPLES = (*_PROFILE, *_VARIANCE, "seed", "drawn_densities", "atmosphere_altitude")
-_FLOWN = ("montecarlo.apollo_time", "montecarlo.apollo_velocity")
-_FLOWN += ("montecarlo.stochastic_time", "montecarlo.stochastic_velocity")
+from marsedl.replication.catalogue import Erratum, Paper, Product
 
 FIGURES = {
     "fig01": Product(
         "Rear view of the vehicle: the lift vector rolled by the bank angle from the local vertical, with its two "
         "components. A sketch, not drawn from data.",
-        (),
     ),
     "fig02": Product(
         "Samples of the relative density variation. Left: the process of Eq. 8 with the diffusion of Eq. 11, whose "
         "deviation is some per cent above the one aimed at. Right: a surrogate of Mars-GRAM samples, a process of the "
         "same correlation with exactly the variance aimed at; Mars-GRAM itself was not at hand, so the likeness that "
         "the paper finds is not tested here.",
-        (),
-        (*_SAMPLES, "diffusion_factor"),
     ),
     "fig03": Product(
         "Geometry of targeting (Appendix D), not to scale: inertial, planet-fixed and up-east-north frame, orbit plane "
         "through position and inertial velocity with its normal, angle to go and crossrange angle of the target.",
-        (),
     ),
     "fig04": Product(
         "Density variations of the first Monte Carlo trials, the very ones that they fly through in every case: a "
         "surrogate of Mars-GRAM samples, not Mars-GRAM.",
-        (),
-        _SAMPLES,
     ),
     "fig05": Product(
         "Crossrange of the nominal flight, the deadband as long as it rules, and the commands to reverse the bank. The "
         "dotted line is the start of the heading alignment.",
-        ("nominal",),
     ),
     "fig06": Product(
-        "Flown bank angle of the nominal flight with its reversals, which roll through lift up, and dynamic pressure.",
-        ("nominal",),
+        "Flown bank angle of the nominal flight with its reversals, which roll through lift up, and dynamic pressure."
     ),
-    "fig07": Product(
-        "Nominal flight to 500 m/s. The dotted line is the start of the heading alignment.",
-        ("nominal",),
-    ),
+    "fig07": Product("Nominal flight to 500 m/s. The dotted line is the start of the heading alignment."),
     "fig08": Product(
         "Cosine of the bank angle during range control: nominal, and three standard deviations about it by linear "
         "covariance. Apollo's gains are flown against velocity, which at its peak is no clock, so that linear theory "
         "fails there; dotted, the same gains against time.",
-        ("linearization", "gains", "nominal"),
     ),
     "fig09": Product(
         "Errors against the nominal state at the same time, fixed final time: the first trials, mean and three "
         "standard deviations of all trials, and three standard deviations by linear covariance, which has no "
         "crossrange.",
-        ("nominal", "gains", "montecarlo.apollo_time", "montecarlo.stochastic_time"),
-        ("fewest_flying",),
     ),
-    "fig10": Product(
-        "Flown bank angles of the first trials with the fixed final time, and of the nominal flight.",
-        ("nominal", "montecarlo.apollo_time", "montecarlo.stochastic_time"),
-    ),
+    "fig10": Product("Flown bank angles of the first trials with the fixed final time, and of the nominal flight."),
     "fig11": Product(
         "As Fig. 9 for the velocity trigger. At each time, mean and standard deviations are those of the trials still "
         "flying, so the bounds bend where the first trials end, and stop with the nominal flight or too few trials.",
-        ("nominal", "gains", "montecarlo.apollo_velocity", "montecarlo.stochastic_velocity"),
-        ("fewest_flying",),
     ),
     "fig12": Product(
         "Last seconds of the first trials with the velocity trigger, measured from the end of the nominal flight, so "
         "that the end points are the errors of Table 4. Horizontal lines: three standard deviations at the trigger, of "
         "all trials about their mean and by linear covariance.",
-        ("nominal", "linearization", "gains", "montecarlo.apollo_velocity", "montecarlo.stochastic_velocity"),
     ),
     "fig13": Product(
         "Velocity and range error at the nominal final time by linear covariance, ellipses of 99.73 % probability. On "
         "the grey line the velocity trigger removes the range error (Eq. 77). Dotted: Apollo's gains against time.",
-        ("linearization", "gains"),
     ),
     "partition": Product(
         "Linear covariance of the stochastic law on partitions of different size. Left: standard deviation of the "
         "range error that the law minimises, and what noise after the last control leaves of it whatever the law "
         "does. Right: how much bank the law uses in its first interval, at entry.",
-        ("tradeoff",),
-        ("partition_interval", "control_limit"),
         beyond=True,
     ),
     "altitude_tradeoff": Product(
         "What a limit of the final altitude error costs in range, by linear covariance of the stochastic law, on the "
         "reading's partition and on one of 10 s. Missing points have no feasible law.",
-        ("tradeoff",),
-        ("altitude_limit",),
         beyond=True,
     ),
     "error_budget": Product(
         "Flights with one source of uncertainty at a time: its share of the range variance that all of them cause "
         "together, for both laws and without corrections. The sum of the shares is 100 % if sources add up linearly. "
         "No law can remove the part of the density below the black mark.",
-        ("error_budget",),
         beyond=True,
     ),
     "floor": Product(
         "Standard deviation of the final range error: the part that comes after the last control and that no law "
         "removes, that of the linear model, and that of all trials with three standard errors. What flights add to "
         "the linear model is saturation, bank reversals and aerodynamic errors.",
-        ("linearization", "gains", *_FLOWN),
         beyond=True,
     ),
     "reversals": Product(
         "Final range error of all trials, split by the number of bank reversals; the areas are the shares of the "
         "trials. Beyond the axes lie 0.2 % of the trials.",
-        _FLOWN,
         beyond=True,
     ),
 }
@@ -266,50 +160,28 @@ TABLES = {
     "tab01": Product(
         "Table 1, from the inputs. The trim angle of attack is shown only: the aerodynamic coefficients follow from "
         "the lift-to-drag ratio and the ballistic coefficient.",
-        (),
-        ("mass", "reference_diameter", "trim_angle_of_attack", "lift_to_drag", "ballistic_coefficient"),
     ),
     "tab02": Product(
-        "Table 2, from the inputs. The crossrange is that of the azimuth over the arc to the target (E7).",
-        (),
-        (*_PLANET, *_ENTRY, *_DISPERSION),
+        "Table 2, from the inputs. The crossrange is that of the azimuth over the arc to the target (E7)."
     ),
-    "tab03": Product(
-        "Table 3, from the inputs, with what replaces the Mars-GRAM samples, which are not available.",
-        (),
-        ("density_profile", "variance_profile", "trim_interval", "lift_dispersion", "drag_dispersion"),
-    ),
+    "tab03": Product("Table 3, from the inputs, with what replaces the Mars-GRAM samples, which are not available."),
     "tab04": Product(
         "Table 4: 1st and 99th percentiles of the final errors, from as many trials as the paper flies and from all, "
         "with standard errors (Maritz-Jarrett), the spread over independent sets of the paper's size, and the distance "
         "of the printed value in combined standard errors. Last, how the trials ended.",
-        tuple(f"montecarlo.{case}" for case in _CASES),
-        ("paper_trials",),
-        published=True,
     ),
-    "zf": Product(
-        "Eq. 77, element by element. Where the density is fitted to it, agreement is no evidence.",
-        ("linearization",),
-        ("density_profile",),
-        published=True,
-    ),
+    "zf": Product("Eq. 77, element by element. Where the density is fitted to it, agreement is no evidence."),
     "certificates": Product(
         "The stochastic law against independent formulations: its duality gap, a cone program, the search over LQG "
         "weights that the paper proposes, and the multipliers, which show what each final limit costs.",
-        ("gains", "certificates"),
         beyond=True,
     ),
     "sources": Product(
         "Standard deviation of the final range error from each source of uncertainty alone, over flights with the same "
         "random numbers, with its share of the variance from all sources; last, the floor that no law can remove.",
-        ("error_budget",),
         beyond=True,
     ),
-    "reversal_split": Product(
-        "Final range error by the number of bank reversals.",
-        tuple(f"montecarlo.{case}" for case in _CASES),
-        beyond=True,
-    ),
+    "reversal_split": Product("Final range error by the number of bank reversals.", beyond=True),
 }
 
 SUMMARIES = {
@@ -487,7 +359,6 @@ PAPER = Paper(
     title="Stochastic Entry Guidance",
     authors="Jack Ridderhof, Panagiotis Tsiotras and Breanna J. Johnson",
     citation="J. Ridderhof, P. Tsiotras, B. J. Johnson, Stochastic Entry Guidance, 2021",
-    stages=STAGES,
     figures=FIGURES,
     described=DESCRIBED,
     tables=TABLES,

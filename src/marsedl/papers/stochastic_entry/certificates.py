@@ -11,12 +11,14 @@ from marsedl.methods.covariance_steering.lqg_dual import (
 from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Certificates, Gains, Linearization
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 SMALL_WEIGHTS = 1e-6  # of the usual start, from which the search is also begun
 PERTURBATION = 0.05  # relative, of the gains
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
     """Solve the design on a coarse partition by three ways, and test Theorem III.1 on the reading's own partition."""
     rows = [_trigger(inputs, linearization, gains, trigger) for trigger in range(len(TRIGGERS))]

@@ -15,6 +15,7 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
 )
+from marsedl.replication.catalogue import stage
 
 SOURCES = ("velocity", "flight path angle", "azimuth", "downrange", "crossrange", "density", "aerodynamics", "all")
 _COMPONENTS = {
@@ -27,6 +28,7 @@ _COMPONENTS = {
 LAWS = ("apollo", "stochastic", "nominal")
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> ErrorBudget:
     """Fly the same trials with one source of uncertainty at a time, and with all."""
     shape = len(LAWS), len(TRIGGERS), len(SOURCES)

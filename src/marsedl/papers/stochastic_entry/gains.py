@@ -25,6 +25,7 @@ from marsedl.papers.stochastic_entry.records import (
     Gains,
     Linearization,
 )
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 # Radius, velocity, path angle, downrange, density: sizes of their deviations, for well-scaled linear algebra.
@@ -90,6 +91,7 @@ def held_covariance(fine, starts, gain, initial_covariance):
     return np.array(covariance)
 
 
+@stage()
 def compute(inputs, linearization: Linearization) -> Gains:
     """Design both laws for both triggers.
 

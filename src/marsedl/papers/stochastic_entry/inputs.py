@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 from pydantic import model_validator
 
 from marsedl.papers.density_inputs import DensityInputs
-from marsedl.replication.inputs import (
+from marsedl.replication.sections import (
     Count,
     Drawn,
     Fraction,
@@ -17,6 +17,7 @@ from marsedl.replication.inputs import (
     Sign,
     StudyTrials,
     at_most,
+    flat,
     given,
     vector,
 )
@@ -163,4 +164,4 @@ class StochasticEntryInputs(DensityInputs):
         return self
 
 
-MODEL = StochasticEntryInputs
+MODEL = flat(StochasticEntryInputs)

@@ -11,6 +11,7 @@ from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, 
 from marsedl.papers.stochastic_entry import dispersions, environment
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
 from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nominal
+from marsedl.replication.catalogue import stage
 
 
 def system(linearization) -> DiscreteSystem:
@@ -18,6 +19,7 @@ def system(linearization) -> DiscreteSystem:
     return DiscreteSystem(linearization.transition, linearization.control, linearization.noise)
 
 
+@stage()
 def compute(inputs, nominal: Nominal) -> Linearization:
     """Linearise at the midpoints of pairs of integration steps, and discretise over the guidance periods."""
     steps = inputs.nominal_substeps

@@ -19,18 +19,12 @@ from marsedl.papers.stochastic_entry.records import (
     StreamedFlightChunk,
     StreamedFlightEnsemble,
 )
+from marsedl.replication.catalogue import stage
 
 BANK_BINS = 72
 
 
-def compute(
-    inputs, nominal: Nominal, linearization: Linearization, gains: Gains, *, case: str, trials: int, block_size: int
-) -> FlightEnsemble:
-    """Fly a whole Monte Carlo case; the arguments are those of `simulate`, and so is the result, gathered."""
-    options = {"case": case, "trials": trials, "block_size": block_size}
-    return gather(inputs, [simulate(inputs, nominal, linearization, gains, chunk=0, chunks=1, **options)])
-
-
+@stage()
 def simulate(
     inputs,
     nominal: Nominal,
@@ -103,6 +97,7 @@ def _end(inputs, nominal, case):
     return nominal.end_time if trigger == "time" else inputs.time_limit, inputs.guidance_period, trigger
 
 
+@stage()
 def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
     large = isinstance(chunks[0], StreamedFlightChunk)

@@ -18,9 +18,11 @@ from marsedl.papers.stochastic_entry.records import (
     VELOCITY,
     Nominal,
 )
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
+@stage()
 def compute(inputs) -> Nominal:
     """Fly until the end velocity, then again to that time, so that every guidance period has equal steps.
 

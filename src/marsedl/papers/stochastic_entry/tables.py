@@ -56,7 +56,7 @@ def _number(value, form):
     return f"{value:{form}}" if np.isfinite(value) else NO_VALUE
 
 
-def tab01(inputs, published):
+def tab01(inputs):
     """Table 1 from the inputs."""
     drag, lift = dispersions.coefficients(inputs)
     area = f"{np.pi * inputs.reference_diameter**2 / 4:.3f} (pi {inputs.reference_diameter:g}^2 / 4)"
@@ -72,7 +72,7 @@ def tab01(inputs, published):
     ]
 
 
-def tab02(inputs, published):
+def tab02(inputs):
     """Table 2 from the inputs."""
 
     def angles(value, deviation):
@@ -95,7 +95,7 @@ def tab02(inputs, published):
     ]
 
 
-def tab03(inputs, published):
+def tab03(inputs):
     """Table 3 from the inputs, with the surrogate of the density samples."""
     low, high = np.degrees(inputs.trim_interval)
     return [
@@ -198,7 +198,7 @@ def zf(inputs, published, linearization: Linearization):
     return rows
 
 
-def certificates(inputs, published, gains: Gains, certificates: Certificates):
+def certificates(inputs, gains: Gains, certificates: Certificates):
     """The stochastic law against independent formulations, by trigger."""
 
     def both(values, form=".1e"):
@@ -245,7 +245,7 @@ def certificates(inputs, published, gains: Gains, certificates: Certificates):
     return rows
 
 
-def sources(inputs, published, error_budget: ErrorBudget):
+def sources(inputs, error_budget: ErrorBudget):
     """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
     budget = error_budget
     sources = [str(source) for source in budget.source]
@@ -284,7 +284,6 @@ def sources(inputs, published, error_budget: ErrorBudget):
 
 def reversal_split(
     inputs,
-    published,
     apollo_time: FlightEnsemble,
     apollo_velocity: FlightEnsemble,
     stochastic_time: FlightEnsemble,

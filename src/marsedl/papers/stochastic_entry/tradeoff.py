@@ -6,9 +6,11 @@ from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, nois
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.objective import final_weights
 from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Linearization, Tradeoff
+from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
+@stage(claimed_in=("corrected",))
 def compute(inputs, linearization: Linearization) -> Tradeoff:
     """Solve Problem 1 on every partition and with every altitude limit."""
     triggers = range(len(TRIGGERS))
