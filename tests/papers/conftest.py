@@ -1,5 +1,6 @@
 """The papers' stages as the tests use them: called directly, computed once, never through files."""
 
+import inspect
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -9,9 +10,11 @@ import pytest
 
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers import catalogue, input_model
+from marsedl.replication.catalogue import Flown
 from marsedl.replication.claims import load_published
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import given
+from marsedl.replication.sections import by_section
 
 ROOT = Path(__file__).parents[2]
 TRIALS = 2000
@@ -64,32 +67,62 @@ REDUCED = {
 }
 
 
+class Given:
+    """Inputs of a reading: by section, by name, and as the arguments of a function."""
+
+    def __init__(self, model, values):
+        self.model, self.values = model, values
+        self._names = {name.partition(".")[2]: name for name in values}
+
+    def __getattr__(self, name):
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name in self.model.sections():
+            return self.model.sections()[name].given(by_section(self.values).get(name, {}))
+        if name not in self._names:
+            raise AttributeError(f"no input '{name}' was given")
+        value = self.values[self._names[name]]
+        return np.array(value, float) if isinstance(value, list | tuple) else value
+
+    def of(self, function):
+        """The sections that a function takes, by their names."""
+        return given(function, self.values, lambda name, kind: None)
+
+    def call(self, function, *others, **named):
+        """Call a function with the sections that it takes and, in order, with its other arguments."""
+        sections = self.of(function)
+        rest = [name for name in inspect.signature(function).parameters if name not in {**sections, **named}]
+        return function(**sections, **named, **dict(zip(rest, others, strict=False)))
+
+
 class Pipeline:
     """The stages of every reading, and of readings with changed inputs: `pipeline.gains("corrected", gravity=0.0)`.
 
-    Every stage of the catalogue is such a method.
+    Every stage of the catalogue is such a method. Inputs are changed by their names without that of the section.
     """
 
     def __init__(self, slug):
         self.paper, self.model = catalogue(slug), input_model(slug)
         self.montecarlo = import_module(f"marsedl.papers.{slug}.montecarlo")
+        self.claims = import_module(f"marsedl.papers.{slug}.claims")
         self.study = load_study(slug, self.model, ROOT / "configs" / f"{slug}.yaml")
         self.done = {}
 
-    def inputs(self, reading, names, **changes):
-        """The inputs of these names, and no others; names that the stage does not use are not changed in it."""
-        values = self.study.readings[reading].slice(names)
+    def inputs(self, reading, names=None, **changes):
+        """The inputs "section.name", all unless given, and no others; what is not among them is not changed."""
+        values = self.study.readings[reading].slice(names or self.model.names())
         changed = REDUCED[self.paper.slug] | changes
-        return Slice(values | {name: value for name, value in changed.items() if name in values})
+        return Given(self.model, {name: changed.get(name.partition(".")[2], value) for name, value in values.items()})
 
     def stage_inputs(self, reading, stage, **changes):
-        """What the catalogue lets a stage use."""
+        """What a stage reads."""
         return self.inputs(reading, self.paper.stages[stage].inputs, **changes)
 
     def used(self, name):
-        """Names of the inputs that a stage and those before it use."""
+        """Names, without those of sections, of the inputs that a stage and those before it read."""
         stage = self.paper.stages[name]
-        return set(stage.inputs).union(*(self.used(need) for need in stage.needs))
+        own = {name.partition(".")[2] for name in stage.inputs}
+        return own.union(*(self.used(need) for need in stage.needs))
 
     def needed(self, name, reading, **changes):
         """The artifacts that a stage needs."""
@@ -100,10 +133,11 @@ class Pipeline:
         changes = {key: value for key, value in changes.items() if key in self.used(name)}
         key = (name, reading, repr(sorted(changes.items())))
         if key not in self.done:
-            module, function = self.paper.entry(name).split(":")
-            compute = getattr(import_module(module), function)
+            (entry,) = self.paper.stages[name].entries
+            module, function = entry.split(":")
             needed = self.needed(name, reading, **changes)
-            self.done[key] = compute(self.stage_inputs(reading, name, **changes), **needed)
+            inputs = self.stage_inputs(reading, name, **changes)
+            self.done[key] = inputs.call(getattr(import_module(module), function), **needed)
         return self.done[key]
 
     def __getattr__(self, name):
@@ -123,30 +157,28 @@ class Pipeline:
         """A Monte Carlo case under any gains."""
         needs = self.paper.stages["montecarlo_chunk"].needs
         needed = {need: self.stage(need, reading, **changes) for need in needs if need != "gains"}
-        flown = [
-            self.montecarlo.simulate(
-                self.stage_inputs(reading, "montecarlo_chunk", **changes),
+        inputs = self.stage_inputs(reading, "montecarlo_chunk", **changes)
+        case = case or next(iter(self.model.CASES))
+        chunks_flown = [
+            inputs.call(
+                self.montecarlo.simulate,
                 **needed,
                 gains=gains,
-                case=case or next(iter(self.model.CASES)),
-                trials=trials,
-                chunk=chunk,
-                chunks=chunks,
-                block_size=block_size,
+                flown=Flown(case, trials, block_size, chunk, chunks),
             )
             for chunk in range(chunks)
         ]
-        inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
         needed = self.needed("montecarlo_gather", reading, **changes)
         if "gains" in needed:  # those that were flown
             needed["gains"] = gains
-        return self.montecarlo.gather(inputs, **needed, chunks=flown)
+        inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
+        return inputs.call(self.montecarlo.gather, **needed, chunks=chunks_flown)
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
-        needed = self.needed("montecarlo_chunk", reading)
+        needed = self.needed("montecarlo_chunk", reading) | (changes or {})
         inputs = self.stage_inputs(reading, "montecarlo_chunk", **inputs)
-        return self.montecarlo.block_simulator(inputs, **needed, case=case, **changes or {})
+        return inputs.call(self.montecarlo.block_simulator, **needed, case=case)
 
     def artifacts(self, reading, large=False):
         """Everything that claims, figures and tables of a reading are made from, at reduced size."""
@@ -155,13 +187,27 @@ class Pipeline:
             if not name.startswith("montecarlo") and reading in (stage.claimed_in or [reading]):
                 made[name] = self.stage(name, reading)
         for case, size in self.model.CASES.items():
-            if size == "trials" or large:
-                made[case] = self.ensemble(reading, case, TRIALS if size == "trials" else LARGE_TRIALS)
+            paper_size = size.endswith(".trials")
+            if paper_size or large:
+                made[case] = self.ensemble(reading, case, TRIALS if paper_size else LARGE_TRIALS)
         return made
 
-    def all_inputs(self, reading):
+    def all_inputs(self, reading, **changes):
         """All inputs of a reading, as the evaluation of claims gets them."""
-        return self.inputs(reading, self.model.model_fields)
+        return self.model.given(self.inputs(reading, **changes).values)
+
+    def evaluate(self, reading, artifacts, **others):
+        """What the claims are measured to be in a reading, from artifacts by name."""
+        arguments = given(
+            self.claims.evaluate, self.inputs(reading).values, lambda name, kind: artifacts.get(name), **others
+        )
+        return self.claims.evaluate(**arguments)
+
+    def product(self, kind, stem, reading, artifacts, **others):
+        """What the function of a figure or table returns, from artifacts by name; kind: figures or tables."""
+        function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.{kind}"), stem)
+        inputs = self.inputs(reading, self.paper.product(stem).inputs).values
+        return function(**given(function, inputs, lambda name, kind: artifacts.get(name), **others))
 
 
 @pytest.fixture(scope="session")
@@ -227,7 +273,8 @@ def coarse_funnel(funnels):
     def of(reading):
         gains = funnels.gains(shape="minimum_trace" if reading == "minkowski_shape" else "value_matrix")
         inputs = funnels.stage_inputs(reading, "funnel", **FEW_SLICES)
-        return import_module("marsedl.papers.funnels.funnel").compute(inputs, funnels.linearization(), gains)
+        compute = import_module("marsedl.papers.funnels.funnel").compute
+        return inputs.call(compute, linearization=funnels.linearization(), gains=gains)
 
     return of
 
