@@ -55,8 +55,7 @@ def pin_numerics(root: Path) -> None:
             os.environ.pop(name, None)
     os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
-    source = remembered_digests(root).source(kernels.NO_KERNELS)
-    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, source))
+    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).kernels()))
     os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 
