@@ -11,7 +11,7 @@ from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
-from marsedl.papers.powered_descent.records import DEPTH
+from marsedl.papers.powered_descent.records import DEPTH, THRUST
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Flown, Trial
 from marsedl.replication.jobs import computed, given
@@ -94,9 +94,9 @@ def test_kernel_flies_the_equations(pipeline, scheme, case, trial):
     # Rounding of 410 steps, of the order of 1e-12 of the largest state.
     np.testing.assert_allclose(flown.history[..., 0], states[outputs], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(flown.final_state[:, 0], states[-1], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(flown.observed[:, flight.THRUST, 0], thrusts[outputs], rtol=1e-9)
+    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrusts[outputs], rtol=1e-9)
     np.testing.assert_allclose(flown.observed[:, DEPTH, 0], -states[outputs, 1], rtol=1e-9, atol=1e-9)
-    assert flown.observed_maximum[flight.THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
+    assert flown.observed_maximum[THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
     assert flown.observed_maximum[DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
 
 
@@ -127,8 +127,8 @@ def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, no
         k = node(gains, 26.0, after)
         error = flown.history[output, :4].T - gains.mean[k]
         expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
-        np.testing.assert_allclose(flown.observed[output, flight.THRUST], expected, rtol=1e-9)
-    assert (flown.observed[switch + 1, flight.THRUST] < 0.6 * flown.observed[switch, flight.THRUST]).all()
+        np.testing.assert_allclose(flown.observed[output, THRUST], expected, rtol=1e-9)
+    assert (flown.observed[switch + 1, THRUST] < 0.6 * flown.observed[switch, THRUST]).all()
 
 
 # --- without noise ----------------------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ def test_a_flight_without_noise_and_dispersion_follows_the_mean_and_the_prior_ma
     np.testing.assert_allclose(flown.history[:, :4, 0], gains.mean[nodes], rtol=0, atol=1e-5)
     np.testing.assert_allclose(flown.history[:, 4, 0], prior.mass[nodes], rtol=0, atol=1e-5)
     thrust = np.linalg.norm(gains.feedforward[nodes], axis=1)
-    np.testing.assert_allclose(flown.observed[:, flight.THRUST, 0], thrust, rtol=1e-6)
+    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrust, rtol=1e-6)
 
 
 def test_the_noise_is_injected(pipeline):
