@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import yaml
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.digests import digest
@@ -45,6 +46,21 @@ def _short(rule: str) -> str:
     """The name of a rule without its paper; all rules of tables are "table"."""
     name = rule.removeprefix(f"{paper_of(rule)}_")
     return "table" if name.startswith("table_") else name
+
+
+def reading_text(slug: str, name: str, **values: str) -> str:
+    """A reading of a user's own, based on `corrected`, as YAML; names of inputs without that of the section."""
+    of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
+    sections: dict[str, dict] = {}
+    for key, value in values.items():
+        sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
+    return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
+
+
+@pytest.fixture(scope="session")
+def own_reading():
+    """The function `reading_text`."""
+    return reading_text
 
 
 @dataclass
