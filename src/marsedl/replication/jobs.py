@@ -26,6 +26,7 @@ NUMERIC_ENVIRONMENT = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
     "SOURCE_DATE_EPOCH": "1502928000",
     "MPLBACKEND": "agg",
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",
 }
 # What of it, and beside it, says which instructions are used. It is not pinned if UNPINNED is set, so that this machine
 # can pretend to be another one, see replication/machines.py; threads, seeds and dates are pinned all the same.
