@@ -1,5 +1,6 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that differ."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -30,6 +31,7 @@ from marsedl.papers.random_field.records import (
     Nominal,
     Regularization,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Declaration, Evaluation
 
 OPEN = 0  # the law without control; the last one is that of the last iteration
@@ -63,34 +65,38 @@ LARGER = 1.1  # factor from which a deviation is called larger
 AGREES = 0.1  # relative, of a standard deviation
 
 
-def evaluate(
-    inputs,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    aerocapture: FlightEnsemble,
-    certificates: Certificates | None = None,
-    convergence: Convergence | None = None,
-    regularization: Regularization | None = None,
-    field_study: FieldStudy | None = None,
-    double_integrator: DoubleIntegrator | None = None,
-    double_integrator_flights: DoubleIntegratorFlights | None = None,
-) -> dict[str, Evaluation | None]:
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the claims are measured from."""
+
+    nominal: Nominal
+    linearization: Linearization
+    gains: Gains
+    aerocapture: FlightEnsemble
+    certificates: Certificates | None = None
+    convergence: Convergence | None = None
+    regularization: Regularization | None = None
+    field_study: FieldStudy | None = None
+    double_integrator: DoubleIntegrator | None = None
+    double_integrator_flights: DoubleIntegratorFlights | None = None
+
+
+def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Numbers come from all trials of the reading; lost trials count as worse than any other. Claims that rest on a study
     which is not done for the reading are None. Where a reading has no law but the open loop, numbers of the closed loop
     are NaN and statements about it are not met.
     """
-    flown = _Flown(inputs, gains, aerocapture)
+    flown = _Flown(inputs, records.gains, records.aerocapture)
     return {
         **_stated_inputs(inputs),
         **_example_claims(inputs),
-        **_theory_claims(certificates),
-        **_double_integrator_claims(inputs, double_integrator, double_integrator_flights),
-        **_nominal_claims(inputs, nominal, convergence),
-        **_delta_v_claims(inputs, flown, convergence, regularization, field_study),
-        **_control_claims(inputs, nominal, flown),
+        **_theory_claims(records.certificates),
+        **_double_integrator_claims(inputs, records.double_integrator, records.double_integrator_flights),
+        **_nominal_claims(inputs, records.nominal, records.convergence),
+        **_delta_v_claims(inputs, flown, records.convergence, records.regularization, records.field_study),
+        **_control_claims(inputs, records.nominal, flown),
         **_prediction_claims(inputs, flown),
     }
 

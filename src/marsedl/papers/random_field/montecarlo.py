@@ -21,20 +21,19 @@ from marsedl.papers.random_field.records import (
     Gains,
     Nominal,
 )
-from marsedl.replication.catalogue import stage
+from marsedl.replication.catalogue import Flown, Trial, stage
 
 CONTROL_BINS = 40
 
 
 @stage()
-def simulate(
-    inputs, nominal: Nominal, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int
-) -> FlightChunk:
+def simulate(inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of the trials under every law.
 
     case: "aerocapture". trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials
     in a block.
     """
+    case, trials, block_size, chunk, chunks = flown
     first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
     lower, upper = inputs.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
@@ -138,11 +137,10 @@ def replay(
     nominal: Nominal,
     gains: Gains,
     *,
-    case: str,
-    number: int,
-    ensemble: FlightEnsemble | None = None,
+    trial: Trial,
 ) -> str:
     """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is given."""
+    case, number, ensemble = trial
     lines = []
     for law_number in range(len(gains.control)):
         name = "open loop" if law_number == 0 else f"law of iteration {law_number}"

@@ -482,8 +482,8 @@ def densities(artifacts, published):
     ]
     values = []
     for name in chosen:
-        items = artifacts[name][1]
-        nominal, ensemble = items["nominal"], items["aerocapture"]
+        records = artifacts[name][1]
+        nominal, ensemble = records.nominal, records.aerocapture
         found = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
         best = min((pair for pair in found[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
         angle = float(np.degrees(nominal.entry_flight_path_angle))
@@ -556,8 +556,8 @@ def readings(artifacts, published):
             f"{published['acap_trials'].printed:,}",
         ),
     ]
-    for name, (_, items) in artifacts.items():
-        gains, ensemble, nominal = items["gains"], items["aerocapture"], items["nominal"]
+    for name, (_, records) in artifacts.items():
+        gains, ensemble, nominal = records.gains, records.aerocapture, records.nominal
         laws = range(len(gains.control))
         found = [_with_error(*delta_v_percentile(ensemble, law, LEVEL), form=".2f") for law in laws]
         trials = ensemble.outcome.shape[1]

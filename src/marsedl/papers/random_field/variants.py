@@ -5,6 +5,7 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import gains, linearization, montecarlo
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
+from marsedl.replication.catalogue import Flown
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import Slice
 
@@ -25,8 +26,8 @@ def designed(inputs, nominal, **changes):
 
 def flown(inputs, nominal, made):
     """The study's trials of a design: `FlightEnsemble`, as of the Monte Carlo stage."""
-    options = {"case": "aerocapture", "trials": inputs.study_trials, "block_size": ensembles.BLOCK_SIZE}
-    return montecarlo.compute(inputs, nominal, made, **options)
+    trials = Flown("aerocapture", inputs.study_trials, ensembles.BLOCK_SIZE)
+    return montecarlo.gather(inputs, [montecarlo.simulate(inputs, nominal, made, flown=trials)])
 
 
 def percentiles(ensemble):
