@@ -10,7 +10,6 @@ from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, HEAT_RATE, KIL
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
-    Divergence,
     Dubins,
     DubinsStudy,
     EquationsOfMotion,
@@ -24,7 +23,6 @@ from marsedl.papers.funnels.records import (
     Optima,
     Proven,
     StageStudy,
-    UndisturbedFunnel,
 )
 from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Declaration, Evaluation
@@ -69,9 +67,7 @@ class Records(Artifacts):
     stage_study: StageStudy | None = None
     discretization: Discretization | None = None
     coarse_funnels: CoarseFunnels | None = None
-    undisturbed_funnel: UndisturbedFunnel | None = None
     monotonicity: Monotonicity | None = None
-    divergence: Divergence | None = None
     equations_of_motion: EquationsOfMotion | None = None
     proven: Proven | None = None
     dubins: Dubins | None = None
@@ -86,7 +82,6 @@ def evaluate(inputs, records: Records, measured: dict[str, float] | None = None)
     Claims that rest on a study which is not done for the reading are None. What a funnel that ends early has not, is
     not a number, and meets no statement. measured: run times and their ratios, by what they are of.
     """
-    del records.undisturbed_funnel, records.divergence  # no claim is on them
     laws = {"constant": records.constant, "redrawn": records.redrawn, "adversarial": records.adversarial}
     return {
         **_stated_inputs(inputs, records.linearization),
