@@ -8,6 +8,7 @@ import contextlib
 import functools
 import json
 import math
+import re
 import signal
 import string
 from collections import Counter
@@ -20,15 +21,19 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from marsedl.papers import SLUGS, input_model
-from marsedl.replication import inputs
+from marsedl.replication import inputs, sections, strict_yaml
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
+from marsedl.replication.inputs import ABOUT, SETTINGS, load_studies, read_own_file
 from marsedl.replication.strict_yaml import read_yaml
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MODELS = {slug: input_model(slug) for slug in SLUGS}
-KEYS = {slug: model.keys() for slug, model in MODELS.items()}
-SCHEMAS = {slug: model.model_json_schema()["properties"] for slug, model in MODELS.items()}
+SECTIONS = {slug: model.sections() for slug, model in MODELS.items()}
+KEYS = {slug: {key: way for of in own.values() for key, way in of.keys().items()} for slug, own in SECTIONS.items()}
+SCHEMAS = {
+    slug: {name: field for of in own.values() for name, field in of.model_json_schema()["properties"].items()}
+    for slug, own in SECTIONS.items()
+}
 EXAMPLES = 35  # of each kind of fault
 SECONDS = 20  # within which each is refused, on a machine that does much else
 LONGEST = 6000  # characters of a refusal: a paper has a hundred names that it may have to list
@@ -64,15 +69,34 @@ def entry(slug: str, name: str, value: str) -> str:
     return f"{key_of(slug, name)}: {{value: {value}, source: 'assumed: test'}}"
 
 
+def section_of(slug: str, key: str) -> str:
+    """The section of an input, under whatever suffix; the first for what is no input."""
+    fields = {name: section for section, of in SECTIONS[slug].items() for name in of.model_fields}
+    known = [name for name in fields if key == name or key.startswith(f"{name}_")]
+    return fields[max(known, key=len)] if known else next(iter(SECTIONS[slug]))
+
+
+def place_of(slug: str, key: str) -> str:
+    """How messages name an input of the reading."""
+    return f"readings.mine.{section_of(slug, key)}.{key}"
+
+
+def unit_of(slug: str, name: str) -> str:
+    return MODELS[slug].unit(f"{section_of(slug, name)}.{name}")
+
+
 def reading(slug: str, *lines: str, based_on: str = "corrected") -> str:
     """A user's file with one reading of the given inputs."""
-    body = "".join(f"\n        {line}" for line in lines) or " {}"
-    return f"{slug}:\n  readings:\n    mine:\n      based_on: {based_on}\n      inputs:{body}\n"
+    text = f"{slug}:\n  readings:\n    mine:\n      based_on: {based_on}\n"
+    keys = {line: section_of(slug, line.partition(":")[0]) for line in lines}
+    for section in dict.fromkeys(keys.values()):
+        text += f"      {section}:\n" + "".join(f"        {line}\n" for line in lines if keys[line] == section)
+    return text
 
 
 def about(slug: str, name: str, value: str, *said: str) -> tuple[str, tuple[str, ...]]:
     """The fault that an input has a value that it must not have."""
-    return reading(slug, entry(slug, name, value)), (f"readings.mine.inputs.{key_of(slug, name)}", *said)
+    return reading(slug, entry(slug, name, value)), (place_of(slug, key_of(slug, name)), *said)
 
 
 @functools.cache
@@ -223,8 +247,8 @@ def wrong_unit(draw):
     unit = draw(
         st.one_of(WORDS, st.sampled_from(["ft", "ft/s", "lb", "deg/min", "K", "furlong", "1.0", "null", "[m]"]))
     )
-    assume(unit not in (MODELS[slug].unit(name), key.removeprefix(f"{name}_").replace("_", "/")))
-    place = f"readings.mine.inputs.{key}.unit"
+    assume(unit not in (unit_of(slug, name), key.removeprefix(f"{name}_").replace("_", "/")))
+    place = f"{place_of(slug, key)}.unit"
     return reading(slug, f"{key}: {{value: {value}, unit: {unit}, source: 'assumed: test'}}"), (place, "must be '")
 
 
@@ -232,8 +256,8 @@ def wrong_unit(draw):
 def wrong_suffix(draw):
     slug = draw(SLUG)
     name, suffix = (
-        draw(st.sampled_from(sorted(MODELS[slug].model_fields))),
-        draw(st.sampled_from(inputs.KNOWN_SUFFIXES)),
+        draw(st.sampled_from(sorted(SCHEMAS[slug]))),
+        draw(st.sampled_from(sections.KNOWN_SUFFIXES)),
     )
     key = name + draw(st.sampled_from(["", suffix]))
     assume(key not in KEYS[slug])
@@ -241,22 +265,22 @@ def wrong_suffix(draw):
         "has the wrong unit suffix" if key != name else "needs its unit in its name",
         f"write '{key_of(slug, name)}'",
     )
-    return reading(slug, f"{key}: {{value: 1.0, source: 'assumed: test'}}"), (f"readings.mine.inputs.{key}: ", *said)
+    return reading(slug, f"{key}: {{value: 1.0, source: 'assumed: test'}}"), (f"{place_of(slug, key)}: ", *said)
 
 
 @st.composite
 def misspelt(draw):
     """A letter that is missing, doubled, exchanged or another one, in the name of an input or of another key."""
     slug = draw(SLUG)
-    lines = ["based_on: corrected", "summary: mine", "inputs: {}"]
+    section, of = draw(st.sampled_from(sorted(SECTIONS[slug].items())))
     place, known = draw(
         st.sampled_from(
             [
-                ("", {*SLUGS, "size", "chunks"}),
-                (f"{slug}: ", {"readings"}),
-                ("readings.mine: ", {"based_on", "summary", "inputs", "frozen"}),
-                ("readings.mine.inputs: ", set(KEYS[slug])),
-                ("entry", {"value", "unit", "source"}),
+                ("", [*SLUGS, "size", "chunks"]),
+                (f"{slug}.", ["readings"]),
+                ("readings.mine.", [*SECTIONS[slug], *ABOUT]),
+                (f"readings.mine.{section}.", [*of.keys(), "source"]),
+                ("entry", ["value", "unit", "source"]),
             ]
         )
     )
@@ -265,26 +289,24 @@ def misspelt(draw):
     change = draw(st.sampled_from(["missing", "doubled", "another"]))
     letter = {"missing": "", "doubled": 2 * name[at], "another": draw(st.sampled_from("jqxz"))}[change]
     wrong = name[:at] + letter + name[at + 1 :]
-    assume(wrong and wrong not in known and yaml.safe_load(wrong) == wrong)
-    remedy = nearest(wrong, known)
+    assume(wrong and wrong not in known and yaml.safe_load(wrong) == wrong and wrong not in KEYS[slug])
+    said = (f"{place}{wrong}: unknown key; {nearest(wrong, known)}",)
     if place == "":
-        return f"{wrong}: {{}}\n", (f"unknown key '{wrong}'; {remedy}",)
+        return f"{wrong}: {{}}\n", said
     if place.startswith(slug):
-        return f"{slug}:\n  {wrong}: {{}}\n", (f"{slug}: unknown key '{wrong}'; {remedy}",)
-    if place.startswith("readings.mine: "):
-        text = f"{slug}:\n  readings:\n    mine:\n" + "".join(f"      {line}\n" for line in [*lines, f"{wrong}: {{}}"])
-        return text, (f"readings.mine: unknown key '{wrong}'; {remedy}",)
+        return f"{slug}:\n  {wrong}: {{}}\n", said
+    if place == "readings.mine.":
+        assume(wrong != "inputs")
+        return f"{slug}: {{readings: {{mine: {{based_on: corrected, {wrong}: {{}}}}}}}}\n", said
     if place == "entry":
-        known_name = draw(st.sampled_from(sorted(MODELS[slug].model_fields)))
-        key = key_of(slug, known_name)
+        key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
         line = f"{key}: {{value: 1.0, source: 'assumed: test', {wrong}: 1}}"
-        return reading(slug, line), (f"readings.mine.inputs.{key}: unknown key '{wrong}'; {remedy}",)
-    for target in MODELS[slug].model_fields:  # another input's name with another unit, of which `wrong_suffix` is
-        assume(
-            not (wrong == target or (wrong.startswith(target + "_") and wrong[len(target) :] in inputs.KNOWN_SUFFIXES))
-        )
-    said = f"readings.mine.inputs: unknown key '{wrong}'; {remedy}"
-    return reading(slug, f"{wrong}: {{value: 1.0, source: 'assumed: test'}}"), (said,)
+        return reading(slug, line), (f"{place_of(slug, key)}.{wrong}: unknown key; {nearest(wrong, known)}",)
+    for target in SCHEMAS[slug]:  # another input's name with another unit, of which `wrong_suffix` is
+        suffix = wrong.removeprefix(target)
+        assume(not (wrong == target or (wrong.startswith(target + "_") and suffix in sections.KNOWN_SUFFIXES)))
+    body = f"{{{wrong}: {{value: 1.0, source: 'assumed: test'}}}}"
+    return f"{slug}: {{readings: {{mine: {{based_on: corrected, {section}: {body}}}}}}}\n", said
 
 
 @st.composite
@@ -303,18 +325,18 @@ def unknown(draw):
             st.integers(1_000, 50_000).map(lambda size: "x" * size),
         )
     )
-    assume(not isinstance(key, str) or key not in KEYS[slug])
-    body = {"value": 1.0, "source": "assumed: test"}
-    document = {slug: {"readings": {"mine": {"based_on": "corrected", "inputs": {key: body}}}}}
+    assume(not isinstance(key, str) or key not in {*KEYS[slug], "source"})
+    body, section = {"value": 1.0, "source": "assumed: test"}, next(iter(SECTIONS[slug]))
+    document = {slug: {"readings": {"mine": {"based_on": "corrected", section: {key: body}}}}}
     said = "unknown key" if isinstance(key, str) else "must be a name"
-    return yaml.safe_dump(document, allow_unicode=True), ("readings.mine.inputs: ", said)
+    return yaml.safe_dump(document, allow_unicode=True), (f"readings.mine.{section}", said)
 
 
 @st.composite
 def no_source(draw):
     slug = draw(SLUG)
     key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
-    place = f"readings.mine.inputs.{key}"
+    place = place_of(slug, key)
     body, *said = draw(
         st.sampled_from(
             [
@@ -374,7 +396,8 @@ def bad_reading(draw):
     nowhere = draw(WORDS.filter(lambda name: name not in names_of(slug) and yaml.safe_load(name) == name))
     nothing = draw(st.sampled_from(["[]", "null", "3", "a", "true", "[{a: b}]"]))
     other = draw(st.sampled_from(["[a]", "3", "true", "{a: b}", "1.0e+300"]))
-    missing = ("readings.mine.inputs: '", "is missing; give it, or name a complete reading under based_on")
+    section = next(iter(SECTIONS[slug]))
+    missing = (f"readings.mine.{section}: '", "is missing; give it, or name a complete reading under based_on")
     body, *said = draw(
         st.sampled_from(
             [
@@ -402,13 +425,13 @@ def bad_reading(draw):
                     "based_on: mine",
                 ),
                 (
-                    f"{{mine: {{based_on: {base}, inputs: {nothing}}}}}",
-                    "readings.mine.inputs: must be keys with values",
+                    f"{{mine: {{based_on: {base}, {section}: {nothing}}}}}",
+                    f"readings.mine.{section}: must be keys with values",
                 ),
                 (f"{{mine: {nothing}}}", "readings.mine: must be keys with values, not "),
                 (nothing, f"{slug}.readings: must be keys with values, not "),
                 (f"{{mine: {{summary: {nowhere}}}}}", *missing),
-                ("{mine: {inputs: {}}}", *missing),
+                (f"{{mine: {{{section}: {{}}}}}}", *missing),
             ]
         )
     )
@@ -440,7 +463,7 @@ def bad_yaml(draw):
             "cut off": good[: good.index("1.0") + draw(st.integers(0, 20))],
             "tab": good.replace("        ", "\t", 1),
             "control": good.replace("1.0", f"1.0{chr(draw(st.integers(0, 8)))}"),
-            "huge": good + "#" * (inputs.LARGEST_FILE + draw(st.integers(0, 10))),
+            "huge": good + "#" * (strict_yaml.LARGEST_FILE + draw(st.integers(0, 10))),
             "not UTF-8": good.replace("mine", chr(draw(st.integers(0xDC80, 0xDCFF)))),
             "bomb": "\n".join(["a0: &a0 [1]", *(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60))]),
         }[kind]
@@ -494,7 +517,7 @@ def bad_document(draw):
                 (f"{blank}? [{slug}]\n: 3\n", f"line {len(blank) + 1}: a key must be a plain name; write one"),
                 (f"{blank}? {{a: b}}\n: 3\n", f"line {len(blank) + 1}: a key must be a plain name; write one"),
                 (f"{good}{word}:\n\ta: 1\n", "line 3: ", "indent with spaces, not with tabs"),
-                (f"__use_yte__: true\n{good}", "unknown key '__use_yte__'; valid names: "),
+                (f"__use_yte__: true\n{good}", "__use_yte__: unknown key; valid names: "),
                 (f"{slug}: &a {{b: *a}}\n", "line 1: anchors and aliases are not used here; write it out"),
                 (f"{slug}: !!python/object/apply:os.getcwd []\n", "line 1: the tag '", "write the plain value"),
                 (f"when: {draw(st.integers(1000, 9999))}-99-99\n", "line 1: month must be in 1..12", "write another"),
@@ -509,26 +532,29 @@ def too_much(draw):
     """More than a configuration holds: depth, digits, lengths, keys, readings."""
     slug = draw(SLUG)
     more = draw(st.sampled_from([1, 2, 50]))
-    deep = inputs.DEEPEST + draw(st.sampled_from([more, 20_000]))
-    digits = inputs.LONGEST_NUMBER + draw(st.sampled_from([more, 5000]))
-    lines = inputs.MOST_VALUES // 2 + more
+    deep = strict_yaml.DEEPEST + draw(st.sampled_from([more, 20_000]))
+    digits = strict_yaml.LONGEST_NUMBER + draw(st.sampled_from([more, 5000]))
+    lines = strict_yaml.MOST_VALUES // 2 + more
     own = "".join(f"    r{i}: {{based_on: corrected}}\n" for i in range(inputs.MOST_READINGS + more))
     content, *said = draw(
         st.sampled_from(
             [
-                (f"{slug}: {'[' * deep}{']' * deep}", f"line 1: lists or keys more than {inputs.DEEPEST} deep"),
-                (f"{slug}: {'{a: ' * deep}1{'}' * deep}", f"line 1: lists or keys more than {inputs.DEEPEST} deep"),
+                (f"{slug}: {'[' * deep}{']' * deep}", f"line 1: lists or keys more than {strict_yaml.DEEPEST} deep"),
+                (
+                    f"{slug}: {'{a: ' * deep}1{'}' * deep}",
+                    f"line 1: lists or keys more than {strict_yaml.DEEPEST} deep",
+                ),
                 (f"\nchunks: {'1' * digits}\n", f"line 2: a number of {digits} characters; write it shorter"),
                 (f"chunks: 0.{'1' * digits}\n", f"line 1: a number of {digits + 2} characters; write it shorter"),
                 (f"chunks: 0x{'f' * digits}\n", f"line 1: a number of {digits + 2} characters; write it shorter"),
                 (
-                    f"{slug}: [{'1, ' * (inputs.LONGEST_LIST + more)}]\n",
-                    f"line 1: a list of more than {inputs.LONGEST_LIST} entries; shorten it",
+                    f"{slug}: [{'1, ' * (strict_yaml.LONGEST_LIST + more)}]\n",
+                    f"line 1: a list of more than {strict_yaml.LONGEST_LIST} entries; shorten it",
                 ),
                 (
                     "".join(f"a{i}: 1\n" for i in range(lines)),
-                    f"line {inputs.MOST_VALUES // 2}: ",  # the document itself is one of the values
-                    f"more than {inputs.MOST_VALUES} keys and values; leave some out",
+                    f"line {strict_yaml.MOST_VALUES // 2}: ",  # the document itself is one of the values
+                    f"more than {strict_yaml.MOST_VALUES} keys and values; leave some out",
                 ),
                 (
                     f"{slug}:\n  readings:\n{own}",
@@ -574,7 +600,7 @@ def blank_source(draw):
     )
     assume(not (source.startswith("assumed") and blank[0] == " "))
     line = json.dumps({"value": 1.0, "source": source})  # characters that YAML does not take are written as escapes
-    return reading(slug, f"{key}: {line}"), (f"readings.mine.inputs.{key}.", *said)
+    return reading(slug, f"{key}: {line}"), (f"{place_of(slug, key)}.", *said)
 
 
 @st.composite
@@ -603,7 +629,7 @@ def implausible(draw):
     unbounded = [f for f in fields("number") if not {"maximum", "exclusiveMaximum"} & {*f[2]}]
     slug, name, bounds = draw(st.sampled_from(unbounded))
     sign = 1 if {"minimum", "exclusiveMinimum"} & {*bounds} else draw(st.sampled_from([-1, 1]))
-    unit = MODELS[slug].unit(name)
+    unit = unit_of(slug, name)
     factor = KEYS[slug][key_of(slug, name)][1]
     if kind == "angle":
         assume(unit == "rad")
@@ -612,7 +638,10 @@ def implausible(draw):
     else:
         size = draw(st.floats(1e35, 1e300) if kind == "large" else st.floats(5e-324, 1e-32))
         assume(size * factor > 0.0)
-        said = (f"is neither 0 nor between {inputs.SMALLEST:g} and {inputs.LARGEST:g}", "check the number and its unit")
+        said = (
+            f"is neither 0 nor between {sections.SMALLEST:g} and {sections.LARGEST:g}",
+            "check the number and its unit",
+        )
     values = [sign * size] * length(slug, name)
     return about(slug, name, written(slug, name, values), *said)
 
@@ -714,7 +743,7 @@ def unfit(draw):
     slug, name, values, *said = draw(st.sampled_from(UNFIT))
     value = draw(values)
     text = value if isinstance(value, str) else listed(value) if isinstance(value, list) else number(value)
-    return reading(slug, entry(slug, name, text)), ("readings.mine.inputs", name, *said)
+    return reading(slug, entry(slug, name, text)), ("readings.mine", name, *said)
 
 
 KINDS = [
@@ -774,7 +803,7 @@ def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory,
         with within(SECONDS), pytest.raises(InputError) as caught:
             load_studies(MODELS, CONFIGS, read_own_file(path, (*SLUGS, *SETTINGS)), [path])
         message = str(caught.value)
-        assert message.startswith(f"{path}: ")
+        assert re.match(rf"{re.escape(str(path))}(:\d+)?: ", message)
         for fragment in said:
             assert any(text in message for text in ([fragment] if isinstance(fragment, str) else fragment)), fragment
         assert message.isprintable(), "one line that a terminal shows as it is"
