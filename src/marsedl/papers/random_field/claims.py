@@ -549,8 +549,8 @@ def _short_steps_claim(inputs: RandomFieldInputs, convergence):
         bool(own - short < BENEFIT * own + SIGMAS * noise),
         evidence=f"after {chosen} iterations the {100 * LEVEL:g}th percentile of delta-v is {own:.1f} m/s, with steps "
         f"of {np.diff(inputs.studies.fine_partition).max():g} s everywhere {short:.1f} m/s (standard error of the "
-        f"difference {noise:.1f} m/s); the best of {iterations} iterations {best[0]:.1f} and {best[1]:.1f} m/s; a benefit "
-        f"is {100 * BENEFIT:g} %",
+        f"difference {noise:.1f} m/s); the best of {iterations} iterations {best[0]:.1f} and {best[1]:.1f} m/s; a "
+        f"benefit is {100 * BENEFIT:g} %",
     )
 
 
