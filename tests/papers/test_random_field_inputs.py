@@ -20,7 +20,7 @@ def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
     own = {}
     for name, value in inputs.items():
-        section = next((section for section, of in MODEL.sections().items() if name in of.keys()), "air")
+        section = next((section for section, of in MODEL.sections().items() if name in list(of.keys())), "air")
         own.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
     overlay = {"readings": {"mine": {"based_on": based_on, **own}}}
     return load_study("random_field", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
@@ -31,7 +31,7 @@ def refused(**inputs):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: random_field.readings.mine") and "\n" not in said
     return said
 
 
