@@ -45,8 +45,11 @@ def refused(**inputs):
         ({"final_time": 500.0}, ["partition", "ends at 400", "final time, 500"]),
         ({"fine_partition": [0.0, 300.0, 200.0, 400.0]}, ["fine_partition", "node 1 is 300 and node 2 is 200"]),
         ({"double_integrator_partition": [0.0, 2.0, 1.0]}, ["double_integrator_partition", "node 1 is 2"]),
-        ({"partition": [0.0, 51.0, 400.0]}, ["partition", "51 is no multiple of output_interval (2.5)"]),
-        ({"output_interval": 0.7}, ["no multiple of output_interval (0.7)"]),
+        (
+            {"partition": [0.0, 51.0, 400.0]},
+            ["mission.partition", "51 is no multiple of simulation.output_interval (2.5)"],
+        ),
+        ({"output_interval": 0.7}, ["output_interval", "0.7 is no multiple of time_step (0.5)"]),
         ({"time_step": 0.4}, ["output_interval", "2.5 is no multiple of time_step (0.4)"]),
         ({"time_step": 1.0e-6, "output_interval": 1.0e-6}, ["time_step", "integration steps, more than 100000"]),
         ({"percentile_tail": 0.5}, ["percentile_tail", "less than 0.5", "0.5"]),

@@ -6,7 +6,7 @@ from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import environment, montecarlo
 from marsedl.papers.random_field.flight_statistics import percentile_with_lost
 from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Studies, Vehicle
-from marsedl.papers.random_field.records import LOW_ALTITUDE, FieldStudy, Gains, Nominal
+from marsedl.papers.random_field.records import CAPTURED, LOW_ALTITUDE, FieldStudy, Gains, Nominal
 from marsedl.replication.catalogue import stage
 
 # Hypotheses on the field, as changes of the kernel's parameters: a field that is fully correlated over altitude, the
@@ -75,4 +75,4 @@ def _open_loop(simulate_block, planet: Planet, mission: Mission, trials):
     """99th percentile, its standard error and the lost trials of what `simulate_block` flies."""
     chunk = ensembles.run_blocks(simulate_block, 0, trials)
     delta_v = montecarlo.burns(planet, mission, chunk.final_state, chunk.outcome)[1]
-    return *percentile_with_lost(delta_v), int((chunk.outcome != ensembles.COMPLETED).sum())
+    return *percentile_with_lost(delta_v), int((chunk.outcome != CAPTURED).sum())

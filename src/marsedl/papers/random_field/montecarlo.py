@@ -6,6 +6,7 @@ import numpy as np
 
 from marsedl.models import orbits
 from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
@@ -14,7 +15,6 @@ from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation,
 from marsedl.papers.random_field.nominal import initial_state, output_times
 from marsedl.papers.random_field.records import (
     CAPTURED,
-    ESCAPED,
     NOT_EXITED,
     OUTCOMES,
     FlightChunk,
