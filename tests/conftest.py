@@ -23,8 +23,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import yaml
 
-from marsedl.papers import SLUGS
+from marsedl.papers import SLUGS, input_model
 from marsedl.replication.digests import digest
 from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
@@ -39,6 +40,27 @@ def paper_of(name: str) -> str:
     """The paper that a rule or a file is named after; none for those of all papers."""
     parts = name.split("/")
     return next((slug for part in parts for slug in SLUGS if re.match(rf"{slug}([_.]|$)", part)), "")
+
+
+def _short(rule: str) -> str:
+    """The name of a rule without its paper; all rules of tables are "table"."""
+    name = rule.removeprefix(f"{paper_of(rule)}_")
+    return "table" if name.startswith("table_") else name
+
+
+def reading_text(slug: str, name: str, **values: str) -> str:
+    """A reading of a user's own, based on `corrected`, as YAML; names of inputs without that of the section."""
+    of = {key: section for section, inputs in input_model(slug).sections().items() for key in inputs.keys()}  # noqa: SIM118
+    sections: dict[str, dict] = {}
+    for key, value in values.items():
+        sections.setdefault(of[key], {})[key] = {"value": yaml.safe_load(value), "source": "assumed: test"}
+    return yaml.safe_dump({slug: {"readings": {name: {"based_on": "corrected", **sections}}}})
+
+
+@pytest.fixture(scope="session")
+def own_reading():
+    """The function `reading_text`."""
+    return reading_text
 
 
 @dataclass
@@ -60,12 +82,12 @@ class Plan:
 
     @property
     def rules(self) -> set[str]:
-        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.outputs if rule != "all"}
+        return {_short(rule) for rule in self.outputs if rule != "all"}
 
     @property
     def changed(self) -> set[str]:
         """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
-        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.params_changed}
+        return {_short(rule) for rule in self.params_changed}
 
     @property
     def files(self) -> set[str]:
@@ -88,8 +110,8 @@ class Plan:
     @property
     def figures(self) -> set[str]:
         """Names of the figures and tables, without those that the claims write."""
-        rules = ("figure", "default_figure", "table", "default_table")
-        return {Path(path).stem for rule in rules for path in self.outputs.get(rule, ())}
+        rules = [rule for rule in self.outputs if rule == "figure" or "_table_" in rule]
+        return {Path(path).stem for rule in rules for path in self.outputs[rule]}
 
 
 @dataclass
@@ -115,14 +137,22 @@ class Tree:
         self.path(name).write_text(text.replace(old, new), encoding="utf-8")
 
     def set_inputs(self, reading: str, *, paper: str = "powered_descent", **values: str) -> None:
-        """Set inputs (texts of YAML) of a reading that does not set them itself yet."""
-        config = self.path(f"configs/{paper}.yaml")
+        """Set inputs (texts of YAML) of a reading that does not set them itself yet; names without the section's."""
+        config, sections = self.path(f"configs/{paper}.yaml"), input_model(paper).sections()
         text = config.read_text(encoding="utf-8")
-        entry = '      {}: {{value: {}, source: "assumed: test"}}\n'
-        lines = "".join(entry.format(name, value) for name, value in values.items())
-        changed, number = re.subn(rf"(?ms)^(  {reading}:\n.*?    inputs:\n)", rf"\g<1>{lines}", text, count=1)
-        assert number == 1, f"there is no reading {reading}"
-        config.write_text(changed, encoding="utf-8")
+        for name, value in values.items():
+            section = next(section for section, of in sections.items() if name in of.keys())  # noqa: SIM118
+            body = re.search(rf"(?ms)^  {reading}:\n(.*?)(?=^  [a-z]|^[a-z]|\Z)", text)
+            assert body, f"there is no reading {reading}"
+            entry = f'      {name}: {{value: {value}, source: "assumed: test"}}\n'
+            heading = f"    {section}:\n"
+            if heading in body[1]:
+                changed = body[1].replace(heading, heading + entry, 1)
+            else:
+                lines = body[1].rstrip("\n") + "\n"
+                changed = lines + heading + entry + body[1][len(lines) :]
+            text = text[: body.start(1)] + changed + text[body.end(1) :]
+        config.write_text(text, encoding="utf-8")
 
     def run(self, *arguments: str, configfile: Path | None = None, **environment: str) -> subprocess.CompletedProcess:
         """Run Snakemake with the configuration that the tree was built with."""

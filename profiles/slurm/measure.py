@@ -1,8 +1,8 @@
 """Write what the jobs of a build took, and from it what the Slurm profile asks for.
 
 `python profiles/slurm/measure.py [folder]`, of the build in this or another folder: reads its `benchmarks/**/*.tsv`,
-writes the largest of every rule into `measured.csv` beside this file, and the section `set-resources` of `config.yaml`,
-which is its last. A rule that was not built there keeps its row.
+writes the largest of every rule into `measured.csv` beside this file, and the last sections of `config.yaml`: groups,
+and what each rule asks for. A rule that was not built there keeps its row.
 """
 
 import csv
@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from marsedl.papers import SLUGS, catalogue
+from marsedl.replication.command_line import tables_of_equal_needs
 
 HERE = Path(__file__).parent
 TABLE = HERE / "measured.csv"
@@ -23,6 +24,13 @@ MEMORY_FACTOR = 1.5  # for what the samples of a benchmark miss, and other libra
 TIME_FACTOR = 4  # for slower nodes and busy file systems
 TIME_MINUTES = 5  # at least: Snakemake's own start, compiling kernels anew, waiting for another that compiles
 SMALLEST_MB = 200  # of a job's own process: what a job of less than a second takes is not seen by the samples
+# Jobs of a second to half a minute, many in one job of Slurm: figures and tables of a paper, and the designs of its
+# readings. A failure in one paper leaves the others. Monte Carlo chunks and long stages are jobs of their own.
+DESIGNS = {
+    **dict.fromkeys(("powered_descent", "random_field", "stochastic_entry"), ("nominal", "linearization", "gains")),
+    "funnels": ("linearization", "gains"),
+}
+IN_A_GROUP = {"products": 24, "tables": 12, "designs": 4}
 # Rules without a benchmark, which are jobs all the same: the smoke size is built twice, by two jobs at a time.
 STATED = {"verify": {"mem_mb": 4000, "runtime": 180}}
 
@@ -38,10 +46,10 @@ def rule_of(path: Path) -> str:
     if len(parts) == 2:
         if name == "claims":
             return f"{parts[0]}_claims"
-        return "default_figure" if name in paper.figures else "default_table"
+        return "figure" if name in paper.figures else f"{parts[0]}_table_{name}"
     stem, _, case = name.partition(".")
     if stem not in paper.stages:  # some tables have the name of a stage; a whole build draws none of other readings
-        return "figure" if stem in paper.figures else "table"
+        return "figure" if stem in paper.figures else f"{parts[0]}_table_{stem}"
     return f"{parts[0]}_{stem}_chunk" if re.search(r"\.\d+of\d+$", case) else f"{parts[0]}_{stem}"
 
 
@@ -79,8 +87,31 @@ def resources(row: dict[str, float]) -> dict[str, int]:
     return {"mem_mb": -int(-memory // 100) * 100, "runtime": max(TIME_MINUTES, -int(-minutes // 1))}
 
 
-def section(table: dict[str, dict[str, float]]) -> str:
-    """Return the section `set-resources` of the profile."""
+def groups() -> dict[str, str]:
+    """Return the group of each rule whose jobs are short."""
+    tables = {
+        f"{slug}_table_{next(iter(tables))}": f"{slug}_tables"
+        for slug in SLUGS
+        for tables in tables_of_equal_needs(catalogue(slug))
+    }
+    designs = {f"{slug}_{stage}": f"{slug}_designs" for slug, stages in DESIGNS.items() for stage in stages}
+    return {"figure": "{paper}_products", **tables, **designs}
+
+
+def sections(table: dict[str, dict[str, float]]) -> str:
+    """Return the last sections of the profile."""
+    grouped = groups()
+    sizes = {group: IN_A_GROUP[group.rpartition("_")[2]] for group in grouped.values()}
+    lines = ["groups:", *(f'  - "{rule}={group}"' for rule, group in grouped.items())]
+    lines += ["group-components:", *(f'  - "{group}={size}"' for group, size in sizes.items())]
+    lines += [
+        "# Memory is 500 MB for Snakemake and 1.5 times the largest job of the rule, run time (minutes) 4 times the",
+        "# longest one, at least 5.",
+    ]
+    return "\n".join(lines) + "\n" + _resources(table)
+
+
+def _resources(table: dict[str, dict[str, float]]) -> str:
     asked = {**{rule: resources(row) for rule, row in table.items()}, **STATED}
     lines = [
         f"  {rule}: {{mem_mb: {asked[rule]['mem_mb']} * attempt, runtime: {asked[rule]['runtime']} * attempt}}"
@@ -89,17 +120,23 @@ def section(table: dict[str, dict[str, float]]) -> str:
     return "set-resources:\n" + "\n".join(lines) + "\n"
 
 
+def rules() -> set[str]:
+    """Return the rules that have a benchmark."""
+    stages = {f"{slug}_{stage}" for slug in SLUGS for stage in catalogue(slug).stages}
+    claims = {f"{slug}_claims" for slug in SLUGS}
+    return stages | claims | groups().keys() | {"all_claims", "comparison_product", "digests", "index"}
+
+
 def main() -> None:
     """Write the table and the section."""
     table = {**read_table(), **measured(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())}
-    for kind in ("figure", "table"):  # of any reading: no whole build has them, and they are as large as the default's
-        table[kind] = {**table[f"default_{kind}"], "jobs": 0}
+    table = {rule: row for rule, row in table.items() if rule in rules()}
     rows = [
         f"{rule},{row['jobs']:.0f},{row['seconds']:.1f},{row['memory_mb']:.0f}" for rule, row in sorted(table.items())
     ]
     TABLE.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
     text = PROFILE.read_text(encoding="utf-8")
-    PROFILE.write_text(text.partition("set-resources:\n")[0] + section(read_table()), encoding="utf-8")
+    PROFILE.write_text(text.partition("groups:\n")[0] + sections(read_table()), encoding="utf-8")
 
 
 if __name__ == "__main__":

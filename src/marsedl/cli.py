@@ -163,6 +163,13 @@ def _project(size: str | None = None, config_file: Path | None = None) -> _Proje
     return _Project(root, str(config.get("size", FULL)), studies, options)
 
 
+def _shared(project) -> dict:
+    """Whose file each artifact of every paper is."""
+    from marsedl.replication.sharing import Shared
+
+    return {slug: Shared(_paper(slug), study) for slug, study in project.studies.items()}
+
+
 def _paper(slug):
     """Return the catalogue of a paper."""
     from marsedl.papers import SLUGS, catalogue
@@ -253,7 +260,7 @@ def _rows(project, paper, kind) -> list[tuple[str, ...]]:
     if kind == "cases":
         model = type(next(iter(study.readings.values())).inputs)
         return [
-            (case, f"{_trials(study, field)} trials", f"input {field}: {model.model_fields[field].description}")
+            (case, f"{_trials(study, field)} trials", f"input {field}: {model.meaning(field)}")
             for case, field in model.CASES.items()
         ]
     verdicts = {row["id"]: row["verdict"] for row in project.claims(paper.slug) or []}
@@ -266,7 +273,7 @@ def _rows(project, paper, kind) -> list[tuple[str, ...]]:
 def _trials(study, field) -> str:
     """The number of trials of a case: that of `corrected` if there is such a reading, else of the first."""
     reading = study.readings.get("corrected") or next(iter(study.readings.values()))
-    return f"{getattr(reading.inputs, field):,}"
+    return f"{reading.inputs.get(field):,}"
 
 
 def _first_sentence(caption) -> str:
@@ -277,6 +284,7 @@ def _first_sentence(caption) -> str:
 def _explain(options) -> int:
     from marsedl.replication.code_digest import reached
     from marsedl.replication.errors import nearest
+    from marsedl.replication.sharing import Shared
 
     paper = _paper(options.paper)
     project = _project(options.size, options.configfile)
@@ -299,7 +307,7 @@ def _explain(options) -> int:
         _say(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}")
         _say(f"  snakemake {target}")
     elif name in paper.stages:
-        item, entry = paper.stages[name], paper.entry(name)
+        item, entry = paper.stages[name], paper.stages[name].entries[0]
         _say(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
     else:
         known = [*paper.figures, *paper.tables, *paper.stages, *claims]
@@ -311,15 +319,18 @@ def _explain(options) -> int:
     if name == "montecarlo":  # of which every case is one artifact
         names.update(reading.inputs.CASES.values())
     _say("\nartifacts, in the order in which they are made")
-    _say(columns([(stage, paper.stages[stage].meaning) for stage in stages], 2))
+    shared = Shared(paper, study)
+    owned = [(stage, _whose(shared, reading, stage), paper.stages[stage].meaning) for stage in stages]
+    _say(columns(owned, 2))
     _say("\ninputs that it depends on")
-    fields = [field for field in reading.inputs.__class__.model_fields if field in names]
-    unlimited = _unlimited(project, options, paper.slug, reading)
+    fields = [field for field in reading.inputs.names() if field in names]
+    unlimited, values = _unlimited(project, options, paper.slug, reading), reading.inputs.plain()
     rows = []
     for field in fields:
-        source, value = reading.sources[field], getattr(reading.inputs, field)
-        limited = "" if value == getattr(unlimited, field) else f" (size {project.size}: {value})"
-        rows.append((source.key, f"{source.written}{limited}", _unit(reading, source, field), source.source))
+        source, value = reading.sources[field], values[field]
+        limited = "" if value == unlimited[field] else f" (size {project.size}: {value})"
+        section = field.partition(".")[0]
+        rows.append((f"{section}.{source.key}", f"{source.written}{limited}", _unit(reading, field), source.source))
     _say(columns(rows, 2))
     _say("\ncode that draws or computes it")
     for symbol in reached(entry, project.root / "src"):
@@ -331,8 +342,19 @@ def _explain(options) -> int:
 def _unlimited(project, options, slug, reading):
     """The inputs of a reading at full size, where no size limits them."""
     if project.size == FULL:
-        return reading.inputs
-    return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs
+        return reading.inputs.plain()
+    return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs.plain()
+
+
+def _whose(shared, reading, stage) -> str:
+    """Which reading's artifact a stage's is, if it is another's; of flights, those of each case that is."""
+    cases = [f"{stage}.{case}" for case in reading.flown()] if stage == "montecarlo" else [stage]
+    owners = {name: shared.owner(reading.name, name) for name in cases}
+    return ", ".join(
+        f"that of {owner}" if name == stage else f"{name.partition('.')[2]}: that of {owner}"
+        for name, owner in owners.items()
+        if owner != reading.name
+    )
 
 
 def _explain_paper(project, paper, study, reading) -> int:
@@ -341,7 +363,7 @@ def _explain_paper(project, paper, study, reading) -> int:
     _say(f"  snakemake {paper.slug}{project.options}")
     _say("\nreadings")
     _say(columns(_rows(project, paper, "readings"), 2))
-    _say(f"\ninputs in which readings differ from {reading.name}, of {len(type(reading.inputs).model_fields)}")
+    _say(f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}")
     _say(columns(_differing(study, reading), 2))
     _say(f"\nwhat there is (marsedl list {paper.slug})")
     _say(f"  {_counted({kind: _rows(project, paper, kind) for kind in KINDS})}")
@@ -360,20 +382,20 @@ def _explain_paper(project, paper, study, reading) -> int:
 
 def _differing(study, reading) -> list[tuple[str, str, str, str]]:
     """Inputs that have another value in some reading: name, value in the given one, unit, values in the others."""
-    rows = []
-    for field in type(reading.inputs).model_fields:
-        mine = getattr(reading.inputs, field)
-        others = [r for r in study.readings.values() if getattr(r.inputs, field) != mine]
+    rows, values = [], {r.name: r.inputs.plain() for r in study.readings.values()}
+    for field in reading.inputs.names():
+        others = [r for r in study.readings.values() if values[r.name][field] != values[reading.name][field]]
         if others:
             source = reading.sources[field]
-            values = "; ".join(f"{r.name} {r.sources[field].written}" for r in others)
-            rows.append((source.key, str(source.written), _unit(reading, source, field), values))
+            written = "; ".join(f"{r.name} {r.sources[field].written}" for r in others)
+            name = f"{field.partition('.')[0]}.{source.key}"
+            rows.append((name, str(source.written), _unit(reading, field), written))
     return rows
 
 
-def _unit(reading, source, field) -> str:
+def _unit(reading, field) -> str:
     """Return the unit in which an input is written."""
-    suffix = source.key.removeprefix(field).removeprefix("_")
+    suffix = reading.sources[field].key.removeprefix(field.partition(".")[2]).removeprefix("_")
     return suffix.replace("_", "/") or reading.inputs.unit(field)
 
 
@@ -431,12 +453,13 @@ def _trial(options) -> int:
     jobs.pin_numerics(project_root())
     paper = _paper(options.paper)
     project = _project(options.size, options.configfile)
-    reading = _reading(project.studies[paper.slug], options.reading)
+    study = project.studies[paper.slug]
+    reading = _reading(study, options.reading)
     if not reading.inputs.CASES:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
-    case = options.case or next(iter(reading.inputs.CASES))
+    trial = (options.case or next(iter(reading.inputs.CASES)), options.number)
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
-    _say(jobs.replay(project.folder, paper, reading, case, options.number, module, project.options))
+    _say(jobs.replay(project.folder, paper, study, reading.name, trial, module, project.options))
     return 0
 
 
@@ -462,7 +485,8 @@ def _verify(options) -> int:
 
     root = project_root()
     agree = True if options.no_rebuild else verification.build_twice(root)
-    return 0 if verification.compare_reference(root, SLUGS, rounding_noise()) and agree else 1
+    same = verification.compare_reference(root, SLUGS, rounding_noise(), shared=_shared(_project()))
+    return 0 if same and agree else 1
 
 
 def _machines(options) -> int:
@@ -482,7 +506,7 @@ def _accept(options) -> int:
     from marsedl.replication import audit, verification
 
     root = project_root()
-    for path in verification.accept_reference(root, SLUGS, rounding_noise()):
+    for path in verification.accept_reference(root, SLUGS, rounding_noise(), _shared(_project())):
         _say(f"wrote {path}")
     _say(f"wrote {verification.accept_inputs(root, _project().studies)}")
     results = _audited(root)
@@ -508,7 +532,8 @@ def _crate(options) -> int:
     from marsedl.papers import SLUGS, catalogue
     from marsedl.replication.crate import write_crate
 
-    _say(f"wrote {write_crate(project_root(), {slug: catalogue(slug) for slug in SLUGS}, *options.config)}")
+    papers = {slug: catalogue(slug) for slug in SLUGS}
+    _say(f"wrote {write_crate(project_root(), papers, _shared(_project()), *options.config)}")
     return 0
 
 

@@ -51,7 +51,7 @@ def test_edited_captions_draw_nothing_again(tree):
     )
     tree.edit("src/marsedl/papers/powered_descent/__init__.py", '"Vehicle mass of the same', '"Mass of the same')
     plan = tree.plan("all")
-    assert plan.rules.isdisjoint({"comparison_product", "default_figure", "default_table"})
+    assert plan.rules.isdisjoint({"comparison_product", "figure", "table"})
 
 
 def test_the_report_of_snakemake_holds_captions_categories_and_labels(tree):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from marsedl.methods.covariance_steering.closed_form import predicted_covariance, riccati_initial
-from marsedl.papers.powered_descent import nominal, segments
-from marsedl.papers.powered_descent.gains import problems_of
+from marsedl.papers.powered_descent import flight, nominal, segments
 from marsedl.replication.errors import MarsedlError
 
 MAXIMUM_THRUST = 18_000.0
@@ -18,6 +17,12 @@ MAXIMUM_THRUST = 18_000.0
 def assert_digits(found, expected, tolerances):
     """Each number within its own tolerance."""
     assert (np.abs(np.subtract(found, expected)) <= tolerances).all(), f"{found} is not {expected} within {tolerances}"
+
+
+def problems(pipeline):
+    """The steering problems of both segments in `corrected`."""
+    divert = pipeline.stage_inputs("corrected", "gains").call(segments.divert_of)
+    return segments.problems_of(divert, pipeline.linearization())
 
 
 def segment_end(artifact, number):
@@ -53,10 +58,16 @@ def test_changes_of_the_mass_profile_by_pass(pipeline):
 @pytest.mark.parametrize("guess", [1000.0, 1250.0])
 def test_the_fixed_point_does_not_depend_on_the_starting_guess(pipeline, guess):
     inputs, made = pipeline.stage_inputs("corrected", "nominal"), pipeline.nominal()
-    times = segments.grids(inputs.segment_durations, inputs.design_interval)
+    divert = inputs.call(segments.divert_of)
+    plant, start = (
+        flight.Plant(inputs.gravity, inputs.call(segments.mass_flow), 0.0),
+        np.append(divert.means[0], 1500.0),
+    )
     mass = np.full(len(made.time), guess)
     for _ in range(5):
-        mass, _ = nominal.fly_mean(inputs, times, nominal.design(inputs, times, segments.split(made.segment, mass)))
+        models = [segments.linear_model(part, inputs.gravity) for (part,) in segments.split(made.segment, mass)]
+        steerings = segments.steered(segments.problems_along(divert, models))
+        mass, _ = nominal.fly_mean(divert.times, steerings, plant, start)
     # Four passes come within 1e-4 kg, the fifth a hundred times closer.
     np.testing.assert_allclose(mass, made.mass, atol=1e-5)
 
@@ -91,12 +102,12 @@ def test_the_noise_free_flight_ends_at_the_target(pipeline):
 
 def test_an_iteration_that_is_not_done_is_an_error(pipeline):
     with pytest.raises(MarsedlError, match=r"after 2 passes; raise mass_iterations"):
-        nominal.compute(pipeline.stage_inputs("corrected", "nominal", mass_iterations=2))
+        pipeline.stage_inputs("corrected", "nominal", mass_iterations=2).call(nominal.compute)
 
 
 def test_a_divert_that_burns_all_of_the_mass_is_an_error(pipeline):
     with pytest.raises(MarsedlError, match="burns all of the mass"):
-        nominal.compute(pipeline.stage_inputs("corrected", "nominal", specific_impulse=3.0))
+        pipeline.stage_inputs("corrected", "nominal", specific_impulse=3.0).call(nominal.compute)
 
 
 # --- mean motion ------------------------------------------------------------------------------------------------------
@@ -259,12 +270,9 @@ def test_riccati_solution_at_the_start(pipeline, reading, number, axis, riccati)
 
 
 def test_costs_of_the_feedback(pipeline):
-    problems, gains = (
-        problems_of(pipeline.stage_inputs("corrected", "gains"), pipeline.linearization()),
-        pipeline.gains(),
-    )
+    gains = pipeline.gains()
     expected = ((1.609634e6, 1.609634e6), (None, 1.065318e6))
-    for number, problem in enumerate(problems):
+    for number, problem in enumerate(problems(pipeline)):
         inside = gains.segment == number
         gain, covariance = gains.gain[inside], gains.covariance[inside]
         spread = np.einsum("kij,kjl,kil->ki", gain, covariance, gain)
@@ -328,7 +336,7 @@ def test_predicted_covariance_is_positive_continuous_and_meets_the_ends(pipeline
 
 def test_a_second_segment_that_starts_wider_ends_wider(pipeline):
     inputs, gains = pipeline.stage_inputs("corrected", "gains"), pipeline.gains()
-    problem = problems_of(inputs, pipeline.linearization())[1]
+    problem = problems(pipeline)[1]
     random = np.random.default_rng(1)
     scale = np.sqrt(np.diag(inputs.final_covariance))
     for _ in range(20):
@@ -351,7 +359,7 @@ def test_riccati_solution_exists_and_the_other_root_escapes(pipeline):
         assert gains.escape_margin[gains.segment == number].min() == pytest.approx(margin, abs=5.1e-5)
     assert (gains.plus_root_margin < 0).all()
     # although it meets the final covariance just as well
-    for problem in problems_of(pipeline.stage_inputs("corrected", "gains"), pipeline.linearization()):
+    for problem in problems(pipeline):
         end = predicted_covariance(
             problem, riccati_initial(problem, +1), problem.noise_density, problem.initial_covariance
         )[-1]

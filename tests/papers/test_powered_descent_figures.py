@@ -9,11 +9,13 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import variance_sampling_band
-from marsedl.papers.powered_descent import PAPER, figures
+from marsedl.papers import catalogue
 from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
 OVER_TIME = ("fig01", "fig04", "fig05", "fig06a", "fig06b", "fig07")
+
+PAPER = catalogue("powered_descent")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def draw(pipeline):
                 else pipeline.stage(need, reading)
                 for need in product.needs
             }
-            drawn[stem, reading] = getattr(figures, stem)(pipeline.inputs(reading, product.inputs), **made)
+            drawn[stem, reading] = pipeline.product("figures", stem, reading, made)
         return drawn[stem, reading]
 
     return draw_once

@@ -11,7 +11,10 @@ from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
+from marsedl.papers.powered_descent.records import DEPTH, THRUST
 from marsedl.replication import artifacts
+from marsedl.replication.catalogue import Flown, Trial
+from marsedl.replication.jobs import computed, given
 
 GRAVITY, MASS_FLOW, NOISE_DENSITY, WET_MASS = 3.71, 1 / (210 * 9.81), 360.0, 1500.0
 DURATIONS = (26.0, 15.0)
@@ -19,7 +22,7 @@ DURATIONS = (26.0, 15.0)
 
 def simulator(pipeline, case="closed_loop", reading="corrected", **changes):
     inputs = pipeline.stage_inputs(reading, "montecarlo_chunk", **changes)
-    return montecarlo.block_simulator(inputs, pipeline.gains(reading), case)
+    return inputs.call(montecarlo.block_simulator, gains=pipeline.gains(reading), case=case)
 
 
 def assert_identical(first, second):
@@ -91,10 +94,10 @@ def test_kernel_flies_the_equations(pipeline, scheme, case, trial):
     # Rounding of 410 steps, of the order of 1e-12 of the largest state.
     np.testing.assert_allclose(flown.history[..., 0], states[outputs], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(flown.final_state[:, 0], states[-1], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(flown.observed[:, flight.THRUST, 0], thrusts[outputs], rtol=1e-9)
-    np.testing.assert_allclose(flown.observed[:, flight.DEPTH, 0], -states[outputs, 1], rtol=1e-9, atol=1e-9)
-    assert flown.observed_maximum[flight.THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
-    assert flown.observed_maximum[flight.DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
+    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrusts[outputs], rtol=1e-9)
+    np.testing.assert_allclose(flown.observed[:, DEPTH, 0], -states[outputs, 1], rtol=1e-9, atol=1e-9)
+    assert flown.observed_maximum[THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
+    assert flown.observed_maximum[DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
 
 
 def test_initial_states_have_the_given_moments(pipeline):
@@ -102,7 +105,7 @@ def test_initial_states_have_the_given_moments(pipeline):
     inputs = pipeline.stage_inputs("corrected", "montecarlo_chunk")
     np.testing.assert_array_equal(states[:, 4], WET_MASS)
     spread = np.sqrt(np.diag(inputs.initial_covariance))
-    scaled = (states[:, :4] - segments.initial_mean(inputs)) / spread
+    scaled = (states[:, :4] - segments.initial_mean(inputs.entry)) / spread
     # Four standard errors of 20,000 trials: of a mean, of a correlation, of a variance.
     assert np.abs(scaled.mean(axis=0)).max() < 4 / np.sqrt(20_000)
     assert np.abs(np.cov(scaled, rowvar=False) - np.eye(4)).max() < 4 * np.sqrt(2 / 20_000)
@@ -110,7 +113,7 @@ def test_initial_states_have_the_given_moments(pipeline):
 
 def test_correlated_initial_states():
     covariance = np.array([[40.0, 10, 0, 3], [10, 40, 1, 0], [0, 1, 5, 2], [3, 0, 2, 5]])
-    states = flight.initial_states(np.arange(4.0), covariance, 1500.0, 1, np.arange(20_000))
+    states = flight.initial_states(flight.Start(np.arange(4.0), covariance, 1500.0), 1, np.arange(20_000))
     scale = np.sqrt(np.diag(covariance))
     error = (np.cov(states[:, :4], rowvar=False) - covariance) / np.outer(scale, scale)
     assert np.abs(error).max() < 4 * np.sqrt(2 / 20_000)
@@ -124,8 +127,8 @@ def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, no
         k = node(gains, 26.0, after)
         error = flown.history[output, :4].T - gains.mean[k]
         expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
-        np.testing.assert_allclose(flown.observed[output, flight.THRUST], expected, rtol=1e-9)
-    assert (flown.observed[switch + 1, flight.THRUST] < 0.6 * flown.observed[switch, flight.THRUST]).all()
+        np.testing.assert_allclose(flown.observed[output, THRUST], expected, rtol=1e-9)
+    assert (flown.observed[switch + 1, THRUST] < 0.6 * flown.observed[switch, THRUST]).all()
 
 
 # --- without noise ----------------------------------------------------------------------------------------------------
@@ -134,13 +137,13 @@ def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, no
 def fly_quietly(pipeline, noise_density, spread, trials):
     """Final states of trials with another plant noise and an initial spread in units of the given one, (trials, 5)."""
     inputs, gains = pipeline.stage_inputs("corrected", "montecarlo_chunk"), pipeline.gains()
-    schedules = flight.schedules_of(inputs, gains, [260, 150])
-    states = flight.initial_states(
-        segments.initial_mean(inputs), inputs.initial_covariance, WET_MASS, inputs.seed, np.arange(trials)
-    )
-    start = np.append(segments.initial_mean(inputs), WET_MASS)
-    plant = flight.Plant(GRAVITY, MASS_FLOW, noise_density)
-    return flight.fly(schedules, plant, start + spread * (states - start), steps_per_output=[5, 5], seed=inputs.seed)
+    times = segments.grids(inputs.segment_durations, inputs.design_interval)
+    schedules = flight.schedules_of(times, gains, [260, 150])
+    distribution = flight.Start(segments.initial_mean(inputs.entry), inputs.initial_covariance, WET_MASS)
+    states = flight.initial_states(distribution, inputs.seed, np.arange(trials))
+    start = np.append(distribution.mean, WET_MASS)
+    plant, draws = flight.Plant(GRAVITY, MASS_FLOW, noise_density), flight.Draws(inputs.seed)
+    return flight.fly(schedules, plant, start + spread * (states - start), draws, steps_per_output=[5, 5])
 
 
 def test_a_flight_without_noise_and_dispersion_follows_the_mean_and_the_prior_mass(pipeline, node):
@@ -151,7 +154,7 @@ def test_a_flight_without_noise_and_dispersion_follows_the_mean_and_the_prior_ma
     np.testing.assert_allclose(flown.history[:, :4, 0], gains.mean[nodes], rtol=0, atol=1e-5)
     np.testing.assert_allclose(flown.history[:, 4, 0], prior.mass[nodes], rtol=0, atol=1e-5)
     thrust = np.linalg.norm(gains.feedforward[nodes], axis=1)
-    np.testing.assert_allclose(flown.observed[:, flight.THRUST, 0], thrust, rtol=1e-6)
+    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrust, rtol=1e-6)
 
 
 def test_the_noise_is_injected(pipeline):
@@ -193,7 +196,12 @@ def test_results_do_not_depend_on_the_number_of_chunks(pipeline, trials, block_s
 
 def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
     inputs, gains = pipeline.stage_inputs("corrected", "montecarlo"), pipeline.gains()
-    made = montecarlo.compute(inputs, gains, case="closed_loop", trials=1200, block_size=500)
+    options = {"case": "closed_loop", "trials": 1200, "block_size": 500}
+
+    def give(function, **others):
+        return given(function, inputs.values, lambda name, kind: {"gains": gains}.get(name), **others)
+
+    made = computed(pipeline.paper.stages["montecarlo"].entries, give, options)
     assert_identical(made, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
 
 
@@ -216,10 +224,10 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
     if trial < len(ensemble.kept_history):
         np.testing.assert_array_equal(alone.history[..., 0], ensemble.kept_history[trial])
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
-    text = montecarlo.replay(inputs, gains, case="closed_loop", number=trial, ensemble=ensemble)
+    text = inputs.call(montecarlo.replay, gains=gains, trial=Trial("closed_loop", trial, ensemble))
     assert "the same to the last bit" in text and f"trial {trial} of closed_loop: completed" in text
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in montecarlo.replay(inputs, gains, case="closed_loop", number=trial, ensemble=other)
+    assert "DIFFERS" in inputs.call(montecarlo.replay, gains=gains, trial=Trial("closed_loop", trial, other))
 
 
 def test_another_seed_gives_other_trials(pipeline):
@@ -266,7 +274,7 @@ def test_crashes_are_counted_and_not_dropped(pipeline):
     assert 0 < below.sum() < 600
     np.testing.assert_array_equal(flown.outcome == CRASHED, below)
     np.testing.assert_array_equal(flown.outcome == COMPLETED, ~below)
-    np.testing.assert_array_equal(flown.observed_maximum[flight.DEPTH], -flown.history[:, 1].min(axis=0))
+    np.testing.assert_array_equal(flown.observed_maximum[DEPTH], -flown.history[:, 1].min(axis=0))
     ensemble = pipeline.fly("corrected", pipeline.gains(), "open_loop", trials=600, output_interval=0.1)
     assert (ensemble.outcome == CRASHED).sum() == below.sum()
     assert (ensemble.count, ensemble.excluded, len(ensemble.outcome)) == (600, 0, 600)
@@ -279,10 +287,10 @@ def test_a_crash_between_two_outputs_is_seen():
     upwards = np.tile([0.0, WET_MASS * (GRAVITY + 2.0)], (nodes, 1))
     control = flight.Schedule(0.1, steps, np.zeros((nodes, 2, 4)), np.zeros((nodes, 4)), upwards)
     starts = np.array([[0.0, altitude, 0.0, -8.0, WET_MASS] for altitude in (10.0, 15.9, 16.1, 30.0)])
-    flown = flight.fly([control], flight.Plant(GRAVITY, 0.0, 0.0), starts, steps_per_output=[steps], seed=0)
+    flown = flight.fly([control], flight.Plant(GRAVITY, 0.0, 0.0), starts, flight.Draws(0), steps_per_output=[steps])
     np.testing.assert_allclose(flown.history[:, 1], [starts[:, 1], starts[:, 1] + 20.0], atol=1e-9)
     assert flown.outcome.tolist() == [CRASHED, CRASHED, COMPLETED, COMPLETED]
-    np.testing.assert_allclose(flown.observed_maximum[flight.DEPTH], 16.0 - starts[:, 1], atol=1e-9)
+    np.testing.assert_allclose(flown.observed_maximum[DEPTH], 16.0 - starts[:, 1], atol=1e-9)
 
 
 def absurd(gains):
@@ -292,26 +300,26 @@ def absurd(gains):
 
 def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     gains, inputs = pipeline.gains(), pipeline.stage_inputs("corrected", "montecarlo_chunk")
-    options = {"case": "closed_loop", "trials": 400, "chunks": 2, "block_size": 200}
-    good = montecarlo.simulate(inputs, gains, chunk=0, **options)
-    bad = montecarlo.simulate(inputs, absurd(gains), chunk=1, **options)
-    both = montecarlo.gather(pipeline.stage_inputs("corrected", "montecarlo_gather"), [good, bad])
+    good, bad = (
+        inputs.call(montecarlo.simulate, gains=flown, flown=Flown("closed_loop", 400, 200, chunk, 2))
+        for chunk, flown in enumerate((gains, absurd(gains)))
+    )
+    both = pipeline.stage_inputs("corrected", "montecarlo_gather").call(montecarlo.gather, [good, bad])
     assert (both.count, both.excluded) == (200, 200)
     assert both.outcome.tolist() == [COMPLETED] * 200 + [NON_FINITE] * 200
     alone = pipeline.fly("corrected", gains, trials=200, block_size=200)
     for name in ("mean", "covariance", "observed_mean", "histogram", "maximum_over_trials"):
         np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
     assert not np.isfinite(both.final_state[200:]).all(axis=1).any()
-    trial = montecarlo.replay(
-        pipeline.stage_inputs("corrected", "montecarlo"), absurd(gains), case="closed_loop", number=3
-    )
+    trial = inputs.call(montecarlo.replay, gains=absurd(gains), trial=Trial("closed_loop", 3))
     assert "trial 3 of closed_loop: not finite" in trial
 
 
 def test_a_case_with_only_non_finite_trials_can_still_be_stored(pipeline, tmp_path):
     gains, inputs = absurd(pipeline.gains()), pipeline.stage_inputs("corrected", "montecarlo_chunk")
-    chunk = montecarlo.simulate(inputs, gains, case="closed_loop", trials=100, chunk=0, chunks=1, block_size=100)
-    for made in (chunk, montecarlo.gather(pipeline.stage_inputs("corrected", "montecarlo_gather"), [chunk])):
+    chunk = inputs.call(montecarlo.simulate, gains=gains, flown=Flown("closed_loop", 100, 100))
+    gather = pipeline.stage_inputs("corrected", "montecarlo_gather")
+    for made in (chunk, gather.call(montecarlo.gather, [chunk])):
         artifacts.save(tmp_path / "case.h5", made, paper="powered_descent", reading="corrected", provenance={})
         loaded = artifacts.load(tmp_path / "case.h5", type(made), paper="powered_descent", reading="corrected")
         assert_identical(made, loaded)

@@ -16,7 +16,7 @@ from marsedl.montecarlo.statistics import (
     wishart_deviance,
 )
 from marsedl.papers.powered_descent import claims
-from marsedl.papers.powered_descent.flight import THRUST
+from marsedl.papers.powered_descent.records import THRUST
 from marsedl.papers.powered_descent.tables import printed_covariance
 
 MAXIMUM_THRUST = 18_000.0

@@ -70,7 +70,7 @@ def test_the_largest_jobs_ask_for_the_most(profile):
 
 def test_the_section_is_what_the_committed_table_gives():
     text = (PROFILE / "config.yaml").read_text(encoding="utf-8")
-    assert text.endswith(measure.section(measure.read_table()))
+    assert text.endswith(measure.sections(measure.read_table()))
 
 
 def test_the_page_says_what_was_measured_and_is_asked_for():
@@ -109,9 +109,9 @@ def test_a_build_is_measured_by_its_largest_jobs(tmp_path):
         "powered_descent_montecarlo": (1, 2.0, 0.0),
         "powered_descent_montecarlo_gather": (1, 1.5, 120.0),
         "powered_descent_montecarlo_chunk": (1, 9.0, 150.0),
-        "default_figure": (1, 4.0, 220.0),
+        "figure": (1, 4.0, 220.0),
         "funnels_divergence": (1, 100.0, 300.0),
-        "default_table": (1, 1.0, 180.0),
+        "funnels_table_divergence": (1, 1.0, 180.0),
         "funnels_claims": (1, 2.0, 200.0),
         "comparison_product": (1, 5.0, 210.0),
         "index": (1, 6.0, 190.0),

@@ -11,6 +11,7 @@ from pathlib import Path
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.inputs import load_study
 from marsedl.replication.jobs import pin_numerics
+from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import build_folder
 
 
@@ -21,19 +22,15 @@ def main(root: Path, size: str, slug: str) -> dict:
     from marsedl.replication.graph import Memory, Run
 
     paper, model = catalogue(slug), input_model(slug)
-    values = (
-        load_study(slug, model, Path("configs") / f"{slug}.yaml", size=size)
-        .readings["corrected"]
-        .slice(model.model_fields)
-    )
-    run = Run(paper, model.CASES, values, Memory())
+    study = load_study(slug, model, Path("configs") / f"{slug}.yaml", size=size)
+    shared, run = Shared(paper, study), Run.of(paper, study.readings["corrected"].inputs, Memory())
     names = [stage for stage in paper.stages if not stage.startswith("montecarlo")]
-    names += [f"montecarlo.{case}" for case, trials in model.CASES.items() if values[trials]]
-    folder = build_folder(root, size) / "data" / "cache" / slug / "corrected"
+    names += [f"montecarlo.{case}" for case in run.trials]
     unequal = []
     for name in names:
         record = run.record(name)
-        built = artifacts.load(folder / f"{name}.h5", type(record), paper=slug, reading="corrected")
+        path = build_folder(root, size) / shared.file("corrected", name)
+        built = artifacts.load(path, type(record), paper=slug, reading="corrected")
         if artifacts.content_digest(record) != artifacts.content_digest(built):
             unequal.append(name)
     values = {name: evaluation and evaluation.value for name, evaluation in run.evaluations().items()}

@@ -32,7 +32,7 @@ TARGET = "figures/powered_descent/mine/fig07.png"
 )
 def test_malformed_inputs_of_a_reading_of_the_user_are_refused(tmp_path, slug, inputs, fragments):
     path = tmp_path / "mine.yaml"
-    reading = f"{{mine: {{based_on: corrected, inputs: {{{inputs}}}}}}}"
+    reading = f"{{mine: {{based_on: corrected, {inputs}}}}}"
     path.write_text(f"{slug}: {{readings: {reading}}}\n", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         load_studies(MODELS, CONFIGS, read_own_file(path, (*SLUGS, *SETTINGS)), [path])
@@ -47,7 +47,7 @@ def test_a_changed_frozen_reading_is_refused(tmp_path, slug):
     changed, number = first_number.subn(lambda found: f"{found[1]}{1.001 * float(found[2])}", text, count=1)
     assert number == 1
     (tmp_path / f"{slug}.yaml").write_text(changed, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"{slug}.yaml: readings.printed: is frozen.*based_on: printed"):
+    with pytest.raises(InputError, match=rf"{slug}.yaml:\d+: readings.printed: is frozen.*based_on: printed"):
         load_studies({slug: MODELS[slug]}, tmp_path, {})
 
 
@@ -64,10 +64,12 @@ def refused(project, *arguments, configfile=None) -> str:
 
 def test_what_is_wrong_in_a_users_file_is_the_last_word(project, tmp_path):
     path = tmp_path / "mine.yaml"
-    body = "{based_on: corrected, inputs: {gravty: {value: 3.7, source: Eq. 1}}}"
+    body = "{based_on: corrected, planet: {gravty: {value: 3.7, source: Eq. 1}}}"
     path.write_text(f"powered_descent: {{readings: {{mine: {body}}}}}\n", encoding="utf-8")
     said = refused(project, TARGET, configfile=path)
-    assert said.startswith(f"marsedl: {path}: readings.mine.inputs: unknown key 'gravty'; did you mean 'gravity'?")
+    assert (
+        said == f"marsedl: {path}:1: powered_descent.readings.mine.planet.gravty: unknown key; did you mean 'gravity'?"
+    )
 
 
 @pytest.mark.parametrize("profile", ["default", "slurm"])

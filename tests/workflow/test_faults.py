@@ -136,7 +136,7 @@ DAMAGED = {
     "desensitized/corrected/nominal": (
         of_an_older_schema,
         "figures/desensitized/fig01b.png",
-        "default_figure",
+        "figure",
         "artifact Nominal was written by another version",
     ),
     "funnels/corrected/linearization": (

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from marsedl.montecarlo.streaming import EXACT_TRIALS, final_percentile
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble, StreamedFlightEnsemble
+from marsedl.papers.powered_descent.records import FlightEnsemble, StreamedFlightEnsemble
 from marsedl.replication import artifacts
 from marsedl.replication.digests import digest
 
@@ -22,7 +22,7 @@ powered_descent:
     mine:
       based_on: corrected
       summary: More trials than are kept one by one.
-      inputs:
+      ensemble:
         trials: {value: %d, source: "assumed: many"}
 """
 

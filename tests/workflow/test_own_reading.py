@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.papers.powered_descent.gains import Gains
-from marsedl.papers.powered_descent.montecarlo import FlightEnsemble
-from marsedl.papers.stochastic_entry import montecarlo as entry_montecarlo
-from marsedl.papers.stochastic_entry import nominal as entry_nominal
+from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
+from marsedl.papers.stochastic_entry import records as entry_records
 from marsedl.replication.artifacts import load
 from marsedl.replication.claims import read_claims
 
@@ -20,10 +18,12 @@ powered_descent:
     mine:
       based_on: corrected
       summary: Durations that are no multiple of any step, a full covariance, numbers of trials that are no blocks.
-      inputs:
-        noise_coefficient: {{value: 0.03, source: "assumed: test"}}
-        final_covariance: {{value: {COVARIANCE}, source: "assumed: test"}}
-        segment_durations: {{value: [24.7, 16.13], unit: s, source: "assumed: test"}}
+      noise: {{noise_coefficient: {{value: 0.03, source: "assumed: test"}}}}
+      mission:
+        source: "assumed: test"
+        final_covariance: {{value: {COVARIANCE}}}
+        segment_durations: {{value: [24.7, 16.13], unit: s}}
+      ensemble:
         trials: {{value: 7, source: "assumed: test"}}
         large_trials: {{value: 1500, source: "assumed: test"}}
 """
@@ -87,26 +87,22 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
     assert plan.rules == {"claims", "all_claims", "digests", "index"}
 
 
-def test_a_density_table_of_ones_own(tree, tmp_path):
+def test_a_density_table_of_ones_own(tree, own_reading, tmp_path):
     """An exponential atmosphere, of which every interpolation of ln density gives the exact density in between."""
     density, scale_height = 0.0158, 9354.5
     table = tmp_path / "thin air.csv"
     rows = [f"{altitude},{density * np.exp(-altitude / scale_height):.17g}" for altitude in range(0, 130_001, 5000)]
     table.write_text("\n".join(["altitude_m,density_kg_m3", *rows]) + "\n", encoding="utf-8")
     config = tmp_path / "mine.yaml"
-    config.write_text(
-        "stochastic_entry: {readings: {mine: {based_on: corrected, inputs: {\n"
-        "  density_profile: {value: table, source: 'assumed: test'},\n"
-        f"  density_table: {{value: '{table}', source: 'assumed: test'}}}}}}}}}}\n",
-        encoding="utf-8",
-    )
+    text = own_reading("stochastic_entry", "mine", density_profile="table", density_table=f"'{table}'")
+    config.write_text(text, encoding="utf-8")
     before, figure = tree.state(), "figures/stochastic_entry/mine/fig07.png"
     flights = "data/cache/stochastic_entry/mine/montecarlo.stochastic_velocity.h5"
     done = tree.run(figure, flights, configfile=config)
     assert done.returncode == 0, done.stdout[-3000:]
-    nominal = artifact(tree, "nominal", entry_nominal.Nominal, "stochastic_entry")
+    nominal = artifact(tree, "nominal", entry_records.Nominal, "stochastic_entry")
     np.testing.assert_allclose(nominal.density, density * np.exp(-nominal.altitude / scale_height), rtol=1e-9)
-    flown = artifact(tree, "montecarlo.stochastic_velocity", entry_montecarlo.FlightEnsemble, "stochastic_entry")
+    flown = artifact(tree, "montecarlo.stochastic_velocity", entry_records.FlightEnsemble, "stochastic_entry")
     assert flown.count == 200
     np.testing.assert_allclose(flown.final_state[:, 1], 500.0, atol=1e-6)
     after = tree.state()
@@ -114,16 +110,17 @@ def test_a_density_table_of_ones_own(tree, tmp_path):
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_target_exists_for_an_own_reading(tree, tmp_path, slug):
+def test_every_target_exists_for_an_own_reading(tree, own_reading, tmp_path, slug):
+    """With a seed of its own, it shares nothing that is drawn; what it shares is the other reading's file."""
     path = tmp_path / "mine.yaml"
-    path.write_text(f"{slug}: {{readings: {{mine: {{based_on: corrected}}}}}}\n", encoding="utf-8")
+    path.write_text(own_reading(slug, "mine", seed="77"), encoding="utf-8")
     paper = catalogue(slug)
     targets = {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.figures for ext in ("png", "pdf")}
     targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
     stages = [name for name in paper.stages if not name.startswith("montecarlo")]
     stages += [f"montecarlo.{case}" for case in input_model(slug).CASES]
-    targets |= {f"data/cache/{slug}/mine/{name}.h5" for name in stages}
-    plan = tree.plan(*sorted(targets), configfile=path)
+    plan = tree.plan(*sorted(targets), *(f"data/cache/{slug}/mine/{name}.h5" for name in stages), configfile=path)
     assert plan.files >= targets
     assert plan.papers == {slug}
     assert plan.readings == {"mine"}
+    assert plan.artifacts >= {f"mine/montecarlo.{case}" for case in input_model(slug).CASES}

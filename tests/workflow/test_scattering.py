@@ -6,21 +6,11 @@ from marsedl.replication.digests import digest
 
 pytestmark = pytest.mark.workflow
 
-READING = """
-{slug}:
-  readings:
-    scattered:
-      based_on: corrected
-      inputs:
-        trials: {{value: 2500, source: "assumed: test"}}
-        paper_trials: {{value: 1000, source: "assumed: test"}}
-"""
-
 
 @pytest.mark.parametrize(("slug", "case"), [("random_field", "aerocapture"), ("stochastic_entry", "apollo_velocity")])
-def test_scattered_flights_are_those_of_one_job(tree, tmp_path, slug, case):
+def test_scattered_flights_are_those_of_one_job(tree, own_reading, tmp_path, slug, case):
     config = tmp_path / "scattered.yaml"
-    config.write_text(READING.format(slug=slug), encoding="utf-8")
+    config.write_text(own_reading(slug, "scattered", trials="2500", paper_trials="1000"), encoding="utf-8")
     target = f"data/cache/{slug}/scattered/montecarlo.{case}.h5"
     found = []
     for chunks in (3, 1):

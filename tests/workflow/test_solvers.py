@@ -44,13 +44,12 @@ FAILING = {
 }
 
 
-def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished(tree, tmp_path):
+def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished(tree, own_reading, tmp_path):
     digests = tree.digests()
     path = tmp_path / "mine.yaml"
     readings, targets = [], []
     for slug, (inputs, artifact, _) in FAILING.items():
-        entries = ", ".join(f'{key}: {{value: {value}, source: "assumed: test"}}' for key, value in inputs.items())
-        readings.append(f"{slug}: {{readings: {{unsolved: {{based_on: corrected, inputs: {{{entries}}}}}}}}}\n")
+        readings.append(own_reading(slug, "unsolved", **inputs))
         targets.append(f"data/cache/{slug}/unsolved/{artifact}.h5")
     path.write_text("".join(readings), encoding="utf-8")
     lost = [f"data/cache/{slug}/corrected/{next(iter(catalogue(slug).stages))}.h5" for slug in SLUGS]

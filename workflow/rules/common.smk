@@ -103,20 +103,14 @@ def files(paper, reading, needs, optional=()):
 
 
 def claimed(paper, reading):
-    """All artifacts of a reading that its claims use, by name."""
-    stages = [
-        name
-        for name, stage in PAPERS[paper].stages.items()
-        if not name.startswith(FLIGHTS) and reading in (stage.claimed_in or [reading])
-    ]
-    flights = [f"{FLIGHTS}.{case}" for case in cases(paper, reading)]
-    return files(paper, reading, stages + flights)
+    """All artifacts of a reading that its claims use, by the name of the parameter that takes them."""
+    artifacts = SHARED[paper].claimed(reading)
+    return {name.split(".")[-1]: path for name, path in artifacts.items()}
 
 
 def cache(paper):
     """All artifacts of a paper that its claims use."""
-    readings = [claimed(paper, reading) for reading in STUDIES[paper].compared]
-    return sorted({path for artifacts in readings for path in artifacts.values()})
+    return sorted(set(SHARED[paper].compared().values()))
 
 
 def number_of_chunks(paper, reading, case):

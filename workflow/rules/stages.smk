@@ -99,5 +99,5 @@ for _path in sys.argv[1:]:
                 _path
             input:
                 _owned,
-            message:
-                f"{_path}: is the same as another reading's, {_owned}"
+
+        print(f"{_path} is shared: it is {_owned}", file=sys.stderr)

@@ -4,8 +4,6 @@ from functools import cache
 from importlib import import_module
 
 from marsedl.replication.catalogue import Paper
-from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
-from marsedl.replication.declarations import declared
 
 SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochastic_entry")
 
@@ -13,6 +11,10 @@ SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochast
 @cache
 def catalogue(slug: str) -> Paper:
     """Return a paper's bill of materials, with what its functions declare."""
+    # Here, as jobs import this package without it.
+    from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
+    from marsedl.replication.declarations import declared
+
     written = import_module(f"marsedl.papers.{slug}").PAPER
     return declared(written, input_model(slug), remembered_digests(SOURCE_ROOT.parent))
 

@@ -34,7 +34,6 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import astuple, dataclass, field
-from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 
@@ -119,23 +118,31 @@ def script_libraries(path: str | Path, source_root: Path = SOURCE_ROOT) -> list[
     return _facts(_closure_of_script(path, source_root))[1]
 
 
-def source_digest(source_root: Path = SOURCE_ROOT, without: Iterable[str] = ()) -> str:
-    """SHA-256 of the code of the Python files below `source_root`; comments, docstrings and formatting do not count.
+def kernels_digest(source_root: Path = SOURCE_ROOT) -> str:
+    """SHA-256 of all code that numba's cached kernels can reach, see `kernels`."""
+    closure = _Closure(source_root)
+    for entry in kernels(source_root):
+        closure.add_entry(*entry.split(":"))
+    return closure.digest()
 
-    without: patterns of paths below `source_root` that are left out, such as "package/*/claims.py"
 
-    Raises MarsedlError for a file that is not valid Python.
+def kernels(source_root: Path = SOURCE_ROOT) -> list[str]:
+    """Return the functions that numba compiles and caches, "package.module:function".
+
+    These are decorated with `njit(..., cache=True)`, or with a function of their module that calls `njit`.
+    Raises MarsedlError for a module that is not valid Python.
     """
-    source_root, without = Path(source_root), tuple(without)
-    parts = []
+    found = []
     for path in sorted(source_root.rglob("*.py")):
-        name = path.relative_to(source_root).as_posix()
-        if any(fnmatchcase(name, pattern) for pattern in without):
-            continue
-        module = ".".join(path.relative_to(source_root).with_suffix("").parts)
-        is_package = path.stem == "__init__"
-        parts += [name, _parsed(module.removesuffix(".__init__"), is_package, str(path), path.read_bytes()).text]
-    return _sha256(parts)
+        name = ".".join(path.relative_to(source_root).with_suffix("").parts).removesuffix(".__init__")
+        module = _parsed(name, path.stem == "__init__", str(path), path.read_bytes())
+        uses = zip(module.functions, module.uses, strict=True)
+        compilers = {function for function, used in uses if function and ("njit",) in used.chains}
+        for function, signature in module.signatures.items():
+            decorators = signature["decorators"]
+            if decorators.get("njit", {}).get("cache") or compilers & decorators.keys():
+                found.append(f"{name}:{function}")
+    return found
 
 
 class RememberedDigests:
@@ -163,9 +170,9 @@ class RememberedDigests:
             self._recall()
         atexit.register(self.save)
 
-    def source(self, without: tuple[str, ...] = ()) -> str:
-        """See `source_digest`."""
-        return self._of(f"source {without}", lambda: source_digest(self._source_root, without))
+    def kernels(self) -> str:
+        """See `kernels_digest`."""
+        return self._of("kernels", lambda: kernels_digest(self._source_root))
 
     def code(self, entry: str) -> str:
         """See `code_digest`."""

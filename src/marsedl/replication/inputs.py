@@ -305,12 +305,16 @@ def _limited(reading: Reading, limits: dict[str, dict], place: _Place) -> Readin
             value = getattr(values, name)
             if value is None:
                 continue
-            if not isinstance(value, int | float | np.ndarray):
+            entries = np.atleast_1d(value)
+            if entries.dtype.kind not in "if":
                 raise InputError(f"{place / section / name}: only numbers can be limited, and it is {shown(value)}")
-            if isinstance(value, int) and not isinstance(limit, int):
+            if entries.dtype.kind == "i" and not isinstance(limit, int):
                 raise InputError(f"{place / section / name}: {shown(limit)} is not a whole number")
-            if np.max(value) > limit:
-                smaller[name] = np.minimum(value, limit) if isinstance(value, np.ndarray) else limit
+            if entries.max() > limit and np.ndim(value):
+                lowered = np.minimum(entries, limit)
+                smaller[name] = tuple(lowered.tolist()) if isinstance(value, tuple) else lowered
+            elif entries.max() > limit:
+                smaller[name] = limit
         if smaller:
             sections[section] = values.model_copy(update=smaller)
     return replace(reading, inputs=reading.inputs.model_copy(update=sections)) if sections else reading

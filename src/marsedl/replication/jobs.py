@@ -26,6 +26,7 @@ NUMERIC_ENVIRONMENT = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
     "SOURCE_DATE_EPOCH": "1502928000",
     "MPLBACKEND": "agg",
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",
 }
 # What of it, and beside it, says which instructions are used. It is not pinned if UNPINNED is set, so that this machine
 # can pretend to be another one, see replication/machines.py; threads, seeds and dates are pinned all the same.
@@ -55,8 +56,7 @@ def pin_numerics(root: Path) -> None:
             os.environ.pop(name, None)
     os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
-    source = remembered_digests(root).source(kernels.NO_KERNELS)
-    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, source))
+    os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).kernels()))
     os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")
 

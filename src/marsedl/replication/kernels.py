@@ -22,17 +22,11 @@ from pathlib import Path
 from marsedl.replication.errors import MarsedlError
 
 KEY_BYTES = 32
-# Where no kernel is, and what none reaches: an edit there compiles nothing again.
-NO_KERNELS = (
-    *(f"marsedl/{wing}/*" for wing in ("replication", "plotting", "comparison")),
-    *(f"marsedl/papers/*/{name}.py" for name in ("__init__", "inputs", "claims", "figures", "tables", "closeups")),
-    "marsedl/cli.py",
-)
 LOCATOR = f"{__name__}.Kernels"  # for numba's variable NUMBA_CACHE_LOCATOR_CLASSES
 
 
 def cache_folder(root: Path, source: str) -> Path:
-    """The folder for kernels of a project, which only this user can name; source: digest of the code that has them.
+    """The folder for kernels of a project, which only this user can name; source: digest of the code that they reach.
 
     Numba does not notice edits of functions called from another file, hence the digest.
     """

@@ -136,8 +136,11 @@ def build(root: Path, folder: Path, slugs: Iterable[str], machine: Machine = _PI
 
 def compared(pinned: Path, folder: Path, slug: str, noise: Sequence[str] = ()) -> Comparison:
     """Compare the verdicts and numbers of one paper in two builds; noise as for `verification.compare`."""
-    builds = [build_folder(root, "smoke") for root in (pinned, folder)]
-    found = [fingerprints(build, slug, sorted(build.glob(f"data/cache/{slug}/*/*.h5"))) for build in builds]
+    builds, pattern = [build_folder(root, "smoke") for root in (pinned, folder)], f"data/cache/{slug}/*/*.h5"
+    found = [
+        fingerprints(build, slug, {f"{path.parent.name}/{path.stem}": path for path in sorted(build.glob(pattern))})
+        for build in builds
+    ]
     return compare(*found, noise)
 
 

@@ -18,7 +18,7 @@ class Shared:
 
     def __init__(self, paper: Paper, study: Study):
         """Take the catalogue and the readings."""
-        self._paper, self._study = paper, study
+        self.paper, self._study = paper, study
         self._order = sorted(study.readings, key=lambda name: name != FIRST)  # stable: otherwise as they stand
         self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
         self._flown = {name: reading.flown() for name, reading in study.readings.items()}
@@ -33,22 +33,35 @@ class Shared:
             self._owners[name, digest] = next(same)
         return self._owners[name, digest]
 
+    def claimed(self, reading: str) -> dict[str, str]:
+        """Return the paths of all artifacts that the claims of a reading use, by name."""
+        stages = self.paper.stages.items()
+        names = [
+            *(n for n, stage in stages if not n.startswith(FLIGHTS) and reading in (stage.claimed_in or [reading])),
+            *(f"{FLIGHTS}.{case}" for case in self._flown[reading]),
+        ]
+        return {name: self.file(reading, name) for name in names}
+
+    def compared(self) -> dict[str, str]:
+        """Return the paths of the artifacts that the claims of all compared readings use, by "reading/name"."""
+        return {f"{r}/{name}": path for r in self._study.compared for name, path in self.claimed(r).items()}
+
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
         stage, _, case = name.partition(".")
         if stage == FLIGHTS:
             return case in self._flown.get(reading, ())
-        return reading in self._flown and not case and stage in self._paper.stages
+        return reading in self._flown and not case and stage in self.paper.stages
 
     def file(self, reading: str, name: str) -> str:
         """Return the path of an artifact, from the folder of the build on."""
-        return f"data/cache/{self._paper.slug}/{self.owner(reading, name)}/{name}.h5"
+        return f"data/cache/{self.paper.slug}/{self.owner(reading, name)}/{name}.h5"
 
     def _digest(self, reading: str, name: str) -> str:
         """Digest of all that an artifact is computed from; the code is the same for all readings."""
         if (reading, name) not in self._digests:
             stage, _, case = name.partition(".")
-            declared = self._paper.stages[stage]
+            declared = self.paper.stages[stage]
             values = self._values[reading]
             made_from = {
                 "inputs": {key: values[key] for key in declared.inputs},

@@ -240,9 +240,24 @@ def descent(inputs, banks, switch_times, intervals) -> Guess:
     return Guess(np.column_stack([motion, bank(time), bank_rate(time)]), control[:, np.newaxis], float(time[-1]))
 
 
+def given_conditions(inputs):
+    """The conditions on the bank by name; None where the inputs leave it free."""
+    return dict(
+        zip(
+            CONDITIONS,
+            (inputs.initial_bank, inputs.initial_bank_rate, inputs.final_bank, inputs.final_bank_rate),
+            strict=True,
+        )
+    )
+
+
 def symmetric(inputs):
     """Whether a solution seen in a mirror, north and south exchanged, is another one."""
-    aside = [inputs.entry_latitude, inputs.final_latitude, *(getattr(inputs, name) or 0.0 for name in CONDITIONS)]
+    aside = [
+        inputs.entry_latitude,
+        inputs.final_latitude,
+        *(value or 0.0 for value in given_conditions(inputs).values()),
+    ]
     north = np.cos(inputs.entry_azimuth)
     return not any(aside) and abs(north) < 1e-12  # an azimuth of 90 degrees is rounded
 
@@ -329,10 +344,8 @@ def bank_conditions(inputs, nominal: Nominal):
     fixed = np.array(list(product((False, True), repeat=len(CONDITIONS))))
     found = []
     for choice in fixed:
-        values = {
-            name: (getattr(inputs, name) or 0.0) if held else None
-            for name, held in zip(CONDITIONS, choice, strict=True)
-        }
+        given = given_conditions(inputs)
+        values = {name: (given[name] or 0.0) if held else None for name, held in zip(CONDITIONS, choice, strict=True)}
         changed = Slice(vars(inputs) | values)
         transcribed = entry_problem.program(changed, entry_problem.problem(changed))
         found.append(attempt(inputs, transcribed, as_guess(nominal), barrier=WARM))

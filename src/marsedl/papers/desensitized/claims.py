@@ -1,5 +1,7 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that differ."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
@@ -24,6 +26,7 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Close, Declaration, Evaluation
 
 PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)
@@ -58,35 +61,43 @@ MUCH_LESS = 0.1  # factor of fuel
 DEEP_ALTITUDE = 15e3  # m, told beside the altitude that decides
 
 
-def evaluate(
-    inputs,
-    nominal: Nominal,
-    tradeoff: Tradeoff,
-    linearization: Linearization,
-    gains: Gains,
-    responses: Responses,
-    entry_errors: FlightEnsemble,
-    gain_study: GainStudy | None = None,
-    branches: Branches | None = None,
-    minimum_fuel: MinimumFuel | None = None,
-    certificates: Certificates | None = None,
-    further_perturbations: FurtherPerturbations | None = None,
-) -> dict[str, Evaluation | None]:
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the claims are measured from."""
+
+    nominal: Nominal
+    tradeoff: Tradeoff
+    linearization: Linearization
+    gains: Gains
+    responses: Responses
+    entry_errors: FlightEnsemble
+    gain_study: GainStudy | None = None
+    branches: Branches | None = None
+    minimum_fuel: MinimumFuel | None = None
+    certificates: Certificates | None = None
+    further_perturbations: FurtherPerturbations | None = None
+
+
+def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Claims that rest on a study which is not done for the reading are None. Flights that are lost, and gains that did
     not converge, meet no statement about them.
     """
-    rows = _Rows(inputs, tradeoff)
+    rows = _Rows(inputs, records.tradeoff)
     return {
         **_stated_inputs(inputs, rows),
-        **_objective_claims(rows, minimum_fuel),
-        **_nominal_claims(inputs, nominal, rows),
-        **_table_claims(rows, certificates, branches),
-        **_radius_claims(inputs, gains, responses),
-        **_downrange_claims(inputs, linearization, gains, responses, certificates, gain_study),
-        **_crossrange_claims(inputs, linearization, gains, responses, gain_study),
-        **_outlook_claims(nominal, rows, gains, responses, entry_errors, further_perturbations),
+        **_objective_claims(rows, records.minimum_fuel),
+        **_nominal_claims(inputs, records.nominal, rows),
+        **_table_claims(rows, records.certificates, records.branches),
+        **_radius_claims(inputs, records.gains, records.responses),
+        **_downrange_claims(
+            inputs, records.linearization, records.gains, records.responses, records.certificates, records.gain_study
+        ),
+        **_crossrange_claims(inputs, records.linearization, records.gains, records.responses, records.gain_study),
+        **_outlook_claims(
+            records.nominal, rows, records.gains, records.responses, records.entry_errors, records.further_perturbations
+        ),
     }
 
 

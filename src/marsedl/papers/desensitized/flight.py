@@ -70,10 +70,11 @@ def settings(inputs, nodes):
         raise ValueError(f"bank_acceleration_bound must be positive, got {inputs.bank_acceleration_bound}")
     if not nodes.spacing > 0.0:
         raise ValueError(f"the spacing of the nodes must be positive, got {nodes.spacing}")
-    values = {"bottom": nodes.bottom, "cells_per_metre": 1.0 / nodes.spacing}
-    return np.array(
-        [tuple(values[name] if name in values else getattr(inputs, name) for name in _SETTINGS.names)], dtype=_SETTINGS
+    values = (
+        *(inputs.gravitational_parameter, inputs.planet_radius, inputs.ballistic_coefficient, inputs.lift_to_drag),
+        *(inputs.bank_acceleration_bound, nodes.bottom, 1.0 / nodes.spacing),
     )
+    return np.array([values], dtype=_SETTINGS)
 
 
 def _checked_reference(reference, bound):

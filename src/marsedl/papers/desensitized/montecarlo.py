@@ -9,7 +9,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
-from marsedl.replication.catalogue import stage
+from marsedl.replication.catalogue import Flown, Trial, stage
 
 ERROR_STREAM = 0
 OUTCOMES = {0: "flown to the final time", 1: "below the ground", 3: "not finite"}
@@ -18,12 +18,13 @@ OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are n
 
 
 @stage()
-def simulate(inputs, gains: Gains, *, case: str, trials: int, chunk: int, chunks: int, block_size: int) -> FlightChunk:
+def simulate(inputs, gains: Gains, *, flown: Flown) -> FlightChunk:
     """Fly one chunk of the trials under every law.
 
     case: "entry_errors". trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials
     in a block.
     """
+    case, trials, block_size, chunk, chunks = flown
     first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
     bound = inputs.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
@@ -96,8 +97,9 @@ def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
     )
 
 
-def replay(inputs, gains: Gains, *, case: str, number: int, ensemble: FlightEnsemble | None = None) -> str:
+def replay(inputs, gains: Gains, *, trial: Trial) -> str:
     """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is given."""
+    case, number, ensemble = trial
     lines = []
     for law_number, name in enumerate(gains.law):
         trial = ensembles.replay(block_simulator(inputs, gains, case, law_number), number)

@@ -783,8 +783,10 @@ def readings(artifacts, published):
         ),
     ]
     default = artifacts["corrected"][0]
-    for name, (inputs, items) in artifacts.items():
-        tradeoff, gains, responses, ensemble = (items[k] for k in ("tradeoff", "gains", "responses", "entry_errors"))
+    for name, (inputs, records) in artifacts.items():
+        tradeoff, gains, responses, ensemble = (
+            getattr(records, k) for k in ("tradeoff", "gains", "responses", "entry_errors")
+        )
         errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
         laws, flown = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
         against = (
@@ -849,11 +851,11 @@ def weights(artifacts, published):
     ]
     printed = printed_rows(published)
     found = sorted(artifacts.items(), key=lambda item: item[1][0].weight_rule != "proportional")
-    wanted = {_c1(value) for _, items in artifacts.values() for value in items["tradeoff"].printed_weight}
+    wanted = {_c1(value) for _, records in artifacts.values() for value in records.tradeoff.printed_weight}
     for c1 in sorted(wanted | set(printed)):
         lines = {}
-        for name, (inputs, items) in found:
-            tradeoff = items["tradeoff"]
+        for name, (inputs, records) in found:
+            tradeoff = records.tradeoff
             for number in (k for k, value in enumerate(tradeoff.printed_weight) if _c1(value) == c1):
                 cells = _weight_cells(inputs, tradeoff, number, c1)
                 lines.setdefault(cells, []).append(name)

@@ -1,5 +1,6 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that fail."""
 
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
@@ -9,7 +10,6 @@ from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, HEAT_RATE, KIL
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
-    Divergence,
     Dubins,
     DubinsStudy,
     EquationsOfMotion,
@@ -23,8 +23,8 @@ from marsedl.papers.funnels.records import (
     Optima,
     Proven,
     StageStudy,
-    UndisturbedFunnel,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Declaration, Evaluation
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
@@ -51,50 +51,60 @@ STUDIED = (
 )
 
 
-def evaluate(
-    inputs,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-    constant: FlightEnsemble,
-    redrawn: FlightEnsemble,
-    adversarial: FlightEnsemble,
-    optima: Optima | None = None,
-    linear_bounds: LinearBounds | None = None,
-    stage_study: StageStudy | None = None,
-    discretization: Discretization | None = None,
-    coarse_funnels: CoarseFunnels | None = None,
-    undisturbed_funnel: UndisturbedFunnel | None = None,
-    monotonicity: Monotonicity | None = None,
-    divergence: Divergence | None = None,
-    equations_of_motion: EquationsOfMotion | None = None,
-    proven: Proven | None = None,
-    dubins: Dubins | None = None,
-    dubins_study: DubinsStudy | None = None,
-    dubins_calm: FlightEnsemble | None = None,
-    dubins_wind: FlightEnsemble | None = None,
-    measured: dict[str, float] | None = None,
-) -> dict[str, Evaluation | None]:
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the claims are measured from."""
+
+    nominal: Nominal
+    linearization: Linearization
+    gains: Gains
+    funnel: Funnel
+    constant: FlightEnsemble
+    redrawn: FlightEnsemble
+    adversarial: FlightEnsemble
+    optima: Optima | None = None
+    linear_bounds: LinearBounds | None = None
+    stage_study: StageStudy | None = None
+    discretization: Discretization | None = None
+    coarse_funnels: CoarseFunnels | None = None
+    monotonicity: Monotonicity | None = None
+    equations_of_motion: EquationsOfMotion | None = None
+    proven: Proven | None = None
+    dubins: Dubins | None = None
+    dubins_study: DubinsStudy | None = None
+    dubins_calm: FlightEnsemble | None = None
+    dubins_wind: FlightEnsemble | None = None
+
+
+def evaluate(inputs, records: Records, measured: dict[str, float] | None = None) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Claims that rest on a study which is not done for the reading are None. What a funnel that ends early has not, is
     not a number, and meets no statement. measured: run times and their ratios, by what they are of.
     """
-    del undisturbed_funnel, divergence  # no claim is on them
-    laws = {"constant": constant, "redrawn": redrawn, "adversarial": adversarial}
+    laws = {"constant": records.constant, "redrawn": records.redrawn, "adversarial": records.adversarial}
     return {
-        **_stated_inputs(inputs, linearization),
-        **_program_claims(inputs, funnel, dubins, stage_study, coarse_funnels, monotonicity),
-        **_set_claims(inputs, gains, funnel),
-        **_stage_claims(inputs, stage_study, discretization, coarse_funnels, equations_of_motion),
-        **_flight_claims(funnel, laws, proven),
-        **_course_claims(linearization, funnel, constant),
-        **_guarantee_claims(inputs, linearization, gains, funnel, proven),
-        **_heating_claims(inputs, nominal, optima, funnel, constant),
-        "dubins_funnel": dubins and _dubins_claim(dubins, dubins_study, dubins_calm, dubins_wind),
-        "four_funnel_solvers": coarse_funnels
-        and _four_solvers_claim(funnel, linear_bounds.exact_level, flown_levels(funnel, constant), coarse_funnels),
+        **_stated_inputs(inputs, records.linearization),
+        **_program_claims(
+            inputs, records.funnel, records.dubins, records.stage_study, records.coarse_funnels, records.monotonicity
+        ),
+        **_set_claims(inputs, records.gains, records.funnel),
+        **_stage_claims(
+            inputs, records.stage_study, records.discretization, records.coarse_funnels, records.equations_of_motion
+        ),
+        **_flight_claims(records.funnel, laws, records.proven),
+        **_course_claims(records.linearization, records.funnel, records.constant),
+        **_guarantee_claims(inputs, records.linearization, records.gains, records.funnel, records.proven),
+        **_heating_claims(inputs, records.nominal, records.optima, records.funnel, records.constant),
+        "dubins_funnel": records.dubins
+        and _dubins_claim(records.dubins, records.dubins_study, records.dubins_calm, records.dubins_wind),
+        "four_funnel_solvers": records.coarse_funnels
+        and _four_solvers_claim(
+            records.funnel,
+            records.linear_bounds.exact_level,
+            flown_levels(records.funnel, records.constant),
+            records.coarse_funnels,
+        ),
         **_cost_claims(measured or {}),
     }
 

@@ -19,18 +19,33 @@ FLIGHTS = 21  # stream of random numbers, keyed by that of the design
 def compute(inputs, linearization: Linearization) -> Divergence:
     """Cheaper feedback, wider density and larger initial sets, each with a funnel and with flights."""
     cases = [
-        *(("scale of the bank angle", f, ("scale_bank",)) for f in inputs.studied_bank_factors),
+        *(("scale of the bank angle", f, {"scale_bank": f * inputs.scale_bank}) for f in inputs.studied_bank_factors),
         *(
-            ("disturbance of the density", f, ("density_amplitude", "density_slope_amplitude"))
+            (
+                "disturbance of the density",
+                f,
+                {
+                    "density_amplitude": f * inputs.density_amplitude,
+                    "density_slope_amplitude": f * inputs.density_slope_amplitude,
+                },
+            )
             for f in inputs.studied_density_factors
         ),
         *(
-            ("initial set", f, ("initial_lengths", "initial_velocity", "initial_angles"))
+            (
+                "initial set",
+                f,
+                {
+                    "initial_lengths": f * inputs.initial_lengths,
+                    "initial_velocity": f * inputs.initial_velocity,
+                    "initial_angles": f * inputs.initial_angles,
+                },
+            )
             for f in inputs.studied_initial_factors
         ),
     ]
     design = samples(inputs)
-    rows = [_changed(inputs, linearization, design, factor, names) for _, factor, names in cases]
+    rows = [_changed(inputs, linearization, design, values) for _, _, values in cases]
     first, levels, outcome, flown, lost = (list(column) for column in zip(*rows, strict=True))
     return Divergence(
         change=np.array([name for name, _, _ in cases]),
@@ -43,9 +58,9 @@ def compute(inputs, linearization: Linearization) -> Divergence:
     )
 
 
-def _changed(inputs, linearization, design, factor, names):
+def _changed(inputs, linearization, design, values):
     """First level, levels, how the funnel ended, largest V of flights from its first slice, and flights lost."""
-    changed = SimpleNamespace(**vars(inputs) | {name: factor * getattr(inputs, name) for name in names})
+    changed = SimpleNamespace(**vars(inputs) | values)
     gains = gains_stage.compute(changed, linearization)
     loop = environment.closed_loop(changed, linearization, gains.half_gain)
     levels, outcome = propagate(changed, loop, gains, design, inputs.backward_steps_per_slice)

@@ -53,7 +53,8 @@ def heat_rate(inputs, altitude, velocity, disturbance=(0.0, 0.0)):
 
 def entry_state(inputs):
     """State at entry, (6,)."""
-    return np.array([getattr(inputs, f"entry_{name}") for name in STATES])
+    place = (inputs.entry_altitude, inputs.entry_longitude, inputs.entry_latitude)
+    return np.array([*place, inputs.entry_velocity, inputs.entry_flight_path_angle, inputs.entry_heading])
 
 
 def _state(inputs, lengths, velocity, angles):

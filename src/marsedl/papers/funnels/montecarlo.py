@@ -11,7 +11,7 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.funnels import flight
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
-from marsedl.replication.catalogue import stage
+from marsedl.replication.catalogue import Flown, Trial, stage
 
 REPEATS = 10
 OUTCOMES = {0: "flown to the end", 3: "not finite"}
@@ -24,11 +24,7 @@ def simulate(
     gains: Gains,
     funnel: Funnel,
     *,
-    case: str,
-    trials: int,
-    chunk: int,
-    chunks: int,
-    block_size: int,
+    flown: Flown,
 ) -> FlightChunk:
     """Fly one chunk of the trials of a case.
 
@@ -36,6 +32,7 @@ def simulate(
     `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
     trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials in a block.
     """
+    case, trials, block_size, chunk, chunks = flown
     numbers = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
     setting = flight.entry_setting(inputs, linearization, gains, funnel)
     return _flown(inputs, setting, case, numbers, min(inputs.drawn_trials, trials), block_size)
@@ -118,11 +115,10 @@ def replay(
     gains: Gains,
     funnel: Funnel,
     *,
-    case: str,
-    number: int,
-    ensemble: FlightEnsemble | None = None,
+    trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is given."""
+    case, number, ensemble = trial
     trial = ensembles.replay(block_simulator(inputs, linearization, gains, funnel, case), number)
     end = ensembles.without_infinities(trial.final_state[:, 0])
     outcome = ensembles.COMPLETED if np.isfinite(trial.final_state).all() else ensembles.NON_FINITE

@@ -501,9 +501,9 @@ def readings(artifacts, published):
         )
     ]
     default = artifacts["corrected"][0]
-    for name, (inputs, items) in artifacts.items():
-        funnel, constant = items["funnel"], items["constant"]
-        laws = [items[law] for law in ("constant", "redrawn", "adversarial")]
+    for name, (inputs, records) in artifacts.items():
+        funnel, constant = records.funnel, records.constant
+        laws = [getattr(records, law) for law in ("constant", "redrawn", "adversarial")]
         ratio = over_flown(funnel, constant)
         top = int(np.argmax(np.where(np.isfinite(funnel.level), funnel.level, -np.inf)))
         exceeded = np.count_nonzero(funnel.true_maximum > funnel.growth)

@@ -186,8 +186,11 @@ def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: Fl
     return figure
 
 
-def fig07(mission: Mission, gains: Gains, closed_loop: FlightEnsemble) -> Figure:
+def fig07(
+    mission: Mission, gains: Gains, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None
+) -> Figure:
     """Predicted and measured variances of downrange and altitude, with the sampling band of the prediction."""
+    closed_loop = closed_loop_large or closed_loop
     figure, panels = new_figure(7.2, 5.0, nrows=2, ncols=2, sharex=True, height_ratios=(2, 1))
     for component, (name, color) in enumerate((("downrange", BLUE), ("altitude", ORANGE))):
         axes, ratio = panels[:, component]

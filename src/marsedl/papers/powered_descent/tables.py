@@ -34,9 +34,9 @@ def agreement(published, ensemble):
     return whole, two_sample_covariance_deviance(printed[1:, 1:], trials, state.covariance[1:, 1:], state.count)
 
 
-def eq54(published, closed_loop: FlightEnsemble):
+def eq54(published, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None):
     """Mean and covariance of the final state beside Eq. 54, with standard errors and distances in standard errors."""
-    ensemble = closed_loop
+    ensemble = closed_loop_large or closed_loop
     state = FinalMoments(ensemble, STATE)
     trials = published["mc_final_mean"].trials
     share = np.sqrt(state.count / trials)  # the paper's sampling error in units of ours

@@ -1,5 +1,7 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that differ."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.methods.covariance_steering.chance import chance_factor
@@ -39,6 +41,7 @@ from marsedl.papers.stochastic_entry.records import (
     by_case,
     errors,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Close, Declaration, Evaluation
 
 LAWS = ("apollo", "stochastic")
@@ -80,37 +83,43 @@ TRADED = 0.01  # relative fall of the range deviation from one altitude limit to
 ALL_FLYING = 0.999  # share of the trials that must fly where flights are carried on by the linear model
 
 
-def evaluate(
-    inputs,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    apollo_time: FlightEnsemble,
-    apollo_velocity: FlightEnsemble,
-    stochastic_time: FlightEnsemble,
-    stochastic_velocity: FlightEnsemble,
-    certificates: Certificates | None = None,
-    tradeoff: Tradeoff | None = None,
-    error_budget: ErrorBudget | None = None,
-) -> dict[str, Evaluation | None]:
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the claims are measured from."""
+
+    nominal: Nominal
+    linearization: Linearization
+    gains: Gains
+    apollo_time: FlightEnsemble
+    apollo_velocity: FlightEnsemble
+    stochastic_time: FlightEnsemble
+    stochastic_velocity: FlightEnsemble
+    certificates: Certificates | None = None
+    tradeoff: Tradeoff | None = None
+    error_budget: ErrorBudget | None = None
+
+
+def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Numbers come from all trials of the reading. Claims that rest on a study which is not done for the reading are None.
     Trials that are not finite are counted in the evidence and left out of percentiles; without any finite trial or
     gain a number is NaN and a statement is not met.
     """
-    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
+    flights = by_case(
+        records.apollo_time, records.apollo_velocity, records.stochastic_time, records.stochastic_velocity
+    )
     tails = {case: final_percentiles(ensemble) for case, ensemble in flights.items()}
     return {
-        **_stated_inputs(inputs, gains),
-        **_density_claims(inputs, nominal, linearization, apollo_time),
-        **_design_claims(inputs, linearization, gains, certificates, tradeoff),
-        **_control_claims(inputs, linearization, gains),
-        **_dispersion_claims(inputs, nominal, linearization, gains, flights),
-        **_correlation_claims(gains, flights),
-        **_trigger_claims(inputs, nominal, linearization, gains, flights),
+        **_stated_inputs(inputs, records.gains),
+        **_density_claims(inputs, records.nominal, records.linearization, records.apollo_time),
+        **_design_claims(inputs, records.linearization, records.gains, records.certificates, records.tradeoff),
+        **_control_claims(inputs, records.linearization, records.gains),
+        **_dispersion_claims(inputs, records.nominal, records.linearization, records.gains, flights),
+        **_correlation_claims(records.gains, flights),
+        **_trigger_claims(inputs, records.nominal, records.linearization, records.gains, flights),
         **_table_4(inputs, flights, tails),
-        **_headline_claims(inputs, flights, tails, error_budget),
+        **_headline_claims(inputs, flights, tails, records.error_budget),
     }
 
 

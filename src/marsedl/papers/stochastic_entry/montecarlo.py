@@ -19,7 +19,7 @@ from marsedl.papers.stochastic_entry.records import (
     StreamedFlightChunk,
     StreamedFlightEnsemble,
 )
-from marsedl.replication.catalogue import stage
+from marsedl.replication.catalogue import Flown, Trial, stage
 
 BANK_BINS = 72
 
@@ -31,17 +31,14 @@ def simulate(
     linearization: Linearization,
     gains: Gains,
     *,
-    case: str,
-    trials: int,
-    chunk: int,
-    chunks: int,
-    block_size: int,
+    flown: Flown,
 ) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 
     case: law and trigger, such as "apollo_velocity". trials: of the whole case. chunk, chunks: number of this chunk and
     of all. block_size: trials in a block.
     """
+    case, trials, block_size, chunk, chunks = flown
     first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
     reduced = ensembles.run_blocks(
@@ -122,11 +119,10 @@ def replay(
     linearization: Linearization,
     gains: Gains,
     *,
-    case: str,
-    number: int,
-    ensemble: FlightEnsemble | None = None,
+    trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is given."""
+    case, number, ensemble = trial
     trial = ensembles.replay(block_simulator(inputs, nominal, linearization, gains, case), number)
     names = (
         "altitude (m)",

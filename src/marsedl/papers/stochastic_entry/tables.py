@@ -337,13 +337,13 @@ def readings(artifacts, published):
             f"{published['mc_trials'].printed:,}",
         )
     )
-    for name, (inputs, items) in artifacts.items():
-        projection = items["linearization"].trigger_projection[:, VELOCITY]
-        cells = [_km(-items["nominal"].downrange[-1]), f"{projection[DOWNRANGE]:.2f}", f"{projection[ALTITUDE]:.2f}"]
+    for name, (inputs, records) in artifacts.items():
+        projection = records.linearization.trigger_projection[:, VELOCITY]
+        cells = [_km(-records.nominal.downrange[-1]), f"{projection[DOWNRANGE]:.2f}", f"{projection[ALTITUDE]:.2f}"]
         for case in CASES:
-            cells += [_interval(items[case]), _mean_reversals(items[case])]
+            cells += [_interval(getattr(records, case)), _mean_reversals(getattr(records, case))]
         label = f"{name} (hypothesis)" if hypothesis(inputs) else name
-        trials = items[CASES[0]].count + items[CASES[0]].excluded
+        trials = getattr(records, CASES[0]).count + getattr(records, CASES[0]).excluded
         rows.append((label, *cells, f"{trials:,}"))
     return rows
 
@@ -364,8 +364,8 @@ def headline(artifacts, published):
     ]
     paper = {case: (np.array(published[f"tab4_downrange_{case}"].printed), np.zeros(2)) for case in CASES}
     rows.append(("in the paper", *_headline_row(paper)))
-    for name, (inputs, items) in artifacts.items():
-        tails = {case: final_percentiles(items[case], index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
+    for name, (inputs, records) in artifacts.items():
+        tails = {case: final_percentiles(getattr(records, case), index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
         rows.append((f"{name} (hypothesis)" if hypothesis(inputs) else name, *_headline_row(tails)))
     return rows
 
