@@ -11,16 +11,19 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from functools import cache
 from itertools import cycle
 
 import numba
 import numpy as np
-from measuring import CORES, RUN, interleaved, peak_memory, say, stage_inputs
+from measuring import CORES, ROOT, RUN, interleaved, peak_memory, say
 
 from marsedl.methods.covariance_steering.block_program import compile_program, solve
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import PAPER, environment, flight, gains, linearization, montecarlo, nominal
-from marsedl.papers.random_field.inputs import MODEL
+from marsedl.papers.random_field import PAPER, flight, gains, linearization, montecarlo, nominal
+from marsedl.papers.random_field.inputs import MODEL, RandomFieldInputs
+from marsedl.replication.catalogue import Flown
+from marsedl.replication.inputs import load_study
 
 PIPELINE_LIMIT = 360.0  # CPU s
 FIGURE = "fig12"
@@ -40,32 +43,53 @@ MEMORY_LIMIT = 16.0  # GB
 # --- the problems -----------------------------------------------------------------------------------------------------
 
 
+@cache
+def reading() -> RandomFieldInputs:
+    """Inputs of the corrected reading."""
+    return load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml").readings["corrected"].inputs
+
+
+def flown_nominal():
+    """The nominal of the corrected reading."""
+    i = reading()
+    return nominal.compute(i.planet, i.air, i.vehicle, i.mission, i.simulation)
+
+
 def design():
     """Nominal, linear model and gains."""
-    flown = nominal.compute(stage_inputs(PAPER, "nominal"))
-    linear = linearization.compute(stage_inputs(PAPER, "linearization"), flown)
-    return flown, linear, gains.compute(stage_inputs(PAPER, "gains"), flown, linear)
+    i, flown = reading(), flown_nominal()
+    linear = linearization.compute(i.planet, i.air, i.vehicle, i.mission, i.simulation, flown)
+    made = gains.compute(i.planet, i.air, i.vehicle, i.mission, i.guidance, i.simulation, flown, linear)
+    return flown, linear, made
+
+
+def posed_along(partition, control, states):
+    """The program about a trajectory on a partition."""
+    i = reading()
+    motion = linearization.motion_of(i.planet, i.air, i.vehicle, i.mission, i.simulation)
+    model = linearization.along(motion, partition, control, states)
+    return gains.program(i.guidance, i.vehicle, motion, model, control)[0]
 
 
 def first_program(flown, partition):
     """The first iteration's program on a partition."""
-    inputs, control = stage_inputs(PAPER, "gains"), np.zeros(len(partition) - 1)
-    states = np.column_stack([flown.altitude + inputs.planet_radius, flown.velocity, flown.flight_path_angle])
-    return gains.program(inputs, linearization.along(inputs, partition, control, states), control)[0]
+    states = nominal.states_of(reading().planet.planet_radius, flown)
+    return posed_along(partition, np.zeros(len(partition) - 1), states)
 
 
 def equal_partition(intervals):
     """Nodes of equal intervals."""
-    return np.linspace(0.0, stage_inputs(PAPER, "gains").final_time, intervals + 1)
+    return np.linspace(0.0, reading().mission.final_time, intervals + 1)
 
 
 def problem(flown, made, trials):
     """Constants, air, last law and initial states, as `flight.fly` takes them, and its options."""
-    inputs = stage_inputs(PAPER, "montecarlo")
-    air, start = environment.air(inputs), nominal.initial_state(inputs, flown.entry_flight_path_angle)
-    posed = flight.settings(inputs, air), air, gains.law(made, -1), np.tile(start, (trials, 1))
-    every = round(inputs.output_interval / inputs.time_step)
-    return posed, {"time_step": inputs.time_step, "seed": inputs.seed, "every": every}
+    i = reading()
+    plant = flight.plant_of(i.planet, i.air, i.vehicle, i.simulation)
+    start = nominal.initial_state(i.planet, i.vehicle, flown.entry_flight_path_angle)
+    every = round(i.simulation.output_interval / i.simulation.time_step)
+    options = {"time_step": i.simulation.time_step, "seed": i.simulation.seed, "every": every}
+    return (*plant, gains.law(made, -1), np.tile(start, (trials, 1))), options
 
 
 # --- the same flight without compiled code ----------------------------------------------------------------------------
@@ -178,7 +202,7 @@ def clocked(function, entered=lambda: None):
 def program_in_this_process(form, intervals):
     """Build and solve a program; prints what is known so far as JSON, a line when built and one when solved."""
     resource.setrlimit(resource.RLIMIT_AS, (int(MEMORY_LIMIT * 1e9),) * 2)
-    flown = nominal.compute(stage_inputs(PAPER, "nominal"))
+    flown = flown_nominal()
     posed = first_program(flown, equal_partition(intervals))
     solve(first_program(flown, equal_partition(4)), form=form)  # loads everything
     start = time.perf_counter()
@@ -325,12 +349,10 @@ def measure(row):
     posed = first_program(flown, linear.partition)
     both_forms(row, posed)
     say("random_field: a compiled program again")
-    inputs = stage_inputs(PAPER, "gains")
-    air, angle = environment.air(inputs), flown.entry_flight_path_angle
+    (*plant, _, starts), options = problem(flown, made, 1)
     steered = flight.open_loop(linear.partition, made.control[1])
-    states = nominal.trajectory(inputs, air, steered, angle, inputs.time_step / 2)[1]
-    model = linearization.along(inputs, linear.partition, made.control[1], states)
-    repeated_solves(row, posed, gains.program(inputs, model, made.control[1])[0])
+    states = flight.propagate_nominal(*plant, steered, starts[0], time_step=options["time_step"] / 2)[1]
+    repeated_solves(row, posed, posed_along(linear.partition, made.control[1], states))
     found = scaling_of_programs(row)
     mine, theirs = ([found[form, LONG].get(part, np.nan) for part in ("build", "solver")] for form in FORMS)
     compare_forms(row, mine, theirs, LONG, 50.0)
@@ -354,10 +376,10 @@ def measure(row):
 
     laws = len(made.control)
     say(f"random_field: {ALL_TRIALS:,} trials under each of {laws} laws")
-    inputs, (case,) = stage_inputs(PAPER, "montecarlo"), MODEL.CASES
-    start = time.process_time()
-    options = {"case": case, "trials": ALL_TRIALS, "block_size": PAPER.trials_per_block}
-    ensemble = montecarlo.compute(inputs, flown, made, **options)
+    i, (case,) = reading(), MODEL.CASES
+    start, trials = time.process_time(), Flown(case, ALL_TRIALS, PAPER.trials_per_block)
+    chunk = montecarlo.simulate(i.planet, i.air, i.vehicle, i.mission, i.simulation, flown, made, flown=trials)
+    ensemble = montecarlo.gather(i.planet, i.mission, [chunk])
     assert (ensemble.count + ensemble.excluded == ALL_TRIALS).all()
     title = f"{ALL_TRIALS:,} trials under each of {laws} laws, statistics included"
     row(title, time.process_time() - start, "CPU s")

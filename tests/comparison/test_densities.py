@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.comparison import COMPARISONS, densities
+from marsedl.comparison import densities
 from marsedl.comparison.records import NAMES
 from marsedl.papers import input_model
 from marsedl.papers.funnels.environment import log_density
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import given
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FLOWN = np.array([20e3, 120e3])  # m, of nominals that are not looked at otherwise
@@ -28,17 +28,28 @@ ARTIFACTS = {
 
 
 @pytest.fixture(scope="module")
-def inputs():
-    found = {}
-    for slug in NAMES:
-        study = load_study(slug, input_model(slug), CONFIGS / f"{slug}.yaml")
-        found[slug] = Slice(study.readings["corrected"].slice(COMPARISONS["densities"].inputs[slug]))
-    return found
+def values():
+    """All inputs of the corrected readings, "section.name", by paper."""
+    studies = {slug: load_study(slug, input_model(slug), CONFIGS / f"{slug}.yaml") for slug in NAMES}
+    return {slug: study.readings["corrected"].slice(input_model(slug).names()) for slug, study in studies.items()}
 
 
 @pytest.fixture(scope="module")
-def found(inputs):
-    return {slug: getattr(densities, slug)(inputs[slug], **ARTIFACTS[slug]) for slug in NAMES}
+def inputs(values):
+    """The same by their names alone."""
+    return {
+        slug: SimpleNamespace(**{name.partition(".")[2]: value for name, value in plain.items()})
+        for slug, plain in values.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def found(values):
+    made = {}
+    for slug in NAMES:
+        function = getattr(densities, slug)
+        made[slug] = function(**given(function, values[slug], lambda name, _, slug=slug: ARTIFACTS[slug][name]))
+    return made
 
 
 def test_one_standard_deviation_above_the_top_altitude_is_that_of_the_inputs(inputs, found):

@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 from marsedl.methods.covariance_steering import block_program
 from marsedl.models import orbits
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight, flight_statistics, linearization, nominal
+from marsedl.papers.random_field import environment, flight, flight_statistics, linearization, montecarlo, nominal
 from marsedl.papers.random_field import field_study as fields
 from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.double_integrator import kernel, system
@@ -79,7 +79,7 @@ def entry_rates(state, control, profile, variation=0.0):
 
 def fly(inputs, states, nodes, controls):
     """States at the nodes, (nodes, 3, trials), by an adaptive integrator; states (3, trials), one control each."""
-    profile, found = environment.profile(inputs), [np.asarray(states, dtype=float)]
+    profile, found = environment.profile(inputs.air), [np.asarray(states, dtype=float)]
     for (start, end), control in zip(pairwise(nodes), controls, strict=True):
         shape = found[-1].shape
 
@@ -153,7 +153,7 @@ def test_nominal_is_a_flight_of_eq_71(random_field, everything):
     flown = fly(everything, start, nodes, np.zeros(len(nodes) - 1))[:, :, 0]
     states = np.column_stack([found.altitude + RADIUS, found.velocity, found.flight_path_angle])[::200]
     assert np.abs((flown - states) / UNITS).max() < 1e-5  # 1 cm, 1 mm/s
-    pressure = 0.5 * np.exp(environment.profile(everything)(found.altitude)[0]) * found.velocity**2
+    pressure = 0.5 * np.exp(environment.profile(everything.air)(found.altitude)[0]) * found.velocity**2
     np.testing.assert_allclose(found.dynamic_pressure, pressure, rtol=1e-12)
     assert pressure.max() <= found.largest_dynamic_pressure <= pressure.max() * (1.0 + 1e-5)
     assert abs(found.time_of_largest_dynamic_pressure - found.time[pressure.argmax()]) <= 0.125
@@ -170,18 +170,28 @@ def test_a_given_entry_angle_is_flown(random_field):
 # --- linear model -----------------------------------------------------------------------------------------------------
 
 
+def plant(everything):
+    """What flies in a reading."""
+    return flight.plant_of(everything.planet, everything.air, everything.vehicle, everything.simulation)
+
+
+def motion(everything):
+    """What trajectories are linearised with in a reading."""
+    sections = (everything.planet, everything.air, everything.vehicle, everything.mission, everything.simulation)
+    return linearization.motion_of(*sections)
+
+
 def along(random_field, everything, law):
     """The model along the trajectory about which the program of the next law is posed, with its control."""
     made, start = random_field.gains(), random_field.nominal()
     control = made.control[law]
-    _, states = nominal.trajectory(
-        everything,
-        environment.air(everything),
+    _, states = flight.propagate_nominal(
+        *plant(everything),
         flight.open_loop(made.partition, control),
-        start.entry_flight_path_angle,
-        everything.time_step / 2,
+        nominal.initial_state(everything.planet, everything.vehicle, start.entry_flight_path_angle),
+        time_step=everything.simulation.time_step / 2,
     )
-    return linearization.along(everything, made.partition, control, states), control
+    return linearization.along(motion(everything), made.partition, control, states), control
 
 
 @pytest.mark.parametrize("law", [0, 3], ids=["guess", "last"])
@@ -192,15 +202,14 @@ def test_matrices_are_derivatives_of_the_flown_intervals(random_field, everythin
         for name in ("state", "transition", "control"):
             found = getattr(random_field.linearization(), name)
             np.testing.assert_allclose(found, getattr(model, name), rtol=1e-9, atol=1e-12, err_msg=name)
-    air = environment.air(everything)
-    settings = flight.settings(everything, air)
+    flying = plant(everything)
     offsets, weights = 0.01 * np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 0.12
     moves = offsets[:, np.newaxis, np.newaxis] * np.diag(UNITS)
 
     def after(length, states, held):
         """Final states, (trials, 3)."""
         law = flight.open_loop([0.0, length], [held])
-        return flight.fly(settings, air, law, states, time_step=0.5, seed=0, varied=False).final_state[:3].T
+        return flight.fly(*flying, law, states, time_step=0.5, seed=0, varied=False).final_state[:3].T
 
     for k, length in enumerate(np.diff(NODES)):
         ends = after(length, (model.state[k] + moves).reshape(-1, 3), control[k]).reshape(4, 3, 3) / UNITS
@@ -213,7 +222,7 @@ def test_matrices_are_derivatives_of_the_flown_intervals(random_field, everythin
 def test_affine_model_reproduces_its_trajectory(random_field, everything):
     """With c_k as in the program, the mean of the control about which it is posed has no deviation at all."""
     model, control = along(random_field, everything, 2)
-    posed, _ = design.program(everything, model, control)
+    posed, _ = design.program(everything.guidance, everything.vehicle, motion(everything), model, control)
     whole = block_program.stacked(posed.system)
     mean = whole.control @ control + whole.affine
     assert np.abs(mean).max() < 1e-14
@@ -247,8 +256,9 @@ def test_disturbance_covariance_is_symmetric_positive_and_of_second_order(random
 def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(random_field, everything):
     """w_k = x_{k+1} - A_k x_k of flights in a field so weak that they are linear: all 903 covariances at once."""
     trials, amplitude, model = 2000, 1e-4, random_field.linearization()
-    weak = environment.kernel(everything, variance=amplitude**2 * everything.variance_at_top)
-    simulate = random_field.simulator("aerocapture", changes={"number": 0, "covariance": weak})
+    weak = environment.kernel(everything.air, variance=amplitude**2 * everything.air.variance_at_top)
+    inputs, made = random_field.inputs("corrected"), (random_field.nominal(), random_field.gains())
+    simulate = inputs.call(montecarlo.block_simulator, *made, number=0, covariance=weak)
     flown = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
     deviations = (flown[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
     deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
@@ -263,7 +273,7 @@ def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(ran
 def test_cost_gradients(random_field, everything):
     """Relative change of the dynamic pressure at the nodes; the three branches of delta-v at the kink."""
     model = random_field.linearization()
-    profile = environment.profile(everything)
+    profile = environment.profile(everything.air)
 
     def log_pressure(radius, velocity):
         return profile(radius - RADIUS)[0] + 2.0 * np.log(velocity)
@@ -492,8 +502,8 @@ def test_two_branches_promise_no_more_than_either(random_field, everything):
     def solved(branch):
         inputs = random_field.all_inputs("both_branches" if branch == "both" else f"kink_{branch}")
         # Far from the kink the side of the nominal decides, so that either side is asked for by name.
-        inputs.branch_tolerance = 1.0
-        posed, _ = design.program(inputs, model, control)
+        guidance = inputs.guidance.model_copy(update={"branch_tolerance": 1.0})
+        posed, _ = design.program(guidance, inputs.vehicle, motion(inputs), model, control)
         return posed, block_program.solve(posed)
 
     (posed, both), (_, under), (_, over) = (solved(branch) for branch in ("both", "undershoot", "overshoot"))
@@ -662,7 +672,7 @@ def test_field_study_flies_the_trials_of_the_reading(random_field):
 def test_a_fully_correlated_field_is_one_normal_number(random_field, everything):
     """rho = rhobar (1 + sigma(h) xi): delta-v as a function of xi, and its percentile, without any sampling."""
     study = random_field.field_study()
-    profile = environment.profile(everything)
+    profile = environment.profile(everything.air)
     levels = np.linspace(-3.9, 3.9, 313)  # beyond, trials escape
     state = np.tile([[RADIUS + 125e3], [6100.0], [random_field.nominal().entry_flight_path_angle]], len(levels))
 
@@ -678,7 +688,7 @@ def test_a_fully_correlated_field_is_one_normal_number(random_field, everything)
     delta_v = orbits.total_delta_v(*state, 5 * RADIUS, 2 * RADIUS, MU)
     # At the numbers that are drawn, these are the flights' own.
     row = list(fields.HYPOTHESES).index("fully correlated")
-    drawn = normals(everything.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
+    drawn = normals(everything.simulation.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
     expected = flight_statistics.percentile_with_lost(np.interp(drawn, levels, delta_v))
     assert np.abs(drawn).max() < 3.9 and np.isfinite(delta_v).all()
     assert study.percentile[row] == pytest.approx(expected[0], rel=1e-3)
@@ -752,12 +762,14 @@ def test_a_constraint_never_lowers_the_cost(random_field):
 def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
     """Eq. 26 along r = 0.1 + 0.1 t; Gauss-Legendre converges spectrally, as the kernel is analytic."""
     errors = []
-    inputs = random_field.stage_inputs("corrected", "double_integrator")
-    reference = system(random_field.stage_inputs("corrected", "double_integrator", double_integrator_quadrature=24))
-    reference = reference.disturbance_covariance
+    point_mass = random_field.inputs("corrected").point_mass
+
+    def covariance_of(order):
+        return system(point_mass.model_copy(update={"double_integrator_quadrature": order})).disturbance_covariance
+
+    reference = covariance_of(24)
     for order in (4, 8, 12):
-        inputs.double_integrator_quadrature = order
-        change = system(inputs).disturbance_covariance - reference
+        change = covariance_of(order) - reference
         errors.append(np.abs(change).max() / np.abs(reference).max())
     assert errors[:2] == pytest.approx([2e-5, 3e-11], rel=0.1) and errors[2] < 1e-14
     # Two entries by a fine midpoint rule.
@@ -768,7 +780,7 @@ def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
         periodic = np.exp(-2.0 * np.sin(np.pi * distance / 0.35) ** 2 / 0.8**2)
         return 2e-6 * periodic * np.exp(-0.5 * distance**2)
 
-    np.testing.assert_allclose(kernel(inputs)(0.1 * middle[:, np.newaxis], 0.1 * middle), force(middle, middle))
+    np.testing.assert_allclose(kernel(point_mass)(0.1 * middle[:, np.newaxis], 0.1 * middle), force(middle, middle))
     covariance = force(middle, middle + 3.0)
     assert reference[0, 6] == pytest.approx((1 - middle) @ covariance @ (1 - middle) / 1e6, rel=1e-5)
     assert reference[1, 6] == pytest.approx(covariance.sum(axis=0) @ (1 - middle) / 1e6, rel=1e-5)
@@ -778,7 +790,7 @@ def test_without_force_the_double_integrator_flies_its_linear_model(random_field
     """Every trial, to rounding: x_{k+1} = A x_k + B (sum over l of K_kl (x_l - xbar_l))."""
     found = random_field.double_integrator()
     inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
-    flown = block_simulator(inputs, found, CLOSED, varied=False)(0, 64).history[::10]
+    flown = inputs.call(block_simulator, found, CLOSED, varied=False)(0, 64).history[::10]
     deviations = [flown[0, :2] - found.mean[CLOSED, 0][:, np.newaxis]]
     for k in range(5):
         control = sum(found.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
@@ -807,7 +819,7 @@ def test_violations_count_the_trials_beyond_the_lines(random_field):
     flown, made = random_field.double_integrator_flights(), random_field.double_integrator()
     inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
     for number in (OPEN, CLOSED):
-        states = block_simulator(inputs, made, number)(0, 2000).history[flown.node][:, :2]
+        states = inputs.call(block_simulator, made, number)(0, 2000).history[flown.node][:, :2]
         first = states[:, 0] * 0.212766 + states[:, 1] * 8.51064 > 1.0
         second = states[:, 0] * 0.30303 - states[:, 1] * 12.1212 > -1.0
         for name, trials in (("", 2000), ("paper_", flown.paper_trials)):
@@ -824,7 +836,7 @@ def test_violations_count_the_trials_beyond_the_lines(random_field):
 def test_the_true_field_violates_a_little_more_than_allotted(random_field):
     """40,000 trials; another program's 40,000 gave 3.38e-3, with a standard error of 2.9e-4."""
     inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
-    simulate = block_simulator(inputs, random_field.double_integrator(), CLOSED)
+    simulate = inputs.call(block_simulator, random_field.double_integrator(), CLOSED)
     beyond = sum((simulate(k, k + 4000).observed[-1, 2] > 0.0).sum() for k in range(0, 40_000, 4000))
     frequency = beyond / 40_000
     assert 2.5e-3 < frequency < 4e-3

@@ -16,7 +16,7 @@ from scipy.stats import norm
 from marsedl.models import orbits
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import PAPER, certificates, environment, figures, flight
+from marsedl.papers.random_field import certificates, environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence, FieldStudy, Regularization
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
@@ -36,16 +36,16 @@ def draw(random_field):
             need.split(".")[-1]: random_field.ensemble(reading, need.split(".")[1])
             if need.startswith("montecarlo")
             else random_field.stage(need, reading)
-            for need in PAPER.figures[stem].needs
+            for need in random_field.paper.figures[stem].needs
         }
 
     def draw_once(stem, reading="corrected", artifacts=None, **changes):
         function = getattr(figures, stem)
-        inputs = random_field.inputs(reading, PAPER.figures[stem].inputs, **changes)
+        inputs = random_field.inputs(reading, random_field.paper.figures[stem].inputs, **changes)
         if artifacts or changes:
-            return function(inputs, **made_of(stem, reading) | (artifacts or {}))
+            return inputs.call(function, **made_of(stem, reading) | (artifacts or {}))
         if (stem, reading) not in drawn:
-            drawn[stem, reading] = function(inputs, **made_of(stem, reading))
+            drawn[stem, reading] = inputs.call(function, **made_of(stem, reading))
         return drawn[stem, reading]
 
     return draw_once
@@ -56,7 +56,7 @@ def inputs_of(random_field):
     """The inputs that the catalogue gives a figure."""
 
     def inputs(stem, reading="corrected", **changes):
-        return random_field.inputs(reading, PAPER.figures[stem].inputs, **changes)
+        return random_field.inputs(reading, random_field.paper.figures[stem].inputs, **changes)
 
     return inputs
 
@@ -146,7 +146,7 @@ def test_fig01_bands_are_two_deviations_of_prior_and_posterior(draw, inputs_of):
 
 
 def test_fig01_samples_have_the_mean_and_deviation_drawn(inputs_of):
-    position, before, after, mean, deviation = figures.line_samples(inputs_of("fig01", drawn_samples=4000))
+    position, before, after, mean, deviation = inputs_of("fig01", drawn_samples=4000).call(figures.line_samples)
     for samples, centre, spread in ((before, 0.0, 1.0), (after, mean, deviation)):
         error = (samples.mean(axis=0) - centre) / (spread / np.sqrt(4000))
         assert np.abs(error).max() < 5
@@ -168,7 +168,7 @@ def test_fig01_samples_without_noise_pass_through_the_measurements(draw, inputs_
 
 
 def test_fig01_panels_share_their_random_numbers(inputs_of):
-    position, before, after, *_ = figures.line_samples(inputs_of("fig01", example_extent=50.0))
+    position, before, after, *_ = inputs_of("fig01", example_extent=50.0).call(figures.line_samples)
     far = position > 14.0  # ten correlation lengths behind the last measurement
     np.testing.assert_allclose(before[:, far], after[:, far], atol=1e-6)
     assert np.abs(before - after)[:, position < 4].max() > 0.5
@@ -193,7 +193,7 @@ def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
 
 
 def test_fig02_panels_share_their_random_numbers(inputs_of):
-    coordinate, before, after = figures.plane_samples(inputs_of("fig02", example_extent=15.0))
+    coordinate, before, after = inputs_of("fig02", example_extent=15.0).call(figures.plane_samples)
     far = np.ix_(coordinate < 5, coordinate < 5)
     np.testing.assert_allclose(before[far], after[far], atol=1e-6)
 
@@ -201,7 +201,7 @@ def test_fig02_panels_share_their_random_numbers(inputs_of):
 def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeypatch):
     monkeypatch.setattr(figures, "PLANE_POINTS", 7)
     inputs = inputs_of("fig02")
-    coordinate, before, _ = figures.plane_samples(inputs)
+    coordinate, before, _ = inputs.call(figures.plane_samples)
     points = np.array([(x, y) for x in coordinate for y in coordinate])
     covariance = np.exp(-((points[:, None] - points) ** 2).sum(axis=-1) / 2)
     drawn = normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
@@ -229,8 +229,8 @@ def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_fi
 
 def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
     inputs, altitude, count = inputs_of("fig10"), np.array([45e3, 60e3, 61e3, 100e3, 125e3]), 20_000
-    samples = figures.variation_samples(inputs, altitude, count)
-    expected = environment.kernel(inputs)(altitude[:, None], altitude)
+    samples = inputs.call(figures.variation_samples, altitude, count)
+    expected = environment.kernel(inputs.air)(altitude[:, None], altitude)
     variance = np.diag(expected)
     error = np.sqrt((np.outer(variance, variance) + expected**2) / count)
     assert (np.abs(samples.T @ samples / count - expected) < 5 * error).all()
@@ -357,7 +357,9 @@ def test_fig05_draws_parallel_and_vertical_lines(inputs_of, normals):
     first, second = map(np.array, normals)
     inputs = inputs_of("fig05", double_integrator_first_normal=first, double_integrator_second_normal=second)
     reach = np.array([[-2.0, -2.0], [2.0, 2.0]])
-    for line, normal, bound in zip(figures.constraint_lines(inputs, reach), (first, second), (1.0, -1.0), strict=True):
+    for line, normal, bound in zip(
+        figures.constraint_lines(inputs.point_mass, reach), (first, second), (1.0, -1.0), strict=True
+    ):
         np.testing.assert_allclose(line @ normal, bound)
         assert np.ptp(line, axis=0).max() >= 1.0
         if first @ second == 0.0:
@@ -440,7 +442,7 @@ def test_fig06_says_what_the_flight_without_control_does(draw, random_field):
 
 def test_fig06_plan_exits_with_the_apoapsis_it_names(inputs_of, random_field):
     inputs, nominal = inputs_of("fig06"), random_field.nominal()
-    plan = figures.mission_plan(inputs, nominal)
+    plan = inputs.call(figures.mission_plan, nominal)
     radius = inputs.planet_radius + nominal.altitude[-1]
 
     def miss(velocity):
@@ -661,8 +663,8 @@ def test_errors_that_leave_the_axes_are_stated(draw):
 
 
 def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(draw, random_field):
-    inputs, ensemble = random_field.all_inputs("corrected"), random_field.ensemble()
-    profile = environment.profile(inputs)
+    inputs, ensemble = random_field.inputs("corrected"), random_field.ensemble()
+    profile = environment.profile(inputs.air)
     deviations = []
     for axes, number in zip(draw("fig16").axes, (0, LAWS - 1), strict=True):
         trials = curves(axes, GREY, least=50)
@@ -685,7 +687,7 @@ def test_fig16_counts_the_trials_that_leave_the_axis(draw, random_field):
 
 def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
     (axes,) = draw("fig17").axes
-    gains, kernel = random_field.gains(), environment.kernel(random_field.all_inputs("corrected"))
+    gains, kernel = random_field.gains(), environment.kernel(random_field.inputs("corrected").air)
     lower, upper = curves(axes, BLACK, ":")
     np.testing.assert_array_equal(lower.get_ydata(), -upper.get_ydata())
     expected = [3 * np.sqrt(kernel(altitude, altitude)) for altitude in gains.altitude[-1]]
@@ -783,7 +785,7 @@ def history():
 
 
 def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
-    figure = figures.convergence(inputs_of("convergence"), history)
+    figure = inputs_of("convergence").call(figures.convergence, history)
     apoapsis, percentile = figure.axes
     for row, color in enumerate((VERMILION, BLUE, GREEN)):
         (line,) = curves(apoapsis, color)
@@ -802,7 +804,7 @@ def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
 
 def test_convergence_without_a_percentile_says_so(inputs_of, history):
     nothing = replace(history, percentile=np.full((3, 5), np.nan), percentile_error=np.full((3, 5), np.nan))
-    _, percentile = figures.convergence(inputs_of("convergence"), nothing).axes
+    _, percentile = inputs_of("convergence").call(figures.convergence, nothing).axes
     assert "too many lost" in percentile.get_title()
 
 
@@ -822,7 +824,7 @@ def test_regularization_leaves_out_what_there_is_not(inputs_of):
         worst_step=np.array([299, 100, 0]),
         lost=np.array([120, 2, 0]),
     )
-    gain, spread, percentile, shares = figures.regularization(inputs_of("regularization"), study).axes
+    gain, spread, percentile, shares = inputs_of("regularization").call(figures.regularization, study).axes
     np.testing.assert_array_equal(curves(gain, VERMILION)[0].get_xydata(), np.column_stack([sizes, study.largest_gain]))
     assert [line.get_ydata()[2] for line in curves(spread)] == [3.6, 4.2, 6.4]
     (crosses,) = [line for line in percentile.lines if line.get_marker() == "x"]
@@ -850,7 +852,7 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
         variance_lost=np.array([0, 29, 82]),
         trials=5000,
     )
-    figure = figures.field_study(inputs_of("field_study"), study)
+    figure = inputs_of("field_study").call(figures.field_study, study)
     (axes,) = figure.axes
     scaled, reading, correlated = (container.lines[0] for container in axes.containers)
     np.testing.assert_allclose(scaled.get_xdata(), [5.9, 11.8, 17.7])  # deviations, as roots of the variances
@@ -861,7 +863,7 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
     shown = labels(figure)
     assert "growth length doubled: no percentile, 286 lost" in shown and "no percentile, 82 or more lost" in shown
     nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))
-    (axes,) = figures.field_study(inputs_of("field_study"), nothing).axes
+    (axes,) = inputs_of("field_study").call(figures.field_study, nothing).axes
     assert "no 99th percentile" in said(axes)
 
 

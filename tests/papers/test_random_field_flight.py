@@ -16,7 +16,7 @@ from marsedl.models.density_table import read_density_table
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
-from marsedl.papers.random_field.environment import Air
+from marsedl.papers.random_field.environment import AirTables
 
 TABLE = Path(__file__).parents[2] / "data" / "atmosphere" / "mars_density.csv"
 RADIUS, MU = 3397e3, 4.2828e13
@@ -46,7 +46,7 @@ def kernel(variance):
 def make_air(profile, variance=0.148):
     coarse, fine = np.arange(-10e3, 300.5e3, 1e3), np.linspace(20e3, 260e3, 2401)
     log_density, slope, _ = profile(coarse)
-    return Air(-10e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(variance), fine))
+    return AirTables(-10e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(variance), fine))
 
 
 def exponential_air(surface, scale_height):
@@ -54,7 +54,11 @@ def exponential_air(surface, scale_height):
     altitude = np.array([0.0, 200e3])
     fine = np.linspace(20e3, 260e3, 3)
     log_density = np.log(surface) - altitude / scale_height
-    return Air(0.0, 200e3, log_density, np.full(2, -1.0 / scale_height), fine, np.zeros(2), np.zeros(2), 0.0)
+    return AirTables(0.0, 200e3, log_density, np.full(2, -1.0 / scale_height), fine, np.zeros(2), np.zeros(2), 0.0)
+
+
+def settings(air, inputs=INPUTS):
+    return flight.settings(*[inputs] * 4, air)  # which has the inputs of all sections
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +76,7 @@ def law(air):
     """Feedback of all earlier nodes, strong enough to reach the limits, around the flight with zero control."""
     rng = np.random.default_rng(0)
     intervals = len(PARTITION) - 1
-    _, reference = flight.propagate_nominal(
-        flight.settings(INPUTS, air), air, (PARTITION, np.zeros(intervals)), ENTRY, time_step=STEP
-    )
+    _, reference = flight.propagate_nominal(settings(air), air, (PARTITION, np.zeros(intervals)), ENTRY, time_step=STEP)
     gain = 0.3 * rng.standard_normal((intervals, intervals + 1, 3)) / SCALES
     control = 0.3 * rng.standard_normal(intervals)
     return flight.Law(PARTITION, control, gain, reference[np.round(PARTITION / STEP).astype(int)])
@@ -83,7 +85,7 @@ def law(air):
 def fly(air, law, trials=100, initial=ENTRY, inputs=INPUTS, **options):
     states = np.broadcast_to(initial, (trials, 3)) if np.ndim(initial) == 1 else initial
     options = {"time_step": STEP, "seed": SEED, "every": 50} | options
-    return flight.fly(flight.settings(inputs, air), air, law, states, **options)
+    return flight.fly(settings(air, inputs), air, law, states, **options)
 
 
 def assert_identical(first, second, trials=slice(None)):
@@ -220,7 +222,7 @@ def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
 def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
     coarse, fine = np.arange(50e3, 110.5e3, 1e3), np.linspace(55e3, 100e3, 451)
     log_density, slope, _ = profile(coarse)
-    short = Air(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
+    short = AirTables(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
     law = flight.open_loop(PARTITION, np.zeros(14))
     flown = fly(short, law, 20)
     assert_as_the_oracle(flown, Oracle(short, law, ENTRY, 20), 50)
@@ -257,19 +259,17 @@ def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
     law = flight.open_loop(PARTITION, control)
     calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
     oracle = np.array(Oracle(calm, law, ENTRY, 1).states)[:, 0]
-    time, states = flight.propagate_nominal(
-        flight.settings(INPUTS, air), air, (PARTITION, control), ENTRY, time_step=STEP
-    )
+    time, states = flight.propagate_nominal(settings(air), air, (PARTITION, control), ENTRY, time_step=STEP)
     np.testing.assert_allclose(time, np.linspace(0.0, 400.0, 801), rtol=1e-15)
     np.testing.assert_allclose(states, oracle, rtol=1e-10)
-    thinned = flight.propagate_nominal(flight.settings(INPUTS, air), air, law, ENTRY, time_step=STEP, every=25)
+    thinned = flight.propagate_nominal(settings(air), air, law, ENTRY, time_step=STEP, every=25)
     np.testing.assert_array_equal(thinned[0], time[::25])
     np.testing.assert_array_equal(thinned[1], states[::25])
 
 
 def test_nominal_flight_ends_with_the_first_step_below_the_ground(air):
     law = flight.open_loop(PARTITION, np.zeros(14))
-    constants = flight.settings(INPUTS, air)
+    constants = settings(air)
     time, states = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP)
     assert (states[:-1, 0] >= RADIUS).all() and states[-1, 0] < RADIUS
     few = flight.propagate_nominal(constants, air, law, STEEP, time_step=STEP, every=50)

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models import orbits
-from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import CRASHED, ESCAPED
 from marsedl.montecarlo.statistics import percentile
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight, montecarlo
@@ -21,8 +21,8 @@ from marsedl.papers.random_field.flight_statistics import (
     percentile_with_lost,
     step_violations,
 )
-from marsedl.papers.random_field.montecarlo import replay
-from marsedl.papers.random_field.records import CAPTURED, CRASHED, ESCAPED, NON_FINITE, NOT_EXITED, OUTCOMES
+from marsedl.papers.random_field.records import CAPTURED, NOT_EXITED, OUTCOMES
+from marsedl.replication.catalogue import Trial
 
 RADIUS, MU = 3397e3, 4.2828e13
 MISSION = 5 * RADIUS, 2 * RADIUS, MU
@@ -32,8 +32,11 @@ UNITS = np.array([1e3, 1.0, np.radians(1.0)])
 MOTION = [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]
 
 
-def test_outcomes_are_those_of_the_library():
-    assert (CAPTURED, CRASHED, NON_FINITE) == (ensembles.COMPLETED, ensembles.CRASHED, ensembles.NON_FINITE)
+def simulator(random_field, reading="corrected", gains=None, number=-1, varied=True, **changes):
+    """The function `simulate_block` of a reading with changed inputs, under the law of a number."""
+    inputs = random_field.stage_inputs(reading, "montecarlo_chunk", **changes)
+    made = {"nominal": random_field.nominal(reading), "gains": gains or random_field.gains(reading)}
+    return inputs.call(montecarlo.block_simulator, **made, number=number, varied=varied)
 
 
 def nodes_of(ensemble, partition):
@@ -209,9 +212,8 @@ def test_violations_are_counted_trial_by_trial(random_field, limits):
     by_step, at_any = step_violations(ensemble, made.partition)
     assert by_step.shape == (3, 14) and at_any.shape == (3,)
     assert not by_step[0].any() and not at_any[0]
-    inputs = random_field.stage_inputs("corrected", "montecarlo_chunk", **changes)
     for law in (1, 2):
-        flown = montecarlo.block_simulator(inputs, random_field.nominal(), made, "aerocapture", law)(0, 1000)
+        flown = simulator(random_field, gains=made, number=law, **changes)(0, 1000)
         commanded = flown.history[nodes_of(ensemble, made.partition[:-1]), flight.BANK_COSINE]
         beyond = (commanded < limits[0]) | (commanded > limits[1])
         np.testing.assert_array_equal(by_step[law], beyond.sum(axis=1))
@@ -236,7 +238,7 @@ def test_commands_leave_their_limits_about_as_often_as_allotted(random_field):
 @pytest.mark.parametrize(("reading", "known"), [("sign_printed", 4345), ("variance_printed", 4440), ("printed", 4860)])
 def test_open_loop_trials_that_are_lost(random_field, reading, known):
     """Of 5,000 trials of another program; the counts depend on the floor of the density, which is the same."""
-    flown = random_field.simulator("aerocapture", reading, changes={"number": 0})(0, TRIALS)
+    flown = simulator(random_field, reading, number=0)(0, TRIALS)
     share = known / REFERENCE_TRIALS
     found = (flown.outcome != CAPTURED).sum() / TRIALS
     # "About", but for the first: two per cent of the trials.
@@ -319,16 +321,16 @@ def test_results_do_not_depend_on_chunks(random_field):
 @pytest.mark.parametrize(("reading", "number"), [("corrected", 1234), ("literal_gains", 3), ("printed", 77)])
 def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, number):
     made = {name: random_field.stage(name, reading) for name in ("nominal", "gains")}
-    inputs = random_field.stage_inputs(reading, "montecarlo")
+    inputs = random_field.inputs(reading)
     ensemble = random_field.ensemble(reading)
-    said = replay(inputs, **made, case="aerocapture", number=number, ensemble=ensemble)
+    said = inputs.call(montecarlo.replay, **made, trial=Trial("aerocapture", number, ensemble))
     laws = len(ensemble.outcome)
     assert said.count("the same to the last bit") == laws and "DIFFERS" not in said
     assert said.startswith(f"trial {number}, open loop: {OUTCOMES[int(ensemble.outcome[0, number])]}")
     if reading == "corrected":
         assert f"{ensemble.delta_v[3, number]:18.9f}" in said
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
-    assert "DIFFERS" in replay(inputs, **made, case="aerocapture", number=number, ensemble=other)
+    assert "DIFFERS" in inputs.call(montecarlo.replay, **made, trial=Trial("aerocapture", number, other))
 
 
 def test_laws_and_readings_share_their_fields(random_field):
@@ -352,7 +354,7 @@ def test_laws_and_readings_share_their_fields(random_field):
 def test_ensembles_hold_what_was_flown(random_field):
     """Moments and histograms of a run in blocks, from the trials themselves."""
     ensemble = random_field.fly("corrected", random_field.gains(), trials=300, block_size=100)
-    flown = random_field.simulator("aerocapture")(0, 300)
+    flown = simulator(random_field)(0, 300)
     np.testing.assert_array_equal(ensemble.final_state[3], flown.final_state.T)
     np.testing.assert_array_equal(ensemble.kept_history[3], flown.history[..., :12].transpose(2, 0, 1))
     np.testing.assert_array_equal(ensemble.time, np.arange(0.0, 400.1, 2.5))
@@ -372,8 +374,8 @@ def test_ensembles_hold_what_was_flown(random_field):
 
 def test_delta_v_is_that_of_plain_numpy(random_field):
     """All trials at once by array operations, in the same fields, under the last law: 1e-8 m/s."""
-    inputs, made = random_field.all_inputs("corrected"), random_field.gains()
-    air, trials = environment.air(inputs), 100
+    inputs, made = random_field.inputs("corrected"), random_field.gains()
+    air, trials = environment.air_tables(inputs.air), 100
     drawn = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
     variation = np.empty((trials, len(air.altitude)))
     variation[:, -1] = air.top_deviation * drawn[:, 0]
@@ -415,11 +417,9 @@ def test_without_a_field_any_gains_fly_the_nominal(random_field):
     """References taken from the flight itself: no deviation, to the last bit, however large the gains."""
     made = random_field.gains()
     still = replace(made, gain=np.zeros_like(made.gain))
-    inputs = random_field.stage_inputs("corrected", "montecarlo_chunk")
 
     def flown(law):
-        simulate = montecarlo.block_simulator(inputs, random_field.nominal(), law, "aerocapture", 3, varied=False)
-        return simulate(0, 2)
+        return simulator(random_field, gains=law, number=3, varied=False)(0, 2)
 
     alone = flown(still)
     at = np.searchsorted(made.time, made.partition)

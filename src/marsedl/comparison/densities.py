@@ -14,6 +14,7 @@ from marsedl.papers.funnels.linearization import Linearization as FunnelsLineari
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
 from marsedl.papers.random_field import environment as random_field_environment
+from marsedl.papers.random_field import inputs as random_field_inputs
 from marsedl.papers.random_field.records import Nominal as RandomFieldNominal
 from marsedl.papers.stochastic_entry import environment as stochastic_entry_environment
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
@@ -49,15 +50,15 @@ def powered_descent(nominal: PoweredDescentNominal, gains: PoweredDescentGains) 
     return Density(_range(nominal.mean[:, 1]), "none", noise, "")
 
 
-def random_field(inputs, nominal: RandomFieldNominal) -> Density:
+def random_field(air: random_field_inputs.Air, nominal: RandomFieldNominal) -> Density:
     """A Gaussian random field of altitude."""
     return Density(
         _range(nominal.altitude),
-        PROFILES[inputs.density_profile],
-        f"Gaussian field of altitude, correlation length {inputs.correlation_length / KM:g} km",
+        PROFILES[air.density_profile],
+        f"Gaussian field of altitude, correlation length {air.correlation_length / KM:g} km",
         "one standard deviation",
-        profile(inputs)(ALTITUDE)[0],
-        _about_one(random_field_environment.deviation(inputs, ALTITUDE)),
+        profile(air)(ALTITUDE)[0],
+        _about_one(random_field_environment.deviation(air, ALTITUDE)),
     )
 
 

@@ -13,7 +13,8 @@ from marsedl.montecarlo.statistics import central_moments
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.linearization import UNITS, along
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.records import Certificates, Gains, Linearization, Nominal
 from marsedl.replication.catalogue import stage
@@ -24,17 +25,29 @@ TIMES = 9  # at which the process along the nominal is compared with the field's
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> Certificates:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+    linearization: Linearization,
+    gains: Gains,
+) -> Certificates:
     """Solve the first program in every way, sample fields along its trajectory, and compare.
 
     Raises MarsedlError if the reading's design was refused, or a solver fails.
     """
     if linearization.refused:
         raise MarsedlError(f"there is no design to certify: {linearization.refused}")
-    states = states_of(inputs, nominal)
+    motion = motion_of(planet, air, vehicle, mission, simulation)
+    states = states_of(planet.planet_radius, nominal)
     control = np.zeros(len(linearization.partition) - 1)
-    model = along(inputs, linearization.partition, control, states)
-    posed, system = design.program(inputs, model, control)
+    model = along(motion, linearization.partition, control, states)
+    posed, system = design.program(guidance, vehicle, motion, model, control)
     try:
         own, history, other = (
             block_program.solve(posed, form=form, solver=solver, accept_ill_conditioned=True)
@@ -50,11 +63,11 @@ def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains
         other_objective=other.objective,
         other_solver=other.solver,
         largest_gain_difference=float(np.abs(own.gain[:, 1:, 0] - gains.gain[1][:, 1:] * UNITS).max()),
-        samples=inputs.study_trials,
+        samples=studies.study_trials,
         **_identities(posed.system, own),
-        **_separation(inputs, system, own),
-        convexity=_convexity(inputs, posed, own),
-        **_sampled(inputs, model),
+        **_separation(simulation, system, own),
+        convexity=_convexity(guidance, simulation, posed, own),
+        **_sampled(air, simulation, studies, model),
         **_dependence(posed.system),
     )
 
@@ -82,10 +95,10 @@ def _identities(system, law):
     }
 
 
-def _separation(inputs, system, law):
+def _separation(simulation: Simulation, system, law):
     """Fly the linear system with sampled disturbances under two mean controls, and without any under two gains."""
     root = random_field.root(system.disturbance_covariance)
-    drawn = random_field.sample(normals(inputs.seed, SAMPLE_STREAM, range(8), len(root)), root)
+    drawn = random_field.sample(normals(simulation.seed, SAMPLE_STREAM, range(8), len(root)), root)
     drawn = drawn.reshape(8, *law.mean[1:].shape)
     shifted = law.control + 0.1 * np.cos(np.arange(len(law.control)))[:, np.newaxis]
 
@@ -120,7 +133,7 @@ def _propagate(system, control, gain, disturbances, mean):
     return states
 
 
-def _convexity(inputs, posed, law):
+def _convexity(guidance: Guidance, simulation: Simulation, posed, law):
     """Least relative excess of chords over the cost and the control constraints of Eq. 56.
 
     As functions of L and V, at the middle of random segments about the optimum.
@@ -143,7 +156,7 @@ def _convexity(inputs, posed, law):
             np.trace(weight @ state[k * n : (k + 1) * n, k * n : (k + 1) * n])
             for k, weight in enumerate(posed.state_weight)
         )
-        quadratic += np.trace(spread) * inputs.control_variance_weight
+        quadratic += np.trace(spread) * guidance.control_variance_weight
         ends = [
             p.offset + p.gradient @ mean + quantile * np.sqrt(p.gradient @ state[-n:, -n:] @ p.gradient)
             for p in posed.percentiles
@@ -151,7 +164,7 @@ def _convexity(inputs, posed, law):
         return np.array([quadratic + posed.percentile_weight * max(ends), *(control + np.sqrt(np.diag(spread)))])
 
     least = np.inf
-    drawn = normals(inputs.seed, SAMPLE_STREAM + 1, range(40), best.size + len(best))
+    drawn = normals(simulation.seed, SAMPLE_STREAM + 1, range(40), best.size + len(best))
     for first, second in zip(drawn[::2], drawn[1::2], strict=True):
         points = []
         for numbers in (first, second):
@@ -164,16 +177,16 @@ def _convexity(inputs, posed, law):
     return least
 
 
-def _sampled(inputs, model):
+def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
     """The process along the nominal and its integrals over the intervals, from samples of the spatial field."""
-    grid = environment.field_grid(inputs)
-    process = random_field.markov(environment.kernel(inputs), grid)
-    count = inputs.study_trials
-    drawn = sample_process(normals(inputs.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
+    grid = environment.field_grid(air)
+    process = random_field.markov(environment.kernel(air), grid)
+    count = studies.study_trials
+    drawn = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
     along_path = random_field.interpolate(model.field_altitude, grid, drawn)
     chosen = np.linspace(0, len(model.field_altitude) - 1, TIMES).round().astype(int)
     altitude = model.field_altitude[chosen]
-    expected = environment.kernel(inputs)(altitude[:, np.newaxis], altitude)
+    expected = environment.kernel(air)(altitude[:, np.newaxis], altitude)
     disturbances = along_path @ model.field_map.T
     used = np.diag(model.disturbance_covariance) > 1e-12 * np.tile(UNITS, len(model.control)) ** 2
     standard = disturbances[:, used] / disturbances[:, used].std(axis=0)

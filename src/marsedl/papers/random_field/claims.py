@@ -11,8 +11,9 @@ from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import BANK_COSINE, DENSITY_VARIATION, DYNAMIC_PRESSURE, FLIGHT_PATH_ANGLE
 from marsedl.papers.random_field.double_integrator import ellipse_radius, normals_and_bounds, tail
-from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
+from marsedl.papers.random_field.inputs import RandomFieldInputs
 from marsedl.papers.random_field.records import (
     BRANCHES,
     CAPTURED,
@@ -81,14 +82,14 @@ class Records(Artifacts):
     double_integrator_flights: DoubleIntegratorFlights | None = None
 
 
-def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
+def evaluate(inputs: RandomFieldInputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Numbers come from all trials of the reading; lost trials count as worse than any other. Claims that rest on a study
     which is not done for the reading are None. Where a reading has no law but the open loop, numbers of the closed loop
     are NaN and statements about it are not met.
     """
-    flown = _Flown(inputs, records.gains, records.aerocapture)
+    flown = _Flown(records.gains, records.aerocapture)
     return {
         **_stated_inputs(inputs),
         **_example_claims(inputs),
@@ -171,7 +172,7 @@ def outcomes(ensemble, law):
 class _Flown:
     """What the flights of all laws give."""
 
-    def __init__(self, inputs, gains, ensemble):
+    def __init__(self, gains, ensemble):
         self.gains, self.ensemble = gains, ensemble
         self.trials = ensemble.outcome.shape[1]
         self.laws = range(len(gains.control))
@@ -233,60 +234,67 @@ def _listed(values, form=".3f"):
 # ---- stated inputs ---------------------------------------------------------------------------------------------------
 
 
-def _stated_inputs(inputs):
-    partition = [float(node) for node in inputs.partition]
-    normals, bounds = normals_and_bounds(inputs)
+def _stated_inputs(inputs: RandomFieldInputs):
+    partition = [float(node) for node in inputs.mission.partition]
+    normals, bounds = normals_and_bounds(inputs.point_mass)
     apex = np.linalg.solve(normals, bounds)
-    percentile_weight = float(inputs.percentile_weight)
+    percentile_weight = float(inputs.guidance.percentile_weight)
     values = {
-        "dint_x0_mean": inputs.double_integrator_initial_mean,
-        "dint_x0_three_sigma": inputs.double_integrator_initial_three_sigma,
+        "dint_x0_mean": inputs.point_mass.double_integrator_initial_mean,
+        "dint_x0_three_sigma": inputs.point_mass.double_integrator_initial_three_sigma,
         "dint_field_parameters": [
-            inputs.double_integrator_variance,
-            inputs.double_integrator_period,
-            inputs.double_integrator_periodic_length,
-            inputs.double_integrator_length,
+            inputs.point_mass.double_integrator_variance,
+            inputs.point_mass.double_integrator_period,
+            inputs.point_mass.double_integrator_periodic_length,
+            inputs.point_mass.double_integrator_length,
         ],
-        "dint_partition": inputs.double_integrator_partition,
-        "dint_n": len(inputs.double_integrator_partition) - 1,
-        "dint_xf_mean": inputs.double_integrator_final_mean,
+        "dint_partition": inputs.point_mass.double_integrator_partition,
+        "dint_n": len(inputs.point_mass.double_integrator_partition) - 1,
+        "dint_xf_mean": inputs.point_mass.double_integrator_final_mean,
         "dint_pf_equals_p0": bool(
-            np.array_equal(inputs.double_integrator_final_three_sigma, inputs.double_integrator_initial_three_sigma)
+            np.array_equal(
+                inputs.point_mass.double_integrator_final_three_sigma,
+                inputs.point_mass.double_integrator_initial_three_sigma,
+            )
         ),
-        "dint_constraint_probability": inputs.double_integrator_probability,
-        "dint_a1": inputs.double_integrator_first_normal,
-        "dint_a2": inputs.double_integrator_second_normal,
-        "dint_alpha": inputs.double_integrator_bounds,
-        "dint_p_x": tail(inputs),
-        "dint_weights": [*inputs.double_integrator_weights, 0.0, 0.0],  # neither state weight nor percentile
+        "dint_constraint_probability": inputs.point_mass.double_integrator_probability,
+        "dint_a1": inputs.point_mass.double_integrator_first_normal,
+        "dint_a2": inputs.point_mass.double_integrator_second_normal,
+        "dint_alpha": inputs.point_mass.double_integrator_bounds,
+        "dint_p_x": tail(inputs.point_mass),
+        "dint_weights": [*inputs.point_mass.double_integrator_weights, 0.0, 0.0],  # neither state weight nor percentile
         "dint_iterations": 1,  # with linear dynamics a second one would change nothing
         "dint_initial_guess": 0,
-        "dint_trials": inputs.double_integrator_trials,
-        "dint_ellipse_level": 100.0 * inputs.ellipse_probability,
-        "acap_ballistic_coefficient": inputs.ballistic_coefficient,
-        "acap_lift_to_drag": inputs.lift_to_drag,
-        "acap_planet_radius": inputs.planet_radius / 1e3,
-        "acap_gravitational_parameter": inputs.gravitational_parameter,
-        "acap_entry_altitude": inputs.entry_altitude / 1e3,
-        "acap_entry_speed": inputs.entry_velocity / 1e3,
-        "acap_initial_covariance": float((inputs.initial_deviations**2).sum()),
-        "acap_h_scale": inputs.correlation_length / 1e3,
-        "acap_sigma2_max": inputs.variance_at_top,
-        "acap_h_trans": inputs.variance_top_altitude / 1e3,
-        "acap_c_scale": inputs.variance_growth_length / 1e3,
-        "acap_final_time": inputs.final_time,
-        "acap_target_radii": [inputs.target_apoapsis, inputs.target_periapsis],
-        "acap_p_f": inputs.percentile_tail,
-        "acap_control_bounds": inputs.control_limits,
-        "acap_control_probability": inputs.control_probability,
-        "acap_weights": [inputs.control_variance_weight, inputs.mean_control_weight, percentile_weight],
-        "acap_trust_control": [inputs.control_trust, 1.0],
-        "acap_trust_apoapsis": inputs.apoapsis_trust,
+        "dint_trials": inputs.point_mass.double_integrator_trials,
+        "dint_ellipse_level": 100.0 * inputs.point_mass.ellipse_probability,
+        "acap_ballistic_coefficient": inputs.vehicle.ballistic_coefficient,
+        "acap_lift_to_drag": inputs.vehicle.lift_to_drag,
+        "acap_planet_radius": inputs.planet.planet_radius / 1e3,
+        "acap_gravitational_parameter": inputs.planet.gravitational_parameter,
+        "acap_entry_altitude": inputs.vehicle.entry_altitude / 1e3,
+        "acap_entry_speed": inputs.vehicle.entry_velocity / 1e3,
+        "acap_initial_covariance": float((inputs.vehicle.initial_deviations**2).sum()),
+        "acap_h_scale": inputs.air.correlation_length / 1e3,
+        "acap_sigma2_max": inputs.air.variance_at_top,
+        "acap_h_trans": inputs.air.variance_top_altitude / 1e3,
+        "acap_c_scale": inputs.air.variance_growth_length / 1e3,
+        "acap_final_time": inputs.mission.final_time,
+        "acap_target_radii": [inputs.mission.target_apoapsis, inputs.mission.target_periapsis],
+        "acap_p_f": inputs.guidance.percentile_tail,
+        "acap_control_bounds": inputs.vehicle.control_limits,
+        "acap_control_probability": inputs.guidance.control_probability,
+        "acap_weights": [
+            inputs.guidance.control_variance_weight,
+            inputs.guidance.mean_control_weight,
+            percentile_weight,
+        ],
+        "acap_trust_control": [inputs.guidance.control_trust, 1.0],
+        "acap_trust_apoapsis": inputs.guidance.apoapsis_trust,
         "acap_trust_state_intermediate": 0.0,
-        "acap_iterations": inputs.iterations,
+        "acap_iterations": inputs.guidance.iterations,
         "acap_initial_guess": 0.0,
-        "acap_trials": inputs.trials,
-        "acap_fig12_window": inputs.delta_v_window,
+        "acap_trials": inputs.simulation.trials,
+        "acap_fig12_window": inputs.drawing.delta_v_window,
     }
     return {
         **{name: Evaluation(value) for name, value in values.items()},
@@ -298,7 +306,7 @@ def _stated_inputs(inputs):
         "acap_cost_percentile": Evaluation(
             100.0 * LEVEL,
             evidence=f"reported; the percentile that the design makes small is the "
-            f"{100 * (1 - inputs.percentile_tail):g}th, see acap_p_f",
+            f"{100 * (1 - inputs.guidance.percentile_tail):g}th, see acap_p_f",
         ),
     }
 
@@ -306,23 +314,23 @@ def _stated_inputs(inputs):
 # ---- illustrations (Sec. II) -----------------------------------------------------------------------------------------
 
 
-def _example_claims(inputs):
+def _example_claims(inputs: RandomFieldInputs):
     """Figs. 1 and 2, by the exact mean and covariance of the conditioned fields."""
-    line = partial(random_field.squared_exponential, variance=1.0, length=inputs.example_length)
-    places, values = inputs.example_positions, inputs.example_values
-    mean, covariance = random_field.condition(line, places, places, values, inputs.example_noise**2)
+    line = partial(random_field.squared_exponential, variance=1.0, length=inputs.drawing.example_length)
+    places, values = inputs.drawing.example_positions, inputs.drawing.example_values
+    mean, covariance = random_field.condition(line, places, places, values, inputs.drawing.example_noise**2)
     distance = np.sqrt((mean - values) ** 2 + np.maximum(np.diag(covariance), 0.0)).max()
     before = np.sqrt(values**2 + 1.0).min()
 
-    plane = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, inputs.example_length))
-    extent = inputs.example_extent
+    plane = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, inputs.drawing.example_length))
+    extent = inputs.drawing.example_extent
     held, shown = (_edges(extent, EDGE_POINTS * finer) for finer in (1, 4))
     opposite = np.array([[0.0, extent]])
     mean, covariance = random_field.condition(
-        plane, np.concatenate([shown, opposite]), held, np.full(len(held), inputs.example_edge), 0.0
+        plane, np.concatenate([shown, opposite]), held, np.full(len(held), inputs.drawing.example_edge), 0.0
     )
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    off = (np.abs(mean - inputs.example_edge) + SIGMAS * spread)[:-1].max()
+    off = (np.abs(mean - inputs.drawing.example_edge) + SIGMAS * spread)[:-1].max()
     return {
         "conditioned_1d_samples": Evaluation(
             bool(distance < NEAR),
@@ -414,8 +422,8 @@ def _theory_claims(certificates):
 # ---- double integrator (Sec. V.A) ------------------------------------------------------------------------------------
 
 
-def _double_integrator_claims(inputs, design, flights):
-    normals, _ = normals_and_bounds(inputs)
+def _double_integrator_claims(inputs: RandomFieldInputs, design, flights):
+    normals, _ = normals_and_bounds(inputs.point_mass)
     slopes = -normals[:, 0] / normals[:, 1]
     slope = {
         "dint_constraint_slopes": Evaluation(
@@ -426,10 +434,10 @@ def _double_integrator_claims(inputs, design, flights):
     if design is None or flights is None:
         return {**slope, "dint_chance_constraints_satisfied": None, "dint_ellipses_protrude": None}
     first, everything = flights.paper_trials, int(flights.count[CLOSED] + flights.excluded[CLOSED])
-    allotted = 1.0 - inputs.double_integrator_probability
+    allotted = 1.0 - inputs.point_mass.double_integrator_probability
     paper, whole = flights.paper_any_violations[CLOSED], flights.any_violations[CLOSED]
     significant = exceeds(paper, first, allotted).any()
-    significant |= exceeds(flights.paper_violations[CLOSED], first, tail(inputs)).any()
+    significant |= exceeds(flights.paper_violations[CLOSED], first, tail(inputs.point_mass)).any()
     worst = int(np.argmax(whole))
     share, all_share = 100 * paper[worst] / first, 100 * whole[worst] / everything
     low, high = (100 * bound for bound in binomial_interval(paper[worst], first, CONFIDENCE))
@@ -466,35 +474,35 @@ def _double_integrator_claims(inputs, design, flights):
             None,
             everything,
             f"over the ellipses a'x exceeds its bound by up to {protrusion:+.4f} (linear covariance) and "
-            f"{sampled:+.4f} (trials); an ellipse that holds {100 * inputs.ellipse_probability:g} % of the plane "
-            f"reaches {ellipse_radius(inputs):.2f} deviations far, the constraint "
-            f"{upper_quantile(tail(inputs)):.2f}",
+            f"{sampled:+.4f} (trials); an ellipse that holds {100 * inputs.point_mass.ellipse_probability:g} % of the "
+            f"plane reaches {ellipse_radius(inputs.point_mass):.2f} deviations far, the constraint "
+            f"{upper_quantile(tail(inputs.point_mass)):.2f}",
         ),
     }
 
 
-def _flown_support(inputs, flights):
+def _flown_support(inputs: RandomFieldInputs, flights):
     """Largest value of a'x over the ellipses of the trials under feedback, less the bound."""
-    normals, bounds = normals_and_bounds(inputs)
+    normals, bounds = normals_and_bounds(inputs.point_mass)
     mean = flights.mean[CLOSED, flights.node, :2]
     covariance = flights.covariance[CLOSED, flights.node, :2, :2]
     spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, covariance, normals))
-    return float((mean @ normals.T + ellipse_radius(inputs) * spread - bounds).max())
+    return float((mean @ normals.T + ellipse_radius(inputs.point_mass) * spread - bounds).max())
 
 
 # ---- nominal flight and density (Sec. V.B.2) -------------------------------------------------------------------------
 
 
-def _nominal_claims(inputs, nominal, convergence):
+def _nominal_claims(inputs: RandomFieldInputs, nominal, convergence):
     angle = float(np.degrees(nominal.entry_flight_path_angle))
-    given = " (given, not solved)" if inputs.entry_angle == "given" else ""
-    altitude = np.linspace(0.0, inputs.variance_top_altitude + 1e5, 2001)
-    deviation = environment.deviation(inputs, altitude)
-    low = 100 * float(environment.deviation(inputs, np.array(LOW_ALTITUDE)))
-    above = deviation[altitude >= inputs.variance_top_altitude]
+    given = " (given, not solved)" if inputs.vehicle.entry_angle == "given" else ""
+    altitude = np.linspace(0.0, inputs.air.variance_top_altitude + 1e5, 2001)
+    deviation = environment.deviation(inputs.air, altitude)
+    low = 100 * float(environment.deviation(inputs.air, np.array(LOW_ALTITUDE)))
+    above = deviation[altitude >= inputs.air.variance_top_altitude]
     largest = int(np.argmax(deviation))
-    steps = np.diff(inputs.partition)
-    miss = abs(nominal.apoapsis - inputs.target_apoapsis)
+    steps = np.diff(inputs.mission.partition)
+    miss = abs(nominal.apoapsis - inputs.mission.target_apoapsis)
     return {
         "acap_entry_fpa": Evaluation(
             angle,
@@ -505,7 +513,7 @@ def _nominal_claims(inputs, nominal, convergence):
         "acap_guess_hits_target": Evaluation(
             bool(miss < HIT),
             evidence=f"without control the exit apoapsis is {nominal.apoapsis:.5f} r_p, target "
-            f"{inputs.target_apoapsis:g} r_p, from an entry angle of {angle:.4f} deg{given}",
+            f"{inputs.mission.target_apoapsis:g} r_p, from an entry angle of {angle:.4f} deg{given}",
             numbers={"apoapsis": nominal.apoapsis},
         ),
         "acap_time_max_q": Evaluation(
@@ -516,7 +524,7 @@ def _nominal_claims(inputs, nominal, convergence):
         "acap_max_variance_above_h_trans": Evaluation(
             bool(deviation.max() <= above.min() * (1.0 + ROUNDING)),
             evidence=f"standard deviation {100 * above.min():.2f} % at and above "
-            f"{inputs.variance_top_altitude / 1e3:g} km, elsewhere up to {100 * deviation.max():.4g} % at "
+            f"{inputs.air.variance_top_altitude / 1e3:g} km, elsewhere up to {100 * deviation.max():.4g} % at "
             f"{altitude[largest] / 1e3:.0f} km; {low:.4g} % at {LOW_ALTITUDE / 1e3:.0f} km",
             numbers={"low": low},
         ),
@@ -529,27 +537,27 @@ def _nominal_claims(inputs, nominal, convergence):
     }
 
 
-def _short_steps_claim(inputs, convergence):
+def _short_steps_claim(inputs: RandomFieldInputs, convergence):
     """Shorter steps at both ends after the paper's number of iterations, and the best of all iterations."""
     rows = [VARIANTS.index(name) for name in ("one_branch", "short_end_steps")]
     percentile, error = convergence.percentile[rows], convergence.percentile_error[rows]
     iterations = percentile.shape[1] - 1
-    chosen = min(int(inputs.iterations), iterations)
+    chosen = min(int(inputs.guidance.iterations), iterations)
     (own, short), noise = percentile[:, chosen], float(np.hypot(*error[:, chosen]))
     best = [row[np.isfinite(row)].min(initial=np.inf) for row in percentile[:, 1:]]
     return Evaluation(
         bool(own - short < BENEFIT * own + SIGMAS * noise),
         evidence=f"after {chosen} iterations the {100 * LEVEL:g}th percentile of delta-v is {own:.1f} m/s, with steps "
-        f"of {np.diff(inputs.fine_partition).max():g} s everywhere {short:.1f} m/s (standard error of the difference "
-        f"{noise:.1f} m/s); the best of {iterations} iterations {best[0]:.1f} and {best[1]:.1f} m/s; a benefit is "
-        f"{100 * BENEFIT:g} %",
+        f"of {np.diff(inputs.studies.fine_partition).max():g} s everywhere {short:.1f} m/s (standard error of the "
+        f"difference {noise:.1f} m/s); the best of {iterations} iterations {best[0]:.1f} and {best[1]:.1f} m/s; a "
+        f"benefit is {100 * BENEFIT:g} %",
     )
 
 
 # ---- delta-v (Fig. 12) -----------------------------------------------------------------------------------------------
 
 
-def _delta_v_claims(inputs, flown, convergence, regularization, field_study):
+def _delta_v_claims(inputs: RandomFieldInputs, flown, convergence, regularization, field_study):
     gains, last = flown.gains, flown.last
     predicted = gains.delta_v_mean + upper_quantile(1.0 - LEVEL) * gains.delta_v_deviation
     promised, kept = predicted[OPEN] - predicted[1:], flown.percentile[OPEN] - flown.percentile[1:]
@@ -639,12 +647,12 @@ def _regularized(study):
     return dict(zip(names, values, strict=True))
 
 
-def _needed(inputs, study):
+def _needed(inputs: RandomFieldInputs, study):
     """What the open loop gives in other fields: about twice the variance, and full correlation over altitude."""
     names = ("doubled", "doubled_error", "factor", "correlated")
     if study is None:
         return dict.fromkeys(names, np.nan)
-    factors = study.variance / inputs.variance_at_top
+    factors = study.variance / inputs.air.variance_at_top
     twice = int(np.abs(factors - 2.0).argmin())
     correlated = study.percentile[list(study.hypothesis).index("fully correlated")]
     values = study.variance_percentile[twice], study.variance_percentile_error[twice], factors[twice], correlated
@@ -674,7 +682,7 @@ def _stated_tail_claim(flown):
     )
 
 
-def _absolute_value_claim(inputs, flown):
+def _absolute_value_claim(inputs: RandomFieldInputs, flown):
     """Errors of the predicted means, as they are and with the predicted branch continued beyond the kink."""
     gains, ensemble = flown.gains, flown.ensemble
     smooth = np.full(len(flown.laws), np.nan)
@@ -682,8 +690,8 @@ def _absolute_value_claim(inputs, flown):
         sign, captured = _branch(inputs, gains, law), ensemble.outcome[law] == CAPTURED
         if sign is None or not captured.any():
             continue
-        ends = ensemble.final_state[law, captured, : FLIGHT_PATH_ANGLE + 1] + [inputs.planet_radius, 0.0, 0.0]
-        values = orbits.total_delta_v(*ends.T, *mission(inputs), branch=sign)
+        ends = ensemble.final_state[law, captured, : FLIGHT_PATH_ANGLE + 1] + [inputs.planet.planet_radius, 0.0, 0.0]
+        values = orbits.total_delta_v(*ends.T, *targets(inputs.planet, inputs.mission), branch=sign)
         smooth[law] = values.mean() - gains.delta_v_mean[law]
     vanishes = np.abs(smooth).sum() < (1.0 - SOURCE) * np.abs(flown.offset).sum()
     return Evaluation(
@@ -696,21 +704,21 @@ def _absolute_value_claim(inputs, flown):
     )
 
 
-def _branch(inputs, gains, law):
+def _branch(inputs: RandomFieldInputs, gains, law):
     """Sign of the clean-up burn in the prediction of a law; None if its nominal was not captured."""
-    both = inputs.clean_up_branch == "both"
+    both = inputs.guidance.clean_up_branch == "both"
     # A program with both branches predicts the one on which its own mean ends, others that of their nominal.
     apoapsis = gains.apoapsis[law if both else max(law - 1, OPEN)]
     if not np.isfinite(apoapsis):
         return None
-    sign = int(orbits.branch_of(apoapsis, inputs.target_apoapsis, inputs.branch_tolerance))
-    return sign or (0 if both else BRANCHES[inputs.clean_up_branch])
+    sign = int(orbits.branch_of(apoapsis, inputs.mission.target_apoapsis, inputs.guidance.branch_tolerance))
+    return sign or (0 if both else BRANCHES[inputs.guidance.clean_up_branch])
 
 
 # ---- control (Fig. 13) -----------------------------------------------------------------------------------------------
 
 
-def _control_claims(inputs, nominal, flown):
+def _control_claims(inputs: RandomFieldInputs, nominal, flown):
     gains, ensemble, last = flown.gains, flown.ensemble, flown.last
     begins, ends, control = gains.partition[:-1], gains.partition[1:], gains.control
     peak = nominal.time_of_largest_dynamic_pressure
@@ -724,7 +732,7 @@ def _control_claims(inputs, nominal, flown):
 
     worst = int(np.argmax(flown.violations[last]))
     count, any_count = int(flown.violations[last, worst]), int(flown.any_violations[last])
-    share, allotted = count / flown.trials, 1.0 - inputs.control_probability
+    share, allotted = count / flown.trials, 1.0 - inputs.guidance.control_probability
     low, high = (float(bound) for bound in binomial_interval(count, flown.trials, CONFIDENCE))
     beyond = "more than" if exceeds(count, flown.trials, allotted) else "not shown to be more than"
     shares = {
@@ -736,7 +744,7 @@ def _control_claims(inputs, nominal, flown):
     }
 
     mean, spread = commanded(gains, ensemble, last)
-    lower, upper = inputs.control_limits
+    lower, upper = inputs.vehicle.control_limits
     outside = np.maximum(mean + SIGMAS * spread - upper, lower - mean + SIGMAS * spread)
     furthest = int(np.argmax(outside))
     error = SIGMAS * spread[furthest] / np.sqrt(2.0 * flown.trials)
@@ -813,7 +821,7 @@ def state_error(gains, ensemble, law):
     return float(np.sqrt(((ratio - 1.0) ** 2).mean())), ratio
 
 
-def _prediction_claims(inputs, flown):
+def _prediction_claims(inputs: RandomFieldInputs, flown):
     gains, ensemble, last, trials = flown.gains, flown.ensemble, flown.last, flown.trials
     (guess, guess_ratio), (best, best_ratio) = (state_error(gains, ensemble, law) for law in (OPEN, last))
     sampling = SIGMAS / np.sqrt(2.0 * trials)

@@ -3,23 +3,32 @@
 import numpy as np
 
 from marsedl.papers.random_field.flight_statistics import lost
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
 from marsedl.papers.random_field.variants import designed, flown, percentiles
 from marsedl.replication.catalogue import stage
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal) -> Convergence:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+) -> Convergence:
     """Run every variant for the study's number of iterations, and fly all of its laws."""
     rows = []
     for variant in VARIANTS:
-        changes = {"iterations": inputs.convergence_iterations, "clean_up_branch": "mean"}
-        if variant == "both_branches":
-            changes["clean_up_branch"] = "both"
-        if variant == "short_end_steps":
-            changes["partition"] = inputs.fine_partition
-        varied, made = designed(inputs, nominal, **changes)
-        ensemble = flown(varied, nominal, made)
+        branch = "both" if variant == "both_branches" else "mean"
+        changes = {"iterations": studies.convergence_iterations, "clean_up_branch": branch}
+        times = {"partition": studies.fine_partition} if variant == "short_end_steps" else {}
+        steered, timed = guidance.model_copy(update=changes), mission.model_copy(update=times)
+        made = designed(planet, air, vehicle, timed, steered, simulation, nominal)
+        ensemble = flown(planet, air, vehicle, timed, simulation, nominal, made, studies.study_trials)
         percentile, error = percentiles(ensemble)
         change = np.abs(np.diff(made.control, axis=0)).max(axis=1)
         rows.append(

@@ -9,30 +9,35 @@ from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds
+from marsedl.papers.random_field.inputs import PointMass, Simulation
 from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegratorFlights
 from marsedl.replication.catalogue import stage
 
 
 @stage(claimed_in=("printed", "corrected", "cc_to_4"))
-def compute(inputs, double_integrator: DoubleIntegrator) -> DoubleIntegratorFlights:
+def compute(
+    simulation: Simulation, point_mass: PointMass, double_integrator: DoubleIntegrator
+) -> DoubleIntegratorFlights:
     """Fly both laws."""
-    trials = inputs.double_integrator_trials
-    first = min(inputs.paper_trials, trials)
+    trials = point_mass.double_integrator_trials
+    first = min(simulation.paper_trials, trials)
     bounds = [(0, first)] + ([(first, trials)] if trials > first else [])
     block = first if first < ensembles.BLOCK_SIZE else int(np.gcd(first, ensembles.BLOCK_SIZE))
     edges = np.tile([-1.0, 0.0], (3, 1))  # what is counted beyond the upper edge violates a constraint
     laws = []
     for number in range(len(double_integrator.control)):
-        simulate_block = block_simulator(inputs, double_integrator, number)
+        simulate_block = block_simulator(simulation, point_mass, double_integrator, number)
         chunks = [
             ensembles.run_blocks(
-                simulate_block, *bound, block_size=block, histogram_edges=edges, kept=inputs.drawn_trials
+                simulate_block, *bound, block_size=block, histogram_edges=edges, kept=simulation.drawn_trials
             )
             for bound in bounds
         ]
         laws.append((ensembles.merge(chunks), chunks[0]))
-    time = outputs(inputs)
-    node = np.rint(np.array(inputs.double_integrator_partition) / inputs.double_integrator_output_interval).astype(int)
+    time = outputs(point_mass)
+    node = np.rint(
+        np.array(point_mass.double_integrator_partition) / point_mass.double_integrator_output_interval
+    ).astype(int)
 
     def beyond(reduced):
         return reduced.histogram[node, :, -1]
@@ -53,16 +58,16 @@ def compute(inputs, double_integrator: DoubleIntegrator) -> DoubleIntegratorFlig
     )
 
 
-def outputs(inputs):
+def outputs(point_mass: PointMass):
     """Times of the stored states."""
-    steps = round(inputs.double_integrator_partition[-1] / inputs.double_integrator_output_interval)
-    return np.arange(steps + 1) * inputs.double_integrator_output_interval
+    steps = round(point_mass.double_integrator_partition[-1] / point_mass.double_integrator_output_interval)
+    return np.arange(steps + 1) * point_mass.double_integrator_output_interval
 
 
-def field_grid(inputs):
+def field_grid(point_mass: PointMass):
     """Positions at which the force is sampled."""
-    lowest, highest = inputs.double_integrator_field_positions
-    return np.linspace(lowest, highest, round((highest - lowest) / inputs.double_integrator_field_interval) + 1)
+    lowest, highest = point_mass.double_integrator_field_positions
+    return np.linspace(lowest, highest, round((highest - lowest) / point_mass.double_integrator_field_interval) + 1)
 
 
 def law(design, number):
@@ -70,31 +75,33 @@ def law(design, number):
     return flight.Law(design.partition, design.control[number], design.gain[number], design.mean[number])
 
 
-def block_simulator(inputs, double_integrator, number, **changes):
+def block_simulator(
+    simulation: Simulation, point_mass: PointMass, double_integrator: DoubleIntegrator, number, varied=True
+):
     """Return the function `simulate_block(first, last)` under one law.
 
-    Observed are how far the state lies beyond each of the two lines, and the larger of both. changes: `varied` of
-    `flight.fly_double_integrator`.
+    Observed are how far the state lies beyond each of the two lines, and the larger of both. number: OPEN or
+    CLOSED. varied: whether there is a force.
     """
-    grid = field_grid(inputs)
-    root = random_field.root(random_field.covariance_matrix(kernel(inputs), grid))
+    grid = field_grid(point_mass)
+    root = random_field.root(random_field.covariance_matrix(kernel(point_mass), grid))
     flown_law = law(double_integrator, number)
-    deviations = np.array(inputs.double_integrator_initial_three_sigma) / 3.0
-    lines, bounds = normals_and_bounds(inputs)
-    every = round(inputs.double_integrator_output_interval / inputs.double_integrator_time_step)
+    deviations = np.array(point_mass.double_integrator_initial_three_sigma) / 3.0
+    lines, bounds = normals_and_bounds(point_mass)
+    every = round(point_mass.double_integrator_output_interval / point_mass.double_integrator_time_step)
 
     def simulate_block(first, last):
-        drawn = normals(inputs.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
+        drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
         flown = flight.fly_double_integrator(
             flown_law,
             grid,
             root,
-            np.array(inputs.double_integrator_initial_mean) + drawn * deviations,
-            time_step=inputs.double_integrator_time_step,
-            seed=inputs.seed,
+            np.array(point_mass.double_integrator_initial_mean) + drawn * deviations,
+            time_step=point_mass.double_integrator_time_step,
+            seed=simulation.seed,
             first_trial=first,
             every=every,
-            **changes,
+            varied=varied,
         )
         excess = np.einsum("ci,tin->tcn", lines, flown.history[:, :2]) - bounds[:, np.newaxis]
         observed = np.concatenate([excess, excess.max(axis=1, keepdims=True)], axis=1)

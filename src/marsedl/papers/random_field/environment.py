@@ -7,10 +7,11 @@ import numpy as np
 
 from marsedl.models import atmosphere, random_field
 from marsedl.papers.density import profile
+from marsedl.papers.random_field.inputs import Air, Mission, Planet
 from marsedl.replication.errors import MarsedlError
 
 
-class Air(NamedTuple):
+class AirTables(NamedTuple):
     """The density: ln of its mean as cubics between uniform nodes, and its random part as a process down a finer grid.
 
     Beyond its nodes ln of the mean goes on along the end slopes; the random part is held constant.
@@ -26,50 +27,50 @@ class Air(NamedTuple):
     top_deviation: float  # standard deviation at the top node
 
 
-def mission(inputs):
+def targets(planet: Planet, mission: Mission):
     """Target apoapsis, target periapsis (m) and gravitational parameter, as the functions of `orbits` want them."""
-    targets = inputs.target_apoapsis * inputs.planet_radius, inputs.target_periapsis * inputs.planet_radius
-    return *targets, inputs.gravitational_parameter
+    radius = planet.planet_radius
+    return mission.target_apoapsis * radius, mission.target_periapsis * radius, planet.gravitational_parameter
 
 
-def kernel(inputs, **changes):
+def kernel(air: Air, **changes):
     """Covariance of the density variation at two altitudes (Eqs. 73-74); changes: other parameters than the inputs'."""
     parameters = {
-        "variance": inputs.variance_at_top,
-        "upper_altitude": inputs.variance_top_altitude,
-        "growth_length": inputs.variance_growth_length,
-        "correlation_length": inputs.correlation_length,
-        "growth_sign": inputs.variance_growth_sign,
+        "variance": air.variance_at_top,
+        "upper_altitude": air.variance_top_altitude,
+        "growth_length": air.variance_growth_length,
+        "correlation_length": air.correlation_length,
+        "growth_sign": air.variance_growth_sign,
     }
     return partial(random_field.altitude_exponential, **{**parameters, **changes})
 
 
-def field_grid(inputs):
+def field_grid(air: Air):
     """Altitudes at which the variation is sampled, m, ascending."""
-    lowest, highest = inputs.field_altitudes
-    return np.linspace(lowest, highest, round((highest - lowest) / inputs.field_interval) + 1)
+    lowest, highest = air.field_altitudes
+    return np.linspace(lowest, highest, round((highest - lowest) / air.field_interval) + 1)
 
 
-def deviation(inputs, altitude):
+def deviation(air: Air, altitude):
     """Standard deviation of the density variation at an altitude."""
-    return np.sqrt(kernel(inputs)(altitude, altitude))
+    return np.sqrt(kernel(air)(altitude, altitude))
 
 
-def air(inputs, covariance=None):
+def air_tables(air: Air, covariance=None):
     """The tables of a flight; covariance: a kernel of the density variation other than the inputs'."""
-    altitudes = field_grid(inputs)
-    return Air(
-        *atmosphere.uniform_nodes(profile(inputs)),
+    altitudes = field_grid(air)
+    return AirTables(
+        *atmosphere.uniform_nodes(profile(air)),
         altitude=altitudes,
-        **random_field.markov(covariance or kernel(inputs), altitudes)._asdict(),
+        **random_field.markov(covariance or kernel(air), altitudes)._asdict(),
     )
 
 
-def require_in_table(inputs, time, altitude):
+def require_in_table(air: Air, time, altitude):
     """Refuse a nominal trajectory that leaves the density table, unless the reading continues it."""
-    if inputs.density_profile != "table" or inputs.density_beyond_table == "continue":
+    if air.density_profile != "table" or air.density_beyond_table == "continue":
         return
-    lowest, highest = inputs.density_table[0][0], inputs.density_table[-1][0]
+    lowest, highest = air.density_table[0][0], air.density_table[-1][0]
     outside = ~((altitude >= lowest) & (altitude <= highest))
     if outside.any():
         first = int(np.argmax(outside))

@@ -5,7 +5,8 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import environment, montecarlo
 from marsedl.papers.random_field.flight_statistics import percentile_with_lost
-from marsedl.papers.random_field.records import LOW_ALTITUDE, FieldStudy, Gains, Nominal
+from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.random_field.records import CAPTURED, LOW_ALTITUDE, FieldStudy, Gains, Nominal
 from marsedl.replication.catalogue import stage
 
 # Hypotheses on the field, as changes of the kernel's parameters: a field that is fully correlated over altitude, the
@@ -20,17 +21,31 @@ HYPOTHESES = {
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, gains: Gains) -> FieldStudy:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+    gains: Gains,
+) -> FieldStudy:
     """Fly the open loop through every field."""
+
+    def flown(covariance):
+        simulate_block = montecarlo.block_simulator(
+            planet, air, vehicle, mission, simulation, nominal, gains, number=0, covariance=covariance
+        )
+        return _open_loop(simulate_block, planet, mission, studies.study_trials)
+
     rows = []
     for changes in HYPOTHESES.values():
-        covariance = _kernel(inputs, changes)
+        covariance = _kernel(air, changes)
         low = float(np.sqrt(covariance(LOW_ALTITUDE, LOW_ALTITUDE)))
-        rows.append((*_open_loop(inputs, nominal, gains, covariance), low))
-    variances = inputs.variance_factors * inputs.variance_at_top
-    scaled = [
-        _open_loop(inputs, nominal, gains, environment.kernel(inputs, variance=variance)) for variance in variances
-    ]
+        rows.append((*flown(covariance), low))
+    variances = studies.variance_factors * air.variance_at_top
+    scaled = [flown(environment.kernel(air, variance=variance)) for variance in variances]
     percentile, error, lost, deviation = (np.array(column) for column in zip(*rows, strict=True))
     scaled_percentile, scaled_error, scaled_lost = (np.array(column) for column in zip(*scaled, strict=True))
     return FieldStudy(
@@ -43,22 +58,21 @@ def compute(inputs, nominal: Nominal, gains: Gains) -> FieldStudy:
         variance_percentile=scaled_percentile,
         variance_percentile_error=scaled_error,
         variance_lost=scaled_lost,
-        trials=inputs.study_trials,
+        trials=studies.study_trials,
     )
 
 
-def _kernel(inputs, changes):
+def _kernel(air: Air, changes):
     changes = dict(changes)
     if "growth_length" in changes:
-        changes["growth_length"] *= inputs.variance_growth_length
+        changes["growth_length"] *= air.variance_growth_length
     if "upper_altitude" in changes:
-        changes["upper_altitude"] += inputs.variance_top_altitude
-    return environment.kernel(inputs, **changes)
+        changes["upper_altitude"] += air.variance_top_altitude
+    return environment.kernel(air, **changes)
 
 
-def _open_loop(inputs, nominal, gains, covariance):
-    """99th percentile, its standard error and the lost trials of the open loop in a field of another covariance."""
-    simulate_block = montecarlo.block_simulator(inputs, nominal, gains, "aerocapture", 0, covariance=covariance)
-    chunk = ensembles.run_blocks(simulate_block, 0, inputs.study_trials)
-    delta_v = montecarlo.burns(inputs, chunk.final_state, chunk.outcome)[1]
-    return *percentile_with_lost(delta_v), int((chunk.outcome != ensembles.COMPLETED).sum())
+def _open_loop(simulate_block, planet: Planet, mission: Mission, trials):
+    """99th percentile, its standard error and the lost trials of what `simulate_block` flies."""
+    chunk = ensembles.run_blocks(simulate_block, 0, trials)
+    delta_v = montecarlo.burns(planet, mission, chunk.final_state, chunk.outcome)[1]
+    return *percentile_with_lost(delta_v), int((chunk.outcome != CAPTURED).sum())

@@ -11,8 +11,19 @@ from marsedl.models import density_variation, orbits, random_field
 from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import components, environment, flight_statistics
 from marsedl.papers.random_field import double_integrator as linear_example
-from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL
+from marsedl.papers.random_field.inputs import (
+    Air,
+    Drawing,
+    Guidance,
+    Mission,
+    Planet,
+    PointMass,
+    Simulation,
+    Studies,
+    Vehicle,
+)
 from marsedl.papers.random_field.records import (
     BRANCHES,
     CLOSED,
@@ -70,21 +81,21 @@ LARGEST_APOAPSIS = 3.0  # times the target, in the open-loop half
 MOST_POINTS = 3000  # of each law, in the map
 
 
-def fig01(inputs) -> Figure:
+def fig01(simulation: Simulation, drawing: Drawing) -> Figure:
     """Samples of a field on a line, before and after measurements of it."""
     figure, (prior, posterior) = new_figure(7.2, 3.4, ncols=2, sharex=True, sharey=True)
-    position, before, after, mean, deviation = line_samples(inputs)
+    position, before, after, mean, deviation = line_samples(simulation, drawing)
     one = np.ones_like(position)
     for axes, samples, centre, spread in ((prior, before, 0.0 * one, one), (posterior, after, mean, deviation)):
         band(axes, position, centre - 2 * spread, centre + 2 * spread, BLUE, label=r"mean $\pm 2 \sigma$")
         axes.plot(position, centre, color=BLACK, linestyle="--", label="mean")
         axes.plot(position, samples.T, color=BLUE, linewidth=0.7, alpha=0.8)
         axes.plot([], [], color=BLUE, linewidth=0.7, label=f"{len(samples)} samples")
-        axes.set(xlabel="position $z$", xlim=(0, inputs.example_extent))
+        axes.set(xlabel="position $z$", xlim=(0, drawing.example_extent))
     posterior.errorbar(
-        inputs.example_positions,
-        inputs.example_values,
-        2 * inputs.example_noise,
+        drawing.example_positions,
+        drawing.example_values,
+        2 * drawing.example_noise,
         fmt="o",
         color=VERMILION,
         markersize=4,
@@ -99,16 +110,16 @@ def fig01(inputs) -> Figure:
     return figure
 
 
-def fig02(inputs) -> Figure:
+def fig02(simulation: Simulation, drawing: Drawing) -> Figure:
     """A sample of a field on a plane, before and after its two right-most edges are held constant."""
     figure, panels = new_figure(7.6, 3.5, ncols=2, subplot_kw={"projection": "3d"})
     # The layout of the other figures leaves wide margins about these axes.
     figure.set_layout_engine(None)
     figure.subplots_adjust(left=-0.02, right=0.93, bottom=0.05, top=1.0, wspace=0.1)
-    coordinate, before, after = plane_samples(inputs)
+    coordinate, before, after = plane_samples(simulation, drawing)
     first, second = np.meshgrid(coordinate, coordinate, indexing="ij")
     lowest, highest = min(before.min(), after.min()), max(before.max(), after.max())
-    titles = ("without a condition", f"both edges on the right held at {inputs.example_edge:g}")
+    titles = ("without a condition", f"both edges on the right held at {drawing.example_edge:g}")
     for axes, values, title in zip(panels, (before, after), titles, strict=True):
         axes.computed_zorder = False  # the edges, which lie in the surface, are drawn over it
         axes.plot_surface(
@@ -139,14 +150,14 @@ def fig02(inputs) -> Figure:
     return figure
 
 
-def fig03(inputs, nominal: Nominal) -> Figure:
+def fig03(air: Air, simulation: Simulation, drawing: Drawing, nominal: Nominal) -> Figure:
     """Samples of the field over altitude and, seen through the nominal path, of the process over time."""
     figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2, width_ratios=(1, 1.6), sharex="col", sharey="row")
     (field, path), (corner, process) = panels
-    count = min(inputs.drawn_samples, SCHEMATIC_SAMPLES)
+    count = min(drawing.drawn_samples, SCHEMATIC_SAMPLES)
     # Down to the lowest altitude and up to the end, so that the samples of the field are those that the path meets.
     altitude = _altitudes(nominal.altitude.min(), nominal.altitude.max())
-    samples = variation_samples(inputs, altitude, count)
+    samples = variation_samples(air, simulation, altitude, count)
     met = random_field.interpolate(nominal.altitude, altitude, samples)
     marks = np.searchsorted(nominal.time, np.arange(0.0, nominal.time[-1], MARK_INTERVAL))
     colors = (BLUE, ORANGE, GREEN)
@@ -187,13 +198,13 @@ def fig03(inputs, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig04(inputs) -> Figure:
+def fig04(simulation: Simulation, point_mass: PointMass, drawing: Drawing) -> Figure:
     """Samples of the locally periodic force on the double integrator."""
     figure, axes = new_figure(6.4, 3.4)
-    kernel = linear_example.kernel(inputs)
-    position = np.linspace(0.0, SHOWN_PERIODS * inputs.double_integrator_period, LINE_POINTS)
+    kernel = linear_example.kernel(point_mass)
+    position = np.linspace(0.0, SHOWN_PERIODS * point_mass.double_integrator_period, LINE_POINTS)
     root = random_field.root(random_field.covariance_matrix(kernel, position))
-    drawn = _normals(inputs.seed, FORCE_STREAM, np.arange(inputs.drawn_samples), LINE_POINTS)
+    drawn = _normals(simulation.seed, FORCE_STREAM, np.arange(drawing.drawn_samples), LINE_POINTS)
     samples = random_field.sample(drawn, root)
     deviation = np.sqrt(kernel(position, position))
     band(axes, position, -2 * deviation, 2 * deviation, BLUE, label=r"$\pm 2 \sigma$")
@@ -205,11 +216,13 @@ def fig04(inputs) -> Figure:
     return figure
 
 
-def fig05(inputs, double_integrator: DoubleIntegrator, double_integrator_flights: DoubleIntegratorFlights) -> Figure:
+def fig05(
+    point_mass: PointMass, double_integrator: DoubleIntegrator, double_integrator_flights: DoubleIntegratorFlights
+) -> Figure:
     """Double integrator in the plane of position and velocity, without feedback and with the law."""
     figure, panels = new_figure(6.6, 6.8, nrows=2, sharex=True, sharey=True)
     flown = double_integrator_flights
-    radius = linear_example.ellipse_radius(inputs)
+    radius = linear_example.ellipse_radius(point_mass)
     reach = []
     for number, axes in enumerate(panels):
         for trial in flown.kept_history[number]:
@@ -224,7 +237,7 @@ def fig05(inputs, double_integrator: DoubleIntegrator, double_integrator_flights
         left_out = f", {flown.excluded[number]:,} not finite" if flown.excluded[number] else ""
         axes.set(title=LAW_TITLE[number] + left_out, ylabel="velocity $v$")
     reach = np.concatenate(reach)
-    for line in constraint_lines(inputs, reach):
+    for line in constraint_lines(point_mass, reach):
         reach = np.concatenate([reach, line])
         for axes in panels:
             axes.plot(*line.T, color=VERMILION, linewidth=1.2, linestyle="--", zorder=2)
@@ -236,7 +249,7 @@ def fig05(inputs, double_integrator: DoubleIntegrator, double_integrator_flights
     handles = [
         panels[0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
         for color, width, style, label in (
-            (GREY, 1.8, "-", f"{100 * inputs.ellipse_probability:g} % ellipse, {flown.count[0]:,} trials"),
+            (GREY, 1.8, "-", f"{100 * point_mass.ellipse_probability:g} % ellipse, {flown.count[0]:,} trials"),
             (BLACK, 1.0, "--", "the same by linear covariance"),
             (SKY, 0.8, "-", f"{flown.kept_history.shape[1]} of the trials"),
             (VERMILION, 1.2, "--", "state constraints"),
@@ -246,12 +259,12 @@ def fig05(inputs, double_integrator: DoubleIntegrator, double_integrator_flights
     return figure
 
 
-def fig06(inputs, nominal: Nominal) -> Figure:
+def fig06(planet: Planet, vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     """The mission to scale: approach, flight through the atmosphere, and the orbits between the burns."""
     figure, (whole, close) = new_figure(6.6, 6.8, nrows=2, height_ratios=(4.2, 1))
-    plan = mission_plan(inputs, nominal)
+    plan = mission_plan(planet, mission, nominal)
     turn = np.linspace(0.0, 2 * np.pi, 721)
-    ceiling = 1.0 + inputs.entry_altitude / inputs.planet_radius
+    ceiling = 1.0 + vehicle.entry_altitude / planet.planet_radius
     whole.fill(*_clockwise(turn, ceiling).T, color=SKY, alpha=0.5, linewidth=0, zorder=1.5)
     whole.fill(*_clockwise(turn, 1.0).T, facecolor=SURFACE, edgecolor=GREY, zorder=1.6)
     for curve, color, width, label in (
@@ -290,20 +303,20 @@ def fig06(inputs, nominal: Nominal) -> Figure:
     )
     whole.set_axis_off()
 
-    travelled = (plan.flight[0] - plan.flight[0, 0]) * inputs.planet_radius / KM
-    close.axhspan(0.0, inputs.entry_altitude / KM, color=SKY, alpha=0.3, linewidth=0)
+    travelled = (plan.flight[0] - plan.flight[0, 0]) * planet.planet_radius / KM
+    close.axhspan(0.0, vehicle.entry_altitude / KM, color=SKY, alpha=0.3, linewidth=0)
     close.plot(travelled, nominal.altitude / KM, color=VERMILION, linewidth=2.4)
     for name, at in (("entry", 0), ("exit", -1)):
         spot = travelled[at], nominal.altitude[at] / KM
         close.plot(*spot, "o", color=VERMILION, markersize=4, clip_on=False, zorder=5)
         close.annotate(name, spot, (0, 5), textcoords="offset points", ha="center", fontsize=8)
     close.set(xlabel="distance travelled over the ground (km)", ylabel=ALTITUDE_LABEL)
-    close.set_ylim(0, 1.2 * max(inputs.entry_altitude, nominal.altitude.max()) / KM)
+    close.set_ylim(0, 1.2 * max(vehicle.entry_altitude, nominal.altitude.max()) / KM)
     figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def fig07(inputs) -> Figure:
+def fig07() -> Figure:
     """Radius, velocity, flight path angle, lift and drag of the vehicle above the planet."""
     figure, axes = new_figure(5.0, 4.6)
     path, vehicle = 24 * DEGREE, np.array([0.0, 1.0])
@@ -334,7 +347,7 @@ def fig07(inputs) -> Figure:
     return figure
 
 
-def fig08(inputs) -> Figure:
+def fig08() -> Figure:
     """Angle of attack from the side, and from behind the lift rolled by the bank angle."""
     figure, (side, rear) = new_figure(7.2, 3.0, ncols=2)
     attack, bank, origin = 20 * DEGREE, 40 * DEGREE, np.zeros(2)
@@ -383,14 +396,14 @@ def fig08(inputs) -> Figure:
     return figure
 
 
-def fig09(inputs) -> Figure:
+def fig09(air: Air, vehicle: Vehicle) -> Figure:
     """Mean density against altitude."""
     figure, axes = new_figure(4.8, 4.2)
-    altitude = _altitudes(0.0, _ceiling(inputs))
-    density = np.exp(environment.profile(inputs)(altitude)[0])
+    altitude = _altitudes(0.0, _ceiling(air, vehicle))
+    density = np.exp(environment.profile(air)(altitude)[0])
     axes.semilogx(density, altitude / KM, color=BLUE, label="nominal density")
-    if inputs.density_profile == "table":
-        table = np.asarray(inputs.density_table)
+    if air.density_profile == "table":
+        table = np.asarray(air.density_table)
         shown = (table[:, 0] >= altitude[0]) & (table[:, 0] <= altitude[-1])
         axes.plot(table[shown, 1], table[shown, 0] / KM, "o", color=BLACK, markersize=2.5, label="table")
     axes.set(xlabel="density (kg/m$^3$)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
@@ -398,12 +411,12 @@ def fig09(inputs) -> Figure:
     return figure
 
 
-def fig10(inputs) -> Figure:
+def fig10(air: Air, vehicle: Vehicle, simulation: Simulation, drawing: Drawing) -> Figure:
     """Samples of the density variation against altitude."""
     figure, axes = new_figure(4.8, 4.2)
-    altitude = _altitudes(0.0, _ceiling(inputs))
-    samples = variation_samples(inputs, altitude, inputs.drawn_samples)
-    deviation = environment.deviation(inputs, altitude)
+    altitude = _altitudes(0.0, _ceiling(air, vehicle))
+    samples = variation_samples(air, simulation, altitude, drawing.drawn_samples)
+    deviation = environment.deviation(air, altitude)
     axes.fill_betweenx(
         altitude / KM, -2 * deviation, 2 * deviation, color=BLUE, alpha=0.22, linewidth=0, label=r"$\pm 2 \sigma$"
     )
@@ -429,33 +442,33 @@ def _normals(seed, stream, trials, count):
     return normals(seed, stream, trials, count)
 
 
-def line_samples(inputs):
+def line_samples(simulation: Simulation, drawing: Drawing):
     """The example of Fig. 1: positions (k,), samples without and with measurements from the same numbers (n, k), and
     mean and standard deviation given the measurements (k,); the variance without them is one."""
-    kernel = partial(random_field.squared_exponential, variance=1.0, length=inputs.example_length)
-    position = np.linspace(0.0, inputs.example_extent, LINE_POINTS)
-    measured = inputs.example_positions
+    kernel = partial(random_field.squared_exponential, variance=1.0, length=drawing.example_length)
+    position = np.linspace(0.0, drawing.example_extent, LINE_POINTS)
+    measured = drawing.example_positions
     everywhere = np.concatenate([position, measured])
-    trials = np.arange(inputs.drawn_samples)
+    trials = np.arange(drawing.drawn_samples)
     root = random_field.root(random_field.covariance_matrix(kernel, everywhere))
-    before = random_field.sample(_normals(inputs.seed, LINE_STREAM, trials, len(everywhere)), root)
-    known = (kernel, position, measured, inputs.example_values, inputs.example_noise**2)
-    errors = _normals(inputs.seed, NOISE_STREAM, trials, len(measured))
+    before = random_field.sample(_normals(simulation.seed, LINE_STREAM, trials, len(everywhere)), root)
+    known = (kernel, position, measured, drawing.example_values, drawing.example_noise**2)
+    errors = _normals(simulation.seed, NOISE_STREAM, trials, len(measured))
     after = random_field.condition_samples(*known, before, errors)
     mean, covariance = random_field.condition(*known)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding can make a vanishing variance negative
     return position, before[:, : len(position)], after, mean, deviation
 
 
-def plane_samples(inputs):
+def plane_samples(simulation: Simulation, drawing: Drawing):
     """The example of Fig. 2: coordinates (k,) along both axes, and one sample over them (k, k) without a condition and
     held at `example_edge` where either coordinate is largest."""
-    coordinate = np.linspace(0.0, inputs.example_extent, PLANE_POINTS)
-    along = partial(random_field.squared_exponential, variance=1.0, length=inputs.example_length)
-    kernel = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, inputs.example_length))
+    coordinate = np.linspace(0.0, drawing.example_extent, PLANE_POINTS)
+    along = partial(random_field.squared_exponential, variance=1.0, length=drawing.example_length)
+    kernel = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, drawing.example_length))
     # The kernel is a product over the coordinates, and so is the root of its covariance matrix on a grid.
     root = random_field.root(random_field.covariance_matrix(along, coordinate))
-    drawn = _normals(inputs.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
+    drawn = _normals(simulation.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
     before = random_field.sample(random_field.sample(drawn, root).T, root).T
     points = np.stack(np.meshgrid(coordinate, coordinate, indexing="ij"), axis=-1).reshape(-1, 2)
     on_edge = (points == coordinate[-1]).any(axis=1)
@@ -464,22 +477,22 @@ def plane_samples(inputs):
         kernel,
         points,
         points[on_edge],
-        np.full(on_edge.sum(), inputs.example_edge),
+        np.full(on_edge.sum(), drawing.example_edge),
         0.0,
         np.concatenate([flat, flat[:, on_edge]], axis=1),
     )
     return coordinate, before, after.reshape(before.shape)
 
 
-def variation_samples(inputs, altitude, count):
+def variation_samples(air: Air, simulation: Simulation, altitude, count):
     """Exact samples of the density variation at ascending altitudes, (count, n)."""
-    drawn = _normals(inputs.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
-    return density_variation.sample_process(drawn, *random_field.markov(environment.kernel(inputs), altitude))
+    drawn = _normals(simulation.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
+    return density_variation.sample_process(drawn, *random_field.markov(environment.kernel(air), altitude))
 
 
-def _ceiling(inputs):
+def _ceiling(air: Air, vehicle: Vehicle):
     """Altitude up to which profiles are drawn, m."""
-    return max(inputs.entry_altitude, inputs.variance_top_altitude)
+    return max(vehicle.entry_altitude, air.variance_top_altitude)
 
 
 def _altitudes(lowest, highest):
@@ -489,12 +502,12 @@ def _altitudes(lowest, highest):
 # ---- geometry --------------------------------------------------------------------------------------------------------
 
 
-def constraint_lines(inputs, reach):
+def constraint_lines(point_mass: PointMass, reach):
     """The lines a'x = alpha of Eq. 61 across the reach (n, 2) of what is drawn, only as far as the other line allows.
 
     Returns two curves (2, 2) that start at the lines' common point, or cross the reach if the lines are parallel.
     """
-    lines, bounds = linear_example.normals_and_bounds(inputs)
+    lines, bounds = linear_example.normals_and_bounds(point_mass)
     meet = abs(np.linalg.det(lines)) > 1e-9 * np.prod(np.linalg.norm(lines, axis=1))
     apex = np.linalg.solve(lines, bounds) if meet else None
     lowest, highest = reach.min(axis=0), reach.max(axis=0)
@@ -530,13 +543,13 @@ class MissionPlan(NamedTuple):
     clean_up: float  # m/s, positive below the target
 
 
-def mission_plan(inputs, nominal) -> MissionPlan:
+def mission_plan(planet: Planet, mission: Mission, nominal) -> MissionPlan:
     """The nominal flight, left at a lower velocity, so that its apoapsis falls short of the target.
 
     The nominal reaches the target of itself where the entry angle is solved, and then there is no second burn to draw.
     """
-    target_apoapsis, target_periapsis, gravity = mission(inputs)
-    radius = inputs.planet_radius + nominal.altitude
+    target_apoapsis, target_periapsis, gravity = targets(planet, mission)
+    radius = planet.planet_radius + nominal.altitude
     path = nominal.flight_path_angle
     apoapsis = radius[-1] + (1.0 - SHORTFALL) * (target_apoapsis - radius[-1])
     # Energy and angular momentum at the exit are those at the apoapsis.
@@ -556,7 +569,7 @@ def mission_plan(inputs, nominal) -> MissionPlan:
     beyond = ~((before > 0.0) & (before < target_apoapsis))
     shown = back[: int(np.argmax(beyond)) if beyond.any() else None]
     turn = np.linspace(0.0, 2 * np.pi, 721)
-    half, unit = turn[turn >= np.pi], inputs.planet_radius
+    half, unit = turn[turn >= np.pi], planet.planet_radius
     return MissionPlan(
         approach=np.array([angle[0] - shown, approach(entry_anomaly - shown) / unit])[:, ::-1],
         flight=np.array([angle, radius / unit]),
@@ -601,7 +614,7 @@ def _arrow(axes, start, end, color, name, offset):
     axes.annotate(name, end, offset, textcoords="offset points", color=color, fontsize=11)
 
 
-def fig11(inputs, gains: Gains) -> Figure:
+def fig11(gains: Gains) -> Figure:
     """Nominal flight of the initial guess and of the iterations, and how they differ."""
     figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2)
     altitude, velocity = gains.altitude / KM, gains.velocity / KM
@@ -627,11 +640,11 @@ def fig11(inputs, gains: Gains) -> Figure:
     return figure
 
 
-def fig12(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Delta-v of the open loop and of every iteration: flights, and the normal density of linear covariance."""
     numbers = [0, *(number for number, _ in _iterations(gains))]
     figure, panels = _grid(len(numbers), 7.4, 2.5)
-    window = inputs.delta_v_window
+    window = drawing.delta_v_window
     for place, (axes, number) in enumerate(zip(panels, numbers, strict=True)):
         delta_v = aerocapture.delta_v[number]
         captured = delta_v[np.isfinite(delta_v)]
@@ -660,10 +673,10 @@ def fig12(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     return figure
 
 
-def fig13(inputs, nominal: Nominal, gains: Gains) -> Figure:
+def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains) -> Figure:
     """Mean control of every iteration, with three standard deviations that the design allots to the feedback."""
     figure, axes = new_figure(7.2, 4.0)
-    _limits_of_control(axes, inputs, label="limits")
+    _limits_of_control(axes, vehicle, label="limits")
     peak = nominal.time_of_largest_dynamic_pressure
     axes.axvline(peak, color=GREY, linestyle=":", label=f"largest dynamic pressure, {peak:.1f} s")
     shown = _iterations(gains)
@@ -686,23 +699,23 @@ def fig13(inputs, nominal: Nominal, gains: Gains) -> Figure:
         xlabel=TIME_LABEL,
         ylabel=r"bank cosine, mean $\pm 3 \sigma$",
         xlim=gains.partition[[0, -1]],
-        ylim=(1.15 * np.array(inputs.control_limits)),
+        ylim=(1.15 * np.array(vehicle.control_limits)),
     )
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
-def fig14(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def fig14(planet: Planet, vehicle: Vehicle, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """State errors and control of the open loop: flights, and linear covariance."""
-    return _errors_over_time(inputs, gains, aerocapture, 0)
+    return _errors_over_time(planet, vehicle, gains, aerocapture, 0)
 
 
-def fig15(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def fig15(planet: Planet, vehicle: Vehicle, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """The same under the law of the last iteration, if there is one."""
-    return _errors_over_time(inputs, gains, aerocapture, len(gains.control) - 1)
+    return _errors_over_time(planet, vehicle, gains, aerocapture, len(gains.control) - 1)
 
 
-def fig16(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def fig16(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Dynamic pressure of the first trials under both laws, with the nominal on top."""
     laws = _ends(gains)
     figure, panels = new_figure(7.0, 0.6 + 2.4 * len(laws), nrows=len(laws), sharex=True, sharey=True, squeeze=False)
@@ -730,7 +743,7 @@ def fig16(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     return figure
 
 
-def fig17(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Density variation met in flight, and its deviation as measured and along the nominal."""
     number, name = _ends(gains)[-1]
     figure, axes = new_figure(7.0, 3.8)
@@ -760,7 +773,9 @@ def fig17(inputs, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
 
 
 def violations(
-    inputs,
+    vehicle: Vehicle,
+    guidance: Guidance,
+    point_mass: PointMass,
     gains: Gains,
     double_integrator: DoubleIntegrator,
     double_integrator_flights: DoubleIntegratorFlights,
@@ -769,7 +784,7 @@ def violations(
     """Probability of leaving each constraint: allotted, predicted, and the share of flights with its interval."""
     shown = _iterations(gains)
     figure, panels = _grid(len(shown) + 1, 7.6, 3.0, sharey=True)
-    allotted = 1.0 - inputs.control_probability
+    allotted = 1.0 - guidance.control_probability
     by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
     trials = aerocapture.outcome.shape[1]
     middle = (gains.partition[:-1] + gains.partition[1:]) / 2
@@ -779,16 +794,16 @@ def violations(
             (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
             (gains.design_control_deviation, {"marker": "x", "color": GREY, "markersize": 4}),
         ):
-            predicted = _beyond_limits(gains.control[number], deviation[number], *inputs.control_limits)
+            predicted = _beyond_limits(gains.control[number], deviation[number], *vehicle.control_limits)
             axes.plot(middle, np.where(predicted > 0.0, predicted, np.nan), linestyle="none", **style)
         _shares(axes, middle, by_step[number], trials, color, "o")
         axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=TIME_LABEL, xlim=gains.partition[[0, -1]])
     axes = panels[-1]
     flights = double_integrator_flights
-    normals, bounds = linear_example.normals_and_bounds(inputs)
+    normals, bounds = linear_example.normals_and_bounds(point_mass)
     closed = CLOSED
     time = double_integrator.partition
-    axes.axhline(linear_example.tail(inputs), color=BLACK, linestyle="--")
+    axes.axhline(linear_example.tail(point_mass), color=BLACK, linestyle="--")
     spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
     predicted = _upper_tail((bounds - double_integrator.mean[closed] @ normals.T) / spread)
     for line, color in enumerate((BLUE, VERMILION)):
@@ -826,7 +841,7 @@ def violations(
     return figure
 
 
-def convergence(inputs, convergence: Convergence) -> Figure:
+def convergence(mission: Mission, guidance: Guidance, studies: Studies, convergence: Convergence) -> Figure:
     """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
     figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
     iterations = np.arange(convergence.apoapsis.shape[1])
@@ -840,19 +855,19 @@ def convergence(inputs, convergence: Convergence) -> Figure:
         losses = ""
         if lost.size and lost.max() > 0:
             losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
-            losses = f"; {losses} of {inputs.study_trials:,} trials lost"
+            losses = f"; {losses} of {studies.study_trials:,} trials lost"
         apoapsis.plot(iterations, convergence.apoapsis[row], linewidth=1.0, **style, label=f"{name}: {ending}{losses}")
         flown, error = convergence.percentile[row, 1:], convergence.percentile_error[row, 1:]
         percentile.errorbar(iterations[1:], flown, 3 * error, linewidth=1.0, capsize=2, **style)
         hollow = style | {"markerfacecolor": "white", "linestyle": "--", "linewidth": 0.8}
         percentile.plot(iterations[1:], convergence.predicted[row, 1:], **hollow)
         found += int(np.isfinite(flown).sum())
-    apoapsis.axhline(inputs.target_apoapsis, color=BLACK, linewidth=0.9, linestyle="--", label="target apoapsis")
+    apoapsis.axhline(mission.target_apoapsis, color=BLACK, linewidth=0.9, linestyle="--", label="target apoapsis")
     apoapsis.set(xlabel="iteration", ylabel="apoapsis of the nominal (planet radii)")
     percentile.plot(
         [], [], color=GREY, marker="o", markersize=4, label=r"99th percentile over flights, $\pm 3$ standard errors"
     )
-    tail = f"predicted percentile, $p_f$ = {inputs.percentile_tail:g}"
+    tail = f"predicted percentile, $p_f$ = {guidance.percentile_tail:g}"
     percentile.plot([], [], color=GREY, marker="o", markersize=4, markerfacecolor="white", linestyle="--", label=tail)
     title = "without the initial guess" if found else "no 99th percentile over flights: too many lost"
     percentile.set(xlabel="iteration", ylabel=r"$\Delta v$ (m/s)", title=title)
@@ -861,11 +876,11 @@ def convergence(inputs, convergence: Convergence) -> Figure:
     return figure
 
 
-def regularization(inputs, regularization: Regularization) -> Figure:
+def regularization(guidance: Guidance, studies: Studies, regularization: Regularization) -> Figure:
     """What the size of the design's navigation errors does to gains, predictions and flights."""
     figure, panels = new_figure(7.4, 6.0, nrows=2, ncols=2, sharex=True)
     size, study = regularization.position_error, regularization
-    trials = inputs.study_trials
+    trials = studies.study_trials
     gain, spread, percentile, shares = panels.flat
     curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
     for values, color, label in (
@@ -903,12 +918,12 @@ def regularization(inputs, regularization: Regularization) -> Figure:
     ):
         share = np.where(counts > 0, counts / trials, np.nan)
         shares.plot(size, share, color=color, label=label, **curve)
-    allotted = 1.0 - inputs.control_probability
+    allotted = 1.0 - guidance.control_probability
     shares.axhline(allotted, color=GREY, linestyle="--", label="allotted to a step")
     shares.set(yscale="log", ylabel=f"share of {trials:,} trials", ylim=(min(0.5 / trials, 0.3 * allotted), 2.0))
     if not np.isfinite(study.condition_number).any():
         _say(gain, "no law was designed", 0.6)
-    own = inputs.navigation_deviations[0]
+    own = guidance.navigation_deviations[0]
     for axes in panels.flat:
         if own > 0:
             label = f"this reading, {own:g} m" if axes is gain else None
@@ -920,12 +935,12 @@ def regularization(inputs, regularization: Regularization) -> Figure:
     return figure
 
 
-def field_study(inputs, field_study: FieldStudy) -> Figure:
+def field_study(air: Air, field_study: FieldStudy) -> Figure:
     """Percentile of delta-v without control against the density variation at 45 km, in other random fields."""
     figure, axes = new_figure(6.8, 4.2)
     study = field_study
     deviation = 100 * study.deviation_at_45_km
-    scaled = deviation[0] * np.sqrt(study.variance / inputs.variance_at_top)
+    scaled = deviation[0] * np.sqrt(study.variance / air.variance_at_top)
     axes.errorbar(
         scaled,
         study.variance_percentile,
@@ -938,7 +953,7 @@ def field_study(inputs, field_study: FieldStudy) -> Figure:
     )
     for place, percentile, variance in zip(scaled, study.variance_percentile, study.variance, strict=True):
         if np.isfinite(percentile):
-            text = rf"$\times${variance / inputs.variance_at_top:g}"
+            text = rf"$\times${variance / air.variance_at_top:g}"
             axes.annotate(text, (place, percentile), (5, -10), textcoords="offset points", color=BLUE, fontsize=8)
     colors = (BLACK, ORANGE, GREEN, PURPLE, VERMILION)
     for number, name in enumerate(str(name) for name in study.hypothesis):
@@ -983,15 +998,17 @@ def field_study(inputs, field_study: FieldStudy) -> Figure:
     return figure
 
 
-def delta_v_map(inputs, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble) -> Figure:
+def delta_v_map(
+    planet: Planet, mission: Mission, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble
+) -> Figure:
     """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
     figure, panels = new_figure(7.6, 4.4, ncols=2)
     shown = _iterations(gains)
-    apoapsis, delta_v, slopes, at = _delta_v_curve(inputs, linearization, gains)
+    apoapsis, delta_v, slopes, at = _delta_v_curve(planet, mission, linearization, gains)
     captured = aerocapture.apoapsis[0][np.isfinite(aerocapture.apoapsis[0])]
     reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else at[0] + np.array([-1.0, 1.0])
-    reach = reach[0], min(reach[1], LARGEST_APOAPSIS * inputs.target_apoapsis)
-    nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], inputs.target_apoapsis)
+    reach = reach[0], min(reach[1], LARGEST_APOAPSIS * mission.target_apoapsis)
+    nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], mission.target_apoapsis)
     near = nominals.min() - APOAPSIS_MARGIN, nominals.max() + APOAPSIS_MARGIN
     for axes, (low, high), laws in zip(panels, (reach, near), ([(0, GREY)], shown), strict=True):
         for number, color in laws:
@@ -1010,10 +1027,10 @@ def delta_v_map(inputs, linearization: Linearization, gains: Gains, aerocapture:
             xlim=(low, high),
             ylim=(bottom - margin, top + 0.1 * margin),
         )
-        axes.axvline(inputs.target_apoapsis, color=GREY, linewidth=0.7)
+        axes.axvline(mission.target_apoapsis, color=GREY, linewidth=0.7)
     for number, color in shown:
         exit_state = gains.reference[number, -1]
-        place = orbits.apoapsis_radius(*exit_state, inputs.gravitational_parameter) / inputs.planet_radius
+        place = orbits.apoapsis_radius(*exit_state, planet.gravitational_parameter) / planet.planet_radius
         point = {"color": color, "markersize": 6, "markeredgecolor": BLACK, "zorder": 5, "linestyle": "none"}
         panels[1].plot(gains.apoapsis[number], gains.nominal_delta_v[number], marker="o", **point)
         panels[1].plot(place, gains.delta_v_mean[number], marker="v", **point)
@@ -1122,12 +1139,12 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
     axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=7, bbox=OPAQUE)
 
 
-def _errors_over_time(inputs, gains, ensemble, number):
+def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number):
     """Three rows of errors against the law's nominal flight, and the control."""
     figure, panels = new_figure(7.2, 8.4, nrows=len(ERRORS) + 1, sharex=True)
     nodes = np.searchsorted(gains.time, gains.partition - 1e-6)
     spread = np.sqrt(np.einsum("kii->ki", gains.covariance[number]))
-    offset = np.array([inputs.planet_radius, 0.0, 0.0])
+    offset = np.array([planet.planet_radius, 0.0, 0.0])
     for row, (axes, (component, name, unit, label)) in enumerate(zip(panels, ERRORS, strict=False)):
         reference = getattr(gains, name)[number]
         for trial in ensemble.kept_history[number, :, :, component]:
@@ -1143,7 +1160,7 @@ def _errors_over_time(inputs, gains, ensemble, number):
     for trial in ensemble.kept_history[number, :, :, components.BANK_COSINE]:
         axes_line = {"color": GREY, "linewidth": 0.5, "alpha": 0.5, "drawstyle": "steps-post"}
         control.plot(ensemble.time, trial, **axes_line)
-    _limits_of_control(control, inputs)
+    _limits_of_control(control, vehicle)
     _predicted_bars(control, gains.partition[:-1], gains.control[number], 3 * gains.control_deviation[number])
     mean = ensemble.mean[number, starts, components.BANK_COSINE]
     deviation = np.sqrt(ensemble.covariance[number, starts, components.BANK_COSINE, components.BANK_COSINE])
@@ -1201,8 +1218,8 @@ def _limit_to_flights(axes, bounds, predicted):
         axes.set_ylim(-reach, reach)
 
 
-def _limits_of_control(axes, inputs, label=None):
-    for limit in inputs.control_limits:
+def _limits_of_control(axes, vehicle: Vehicle, label=None):
+    for limit in vehicle.control_limits:
         axes.axhline(limit, color=BLACK, linewidth=0.9, linestyle="--", label=label if limit > 0 else None)
 
 
@@ -1224,13 +1241,13 @@ def _shares(axes, place, counts, trials, color, marker, filled=True):
     axes.plot(place[~some], upper[~some], "v", color=color, markerfacecolor="none", markersize=3.5, markeredgewidth=0.7)
 
 
-def _delta_v_curve(inputs, linearization, gains):
+def _delta_v_curve(planet: Planet, mission: Mission, linearization, gains):
     """Delta-v and its linear branches along the exit states that the open loop scatters to.
 
     Returns apoapsis (planet radii), delta-v (m/s), the slope of every branch (m/s per planet radius) and the point
     where they meet the nominal.
     """
-    radius, gravity = inputs.planet_radius, inputs.gravitational_parameter
+    radius, gravity = planet.planet_radius, planet.gravitational_parameter
     end = linearization.state[-1]
     direction = gains.covariance[0, -1] @ linearization.apoapsis_gradient
     direction = direction / (linearization.apoapsis_gradient @ direction) * radius  # one planet radius of apoapsis
@@ -1238,7 +1255,7 @@ def _delta_v_curve(inputs, linearization, gains):
     states = end + np.linspace(-4.0, 4.0, 4001)[:, np.newaxis] * direction
     apoapsis = orbits.apoapsis_radius(*states.T, gravity) / radius
     bound = np.isfinite(apoapsis)
-    delta_v = orbits.total_delta_v(*states[bound].T, *mission(inputs))
+    delta_v = orbits.total_delta_v(*states[bound].T, *targets(planet, mission))
     slopes = dict(zip(BRANCHES, linearization.delta_v_gradient @ direction, strict=True))
     return apoapsis[bound], delta_v, slopes, (at, linearization.delta_v)
 

@@ -18,6 +18,7 @@ from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.components import (
     ALTITUDE,
     BANK_COSINE,
@@ -35,6 +36,7 @@ from marsedl.papers.random_field.components import (
     RATE,
     VELOCITY,
 )
+from marsedl.papers.random_field.inputs import Air, Planet, Simulation, Vehicle
 
 INITIAL_STREAM, FIELD_STREAM = 0, 1
 
@@ -66,7 +68,7 @@ class Law(NamedTuple):
 
 
 class Density(NamedTuple):
-    """The density as kernels read it; fields as of `environment.Air`, the mean as the cells of `uniform_cells`."""
+    """The density as kernels read it; fields as of `AirTables`, the mean as the cells of `uniform_cells`."""
 
     cells: np.ndarray
     retention: np.ndarray
@@ -92,6 +94,13 @@ class Schedule(NamedTuple):
     every: int
 
 
+class Plant(NamedTuple):
+    """What flies an aerocapture, and through which air."""
+
+    settings: np.ndarray  # see `settings`
+    air: environment.AirTables
+
+
 class Stored(NamedTuple):
     """What kernels fill, the trial last: arrays of `Trajectories` by their names there, shorter."""
 
@@ -105,24 +114,30 @@ class Stored(NamedTuple):
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(inputs, air):
+def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, tables):
     """The constants of an aerocapture as a record that compiled code reads by name."""
-    drag_factor = 0.5 / inputs.ballistic_coefficient
+    drag_factor = 0.5 / vehicle.ballistic_coefficient
     values = {
-        "gravitational_parameter": inputs.gravitational_parameter,
-        "planet_radius": inputs.planet_radius,
+        "gravitational_parameter": planet.gravitational_parameter,
+        "planet_radius": planet.planet_radius,
         "drag_factor": drag_factor,
-        "lift_factor": inputs.lift_to_drag * drag_factor,
-        "bottom": air.bottom,
-        "cells_per_metre": 1.0 / air.spacing,
-        "field_bottom": air.altitude[0],
-        "nodes_per_metre": 1.0 / _uniform_spacing(air.altitude, "altitude"),
-        "density_floor": inputs.density_floor,
-        "lower_limit": inputs.control_limits[0],
-        "upper_limit": inputs.control_limits[1],
-        "actual_density": int(inputs.dynamic_pressure_density == "actual"),
+        "lift_factor": vehicle.lift_to_drag * drag_factor,
+        "bottom": tables.bottom,
+        "cells_per_metre": 1.0 / tables.spacing,
+        "field_bottom": tables.altitude[0],
+        "nodes_per_metre": 1.0 / _uniform_spacing(tables.altitude, "altitude"),
+        "density_floor": air.density_floor,
+        "lower_limit": vehicle.control_limits[0],
+        "upper_limit": vehicle.control_limits[1],
+        "actual_density": int(simulation.dynamic_pressure_density == "actual"),
     }
     return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
+
+
+def plant_of(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation, covariance=None) -> Plant:
+    """Return the plant of the reading; covariance: of the density variation, if it is not the reading's."""
+    tables = environment.air_tables(air, covariance)
+    return Plant(settings(planet, air, vehicle, simulation, tables), tables)
 
 
 def open_loop(start, control, states=STATES) -> Law:
@@ -411,7 +426,7 @@ def _fly(settings, density, law, schedule, seed, first_trial, initial_state, sto
 def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, varied=True, every=1) -> Trajectories:
     """Fly consecutive trials of the aerocapture (Eq. 71) to the end of the partition.
 
-    settings: see `settings`. air: `environment.Air`. law: `Law` of the bank cosine, of states radius (m), velocity
+    settings: see `settings`. air: `AirTables`. law: `Law` of the bank cosine, of states radius (m), velocity
     (m/s) and flight path angle (rad). initial_states: (trials, 3). time_step: s, of the integration. seed, first_trial:
     key of the density variations and the number of the first trial. varied: False for the mean density. every:
     integration steps between stored states.

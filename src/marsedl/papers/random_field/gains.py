@@ -8,9 +8,9 @@ from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
-from marsedl.papers.random_field.environment import mission
-from marsedl.papers.random_field.linearization import UNITS, along, delta_v_gradient
-from marsedl.papers.random_field.nominal import finite_or_nan, output_times, states_of, trajectory
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.linearization import UNITS, Motion, along, delta_v_gradient, motion_of
+from marsedl.papers.random_field.nominal import finite_or_nan, initial_state, output_times, states_of
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
 from marsedl.replication.artifacts import quantities
 from marsedl.replication.catalogue import stage
@@ -20,21 +20,40 @@ SPEED = {"km/s": 1e-3, "m/s": 1.0}  # factor from m/s to the unit in which delta
 
 
 @stage()
-def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
+    linearization: Linearization,
+) -> Gains:
     """Run the iterations of the reading.
 
     Raises MarsedlError if the reading refuses ill-conditioned designs and this is one, if a program is infeasible, or
     if a nominal leaves the density table.
     """
-    laws = [open_loop(inputs, nominal, linearization)]
+    motion = motion_of(planet, air, vehicle, mission, simulation)
+    laws = [open_loop(guidance, vehicle, motion, nominal, linearization)]
     outcome, period = "refused", 0
     if not linearization.refused:
-        run = iterate(inputs, nominal, linearization.partition, inputs.iterations)
+        start = initial_state(planet, vehicle, nominal.entry_flight_path_angle)
+        plant = flight.plant_of(planet, air, vehicle, simulation)
+
+        def fly(control):
+            law = flight.open_loop(linearization.partition, control)
+            times, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
+            environment.require_in_table(air, times, states[:, 0] - planet.planet_radius)
+            return states
+
+        run = iterate(guidance, vehicle, motion, fly, linearization.partition)
         laws, outcome, period = [*laws, *run.results], run.outcome, run.period
-    time = output_times(inputs)
-    every = round(2 * inputs.output_interval / inputs.time_step)
+    time = output_times(mission, simulation)
+    every = round(2 * simulation.output_interval / simulation.time_step)
     states = np.array([law["states"][::every] for law in laws])
-    altitude = states[..., 0] - inputs.planet_radius
+    altitude = states[..., 0] - planet.planet_radius
     rows = {"laws": laws, "iterations": laws[1:]}
     columns = {
         name: np.array([row[name] for row in rows[declared.dims[0]]], dtype=declared.dtype)
@@ -50,8 +69,8 @@ def compute(inputs, nominal: Nominal, linearization: Linearization) -> Gains:
         altitude=altitude,
         velocity=states[..., 1],
         flight_path_angle=states[..., 2],
-        dynamic_pressure=0.5 * np.exp(environment.profile(inputs)(altitude)[0]) * states[..., 1] ** 2,
-        variation_deviation=environment.deviation(inputs, altitude),
+        dynamic_pressure=0.5 * np.exp(environment.profile(air)(altitude)[0]) * states[..., 1] ** 2,
+        variation_deviation=environment.deviation(air, altitude),
         **columns,
     )
 
@@ -61,16 +80,16 @@ def law(gains, number):
     return flight.Law(gains.partition, gains.control[number], gains.gain[number], gains.reference[number])
 
 
-def open_loop(inputs, nominal, linearization):
+def open_loop(guidance: Guidance, vehicle: Vehicle, motion: Motion, nominal: Nominal, linearization: Linearization):
     """The open loop as a law: zero control, no feedback, and its linear covariance; as `_design` returns laws."""
     intervals = len(linearization.partition) - 1
-    system = _system(inputs, linearization, np.zeros(intervals), _stacked(linearization.disturbance_covariance))
+    system = _system(vehicle, linearization, np.zeros(intervals), _stacked(linearization.disturbance_covariance))
     covariance, _ = block_program.closed_loop(system, np.zeros((intervals, intervals + 1, 1, 3)))
     covariance = covariance * np.outer(UNITS, UNITS)
-    sign = _signs(inputs, nominal.apoapsis * inputs.planet_radius)
-    gradient = delta_v_gradient(inputs, linearization.state[-1], sign[0] if len(sign) == 1 else 0)
+    sign = _signs(guidance, motion, nominal.apoapsis * motion.planet_radius)
+    gradient = delta_v_gradient(motion.targets, linearization.state[-1], sign[0] if len(sign) == 1 else 0)
     deviation = float(np.sqrt(gradient @ covariance[-1] @ gradient))
-    states = states_of(inputs, nominal)
+    states = states_of(motion.planet_radius, nominal)
     nothing = np.zeros(intervals)
     return {
         "control": nothing,
@@ -83,7 +102,7 @@ def open_loop(inputs, nominal, linearization):
         "delta_v_mean": linearization.delta_v,
         "delta_v_deviation": deviation,
         "design_delta_v_deviation": deviation,
-        "percentile": linearization.delta_v + upper_quantile(inputs.percentile_tail) * deviation,
+        "percentile": linearization.delta_v + upper_quantile(guidance.percentile_tail) * deviation,
         "largest_gain": 0.0,
         "states": states,
         "apoapsis": nominal.apoapsis,
@@ -96,25 +115,18 @@ def open_loop(inputs, nominal, linearization):
     }
 
 
-def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
-    """Iterations of Algorithm 1 from zero control; the results are laws as `_design` returns them, flown."""
-    air = environment.air(inputs)
-    compiled = None
+def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition) -> Run:
+    """Iterations of Algorithm 1 from zero control; the results are laws as `_design` returns them, flown.
 
-    def fly(control):
-        angle = nominal.entry_flight_path_angle
-        time, states = trajectory(inputs, air, flight.open_loop(partition, control), angle, inputs.time_step / 2)
-        environment.require_in_table(inputs, time, states[:, 0] - inputs.planet_radius)
-        return states
-
-    target_apoapsis, target_periapsis, gravity = mission(inputs)
-    current = fly(np.zeros(len(partition) - 1))
+    fly: function of the mean control (N,), that returns the states of its nominal at every half integration step.
+    """
+    current, compiled = fly(np.zeros(len(partition) - 1)), None
 
     def step(control) -> Step:
         nonlocal current, compiled
-        model = along(inputs, partition, control, current)
-        posed, system = program(inputs, model, control)
-        accepted = {"accept_ill_conditioned": inputs.ill_conditioned == "report"}
+        model = along(motion, partition, control, current)
+        posed, system = program(guidance, vehicle, motion, model, control)
+        accepted = {"accept_ill_conditioned": guidance.ill_conditioned == "report"}
         try:
             if compiled is None:
                 compiled = block_program.compile_program(posed, **accepted)
@@ -128,12 +140,12 @@ def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
             raise MarsedlError(f"covariance steering program: {error}") from None
         current = fly(solution.control[:, 0])
         end = current[-1]
-        apoapsis = float(orbits.apoapsis_radius(*end, gravity))
-        delta_v = float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity))
+        apoapsis = float(orbits.apoapsis_radius(*end, motion.gravity))
+        delta_v = float(orbits.total_delta_v(*end, *motion.targets))
         result = {
-            **_design(inputs, model, system, posed, solution),
+            **_design(guidance, motion, model, system, posed, solution),
             "states": current,
-            "apoapsis": finite_or_nan(apoapsis / inputs.planet_radius),
+            "apoapsis": finite_or_nan(apoapsis / motion.planet_radius),
             "nominal_delta_v": finite_or_nan(delta_v),
         }
         monitored = np.array([np.nan_to_num(result["apoapsis"], nan=np.inf), result["percentile"]])
@@ -142,57 +154,59 @@ def iterate(inputs, nominal, partition, iterations, stop=False) -> Run:
     return successive_convexification(
         step,
         np.zeros(len(partition) - 1),
-        iterations=iterations,
-        tolerances=inputs.convergence_tolerances,
-        stop=stop,
+        iterations=guidance.iterations,
+        tolerances=guidance.convergence_tolerances,
+        stop=False,
     )
 
 
-def program(inputs, model, control):
+def program(guidance: Guidance, vehicle: Vehicle, motion: Motion, model, control):
     """The program of Eq. 56 about a trajectory, in units of 1 km, 100 m/s and 0.01 rad and deviations from it.
 
     Returns the program and its system with the true disturbances, without navigation errors.
     """
-    system = _system(inputs, model, control, model.disturbance_covariance)
+    system = _system(vehicle, model, control, model.disturbance_covariance)
     intervals = len(control)
     noisy = system._replace(
-        disturbance_covariance=regularize(system.disturbance_covariance, np.array(inputs.navigation_deviations) / UNITS)
+        disturbance_covariance=regularize(
+            system.disturbance_covariance, np.array(guidance.navigation_deviations) / UNITS
+        )
     )
     pressure = model.pressure_gradient * UNITS
-    speed = SPEED[inputs.percentile_unit]
-    burns = _burns(inputs, model)
-    tail = (1.0 - inputs.control_probability) / 2.0
-    lower, upper = inputs.control_limits
+    speed = SPEED[guidance.percentile_unit]
+    burns = _burns(guidance, motion, model)
+    tail = (1.0 - guidance.control_probability) / 2.0
+    lower, upper = vehicle.control_limits
     posed = block_program.SteeringProgram(
         system=noisy,
         state_weight=pressure[:, :, np.newaxis] * pressure[:, np.newaxis, :],
-        control_weight=np.full((intervals, 1, 1), inputs.control_variance_weight),
-        mean_control_weight=np.full((intervals, 1, 1), inputs.mean_control_weight),
+        control_weight=np.full((intervals, 1, 1), guidance.control_variance_weight),
+        mean_control_weight=np.full((intervals, 1, 1), guidance.mean_control_weight),
         control_constraints=tuple(
             block_program.HalfPlane(k, np.array([sign]), bound, tail, f"control limit {sign * bound:+g}")
             for k in range(intervals)
             for sign, bound in ((1.0, upper), (-1.0, -lower))
         ),
         percentiles=tuple(
-            block_program.Percentile(speed * gradient * UNITS, speed * value, inputs.percentile_tail)
+            block_program.Percentile(speed * gradient * UNITS, speed * value, guidance.percentile_tail)
             for value, gradient in burns
         ),
-        percentile_weight=inputs.percentile_weight,
+        percentile_weight=guidance.percentile_weight,
         control_reference=np.asarray(control, dtype=float)[:, np.newaxis],
-        control_trust=inputs.control_trust,
+        control_trust=guidance.control_trust,
         state_trust=(
             block_program.TrustRegion(
                 intervals,
-                model.apoapsis_gradient * UNITS / inputs.planet_radius,
+                model.apoapsis_gradient * UNITS / motion.planet_radius,
                 0.0,
-                inputs.apoapsis_trust,
+                guidance.apoapsis_trust,
             ),
         ),
     )
     return posed, system
 
 
-def _system(inputs, model, control, disturbance_covariance):
+def _system(vehicle: Vehicle, model, control, disturbance_covariance):
     """The model in scaled deviations from its trajectory, where the control enters as it is."""
     intervals = len(control)
     scale = np.tile(UNITS, intervals)
@@ -201,12 +215,12 @@ def _system(inputs, model, control, disturbance_covariance):
         control=(model.control / UNITS)[:, :, np.newaxis],
         affine=-model.control / UNITS * np.asarray(control, dtype=float)[:, np.newaxis],
         initial_mean=np.zeros(3),
-        initial_covariance=np.diag((np.array(inputs.initial_deviations) / UNITS) ** 2),
+        initial_covariance=np.diag((np.array(vehicle.initial_deviations) / UNITS) ** 2),
         disturbance_covariance=disturbance_covariance / np.outer(scale, scale),
     )
 
 
-def _design(inputs, model, system, posed, solution):
+def _design(guidance: Guidance, motion: Motion, model, system, posed, solution):
     """The law in SI units, with what linear covariance predicts of it: one row of the fields of `Gains`, by name.
 
     Its nominal is missing: "apoapsis", "nominal_delta_v", and "states" at every half integration step, which are not
@@ -217,7 +231,7 @@ def _design(inputs, model, system, posed, solution):
     covariance, design_covariance = state * both, solution.covariance * both
     mean = solution.mean * UNITS
     # Where both branches are in the program, the prediction shown is that of the branch on which the mean lies.
-    value, gradient = max(_burns(inputs, model), key=lambda burn: burn[0] + burn[1] @ mean[-1])
+    value, gradient = max(_burns(guidance, motion, model), key=lambda burn: burn[0] + burn[1] @ mean[-1])
 
     def along_gradient(matrix):
         return float(np.sqrt(gradient @ matrix @ gradient))
@@ -233,7 +247,7 @@ def _design(inputs, model, system, posed, solution):
         "delta_v_mean": float(value + gradient @ mean[-1]),
         "delta_v_deviation": along_gradient(covariance[-1]),
         "design_delta_v_deviation": along_gradient(design_covariance[-1]),
-        "percentile": solution.percentile / SPEED[inputs.percentile_unit],
+        "percentile": solution.percentile / SPEED[guidance.percentile_unit],
         "largest_gain": solution.largest_gain,
         "objective": solution.objective,
         "quadratic_cost": solution.quadratic_cost,
@@ -243,22 +257,21 @@ def _design(inputs, model, system, posed, solution):
     }
 
 
-def _burns(inputs, model):
+def _burns(guidance: Guidance, motion: Motion, model):
     """Delta-v and its gradient at the exit, one pair per branch of the clean-up burn in the program (Eqs. 75-76)."""
     pairs = []
-    for sign in _signs(inputs, model.apoapsis):
-        value = orbits.total_delta_v(*model.state[-1], *mission(inputs), branch=sign)
-        pairs.append((float(value), delta_v_gradient(inputs, model.state[-1], sign)))
+    for sign in _signs(guidance, motion, model.apoapsis):
+        value = orbits.total_delta_v(*model.state[-1], *motion.targets, branch=sign)
+        pairs.append((float(value), delta_v_gradient(motion.targets, model.state[-1], sign)))
     return pairs
 
 
-def _signs(inputs, apoapsis):
+def _signs(guidance: Guidance, motion: Motion, apoapsis):
     """Signs of the clean-up burn in the program: that of the nominal, at the kink the reading's, or both."""
-    if inputs.clean_up_branch == "both":
+    if guidance.clean_up_branch == "both":
         return 1, -1
-    target = inputs.target_apoapsis * inputs.planet_radius
-    sign = orbits.branch_of(apoapsis, target, inputs.branch_tolerance)
-    return (int(sign) if sign else BRANCHES[inputs.clean_up_branch],)
+    sign = orbits.branch_of(apoapsis, motion.targets[0], guidance.branch_tolerance)
+    return (int(sign) if sign else BRANCHES[guidance.clean_up_branch],)
 
 
 def _stacked(covariance):

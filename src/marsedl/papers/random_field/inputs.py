@@ -10,13 +10,14 @@ from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.sections import (
     Count,
     Drawn,
+    Inputs,
     NonNegative,
     Number,
     Positive,
+    Section,
     Seed,
     Sign,
     StudyTrials,
-    flat,
     given,
     vector,
 )
@@ -30,16 +31,72 @@ Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
 Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
 
 
-class RandomFieldInputs(DensityInputs):
-    """Everything that the random-field results depend on."""
+def _require_multiples(name, values, unit_name, unit):
+    for value in values:
+        ratio = value / unit
+        fits = math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-9
+        if not fits or (value and not round(ratio)):  # a value far below the unit is next to none of it
+            raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
 
-    CASES: ClassVar[dict[str, str]] = {"aerocapture": "trials"}
 
-    # The planet, the vehicle and its entry.
+def _require_order(name, bounds):
+    lower, upper = bounds
+    if not lower < upper:
+        raise ValueError(f"{name}: {lower:g} and {upper:g} stand in the wrong order")
+
+
+def _require_steps(name, steps):
+    if steps > LARGEST_STEP_COUNT:
+        raise ValueError(f"{name}: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}: raise it")
+
+
+def _require_nodes(name, bounds, spacing):
+    lowest, highest = bounds
+    if not highest - lowest >= spacing:
+        raise ValueError(f"{name}: {spacing:g} does not fit between {lowest:g} and {highest:g}")
+    if (highest - lowest) / spacing > LARGEST_NODE_COUNT:
+        raise ValueError(f"{name}: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes: raise it")
+
+
+class Planet(Section):
+    """What the vehicle orbits."""
+
     gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     planet_radius: Positive = given("m", "radius of Mars")
+
+
+class Air(DensityInputs):
+    """The density: its mean, and its variation over altitude (Eqs. 73-74)."""
+
+    density_beyond_table: Literal["refuse", "continue"] = given(
+        "1", "when a nominal leaves the density table: refuse, or continue along the table's end slopes"
+    )
+    variance_at_top: Positive = given("1", "largest variance of the relative density")
+    variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
+    variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
+    variance_growth_sign: Sign = given("1", "1: the variance grows up to that altitude; -1: as printed")
+    correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
+    density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
+    field_altitudes: vector(2) = given("m", "altitudes between which the variation is sampled; it is constant beyond")
+    field_interval: Positive = given("m", "spacing of the sampled altitudes")
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        _require_nodes("field_interval", self.field_altitudes, self.field_interval)
+        if self.variance_growth_sign < 0 and self.correlation_length > 2.0 * self.variance_growth_length:
+            raise ValueError(
+                f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign -1: "
+                f"twice variance_growth_length ({self.variance_growth_length:g} m) is the most"
+            )
+        return self
+
+
+class Vehicle(Section):
+    """The vehicle, and the state in which it enters the atmosphere."""
+
     ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
     lift_to_drag: Positive = given("1", "lift-to-drag ratio")
+    control_limits: vector(2) = given("1", "least and largest bank cosine")
     entry_altitude: Positive = given("m", "mean altitude at the start")
     entry_velocity: Positive = given("m/s", "mean velocity at the start")
     entry_flight_path_angle: Number = given("rad", "mean flight path angle at the start, if it is given")
@@ -51,38 +108,41 @@ class RandomFieldInputs(DensityInputs):
         "m, m/s, rad", "standard deviations of radius, velocity and flight path angle at the start"
     )
 
-    # The nominal density.
-    density_beyond_table: Literal["refuse", "continue"] = given(
-        "1", "when a nominal leaves the density table: refuse, or continue along the table's end slopes"
-    )
+    @model_validator(mode="after")
+    def _consistent(self):
+        _require_order("entry_angle_bracket", self.entry_angle_bracket)
+        _require_order("control_limits", self.control_limits)
+        return self
 
-    # The density variation.
-    variance_at_top: Positive = given("1", "largest variance of the relative density")
-    variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
-    variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
-    variance_growth_sign: Sign = given("1", "1: the variance grows up to that altitude; -1: as printed")
-    correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
-    density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
-    field_altitudes: vector(2) = given("m", "altitudes between which the variation is sampled; it is constant beyond")
-    field_interval: Positive = given("m", "spacing of the sampled altitudes")
 
-    # The mission.
+class Mission(Section):
+    """The orbit that is aimed at, and the times of the flight."""
+
+    target_apoapsis: Positive = given("1", "target apoapsis in radii of the planet")
+    target_periapsis: Positive = given("1", "target periapsis in radii of the planet")
+    least_exit_altitude: Number = given("m", "a flight that ends lower has not left the atmosphere")
     final_time: Positive = given("s", "end of the atmospheric flight")
     partition: Partition = given("s", "times at which the control changes, from 0 to the final time")
     invalid_partition: Literal["refuse", "report"] = given(
         "1", "what to do with a partition that does not increase: refuse it, or report it and make no design"
     )
-    target_apoapsis: Positive = given("1", "target apoapsis in radii of the planet")
-    target_periapsis: Positive = given("1", "target periapsis in radii of the planet")
-    least_exit_altitude: Number = given("m", "a flight that ends lower has not left the atmosphere")
 
-    # The covariance steering.
+    @model_validator(mode="after")
+    def _consistent(self):
+        fault = partition_fault(self.partition, self.final_time)
+        if fault and self.invalid_partition == "refuse":
+            raise ValueError(f"partition: {fault}")
+        return self
+
+
+class Guidance(Section):
+    """How covariance steering computes its laws."""
+
     percentile_tail: Tail = given("1", "p_f, probability with which delta-v exceeds the percentile that is minimised")
     percentile_unit: Literal["km/s", "m/s"] = given("1", "unit in which delta-v enters the cost")
     percentile_weight: NonNegative = given("1", "weight of the delta-v percentile in the cost")
     control_variance_weight: NonNegative = given("1", "weight of the control variance in the cost")
     mean_control_weight: NonNegative = given("1", "weight of the squared mean control in the cost")
-    control_limits: vector(2) = given("1", "least and largest bank cosine")
     control_probability: Level = given("1", "probability with which the control lies between its limits, at each step")
     control_trust: Positive = given("1", "largest change of the mean control in one iteration")
     apoapsis_trust: Positive = given("1", "largest change of the linearised apoapsis in one iteration, planet radii")
@@ -101,7 +161,10 @@ class RandomFieldInputs(DensityInputs):
         "1, m/s", "changes of nominal apoapsis (planet radii) and predicted percentile that count as none"
     )
 
-    # The flights.
+
+class Simulation(Section):
+    """How trials are integrated, how many, and from which random numbers."""
+
     time_step: Positive = given("s", "integration step")
     output_interval: Positive = given("s", "time between stored states")
     dynamic_pressure_density: Literal["nominal", "actual"] = given("1", "density in the dynamic pressure that is shown")
@@ -109,10 +172,28 @@ class RandomFieldInputs(DensityInputs):
     trials: Count = given("1", "Monte Carlo trials of the open loop and of each iteration's law")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
     drawn_trials: Drawn = given("1", "trials drawn in the figures")
-    drawn_samples: Drawn = given("1", "samples of random fields drawn in the figures")
-    delta_v_window: vector(2, Positive) = given("m/s", "delta-v interval shown for the closed loop")
 
-    # The double integrator.
+    @model_validator(mode="after")
+    def _consistent(self):
+        _require_multiples("output_interval", (self.output_interval,), "time_step", self.time_step)
+        if not self.trials >= self.paper_trials:
+            raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
+        return self
+
+
+class Studies(Section):
+    """Studies beside the paper."""
+
+    study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
+    convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
+    fine_partition: Partition = given("s", "the partition with short end steps, to be compared")
+    navigation_factors: vector(9, Positive) = given("1", "factors of navigation_deviations in their study")
+    variance_factors: vector(6, Positive) = given("1", "factors of variance_at_top in the study of the open loop")
+
+
+class PointMass(Section):
+    """The double integrator of Sec. V.A, which a locally periodic force disturbs."""
+
     double_integrator_initial_mean: vector(2) = given("1", "mean initial position and velocity")
     double_integrator_initial_three_sigma: vector(2, Positive) = given("1", "three standard deviations of the two")
     double_integrator_variance: Positive = given("1", "variance of the random force")
@@ -142,7 +223,25 @@ class RandomFieldInputs(DensityInputs):
     double_integrator_trials: StudyTrials = given("1", "Monte Carlo trials of open and closed loop")
     ellipse_probability: Level = given("1", "probability content of the drawn ellipses")
 
-    # The illustrations of Figs. 1 and 2.
+    @model_validator(mode="after")
+    def _consistent(self):
+        nodes, output = self.double_integrator_partition, self.double_integrator_output_interval
+        step = self.double_integrator_time_step
+        if fault := partition_fault(nodes, nodes[-1]):
+            raise ValueError(f"double_integrator_partition: {fault}")
+        _require_multiples("double_integrator_partition", nodes, "double_integrator_output_interval", output)
+        _require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
+        _require_steps("double_integrator_time_step", nodes[-1] / step)
+        positions, spacing = self.double_integrator_field_positions, self.double_integrator_field_interval
+        _require_nodes("double_integrator_field_interval", positions, spacing)
+        return self
+
+
+class Drawing(Section):
+    """What figures show, Figs. 1 and 2 with fields of their own."""
+
+    drawn_samples: Drawn = given("1", "samples of random fields drawn in the figures")
+    delta_v_window: vector(2, Positive) = given("m/s", "delta-v interval shown for the closed loop")
     example_length: Positive = given("1", "length scale of the fields of Figs. 1 and 2, whose variance is one")
     example_extent: Positive = given("1", "coordinates from 0 to this are drawn")
     example_positions: Annotated[tuple[Number, ...], Field(min_length=1, max_length=100)] = given(
@@ -152,61 +251,39 @@ class RandomFieldInputs(DensityInputs):
     example_noise: NonNegative = given("1", "standard deviation of their noise")
     example_edge: Number = given("1", "value to which the edge of Fig. 2 is conditioned")
 
-    # The studies beside the paper.
-    convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
-    study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
-    navigation_factors: vector(9, Positive) = given("1", "factors of navigation_deviations in their study")
-    variance_factors: vector(6, Positive) = given("1", "factors of variance_at_top in the study of the open loop")
-    fine_partition: Partition = given("s", "the partition with short end steps, to be compared")
-
     @model_validator(mode="after")
     def _consistent(self):
-        for name in ("partition", "fine_partition", "double_integrator_partition"):
-            nodes = getattr(self, name)
-            fault = partition_fault(nodes, self.final_time if "double" not in name else nodes[-1])
-            if fault and not (name == "partition" and self.invalid_partition == "report"):
-                raise ValueError(f"{name}: {fault}")
-        _require_multiples("partition", self.partition, "output_interval", self.output_interval)
-        _require_multiples("fine_partition", self.fine_partition, "output_interval", self.output_interval)
-        _require_multiples("output_interval", (self.output_interval,), "time_step", self.time_step)
-        nodes = self.double_integrator_partition
-        step, output = self.double_integrator_time_step, self.double_integrator_output_interval
-        _require_multiples("double_integrator_partition", nodes, "double_integrator_output_interval", output)
-        _require_multiples("double_integrator_output_interval", (output,), "double_integrator_time_step", step)
-        for steps in (self.final_time / self.time_step, nodes[-1] / step):
-            if steps > LARGEST_STEP_COUNT:
-                raise ValueError(
-                    f"time_step: makes {steps:.3g} integration steps, more than {LARGEST_STEP_COUNT}: raise it"
-                )
-        for name in ("field", "double_integrator_field"):
-            lowest, highest = getattr(self, "field_altitudes" if name == "field" else f"{name}_positions")
-            spacing = getattr(self, f"{name}_interval")
-            if not highest - lowest >= spacing:
-                raise ValueError(f"{name}_interval: {spacing:g} does not fit between {lowest:g} and {highest:g}")
-            if (highest - lowest) / spacing > LARGEST_NODE_COUNT:
-                raise ValueError(f"{name}_interval: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes: raise it")
-        for name in ("entry_angle_bracket", "control_limits", "delta_v_window"):
-            lower, upper = getattr(self, name)
-            if not lower < upper:
-                raise ValueError(f"{name}: {lower:g} and {upper:g} stand in the wrong order")
-        if self.variance_growth_sign < 0 and self.correlation_length > 2.0 * self.variance_growth_length:
-            raise ValueError(
-                f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign -1: "
-                f"twice variance_growth_length ({self.variance_growth_length:g} m) is the most"
-            )
+        _require_order("delta_v_window", self.delta_v_window)
         if len(self.example_positions) != len(self.example_values):
             raise ValueError("example_values: must be as many as example_positions")
-        if not self.trials >= self.paper_trials:
-            raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
         return self
 
 
-def _require_multiples(name, values, unit_name, unit):
-    for value in values:
-        ratio = value / unit
-        fits = math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-9
-        if not fits or (value and not round(ratio)):  # a value far below the unit is next to none of it
-            raise ValueError(f"{name}: {value:g} is no multiple of {unit_name} ({unit:g})")
+def check_times(mission: Mission, simulation: Simulation, studies: Studies) -> None:
+    """Refuse partitions that do not fit the flight's end or the times of stored states, and too many steps."""
+    output = simulation.output_interval
+    _require_steps("simulation.time_step", mission.final_time / simulation.time_step)
+    _require_multiples("mission.partition", mission.partition, "simulation.output_interval", output)
+    if fault := partition_fault(studies.fine_partition, mission.final_time):
+        raise ValueError(f"studies.fine_partition: {fault}")
+    _require_multiples("studies.fine_partition", studies.fine_partition, "simulation.output_interval", output)
 
 
-MODEL = flat(RandomFieldInputs)
+class RandomFieldInputs(Inputs):
+    """Everything that the random-field results depend on."""
+
+    CASES: ClassVar = {"aerocapture": "simulation.trials"}
+    CHECKS: ClassVar = (check_times,)
+
+    planet: Planet
+    air: Air
+    vehicle: Vehicle
+    mission: Mission
+    guidance: Guidance
+    simulation: Simulation
+    point_mass: PointMass
+    studies: Studies
+    drawing: Drawing
+
+
+MODEL = RandomFieldInputs

@@ -1,5 +1,6 @@
 """Linear model, disturbance statistics and delta-v gradients along a nominal trajectory (Eqs. 19-26 and 75-78)."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,8 @@ from marsedl.methods.linearization import linearize
 from marsedl.models import orbits
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.random_field import environment
-from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field.environment import targets
+from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.random_field.nominal import states_of
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
@@ -36,22 +38,52 @@ class Model(NamedTuple):
     field_altitude: np.ndarray  # (J,), m, of these nodes; the ends of neighbouring intervals stand twice
 
 
-def partition_used(inputs):
+class Motion(NamedTuple):
+    """What a trajectory is linearised with."""
+
+    log_density: Callable  # of altitude, m: ln of the mean density, its first and second derivative
+    covariance: Callable  # of the density variation at two altitudes, m
+    planet_radius: float  # m
+    gravity: float  # gravitational parameter, m^3/s^2
+    targets: tuple  # as `environment.targets`
+    drag_factor: float  # m^2/kg
+    lift_factor: float  # m^2/kg
+    time_step: float  # s
+
+
+def motion_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation) -> Motion:
+    """Return the motion, the air and the targets of the reading."""
+    drag_factor = 0.5 / vehicle.ballistic_coefficient
+    return Motion(
+        log_density=environment.profile(air),
+        covariance=environment.kernel(air),
+        planet_radius=planet.planet_radius,
+        gravity=planet.gravitational_parameter,
+        targets=targets(planet, mission),
+        drag_factor=drag_factor,
+        lift_factor=vehicle.lift_to_drag * drag_factor,
+        time_step=simulation.time_step,
+    )
+
+
+def partition_used(mission: Mission):
     """The partition on which laws hold their control, and why it is not the reading's, or an empty text."""
-    fault = partition_fault(inputs.partition, inputs.final_time)
+    fault = partition_fault(mission.partition, mission.final_time)
     if fault:
-        return np.array([0.0, inputs.final_time]), f"the partition {fault}"
-    return np.array(inputs.partition, dtype=float), ""
+        return np.array([0.0, mission.final_time]), f"the partition {fault}"
+    return np.array(mission.partition, dtype=float), ""
 
 
 @stage()
-def compute(inputs, nominal: Nominal) -> Linearization:
+def compute(
+    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation, nominal: Nominal
+) -> Linearization:
     """Linearise about the guess."""
-    partition, refused = partition_used(inputs)
-    states = states_of(inputs, nominal)
-    model = along(inputs, partition, np.zeros(len(partition) - 1), states)
+    partition, refused = partition_used(mission)
+    motion = motion_of(planet, air, vehicle, mission, simulation)
+    model = along(motion, partition, np.zeros(len(partition) - 1), states_of(motion.planet_radius, nominal))
     intervals = len(partition) - 1
-    gradients = [delta_v_gradient(inputs, model.state[-1], sign) for sign in BRANCHES.values()]
+    gradients = [delta_v_gradient(motion.targets, model.state[-1], sign) for sign in BRANCHES.values()]
     return Linearization(
         refused=refused,
         partition=partition,
@@ -64,56 +96,56 @@ def compute(inputs, nominal: Nominal) -> Linearization:
     )
 
 
-def along(inputs, partition, control, states) -> Model:
+def along(motion: Motion, partition, control, states) -> Model:
     """The model along a trajectory whose control is held over the intervals of a partition.
 
     partition: (N + 1,), s. control: (N,). states: radius, velocity, flight path angle at every half integration step,
     (2 steps + 1, 3).
     """
-    half = inputs.time_step / 2
+    half = motion.time_step / 2
     nodes = np.rint(partition / half).astype(int)
-    altitude = states[:, 0] - inputs.planet_radius
-    log_density, slope, _ = environment.profile(inputs)(altitude)
+    altitude = states[:, 0] - motion.planet_radius
+    log_density, slope, _ = motion.log_density(altitude)
     slope = np.broadcast_to(slope, altitude.shape)
     effects, weights, places, transitions, controls = [], [], [], [], []
     for first, last, held in zip(nodes[:-1], nodes[1:], control, strict=True):
         part = slice(first, last + 1)
         state_matrix, control_matrix, field_matrix = _matrices(
-            inputs, states[part], held, log_density[part], slope[part]
+            motion, states[part], held, log_density[part], slope[part]
         )
-        interval = field_disturbance.discretize_interval(state_matrix, control_matrix, field_matrix, inputs.time_step)
+        interval = field_disturbance.discretize_interval(state_matrix, control_matrix, field_matrix, motion.time_step)
         transitions.append(interval.transition)
         controls.append(interval.control[:, 0])
         effects.append(interval.field_effect)
-        weights.append(field_disturbance.trapezoid_weights((last - first) // 2, inputs.time_step))
+        weights.append(field_disturbance.trapezoid_weights((last - first) // 2, motion.time_step))
         places.append(altitude[first : last + 1 : 2])
     places = np.concatenate(places)
-    covariance = environment.kernel(inputs)(places[:, np.newaxis], places[np.newaxis, :])
+    covariance = motion.covariance(places[:, np.newaxis], places[np.newaxis, :])
     end = states[-1]
-    target_apoapsis, target_periapsis, gravity = mission(inputs)
     return Model(
         state=states[nodes],
         transition=np.array(transitions),
         control=np.array(controls),
         disturbance_covariance=field_disturbance.disturbance_covariance(effects, weights, covariance),
         pressure_gradient=np.column_stack([slope[nodes[:-1]], 2.0 / states[nodes[:-1], 1], np.zeros(len(nodes) - 1)]),
-        apoapsis=float(orbits.apoapsis_radius(*end, gravity)),
-        apoapsis_gradient=orbits.gradient(lambda *state: orbits.apoapsis_radius(*state, gravity), end),
-        delta_v=float(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
+        apoapsis=float(orbits.apoapsis_radius(*end, motion.gravity)),
+        apoapsis_gradient=orbits.gradient(lambda *state: orbits.apoapsis_radius(*state, motion.gravity), end),
+        delta_v=float(orbits.total_delta_v(*end, *motion.targets)),
         field_map=block_diag(*((w[:, np.newaxis] * f).T for w, f in zip(weights, effects, strict=True))),
         field_altitude=places,
     )
 
 
-def delta_v_gradient(inputs, state, sign):
-    """Derivative of delta-v at an exit state, with the sign of the clean-up burn given (Eq. 76)."""
-    targets = mission(inputs)
-    return orbits.gradient(lambda *at: orbits.total_delta_v(*at, *targets, branch=sign), state)
+def delta_v_gradient(aim, state, sign):
+    """Derivative of delta-v at an exit state, with the sign of the clean-up burn given (Eq. 76).
+
+    aim: what `environment.targets` returns. state: radius (m), velocity, flight path angle. sign: of the second burn.
+    """
+    return orbits.gradient(lambda *at: orbits.total_delta_v(*at, *aim, branch=sign), state)
 
 
-def _matrices(inputs, states, held, log_density, slope):
+def _matrices(motion: Motion, states, held, log_density, slope):
     """State, control and field matrix along one interval."""
-    drag_factor = 0.5 / inputs.ballistic_coefficient
 
     def rates(radius, velocity, flight_path_angle, bank_cosine, variation, log_at, slope_at, radius_at):
         # The density's derivative at the node is the profile's own.
@@ -124,9 +156,9 @@ def _matrices(inputs, states, held, log_density, slope):
             flight_path_angle,
             bank_cosine,
             density,
-            drag_factor,
-            inputs.lift_to_drag * drag_factor,
-            inputs.gravitational_parameter,
+            motion.drag_factor,
+            motion.lift_factor,
+            motion.gravity,
         )
 
     controls = np.column_stack([np.full(len(states), held), np.zeros(len(states))])

@@ -6,14 +6,15 @@ import numpy as np
 
 from marsedl.models import orbits
 from marsedl.montecarlo import ensembles
+from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import environment, flight
-from marsedl.papers.random_field.environment import mission
+from marsedl.papers.random_field import flight
+from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
+from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.random_field.nominal import initial_state, output_times
 from marsedl.papers.random_field.records import (
     CAPTURED,
-    ESCAPED,
     NOT_EXITED,
     OUTCOMES,
     FlightChunk,
@@ -27,29 +28,34 @@ CONTROL_BINS = 40
 
 
 @stage()
-def simulate(inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightChunk:
-    """Fly one chunk of the trials under every law.
-
-    case: "aerocapture". trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials
-    in a block.
-    """
-    case, trials, block_size, chunk, chunks = flown
-    first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
-    lower, upper = inputs.control_limits
+def simulate(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    simulation: Simulation,
+    nominal: Nominal,
+    gains: Gains,
+    *,
+    flown: Flown,
+) -> FlightChunk:
+    """Fly one chunk of the trials under every law."""
+    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
     reduced = [
         ensembles.run_blocks(
-            block_simulator(inputs, nominal, gains, case, number),
+            block_simulator(planet, air, vehicle, mission, simulation, nominal, gains, number),
             first,
             last,
-            block_size=block_size,
+            block_size=flown.block_size,
             histogram_edges=edges,
-            kept=min(inputs.drawn_trials, trials),
+            kept=min(simulation.drawn_trials, flown.trials),
         )
         for number in range(len(gains.control))
     ]
     return FlightChunk(
-        time=output_times(inputs),
+        time=output_times(mission, simulation),
         **{
             field.name: ensembles.without_infinities(np.array([getattr(law, field.name) for law in reduced]))
             for field in fields(ensembles.Chunk)
@@ -57,40 +63,49 @@ def simulate(inputs, nominal: Nominal, gains: Gains, *, flown: Flown) -> FlightC
     )
 
 
-def block_simulator(inputs, nominal, gains, case, number=-1, **changes):
+def block_simulator(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    simulation: Simulation,
+    nominal: Nominal,
+    gains: Gains,
+    number=-1,
+    covariance=None,
+    varied=True,
+):
     """Return the function `simulate_block(first, last)` under one law, which also replays single trials.
 
-    number: 0 for the open loop, or an iteration, the last one unless given. changes: `covariance` of `environment.air`,
-    `varied` of `flight.fly`.
+    number: 0 for the open loop, or an iteration, the last one unless given. covariance: of the density variation, if it
+    is not the reading's. varied: whether there is any.
     """
-    air = environment.air(inputs, changes.pop("covariance", None))
-    constants = flight.settings(inputs, air)
+    plant = flight.plant_of(planet, air, vehicle, simulation, covariance)
     flown_law = law(gains, number)
-    mean = initial_state(inputs, nominal.entry_flight_path_angle)
-    lower, upper = inputs.control_limits
+    mean = initial_state(planet, vehicle, nominal.entry_flight_path_angle)
+    lower, upper = vehicle.control_limits
 
     def simulate_block(first, last):
-        drawn = normals(inputs.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
+        drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
         flown = flight.fly(
-            constants,
-            air,
+            *plant,
             flown_law,
-            mean + drawn * np.array(inputs.initial_deviations),
-            time_step=inputs.time_step,
-            seed=inputs.seed,
+            mean + drawn * np.array(vehicle.initial_deviations),
+            time_step=simulation.time_step,
+            seed=simulation.seed,
             first_trial=first,
-            every=round(inputs.output_interval / inputs.time_step),
-            **changes,
+            every=round(simulation.output_interval / simulation.time_step),
+            varied=varied,
         )
         completed = flown.outcome == CAPTURED
         altitude, velocity, path_angle = flown.final_state[:3]
         bound = np.isfinite(
             orbits.apoapsis_radius(
-                altitude + inputs.planet_radius, velocity, path_angle, inputs.gravitational_parameter
+                altitude + planet.planet_radius, velocity, path_angle, planet.gravitational_parameter
             )
         )
         flown.outcome[completed & ~bound] = ESCAPED
-        flown.outcome[completed & (altitude < inputs.least_exit_altitude)] = NOT_EXITED
+        flown.outcome[completed & (altitude < mission.least_exit_altitude)] = NOT_EXITED
         command = flown.observed[:, 0]
         observed = np.stack([command, np.maximum(command - upper, lower - command)], axis=1)
         # Until a trial's end; what is stored behind is of no meaning.
@@ -102,7 +117,7 @@ def block_simulator(inputs, nominal, gains, case, number=-1, **changes):
 
 
 @stage()
-def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(planet: Planet, mission: Mission, chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and compute apoapsis and delta-v of every trial."""
     laws = range(len(chunks[0].first_trial))
     merged = [
@@ -115,46 +130,51 @@ def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
         for number in laws
     ]
     joined = {field.name: np.array([getattr(law, field.name) for law in merged]) for field in fields(merged[0])}
-    apoapsis, delta_v = burns(inputs, joined["final_state"], joined["outcome"])
+    apoapsis, delta_v = burns(planet, mission, joined["final_state"], joined["outcome"])
     return FlightEnsemble(time=chunks[0].time, apoapsis=apoapsis, delta_v=delta_v, **joined)
 
 
-def burns(inputs, final_state, outcome):
+def burns(planet: Planet, mission: Mission, final_state, outcome):
     """Exit apoapsis (planet radii) and delta-v (m/s) of trials, NaN for those that are lost.
 
     final_state: (..., trials, 4). outcome: (..., trials).
     """
     captured = outcome == CAPTURED
-    exit_state = final_state[captured][:, :3] + np.array([inputs.planet_radius, 0.0, 0.0])
+    exit_state = final_state[captured][:, :3] + np.array([planet.planet_radius, 0.0, 0.0])
     apoapsis, delta_v = np.full(outcome.shape, np.nan), np.full(outcome.shape, np.nan)
-    apoapsis[captured] = orbits.apoapsis_radius(*exit_state.T, inputs.gravitational_parameter) / inputs.planet_radius
-    delta_v[captured] = orbits.total_delta_v(*exit_state.T, *mission(inputs))
+    apoapsis[captured] = orbits.apoapsis_radius(*exit_state.T, planet.gravitational_parameter) / planet.planet_radius
+    delta_v[captured] = orbits.total_delta_v(*exit_state.T, *targets(planet, mission))
     return apoapsis, delta_v
 
 
 def replay(
-    inputs,
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    simulation: Simulation,
     nominal: Nominal,
     gains: Gains,
     *,
     trial: Trial,
 ) -> str:
-    """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is given."""
-    case, number, ensemble = trial
+    """Fly one trial again under every law and describe it; compare it with the ensemble's if that is stored."""
     lines = []
     for law_number in range(len(gains.control)):
         name = "open loop" if law_number == 0 else f"law of iteration {law_number}"
-        trial = ensembles.replay(block_simulator(inputs, nominal, gains, case, law_number), number)
-        end = trial.final_state[:, 0]
-        lines.append(f"trial {number}, {name}: {OUTCOMES[int(trial.outcome[0])]}")
+        flown = ensembles.replay(
+            block_simulator(planet, air, vehicle, mission, simulation, nominal, gains, law_number), trial.number
+        )
+        end = flown.final_state[:, 0]
+        lines.append(f"trial {trial.number}, {name}: {OUTCOMES[int(flown.outcome[0])]}")
         parts = zip(("altitude (m)", "velocity (m/s)", "flight path angle (rad)"), end[:3], strict=True)
         lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
-        if trial.outcome[0] == CAPTURED:
-            exit_state = end[:3] + np.array([inputs.planet_radius, 0.0, 0.0])
-            delta_v = float(orbits.total_delta_v(*exit_state, *mission(inputs)))
+        if flown.outcome[0] == CAPTURED:
+            exit_state = end[:3] + np.array([planet.planet_radius, 0.0, 0.0])
+            delta_v = float(orbits.total_delta_v(*exit_state, *targets(planet, mission)))
             lines.append(f"  {'delta-v (m/s)':26}{delta_v:18.9f}")
-        if ensemble is not None:
-            same = np.array_equal(end, ensemble.final_state[law_number, number], equal_nan=True)
+        if trial.stored is not None:
+            same = np.array_equal(end, trial.stored.final_state[law_number, trial.number], equal_nan=True)
             lines.append(
                 "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
             )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.replication.artifacts import quantity
 
 MOTION = "m, m/s, rad"  # radius, velocity, flight path angle
@@ -14,7 +15,7 @@ BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-u
 # One linearised branch, as in the paper; both branches in the program; one branch and short end steps.
 VARIANTS = ("one_branch", "both_branches", "short_end_steps")
 LOW_ALTITUDE = 45e3  # m, where nominal flights are lowest: `FieldStudy.deviation_at_45_km`
-CAPTURED, CRASHED, ESCAPED, NON_FINITE, NOT_EXITED = range(5)
+CAPTURED, NOT_EXITED = COMPLETED, 4  # beside the library's codes
 OUTCOMES = {
     CAPTURED: "captured",
     CRASHED: "below the ground",

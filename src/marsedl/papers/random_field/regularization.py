@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.papers.random_field.flight_statistics import lost, step_violations
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.linearization import UNITS
 from marsedl.papers.random_field.records import Nominal, Regularization
 from marsedl.papers.random_field.variants import designed, flown, percentiles
@@ -10,13 +11,24 @@ from marsedl.replication.catalogue import stage
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal) -> Regularization:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+) -> Regularization:
     """Design and fly every size; ill-conditioned designs are made here, to show what comes of them."""
     rows = []
-    for factor in inputs.navigation_factors:
-        deviations = factor * np.where(inputs.navigation_deviations > 0.0, inputs.navigation_deviations, 0.01 * UNITS)
-        varied, made = designed(inputs, nominal, navigation_deviations=deviations, ill_conditioned="report")
-        ensemble = flown(varied, nominal, made)
+    for factor in studies.navigation_factors:
+        own = guidance.navigation_deviations
+        deviations = factor * np.where(own > 0.0, own, 0.01 * UNITS)
+        steered = guidance.model_copy(update={"navigation_deviations": deviations, "ill_conditioned": "report"})
+        made = designed(planet, air, vehicle, mission, steered, simulation, nominal)
+        ensemble = flown(planet, air, vehicle, mission, simulation, nominal, made, studies.study_trials)
         percentile, error = (values[-1] for values in percentiles(ensemble))
         by_step, at_any = step_violations(ensemble, made.partition)
         captured = ensemble.delta_v[-1][np.isfinite(ensemble.delta_v[-1])]

@@ -3,10 +3,12 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.papers.random_field.claims import CONFIDENCE, OPEN, node_deviations, normal_violation
+from marsedl.papers.density_inputs import DensityInputs
+from marsedl.papers.random_field.claims import CONFIDENCE, OPEN, Records, node_deviations, normal_violation
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
+from marsedl.papers.random_field.inputs import Air, Guidance, PointMass, RandomFieldInputs, Studies, Vehicle
 from marsedl.papers.random_field.records import (
     CLOSED,
     Certificates,
@@ -28,8 +30,9 @@ VARIANT_NAMES = {
 }
 # Inputs in which readings may differ that only stand for another nominal density.
 _DENSITY = (
-    *("density_profile", "density_coefficients", "density_upper_altitude", "density_table", "density_beyond_table"),
-    *("trials", "paper_trials", "double_integrator_trials", "drawn_trials"),
+    *(f"air.{name}" for name in (*DensityInputs.model_fields, "density_beyond_table")),
+    *("simulation.trials", "simulation.paper_trials", "simulation.drawn_trials"),
+    "point_mass.double_integrator_trials",
 )
 
 
@@ -59,7 +62,7 @@ def _law(number):
 # ---- aerocapture -----------------------------------------------------------------------------------------------------
 
 
-def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
+def iterations(guidance: Guidance, published, gains: Gains, aerocapture: FlightEnsemble):
     """Every law: what linear covariance predicts, what its flights do."""
     last = len(gains.control) - 1
     printed = {OPEN: published["acap_dv_p99_open"].printed}
@@ -69,7 +72,7 @@ def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
     by_step, at_any = step_violations(aerocapture, gains.partition)
     away = lost(aerocapture)
     sure = f"{100 * CONFIDENCE:g} % interval"
-    allotted = 100 * (1.0 - inputs.control_probability)
+    allotted = 100 * (1.0 - guidance.control_probability)
     rows = [
         (
             "law",
@@ -119,7 +122,7 @@ def iterations(inputs, published, gains: Gains, aerocapture: FlightEnsemble):
     return rows
 
 
-def state_deviations(inputs, gains: Gains, aerocapture: FlightEnsemble):
+def state_deviations(gains: Gains, aerocapture: FlightEnsemble):
     """Standard deviations of the states at the nodes, flown and predicted, of the open loop and the last law."""
     laws = list(dict.fromkeys((OPEN, len(gains.control) - 1)))
     found = {law: node_deviations(gains, aerocapture, law) for law in laws}
@@ -139,11 +142,11 @@ def state_deviations(inputs, gains: Gains, aerocapture: FlightEnsemble):
     return rows
 
 
-def control_violations(inputs, gains: Gains, aerocapture: FlightEnsemble):
+def control_violations(vehicle: Vehicle, guidance: Guidance, gains: Gains, aerocapture: FlightEnsemble):
     """Probability that the command leaves its limits: allotted, predicted and flown, per law and interval."""
     trials = aerocapture.outcome.shape[1]
     by_step, _ = step_violations(aerocapture, gains.partition)
-    allotted = 1.0 - inputs.control_probability
+    allotted = 1.0 - guidance.control_probability
     rows = [
         (
             "law",
@@ -164,7 +167,7 @@ def control_violations(inputs, gains: Gains, aerocapture: FlightEnsemble):
     for law in range(min(1, len(gains.control) - 1), len(gains.control)):
         for k in range(len(gains.partition) - 1):
             mean, deviations = gains.control[law, k], (gains.control_deviation, gains.design_control_deviation)
-            predicted = [float(normal_violation(mean, values[law, k], inputs.control_limits)) for values in deviations]
+            predicted = [float(normal_violation(mean, values[law, k], vehicle.control_limits)) for values in deviations]
             low, high = binomial_interval(by_step[law, k], trials, CONFIDENCE)
             rows.append(
                 (
@@ -193,7 +196,7 @@ def _against(low, high, allotted):
 
 
 def double_integrator(
-    inputs,
+    point_mass: PointMass,
     double_integrator: DoubleIntegrator,
     double_integrator_flights: DoubleIntegratorFlights,
 ):
@@ -219,7 +222,7 @@ def double_integrator(
         else:
             cells += ["", ""]
         rows.append(tuple(cells))
-    bound = np.array(inputs.double_integrator_final_three_sigma) / 3.0
+    bound = np.array(point_mass.double_integrator_final_three_sigma) / 3.0
     width = len(header)
     for name, value in (
         ("bound of the final deviations of r and v", f"{bound[0]:.6f}, {bound[1]:.6f}"),
@@ -232,7 +235,7 @@ def double_integrator(
 
 
 def double_integrator_violations(
-    inputs,
+    point_mass: PointMass,
     double_integrator: DoubleIntegrator,
     double_integrator_flights: DoubleIntegratorFlights,
 ):
@@ -240,10 +243,10 @@ def double_integrator_violations(
     from scipy.special import ndtr
 
     design, flights = double_integrator, double_integrator_flights
-    normals, bounds = normals_and_bounds(inputs)
+    normals, bounds = normals_and_bounds(point_mass)
     spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", normals, design.covariance, normals))
     each = ndtr((design.mean @ normals.T - bounds) / spread)
-    allotted = tail(inputs), 1.0 - inputs.double_integrator_probability
+    allotted = tail(point_mass), 1.0 - point_mass.double_integrator_probability
     first, sure = flights.paper_trials, f"{100 * CONFIDENCE:g} % interval"
     rows = [
         (
@@ -267,7 +270,7 @@ def double_integrator_violations(
         # Both lines are never crossed at once but at their apex, which is left out of the prediction.
         predicted = np.column_stack([each[law], each[law].sum(axis=1)])
         for node, time in enumerate(design.partition):
-            held = law == CLOSED and (inputs.double_integrator_constrained == "all" or node < last)
+            held = law == CLOSED and (point_mass.double_integrator_constrained == "all" or node < last)
             for column, beyond in enumerate(("line 1", "line 2", "either line")):
                 limit = allotted[column // 2]
                 low, high = binomial_interval(whole[node, column], trials, CONFIDENCE)
@@ -291,7 +294,7 @@ def double_integrator_violations(
 # ---- studies ---------------------------------------------------------------------------------------------------------
 
 
-def certificates(inputs, certificates: Certificates):
+def certificates(certificates: Certificates):
     """The first program against other formulations and another solver, and its disturbances against samples."""
     found = certificates
 
@@ -323,7 +326,7 @@ def certificates(inputs, certificates: Certificates):
     ]
 
 
-def convergence_history(inputs, convergence: Convergence):
+def convergence_history(guidance: Guidance, convergence: Convergence):
     """Histories of the iteration: as in the paper, with both branches in the program, with short end steps."""
     rows = [
         (
@@ -331,7 +334,7 @@ def convergence_history(inputs, convergence: Convergence):
             "law",
             "nominal exit apoapsis (r_p)",
             "nominal delta-v (m/s)",
-            f"percentile predicted by the program, p_f = {inputs.percentile_tail:g} (m/s)",
+            f"percentile predicted by the program, p_f = {guidance.percentile_tail:g} (m/s)",
             f"flown {100 * LEVEL:g}th percentile (m/s)",
             "lost trials",
             "largest change of the mean control",
@@ -362,9 +365,9 @@ def convergence_history(inputs, convergence: Convergence):
     return rows
 
 
-def navigation_errors(inputs, regularization: Regularization):
+def navigation_errors(studies: Studies, regularization: Regularization):
     """What the navigation errors of the design do to gains, predictions and flights."""
-    study, trials = regularization, inputs.study_trials
+    study, trials = regularization, studies.study_trials
     rows = [
         (
             "factor",
@@ -401,7 +404,7 @@ def navigation_errors(inputs, regularization: Regularization):
     return rows
 
 
-def other_fields(inputs, published, field_study: FieldStudy):
+def other_fields(air: Air, published, field_study: FieldStudy):
     """Open-loop delta-v in other random fields beside the printed percentile."""
     study, printed = field_study, published["acap_dv_p99_open"].printed
     rows = [
@@ -433,24 +436,22 @@ def other_fields(inputs, published, field_study: FieldStudy):
     for k, hypothesis in enumerate(study.hypothesis):
         name = str(hypothesis) if k == 0 else f"{hypothesis} (hypothesis)"
         values = study.deviation_at_45_km[k], study.percentile[k], study.percentile_error[k], study.lost[k]
-        row(name, inputs.variance_at_top, *values)
+        row(name, air.variance_at_top, *values)
     # The deviation grows with the root of the variance, everywhere.
-    own = study.deviation_at_45_km[0] / np.sqrt(inputs.variance_at_top)
+    own = study.deviation_at_45_km[0] / np.sqrt(air.variance_at_top)
     for k, variance in enumerate(study.variance):
         values = study.variance_percentile[k], study.variance_percentile_error[k], study.variance_lost[k]
-        row(f"{variance / inputs.variance_at_top:g} times the variance", variance, own * np.sqrt(variance), *values)
+        row(f"{variance / air.variance_at_top:g} times the variance", variance, own * np.sqrt(variance), *values)
     return rows
 
 
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
-def densities(artifacts, published):
-    """Readings that differ in the nominal density alone, against the printed numbers that depend on it.
-
-    artifacts: by reading, the inputs and the artifacts by name.
-    """
-    chosen = [name for name, (inputs, _) in artifacts.items() if only_density(inputs, artifacts["corrected"][0])]
+def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
+    """Readings that differ in the nominal density alone, against the printed numbers that depend on it."""
+    reference = readings["corrected"][0]
+    chosen = [name for name, (inputs, _) in readings.items() if only_density(inputs, reference)]
     printed = [
         published[name].printed
         for name in ("acap_entry_fpa", "acap_time_max_q", "acap_dv_p99_open", "acap_dv_p99_closed")
@@ -482,8 +483,7 @@ def densities(artifacts, published):
     ]
     values = []
     for name in chosen:
-        records = artifacts[name][1]
-        nominal, ensemble = records.nominal, records.aerocapture
+        nominal, ensemble = readings[name][1].nominal, readings[name][1].aerocapture
         found = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
         best = min((pair for pair in found[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
         angle = float(np.degrees(nominal.entry_flight_path_angle))
@@ -523,17 +523,13 @@ def _identified(names, values, printed):
     ]
 
 
-def only_density(inputs, reference):
+def only_density(inputs: RandomFieldInputs, reference: RandomFieldInputs):
     """Whether two sets of inputs differ in nothing but the nominal density, and in how many trials are flown."""
-    return all(
-        np.array_equal(getattr(inputs, name), getattr(reference, name))
-        for name in vars(reference)
-        if name not in _DENSITY
-    )
+    return all(np.array_equal(inputs.get(name), reference.get(name)) for name in inputs.names() if name not in _DENSITY)
 
 
-def readings(artifacts, published):
-    """What each reading gives; artifacts: by reading, the inputs and the artifacts by name."""
+def readings(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
+    """What each reading gives."""
     percentile = f"{100 * LEVEL:g}th percentile"
     rows = [
         (
@@ -556,7 +552,7 @@ def readings(artifacts, published):
             f"{published['acap_trials'].printed:,}",
         ),
     ]
-    for name, (_, records) in artifacts.items():
+    for name, (_, records) in readings.items():
         gains, ensemble, nominal = records.gains, records.aerocapture, records.nominal
         laws = range(len(gains.control))
         found = [_with_error(*delta_v_percentile(ensemble, law, LEVEL), form=".2f") for law in laws]

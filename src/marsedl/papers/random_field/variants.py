@@ -5,32 +5,62 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import gains, linearization, montecarlo
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.records import FlightEnsemble, Gains, Nominal
 from marsedl.replication.catalogue import Flown
 from marsedl.replication.errors import MarsedlError
-from marsedl.replication.jobs import Slice
 
 
-def changed(inputs, **changes):
-    """The inputs with some of them changed."""
-    return Slice({**vars(inputs), **changes})
-
-
-def designed(inputs, nominal, **changes):
-    """The design of changed inputs: them and the `Gains`. Raises MarsedlError if the reading's own is refused."""
-    _, refused = linearization.partition_used(inputs)
+def designed(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
+) -> Gains:
+    """The design of changed inputs. Raises MarsedlError if their partition gives none."""
+    _, refused = linearization.partition_used(mission)
     if refused:
         raise MarsedlError(f"there is no design to study: {refused}")
-    varied = changed(inputs, **changes)
-    return varied, gains.compute(varied, nominal, linearization.compute(varied, nominal))
+    return gains.compute(
+        planet,
+        air,
+        vehicle,
+        mission,
+        guidance,
+        simulation,
+        nominal,
+        linearization.compute(planet, air, vehicle, mission, simulation, nominal),
+    )
 
 
-def flown(inputs, nominal, made):
-    """The study's trials of a design: `FlightEnsemble`, as of the Monte Carlo stage."""
-    trials = Flown("aerocapture", inputs.study_trials, ensembles.BLOCK_SIZE)
-    return montecarlo.gather(inputs, [montecarlo.simulate(inputs, nominal, made, flown=trials)])
+def flown(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    simulation: Simulation,
+    nominal: Nominal,
+    made: Gains,
+    trials: int,
+) -> FlightEnsemble:
+    """The first trials under all laws of a design, as the Monte Carlo stage flies them."""
+    chunk = montecarlo.simulate(
+        planet,
+        air,
+        vehicle,
+        mission,
+        simulation,
+        nominal,
+        made,
+        flown=Flown("aerocapture", trials, ensembles.BLOCK_SIZE),
+    )
+    return montecarlo.gather(planet, mission, [chunk])
 
 
-def percentiles(ensemble):
+def percentiles(ensemble: FlightEnsemble):
     """99th percentiles of delta-v of all laws with standard errors, m/s, two arrays (laws,)."""
     found = [delta_v_percentile(ensemble, law) for law in range(len(ensemble.delta_v))]
     return tuple(np.array(values) for values in zip(*found, strict=True))
