@@ -1,21 +1,22 @@
-"""The mean density that a paper's inputs name; they are those of `papers.density_inputs`."""
+"""The mean density that a paper's inputs name."""
 
 from marsedl.models import atmosphere
+from marsedl.papers.density_inputs import DensityInputs
 
 
-def profile(inputs):
+def profile(air: DensityInputs):
     """The mean density: a function of altitude (m) that returns ln density, its first and second derivative."""
-    return atmosphere.named_profile(inputs.density_profile, **_choices(inputs))
+    return atmosphere.named_profile(air.density_profile, **_choices(air))
 
 
-def log_density(inputs):
+def log_density(air: DensityInputs):
     """The logarithm of the mean density (kg/m^3) as a function of altitude (m) that CasADi can trace."""
-    return atmosphere.named_log_density(inputs.density_profile, **_choices(inputs))
+    return atmosphere.named_log_density(air.density_profile, **_choices(air))
 
 
-def _choices(inputs):
+def _choices(air: DensityInputs):
     return {
-        "coefficients": inputs.density_coefficients,
-        "upper_altitude": inputs.density_upper_altitude,
-        "table": inputs.density_table,
+        "coefficients": air.density_coefficients,
+        "upper_altitude": air.density_upper_altitude,
+        "table": air.density_table,
     }

@@ -16,6 +16,7 @@ from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
 # The state, what is stored of it over time and at the end, and the nominal's state, which is integrated behind it.
 ALTITUDE, LATITUDE, LONGITUDE, RADIAL_VELOCITY, NORTH_VELOCITY, EAST_VELOCITY, BANK, BANK_RATE = range(8)
@@ -52,7 +53,7 @@ class Reference(NamedTuple):
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(inputs, nodes):
+def settings(planet: Planet, vehicle: Vehicle, nodes):
     """The constants of a flight as a record that compiled code reads by name.
 
     Args:
@@ -66,14 +67,15 @@ def settings(inputs, nodes):
     Raises:
         ValueError: if the bound or the spacing is not positive.
     """
-    if not inputs.bank_acceleration_bound > 0.0:
-        raise ValueError(f"bank_acceleration_bound must be positive, got {inputs.bank_acceleration_bound}")
+    if not vehicle.bank_acceleration_bound > 0.0:
+        raise ValueError(f"bank_acceleration_bound must be positive, got {vehicle.bank_acceleration_bound}")
     if not nodes.spacing > 0.0:
         raise ValueError(f"the spacing of the nodes must be positive, got {nodes.spacing}")
-    values = {"bottom": nodes.bottom, "cells_per_metre": 1.0 / nodes.spacing}
-    return np.array(
-        [tuple(values[name] if name in values else getattr(inputs, name) for name in _SETTINGS.names)], dtype=_SETTINGS
+    values = (
+        *(planet.gravitational_parameter, planet.planet_radius, vehicle.ballistic_coefficient, vehicle.lift_to_drag),
+        *(vehicle.bank_acceleration_bound, nodes.bottom, 1.0 / nodes.spacing),
     )
+    return np.array([values], dtype=_SETTINGS)
 
 
 def _checked_reference(reference, bound):

@@ -38,7 +38,7 @@ def _increases(name, values):
 
 
 class Planet(DensityInputs):
-    """The planet and its air."""
+    """The planet and the mean density of its air."""
 
     gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances, at entry and at the end")
@@ -104,7 +104,6 @@ class Solver(Section):
     nominal_reversals: Annotated[int, Strict(), Field(ge=0, le=1000)] = given(
         "1", "bank reversals that the nominal must have; a solution with others is on another branch and is refused"
     )
-    branch_tolerance: Positive = given("rad", "largest change of the bank angle between neighbours on a branch")
 
     @model_validator(mode="after")
     def _guess_fits_together(self):
@@ -133,6 +132,7 @@ class Design(Section):
         "1", "columns of the position sensitivity in the norm: that of the radius, or all three"
     )
     norm_smoothing: NonNegative = given("1", "added to the squared norm, so that it has a derivative where it is zero")
+    branch_tolerance: Positive = given("rad", "largest change of the bank angle between neighbours on a branch")
     solved_weight_scale: Positive = given("1", "weight above which the objective is divided by weight / this")
     gain_design: Literal["minimum_norm", "unregularized", "tuned"] = given(
         "1",
