@@ -230,7 +230,7 @@ def descent(
     Random profiles may be far below the ground at the time at which another one arrives.
 
     Args:
-        inputs: of the study.
+        planet, vehicle, mission, solver: of the study.
         banks: bank angles, one after the other, rad. switch_times: of the changes between them, s.
         intervals: of the guess.
     """

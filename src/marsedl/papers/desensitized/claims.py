@@ -1,5 +1,7 @@
 """Evaluation of every printed claim from the artifacts of one reading, and what is known about those that differ."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
@@ -25,6 +27,7 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Close, Declaration, Evaluation
 
 PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)
@@ -717,8 +720,8 @@ def _downrange_claims(inputs: DesensitizedInputs, linearization, gains, response
         "fig06_feedback_significantly_reduced": reduced,
         "fig06_1000m_more_than_halved": found.statement(
             (left < 0.5).all(),
-            f"feedback leaves {_listed(100 * left, '.1f')} % after {inputs.simulation.tabulated_error:g} m of downrange error, "
-            "positive and negative",
+            f"feedback leaves {_listed(100 * left, '.1f')} % after {inputs.simulation.tabulated_error:g} m of "
+            "downrange error, positive and negative",
             left=100.0 * left[0],
             **_candidates(gain_study, DOWNRANGE),
         ),
@@ -839,8 +842,8 @@ def _crossrange_claims(inputs: DesensitizedInputs, linearization, gains, respons
         "cr_needs_feedback": _needs_feedback(linearization, gains, CROSSRANGE),
         "cr_sensitivity_nodoc": Evaluation(
             unguided / inputs.simulation.tabulated_error,
-            evidence=f"flown with {inputs.simulation.tabulated_error:g} m of crossrange error; the cosine of the longitude flown "
-            f"is {turn:.6f}",
+            evidence=f"flown with {inputs.simulation.tabulated_error:g} m of crossrange error; the cosine of the "
+            f"longitude flown is {turn:.6f}",
             numbers={"turn": turn},
         ),
         "fig09_feedback_significantly_reduced": reduced,

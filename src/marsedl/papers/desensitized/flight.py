@@ -57,8 +57,7 @@ def settings(planet: Planet, vehicle: Vehicle, nodes):
     """The constants of a flight as a record that compiled code reads by name.
 
     Args:
-        inputs: has gravitational_parameter (m^3/s^2), planet_radius (m), ballistic_coefficient (kg/m^2), lift_to_drag
-            (1) and bank_acceleration_bound (rad/s^2).
+        planet, vehicle: gravity and radius of the one, aerodynamics and bound of the bank acceleration of the other.
         nodes: altitudes of the density table, with bottom (m) and spacing (m), see `atmosphere.uniform_nodes`.
 
     Returns:

@@ -100,7 +100,7 @@ def gather(
 def replay(
     planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, trial: Trial
 ) -> str:
-    """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is stored."""
+    """Fly one trial again under every law and describe it, compared with the ensemble's if that is stored."""
     lines = []
     for law_number, name in enumerate(gains.law):
         flown = ensembles.replay(

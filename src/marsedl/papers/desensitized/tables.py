@@ -420,9 +420,9 @@ def identities(certificates: Certificates):
     def by_row(name, values):
         rows.append((name, *(_number(value, ".1e") for value in values)))
 
-    def at(weights, name, values):
+    def at(row_weights, name, values):
         """Values that belong to rows of these weights, texts already."""
-        known = dict(zip(weights, values, strict=True))
+        known = dict(zip(row_weights, values, strict=True))
         rows.append((name, *(known.get(weight, "") for weight in found.row_weight)))
 
     by_row("longitude column less its unit vector, largest at any node (m/m)", found.row_longitude_deviation)
