@@ -2,7 +2,6 @@
 
 from functools import partial
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -14,17 +13,17 @@ from marsedl.models import atmosphere
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
 from marsedl.papers.desensitized import flight
+from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
 RADIUS, MU = 3397e3, 4.282837e13
 INTERVALS, FINAL_TIME = 100, 265.0
 STEP = FINAL_TIME / INTERVALS
-INPUTS = SimpleNamespace(
-    gravitational_parameter=MU,
-    planet_radius=RADIUS,
-    ballistic_coefficient=115.0,
-    lift_to_drag=0.18,
-    bank_acceleration_bound=np.radians(5.0),
-)
+INPUTS = {
+    "planet": Planet.given({"gravitational_parameter": MU, "planet_radius": RADIUS}),
+    "vehicle": Vehicle.given(
+        {"ballistic_coefficient": 115.0, "lift_to_drag": 0.18, "bank_acceleration_bound": np.radians(5.0)}
+    ),
+}
 SCALES = np.array([RADIUS, 1.0, 1.0, RADIUS / 20, RADIUS / 20, RADIUS / 20, 1.0, 1.0])
 GAIN = np.array([-0.06, -0.02, 0.055, -0.03, 0.03, 0.08, 0.0, 0.0]) / SCALES  # keeps trials near the nominal
 NARROW = 3.69e-3  # a bound that the nominal keeps and about half the trials reach
@@ -64,17 +63,17 @@ def perturbed(trials, seed=0, spread=SPREAD):
 
 
 def with_bound(bound):
-    return SimpleNamespace(**vars(INPUTS) | {"bank_acceleration_bound": bound})
+    return {**INPUTS, "vehicle": INPUTS["vehicle"].model_copy(update={"bank_acceleration_bound": bound})}
 
 
 def fly(initial, gain=OPEN, reference=REFERENCE, inputs=INPUTS, cells=CELLS, nodes=NODES, **options):
-    constants = flight.settings(inputs, nodes)
+    constants = flight.settings(**inputs, nodes=nodes)
     initial = np.atleast_2d(initial)
     return flight.fly(constants, cells, reference, gain, initial, **{"substeps": 5} | options)
 
 
 def fly_nominal(reference=REFERENCE, substeps=5, inputs=INPUTS):
-    return flight.fly_nominal(flight.settings(inputs, NODES), CELLS, reference, substeps)
+    return flight.fly_nominal(flight.settings(**inputs, nodes=NODES), CELLS, reference, substeps)
 
 
 def assert_identical(first, second, trials=slice(None), leave_out=()):

@@ -823,8 +823,8 @@ def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published)
 def _differences(of_reading: DesensitizedInputs, default: DesensitizedInputs):
     """Inputs that differ from the default reading's, with their values where these are short."""
     told = []
-    for path in of_reading.names():
-        value, (_, name) = of_reading.get(path), path.split(".")
+    for name, path in sorted((path.partition(".")[2], path) for path in of_reading.names()):
+        value = of_reading.get(path)
         if name in _SIZES or np.array_equal(value, default.get(path)):
             continue
         if isinstance(value, np.ndarray):
