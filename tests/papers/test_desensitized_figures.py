@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from marsedl.papers.desensitized import figures
 from marsedl.papers.desensitized.gains import LAWS
-from marsedl.papers.desensitized.inputs import Ensemble, Solver, Studies, Vehicle
+from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
 from marsedl.papers.desensitized.records import (
     Branches,

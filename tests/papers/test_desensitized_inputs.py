@@ -84,7 +84,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: desensitized.readings.mine") and "\n" not in said
     for fragment in fragments:
         assert fragment in said
 
