@@ -15,7 +15,7 @@ from marsedl.methods.sensitivity import midpoint_transitions, propagate_columns
 from marsedl.models import atmosphere
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.papers.desensitized import certificates as module
-from marsedl.papers.desensitized import entry_problem, environment, nominal
+from marsedl.papers.desensitized import entry_problem, environment, nominal, records
 from marsedl.papers.desensitized import further_perturbations as further
 from marsedl.papers.desensitized.inputs import MODEL
 from marsedl.papers.desensitized.linearization import along as linear_model
@@ -313,14 +313,14 @@ def test_directions_are_the_derivatives_of_the_entry_state(inputs):
         expected = (both[0] - both[1]) / (2.0 * step)
         turned = inputs.changed(entry_azimuth=1.2).call(further.directions)
         assert turned[:, number] == pytest.approx(expected, rel=1e-7, abs=1e-7)
-    assert (found[:, further.DENSITY] == 0.0).all()
+    assert (found[:, records.DENSITY] == 0.0).all()
 
 
 def test_linear_errors_are_those_of_the_solvers_columns(perturbed, rows):
     """The columns of the transcription, by which the solver desensitizes, and the recursion with its forcing."""
     p = perturbed
     steps = [int(np.flatnonzero(p.path_weight == weight)[0]) for weight in p.design_weight]
-    assert p.design_linear_error[:, further.DENSITY] == pytest.approx(p.path_error[steps], rel=1e-7, abs=1e-5)
+    assert p.design_linear_error[:, records.DENSITY] == pytest.approx(p.path_error[steps], rel=1e-7, abs=1e-5)
     assert p.row_linear_error[:, further.RADIUS] == pytest.approx(rows.error, rel=1e-7, abs=1e-5)
 
 
@@ -386,7 +386,7 @@ def test_without_feedback_the_laws_fly_as_the_nominal(perturbed):
     p, one = perturbed, further.LAWS.index(further.NO_FEEDBACK)
     assert (p.gain[one] == 0.0).all()
     assert p.density_error[4:6] == pytest.approx([0.05, -0.05])
-    assert p.density_flown_error[one, 4:6] == pytest.approx(p.design_flown_error[0, further.DENSITY], rel=1e-6)
+    assert p.density_flown_error[one, 4:6] == pytest.approx(p.design_flown_error[0, records.DENSITY], rel=1e-6)
     assert p.radius_flown_error[one, 2:] == pytest.approx(p.design_flown_error[0, further.RADIUS], rel=1e-6)
 
 
@@ -408,7 +408,7 @@ def test_the_weight_on_density_is_the_slope_of_its_curve(inputs, best, perturbed
 
 
 def test_desensitizing_against_density_helps_in_flights(perturbed):
-    flown = np.linalg.norm(perturbed.design_flown_error[:, further.DENSITY], axis=-1)
+    flown = np.linalg.norm(perturbed.design_flown_error[:, records.DENSITY], axis=-1)
     assert (flown[1:] < flown[:-1]).all()
 
 

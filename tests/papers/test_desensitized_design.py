@@ -13,12 +13,13 @@ from scipy.optimize import root
 
 from marsedl.methods.collocation import Guess, resimulate, simulate
 from marsedl.methods.sensitivity_gains import final_errors
-from marsedl.papers.desensitized import entry_problem, tradeoff
+from marsedl.papers.desensitized import entry_problem, records, tradeoff
 from marsedl.papers.desensitized import gain_study as study
 from marsedl.papers.desensitized import gains as design
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import CHANNELS
 from marsedl.replication import artifacts
 
 RADIUS, MU = 3397e3, 4.282837e13
@@ -557,7 +558,7 @@ def test_without_a_gain_on_longitude_downrange_errors_stay(desensitized):
     inputs, random = desensitized.stage_inputs("corrected", "gains"), np.random.default_rng(8)
     nominal = desensitized.nominal()
     laws = []
-    for _ in design.LAWS:
+    for _ in records.LAWS:
         k = random.normal(size=6)
         k[2] = 0.0
         laws.append(design.Law(nominal.time, nominal.state, nominal.bank_acceleration, k))
@@ -656,7 +657,7 @@ def test_candidates_are_ranked_by_their_flown_errors(desensitized):
         tuned = np.sum(found.method[rows] == "tuned to flown errors")
         assert found.found[rows].sum() == 1 + found.least_starts[number] - found.least_failed[number] + 1 + tuned
         flown = found.flown_error[rows] / np.abs(found.tuning_error)
-        lost = found.flown_norm[rows] == study.LOST
+        lost = found.flown_norm[rows] == records.LOST
         np.testing.assert_array_equal(np.isnan(flown).any(axis=1), lost)
         rms = np.sqrt(np.mean(flown[~lost] ** 2, axis=1))
         np.testing.assert_allclose(found.flown_norm[rows][~lost], rms, rtol=1e-9)

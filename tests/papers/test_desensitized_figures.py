@@ -13,10 +13,10 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.papers.desensitized import figures
-from marsedl.papers.desensitized.gains import LAWS
 from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
 from marsedl.papers.desensitized.records import (
+    LAWS,
+    SOLUTIONS,
     Branches,
     Certificates,
     FlightEnsemble,

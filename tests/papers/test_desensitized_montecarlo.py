@@ -13,10 +13,11 @@ from marsedl.models.atmosphere import temperature_pressure_fit
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import environment, flight, montecarlo, responses
+from marsedl.papers.desensitized import entry_problem, environment, flight, montecarlo, responses
 from marsedl.papers.desensitized import gains as design
-from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS
-from marsedl.papers.desensitized.gains import LAWS, flown_law
+from marsedl.papers.desensitized.entry_problem import BANK
+from marsedl.papers.desensitized.gains import flown_law
+from marsedl.papers.desensitized.records import CHANNELS, LAWS
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Trial
 
@@ -169,7 +170,7 @@ def printed(desensitized):
     made = desensitized.gains()
     gain = made.gain.copy()
     inputs = desensitized.stage_inputs("corrected", "gains")
-    gain[FIRST : FIRST + 3] = [inputs.call(design.gain_vector, scaled) for scaled in PRINTED_GAINS]
+    gain[FIRST : FIRST + 3] = [inputs.call(entry_problem.gain_vector, scaled) for scaled in PRINTED_GAINS]
     return desensitized.stage_inputs("corrected", "responses").call(responses.compute, replace(made, gain=gain))
 
 

@@ -13,14 +13,14 @@ import pytest
 
 from marsedl.papers import catalogue
 from marsedl.papers.desensitized import tables
-from marsedl.papers.desensitized.certificates import VARIANTS
 from marsedl.papers.desensitized.claims import Records
-from marsedl.papers.desensitized.entry_problem import CHANNELS
-from marsedl.papers.desensitized.further_perturbations import PERTURBATIONS
-from marsedl.papers.desensitized.gain_study import LOST
-from marsedl.papers.desensitized.gains import LAWS
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
 from marsedl.papers.desensitized.records import (
+    CHANNELS,
+    LAWS,
+    LOST,
+    PERTURBATIONS,
+    SOLUTIONS,
+    VARIANTS,
     Branches,
     Certificates,
     FlightEnsemble,

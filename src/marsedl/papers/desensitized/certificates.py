@@ -25,13 +25,21 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MIRROR, STATES, WARM
-from marsedl.papers.desensitized.gains import last_finite_row
+from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Certificates, Nominal, Tradeoff
-from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, norm, prepared
+from marsedl.papers.desensitized.records import (
+    APPROXIMATED,
+    CHANNELS,
+    EXACT,
+    UNEXPANDED,
+    VARIANTS,
+    Certificates,
+    Nominal,
+    Tradeoff,
+)
+from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, last_finite_row, norm, prepared
 from marsedl.replication.catalogue import stage
 
 FRACTIONS = (0.01, 0.1, 1.0)  # of the radius error of Table 3, flown either way
@@ -40,7 +48,6 @@ NEIGHBOUR = 1e-3  # relative distance of the weights between which a slope is ta
 STATE_DIFFERENCE = 1e-8  # of the scales of the states, half the distance of differences of the discrete flow
 NEWTON_STEPS = 4  # with a matrix that is off by the difference only, each gains some digits
 LONGITUDE_SHIFT = 1.0  # rad
-EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
 
 
 class Case(NamedTuple):
@@ -279,8 +286,8 @@ def flown(
     )
     final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
     target = np.array([mission.final_altitude, mission.final_latitude, mission.final_longitude])
-    miss = flight.position_errors(final[0], target, planet.planet_radius)
-    change = flight.position_errors(final[1], final[2], planet.planet_radius)
+    miss = entry_problem.position_errors(final[0], target, planet.planet_radius)
+    change = entry_problem.position_errors(final[1], final[2], planet.planet_radius)
     return miss, change * (simulation.tabulated_error / (2.0 * step))
 
 

@@ -7,14 +7,18 @@ import numpy as np
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.models import atmosphere
 from marsedl.papers import density
-from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS, DEGREE, STATES
-from marsedl.papers.desensitized.further_perturbations import DENSITY
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, LAWS, NO_DOC, RESHAPED, gain_vector
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.entry_problem import BANK, DEGREE, STATES, gain_vector
 from marsedl.papers.desensitized.inputs import DesensitizedInputs
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    DENSITY,
+    LAWS,
+    NO_DOC,
+    RESHAPED,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -536,7 +540,9 @@ def _radius_claims(inputs: DesensitizedInputs, gains, responses):
     best = narrow[2] / narrow[:2].min(axis=0)
     levels = np.abs(responses.acceleration[law, RADIUS]).max(), np.abs(responses.nominal_acceleration[law]).max()
     fuels = responses.cumulative[law, RADIUS], responses.nominal_cumulative[law]
-    drawn = flight.position_errors(responses.state[law, RADIUS], responses.nominal[law], inputs.planet.planet_radius)
+    drawn = entry_problem.position_errors(
+        responses.state[law, RADIUS], responses.nominal[law], inputs.planet.planet_radius
+    )
     same = np.allclose(drawn, responses.error[law, RADIUS], rtol=0.0, atol=ROUNDING * found.entry_error, equal_nan=True)
     entry = f"{found.entry_error:g} m of radius error"
     return {

@@ -20,6 +20,7 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.models.reaction_control import bank_propellant
 from marsedl.papers import density
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Vehicle
+from marsedl.papers.desensitized.records import CHANNELS
 from marsedl.replication.errors import MarsedlError, SolverError
 
 DEGREE = np.pi / 180.0
@@ -28,11 +29,11 @@ STATES = (
     *("bank", "bank_rate"),
 )
 POSITIONS, MEASURED = STATES[:3], STATES[:6]
-CHANNELS = ("radius", "crossrange", "downrange")
 BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")
 # Signs of the states of a flight seen in a mirror.
 MIRROR = np.array([-1.0 if name in ("latitude", "north_velocity", "bank", "bank_rate") else 1.0 for name in STATES])
 LEVEL = 0.5 * DEGREE  # a bank angle below it counts as none when reversals are counted
+ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby
 
 
@@ -160,6 +161,16 @@ def state_scale(planet: Planet, design: Design):
     length = planet.planet_radius
     speed = length / design.gain_time
     return np.array([length, 1.0, 1.0, speed, speed, speed, 1e3, 1e2])
+
+
+def gain_scale(planet: Planet, design: Design):
+    """Deviations of the measured states that count as one, (6,)."""
+    return state_scale(planet, design)[: len(MEASURED)]
+
+
+def gain_vector(planet: Planet, design: Design, scaled_gain):
+    """Gains on all states, (8,), from those on the scaled measured states."""
+    return np.concatenate([np.asarray(scaled_gain) / gain_scale(planet, design), [0.0, 0.0]])
 
 
 def desensitized(
@@ -332,3 +343,23 @@ def miss(planet: Planet, mission: Mission, end):
 def metric(planet: Planet, sensitivity):
     """Rows of altitude, latitude and longitude of a sensitivity (..., 8, m) as lengths, m per unit: (..., 3, m)."""
     return sensitivity[..., :3, :] * lengths(planet)[:, np.newaxis]
+
+
+def position_errors(states, nominal_states, planet_radius):
+    """Position errors in metres, as the paper's figures show them (Sec. 4).
+
+        (delta h, r_m delta phi, r_m delta theta)
+
+    With one radius r_m from start to end, a downrange error without feedback stays what it is.
+
+    Args:
+        states: (..., n), altitude (m), latitude and longitude (rad) first; `Trajectories` have the trial last, so move
+            their dimension 1 to the end.
+        nominal_states: (..., n), likewise, broadcast against them.
+        planet_radius: r_m, m.
+
+    Returns:
+        (..., 3), errors in radius, crossrange (north) and downrange (east), m.
+    """
+    position, nominal = (np.asarray(part, dtype=float)[..., : len(POSITIONS)] for part in (states, nominal_states))
+    return (position - nominal) * np.array([1.0, planet_radius, planet_radius])

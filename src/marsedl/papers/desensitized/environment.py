@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.models import atmosphere
 from marsedl.papers.density import profile
-from marsedl.papers.desensitized import entry_problem, flight
+from marsedl.papers.desensitized import components, entry_problem, flight, records
 from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
 
 
@@ -24,7 +24,7 @@ def displaced(planet: Planet, state, errors):
 
 def along_channel(channel, errors):
     """Errors of one channel, by its number, as position errors (errors, 3)."""
-    positions = np.zeros((len(errors), len(entry_problem.CHANNELS)))
+    positions = np.zeros((len(errors), len(records.CHANNELS)))
     positions[:, channel] = errors
     return positions
 
@@ -36,5 +36,5 @@ def final_errors(planet: Planet, simulation: Simulation, air, reference, gain, e
     """
     states = displaced(planet, reference.initial_state, np.vstack([np.zeros(3), errors]))
     flown = flight.fly(*air, reference, gain, states, substeps=simulation.substeps, **options)
-    final = np.where(flown.outcome == 0, flown.final_state[: flight.STATES], np.nan).T
-    return flight.position_errors(final[1:], final[:1], planet.planet_radius)
+    final = np.where(flown.outcome == 0, flown.final_state[: components.STATES], np.nan).T
+    return entry_problem.position_errors(final[1:], final[:1], planet.planet_radius)

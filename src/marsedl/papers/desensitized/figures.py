@@ -5,12 +5,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from marsedl.papers.desensitized.claims import printed_rows
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS
-from marsedl.papers.desensitized.further_perturbations import DENSITY
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
 from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    DENSITY,
+    NO_DOC,
+    RESHAPED,
     Branches,
     Certificates,
     FlightEnsemble,

@@ -16,20 +16,27 @@ from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.papers.desensitized.components import (
+    ALTITUDE,
+    BANK,
+    BANK_ACCELERATION,
+    BANK_RATE,
+    COMMAND_MAGNITUDE,
+    CUMULATIVE,
+    EAST_VELOCITY,
+    INTEGRATED,
+    LATITUDE,
+    LONGITUDE,
+    NORTH_VELOCITY,
+    OBSERVED,
+    RADIAL_VELOCITY,
+    STATES,
+    STORED,
+)
+from marsedl.papers.desensitized.entry_problem import ROUNDING
 from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
-# The state, what is stored of it over time and at the end, and the nominal's state, which is integrated behind it.
-ALTITUDE, LATITUDE, LONGITUDE, RADIAL_VELOCITY, NORTH_VELOCITY, EAST_VELOCITY, BANK, BANK_RATE = range(8)
-STATES = 8
-CUMULATIVE = 8  # integral of the magnitude of the flown bank acceleration
-STORED = 9
-INTEGRATED = STORED + STATES
-
-BANK_ACCELERATION, COMMAND_MAGNITUDE = range(2)  # as flown; as commanded
-OBSERVED = 2
-
 LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
-ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 
 _SETTINGS = np.dtype(
     [
@@ -370,23 +377,3 @@ def fly_nominal(constants, cells, reference, substeps):
         end = "comes below altitude zero" if flown.outcome[0] == CRASHED else "is not finite"
         raise ValueError(f"the nominal {end} on interval {flown.length[0] - 1} of {len(reference.bank_acceleration)}")
     return flown.history[:, :STATES, 0].copy()
-
-
-def position_errors(states, nominal_states, planet_radius):
-    """Position errors in metres, as the paper's figures show them (Sec. 4).
-
-        (delta h, r_m delta phi, r_m delta theta)
-
-    With one radius r_m from start to end, a downrange error without feedback stays what it is.
-
-    Args:
-        states: (..., n), altitude (m), latitude and longitude (rad) first; `Trajectories` have the trial last, so move
-            their dimension 1 to the end.
-        nominal_states: (..., n), likewise, broadcast against them.
-        planet_radius: r_m, m.
-
-    Returns:
-        (..., 3), errors in radius, crossrange (north) and downrange (east), m.
-    """
-    position, nominal = (np.asarray(part, dtype=float)[..., : LONGITUDE + 1] for part in (states, nominal_states))
-    return (position - nominal) * np.array([1.0, planet_radius, planet_radius])

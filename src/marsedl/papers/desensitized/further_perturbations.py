@@ -14,19 +14,18 @@ from marsedl.methods.desensitization import Perturbation, column
 from marsedl.methods.linearization import linearize
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM
-from marsedl.papers.desensitized.gains import gain_problem, gain_vector, reference
+from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM, gain_vector
+from marsedl.papers.desensitized.gains import gain_problem, reference
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import FurtherPerturbations, Nominal, Tradeoff
+from marsedl.papers.desensitized.records import DENSITY, PERTURBATIONS, FurtherPerturbations, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import Point, effort, final_error, follow
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
-PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
 ALL = tuple(range(len(PERTURBATIONS)))
-DENSITY, RADIUS = PERTURBATIONS.index("density"), PERTURBATIONS.index("radius")
+RADIUS = PERTURBATIONS.index("radius")
 NO_FEEDBACK, NULL, BOTH_NULL, TUNED, BOTH_TUNED = LAWS = (
     *("no feedback", "density null", "density and radius null"),
     *("density tuned", "density and radius tuned"),
@@ -228,7 +227,7 @@ def flown(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, 
         every=len(along.bank_acceleration),
     )
     final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
-    return flight.position_errors(final[1:], final[:1], planet.planet_radius)
+    return entry_problem.position_errors(final[1:], final[:1], planet.planet_radius)
 
 
 # ---- a nominal desensitized against density --------------------------------------------------------------------------

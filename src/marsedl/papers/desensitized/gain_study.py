@@ -11,23 +11,14 @@ import numpy as np
 from marsedl.methods import sensitivity_gains
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED
-from marsedl.papers.desensitized.gains import (
-    ALL_COLUMNS,
-    flown_law,
-    gain_problem,
-    gain_vector,
-    least_gains,
-    simulated_errors,
-    tuned,
-)
+from marsedl.papers.desensitized.entry_problem import MEASURED, gain_vector
+from marsedl.papers.desensitized.gains import flown_law, gain_problem, least_gains, simulated_errors, tuned
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns
-from marsedl.papers.desensitized.records import Gains, GainStudy, Linearization
+from marsedl.papers.desensitized.records import ALL_COLUMNS, CHANNELS, LOST, Gains, GainStudy, Linearization
 from marsedl.replication.catalogue import stage
 
 START_STREAM = 2
-LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
 SAME = 1e-3  # scaled gains nearer to each other than this are one candidate
 
 

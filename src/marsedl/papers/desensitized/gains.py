@@ -14,16 +14,15 @@ from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, gain_scale, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Gains, Linearization, Nominal, Tradeoff
+from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
+from marsedl.papers.desensitized.tradeoff import last_finite_row
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
-NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
-LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
 TUNING_STREAM = 1  # of the random numbers; flights use others
 
 
@@ -37,16 +36,6 @@ class Law(NamedTuple):
     iterations: int = 0
     converged: bool = True
     ended: str = "no feedback"
-
-
-def gain_scale(planet: Planet, design: Design):
-    """Deviations of the measured states that count as one, (6,)."""
-    return entry_problem.state_scale(planet, design)[: len(MEASURED)]
-
-
-def gain_vector(planet: Planet, design: Design, scaled_gain):
-    """Gains on all states, (8,), from those on the scaled measured states."""
-    return np.concatenate([np.asarray(scaled_gain) / gain_scale(planet, design), [0.0, 0.0]])
 
 
 def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns, forcing=None):
@@ -94,11 +83,6 @@ def compute(
         laws.append(with_gains(plain, found))
     laws.append(for_all_columns(planet, vehicle, mission, solver, design, nominal, linearization))
     return described(planet, vehicle, design, laws)
-
-
-def last_finite_row(tradeoff: Tradeoff) -> int:
-    """The row of the largest finite weight of Table 3."""
-    return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
 def least_gains(planet: Planet, design: Design, linearization, columns, channel=""):

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, midpoint_transitions, propagate_columns
-from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized import entry_problem, records
 from marsedl.papers.desensitized.entry_problem import STATES
 from marsedl.papers.desensitized.inputs import Planet, Vehicle
 from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
@@ -22,7 +22,7 @@ def along(planet: Planet, vehicle: Vehicle, time, states, bank_acceleration):
 def position_columns(planet: Planet):
     """Position errors of one metre at entry as columns of the state, (8, 3)."""
     columns = np.zeros((len(STATES), 3))
-    for number, channel in enumerate(entry_problem.CHANNELS):
+    for number, channel in enumerate(records.CHANNELS):
         for name, value in entry_problem.position_error(planet, channel).states.items():
             columns[STATES.index(name), number] = value
     return columns

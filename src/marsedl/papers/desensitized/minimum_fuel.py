@@ -14,10 +14,9 @@ from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.branches import attempt
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
-from marsedl.papers.desensitized.records import MinimumFuel, Nominal
+from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
 from marsedl.replication.catalogue import stage
 
-SOLUTIONS = ("nominal", "least fuel", "least energy beside it")
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost
 CLEAR = 1e-3  # of the bound: less counts as coasting, and so little below it as at the bound
 SMALLEST_STEP = 0.05  # of the way to the next share; a branch that needs shorter steps ends

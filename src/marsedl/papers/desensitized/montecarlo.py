@@ -6,7 +6,7 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import environment, flight
+from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
@@ -92,7 +92,7 @@ def gather(
         law=gains.law,
         time=gains.time[:, ::step],
         nominal=nominal,
-        final_error=flight.position_errors(ends, nominal[:, -1:], planet.planet_radius),
+        final_error=entry_problem.position_errors(ends, nominal[:, -1:], planet.planet_radius),
         **joined,
     )
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from marsedl.papers.desensitized import environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS
+from marsedl.papers.desensitized import components, entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
-from marsedl.papers.desensitized.records import Gains, Responses
+from marsedl.papers.desensitized.records import CHANNELS, Gains, Responses
 from marsedl.replication.catalogue import stage
 
 
@@ -43,9 +42,9 @@ def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, g
         substeps=simulation.substeps,
     )
     states = np.moveaxis(trials.history, 2, 0)
-    acceleration = trials.observed[:, flight.BANK_ACCELERATION].T
-    state = states[1:, :, : flight.STATES]
-    nominal = states[0, :, : flight.STATES]
+    acceleration = trials.observed[:, components.BANK_ACCELERATION].T
+    state = states[1:, :, : components.STATES]
+    nominal = states[0, :, : components.STATES]
     sizes = simulation.tabulated_error * np.array([1.0, -1.0])
 
     def swept(grid):
@@ -61,13 +60,13 @@ def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, g
     return {
         "nominal": nominal,
         "nominal_acceleration": acceleration[0],
-        "nominal_cumulative": finite(trials.final_state[flight.CUMULATIVE, 0]),
+        "nominal_cumulative": finite(trials.final_state[components.CUMULATIVE, 0]),
         "state": state,
-        "error": flight.position_errors(state, nominal, radius),
+        "error": entry_problem.position_errors(state, nominal, radius),
         "acceleration": acceleration[1:],
-        "cumulative": finite(trials.final_state[flight.CUMULATIVE, 1:]),
-        "largest_command": finite(trials.observed_maximum[flight.COMMAND_MAGNITUDE, 1:]),
-        "largest_bank_rate": np.abs(state[:, :, flight.BANK_RATE]).max(axis=1),
+        "cumulative": finite(trials.final_state[components.CUMULATIVE, 1:]),
+        "largest_command": finite(trials.observed_maximum[components.COMMAND_MAGNITUDE, 1:]),
+        "largest_bank_rate": np.abs(state[:, :, components.BANK_RATE]).max(axis=1),
         "tabulated_error": swept(np.tile(sizes, (len(CHANNELS), 1))),
         "wide_error": swept(wide),
         "narrow_error": swept(narrow),

@@ -4,15 +4,18 @@ import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
-from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.certificates import EXACT
+from marsedl.papers.desensitized import components, entry_problem
 from marsedl.papers.desensitized.claims import Records, printed_rows
-from marsedl.papers.desensitized.entry_problem import CHANNELS, DEGREE, propellant
-from marsedl.papers.desensitized.gain_study import LOST
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED, last_finite_row
+from marsedl.papers.desensitized.entry_problem import DEGREE, propellant
 from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensemble, Mission, Simulation, Vehicle
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    EXACT,
+    LOST,
+    NO_DOC,
+    RESHAPED,
+    SOLUTIONS,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -23,6 +26,7 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
+from marsedl.papers.desensitized.tradeoff import last_finite_row
 
 NO_VALUE = "–"
 PAPER = "in the paper"
@@ -333,9 +337,9 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
             ]
         # A lost trial is worse than any other.
         size = np.where(flown, np.linalg.norm(entry_errors.final_error[number], axis=1), np.inf)
-        command = entry_errors.observed_maximum[number, :, flight.COMMAND_MAGNITUDE]
-        clipped = np.count_nonzero(~(command <= (1.0 + flight.ROUNDING) * bound))
-        fuel = propellant(vehicle, entry_errors.final_state[number, flown, flight.CUMULATIVE])
+        command = entry_errors.observed_maximum[number, :, components.COMMAND_MAGNITUDE]
+        clipped = np.count_nonzero(~(command <= (1.0 + entry_problem.ROUNDING) * bound))
+        fuel = propellant(vehicle, entry_errors.final_state[number, flown, components.CUMULATIVE])
         rows.append(
             (
                 LAW_NAMES[str(law)],
@@ -343,7 +347,7 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
                 *(_number(np.quantile(size, level, method="higher"), ".1f") for level in (0.5, 0.99)),
                 f"{trials - len(error):,}",
                 f"{100 * clipped / trials:.2f}",
-                _number(propellant(vehicle, entry_errors.nominal[number, -1, flight.CUMULATIVE]), ".4f"),
+                _number(propellant(vehicle, entry_errors.nominal[number, -1, components.CUMULATIVE]), ".4f"),
                 *(_number(value, ".4f") for value in ((fuel.mean(), fuel.std(ddof=1)) if known else (np.nan, np.nan))),
                 f"{trials:,}",
             )

@@ -11,10 +11,10 @@ import numpy as np
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
 from marsedl.methods.desensitization import Desensitized
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Nominal, Tradeoff
+from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
 
@@ -192,6 +192,11 @@ def effort(solution: Solution):
 def final_error(planet: Planet, simulation: Simulation, extended, solution: Solution, channel=0):
     """Final altitude, crossrange and downrange error for the tabulated error of a channel, (3,), m."""
     return entry_problem.metric(planet, extended.columns(solution)[-1])[:, channel] * simulation.tabulated_error
+
+
+def last_finite_row(tradeoff: Tradeoff) -> int:
+    """The row of the largest finite weight of Table 3."""
+    return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
 def norm(planet: Planet, design: Design, extended, solution: Solution):
