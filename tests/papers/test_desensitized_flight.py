@@ -533,7 +533,7 @@ def test_huge_gains_fly_at_the_bound():
     initial = perturbed(70)
     flown = fly(initial, 1e12 * GAIN)
     assert np.isin(flown.outcome, (COMPLETED, CRASHED)).all()
-    bound = INPUTS.bank_acceleration_bound
+    bound = INPUTS["vehicle"].bank_acceleration_bound
     assert np.nanmax(np.abs(flown.observed[:, 0])) == bound and flown.observed_maximum[1].min() > 1e5
 
 
@@ -578,6 +578,6 @@ def test_what_does_not_fit_is_refused():
         with pytest.raises(ValueError, match="final_time of the reference must be positive"):
             fly(ENTRY, reference=REFERENCE._replace(final_time=bad))
     with pytest.raises(ValueError, match="bank_acceleration_bound must be positive"):
-        flight.settings(with_bound(0.0), NODES)
+        flight.settings(**with_bound(0.0), nodes=NODES)
     with pytest.raises(ValueError, match="spacing of the nodes must be positive"):
-        flight.settings(INPUTS, NODES._replace(spacing=0.0))
+        flight.settings(**INPUTS, nodes=NODES._replace(spacing=0.0))
