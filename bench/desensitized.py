@@ -9,9 +9,9 @@ from measuring import CORES, interleaved, say, stage_inputs
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, Program
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import PAPER, entry_problem, environment, flight, nominal, tradeoff
-from marsedl.papers.desensitized.entry_problem import WARM
-from marsedl.papers.desensitized.gains import Law, gain_vector, reference
+from marsedl.papers.desensitized import PAPER, components, entry_problem, environment, flight, nominal, tradeoff
+from marsedl.papers.desensitized.entry_problem import WARM, gain_vector
+from marsedl.papers.desensitized.gains import Law, reference
 
 PIPELINE_LIMIT = 480.0  # CPU s
 FIGURE = "fig04"
@@ -90,7 +90,7 @@ def compare_with_array_code(row, posed, states, substeps):
     constants, cells, flown, gain = posed
     expected = flight.fly(*posed, states, substeps=substeps)
     final = fly_numpy(constants, cells, flown, gain, states, substeps)
-    np.testing.assert_allclose(final, expected.final_state[: flight.STATES], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(final, expected.final_state[: components.STATES], rtol=1e-9, atol=1e-9)
     compiled, array = interleaved(
         (
             lambda: flight.fly(*posed, states, substeps=substeps),

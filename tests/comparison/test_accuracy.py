@@ -82,11 +82,12 @@ def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities()
 
 def test_the_sensitivity_of_the_desensitized_landing_carries_the_errors_at_entry():
     final = np.array([[[1.0, 2.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 0.5]]])
-    inputs = SimpleNamespace(initial_deviations=np.array([200.0, 1000.0, 300.0]))
-    drawn = np.random.default_rng(9).normal(size=(1, TRIALS, 3)) * inputs.initial_deviations
+    deviations = np.array([200.0, 1000.0, 300.0])
+    drawn = np.random.default_rng(9).normal(size=(1, TRIALS, 3)) * deviations
     gains = SimpleNamespace(law=np.array(["no_doc"]), final=final)
-    ensemble = SimpleNamespace(final_error=drawn @ final[0].T)
-    for row in accuracy.desensitized(inputs, gains, ensemble):
+    flown = SimpleNamespace(final_error=drawn @ final[0].T)
+    ensemble = SimpleNamespace(initial_deviations=deviations)
+    for row in accuracy.desensitized(ensemble, gains, flown):
         assert abs(row.ratio - 1.0) < 4 * row.ratio_error
 
 

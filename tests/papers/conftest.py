@@ -88,6 +88,10 @@ class Given:
         """The sections that a function takes, by their names."""
         return given(function, self.values, lambda name, kind: None)
 
+    def changed(self, **changes):
+        """These inputs with others in place of some, by their names without that of the section."""
+        return Given(self.model, self.values | {self._names[name]: value for name, value in changes.items()})
+
     def call(self, function, *others, **named):
         """Call a function with the sections that it takes and, in order, with its other arguments."""
         sections = self.of(function)

@@ -32,7 +32,7 @@ MIDDLE, FINER = 60, (120, 200)  # intervals on which least fuel is sought
 
 @pytest.fixture(scope="module")
 def inputs(desensitized):
-    return desensitized.inputs("corrected", desensitized.model.model_fields, **SMALL)
+    return desensitized.inputs("corrected", **SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +52,12 @@ def found(desensitized):
 
 @pytest.fixture(scope="module")
 def catalogue(inputs, nominal, path):
-    return stage.catalogue(inputs, nominal, path)
+    return inputs.call(stage.catalogue, nominal, path)
 
 
 @pytest.fixture(scope="module")
 def held(inputs):
-    return stage.error_program(inputs)
+    return inputs.call(stage.error_program)
 
 
 def stationarity(program, guess, given):
@@ -100,7 +100,7 @@ def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(found,
 
 
 def test_every_solution_is_stationary_and_a_minimum(inputs, catalogue):
-    program = entry_problem.program(inputs, entry_problem.problem(inputs))
+    program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
     for solution in catalogue.solutions:
         rest, curvature = stationarity(program, solution.guess(), entry_problem.given())
         assert rest < 1e-5
@@ -119,32 +119,32 @@ def mirrored(guess, turns):
 
 
 def test_the_mirror_image_is_a_solution_and_counts_as_the_same(inputs, catalogue):
-    program = entry_problem.program(inputs, entry_problem.problem(inputs))
-    north = SimpleNamespace(**vars(inputs) | {"final_latitude": 1e-3})
+    program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
+    north = inputs.changed(final_latitude=1e-3)
     for solution in catalogue.solutions:
         guess = mirrored(solution.guess(), 2)
-        other = stage.attempt(inputs, program, guess, barrier=WARM)
+        other = inputs.call(stage.attempt, program, guess, barrier=WARM)
         assert other.status == SOLVED
         assert tradeoff.effort(other) == pytest.approx(tradeoff.effort(solution), rel=1e-8)
-        assert stage.alike(inputs, solution, other)
-        assert not stage.alike(north, solution, other)
-        back = stage.oriented(inputs, guess)
+        assert inputs.call(stage.alike, solution, other)
+        assert not north.call(stage.alike, solution, other)
+        back = inputs.call(stage.oriented, guess)
         np.testing.assert_allclose(back.states, solution.states, atol=1e-8)
         np.testing.assert_array_equal(back.controls, solution.controls)
-        assert stage.oriented(north, guess).states[0, BANK] == pytest.approx(-solution.states[0, BANK])
+        assert north.call(stage.oriented, guess).states[0, BANK] == pytest.approx(-solution.states[0, BANK])
 
 
 def test_different_solutions_are_not_alike(inputs, catalogue):
     for number, solution in enumerate(catalogue.solutions):
         for other in catalogue.solutions[:number]:
-            assert not stage.alike(inputs, solution, other)
+            assert not inputs.call(stage.alike, solution, other)
 
 
 def test_no_mirror_without_symmetry(inputs):
-    assert stage.symmetric(inputs)
+    assert inputs.call(stage.symmetric)
     for change in ({"entry_latitude": 1e-3}, {"entry_azimuth": 1.57}, {"initial_bank": 0.1}, {"final_bank_rate": 0.1}):
-        assert not stage.symmetric(SimpleNamespace(**vars(inputs) | change))
-    assert stage.symmetric(SimpleNamespace(**vars(inputs) | {"initial_bank": 0.0}))
+        assert not inputs.changed(**change).call(stage.symmetric)
+    assert inputs.changed(initial_bank=0.0).call(stage.symmetric)
 
 
 def test_random_profiles_belong_to_their_start(inputs):
@@ -164,14 +164,14 @@ def test_random_profiles_belong_to_their_start(inputs):
 
 def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
     banks, times = np.radians([-60.0, 70.0, 20.0]), [80.0, 150.0]
-    guess = stage.descent(inputs, banks, times, 100)
+    guess = inputs.call(stage.descent, banks, times, 100)
     assert guess.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
     apart = []
     for intervals in (100, 200):
-        finer = SimpleNamespace(**vars(inputs) | {"intervals": intervals})
-        flown = entry_problem.profile_guess(finer, banks, times, guess.final_time)
+        finer = inputs.changed(intervals=intervals)
+        flown = finer.call(entry_problem.profile_guess, banks, times, guess.final_time)
         apart.append(np.abs(flown.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
-        same = stage.descent(inputs, banks, times, intervals)
+        same = inputs.call(stage.descent, banks, times, intervals)
         np.testing.assert_allclose(same.controls, flown.controls, atol=1e-5 * np.abs(flown.controls).max())
         np.testing.assert_allclose(same.states[:, BANK], flown.states[:, BANK], atol=3e-3)
     # Held controls fly the profile up to the square of the interval.
@@ -181,18 +181,18 @@ def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
 
 def test_a_descent_that_is_short_or_never_comes_down_is_a_guess_all_the_same(inputs):
     earliest, latest = inputs.final_time_bounds
-    diving = stage.descent(inputs, np.radians([180.0, 180.0]), [50.0], 40)
+    diving = inputs.call(stage.descent, np.radians([180.0, 180.0]), [50.0], 40)
     assert diving.final_time == earliest
     assert diving.states[-1, 0] == pytest.approx(inputs.final_altitude, abs=1e-3)
-    climbing = SimpleNamespace(**vars(inputs) | {"entry_flight_path_angle": 0.1})
-    skipped = stage.descent(climbing, np.zeros(2), [50.0], 40)
+    climbing = inputs.changed(entry_flight_path_angle=0.1)
+    skipped = climbing.call(stage.descent, np.zeros(2), [50.0], 40)
     assert skipped.final_time == latest
     assert np.isfinite(skipped.states).all()
 
 
 def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
     monkeypatch.setattr(stage, "SEARCH_ITERATIONS", 2)
-    failed = stage.catalogue(inputs, nominal, path)
+    failed = inputs.call(stage.catalogue, nominal, path)
     assert failed.failed_starts == inputs.search_starts
     assert failed.roll_status == ["Maximum_Iterations_Exceeded"] * 2
     assert [entry_problem.branch_name(s.states[:, BANK]) for s in failed.solutions] == ["1 reversal", "2 reversals"]
@@ -217,8 +217,8 @@ def test_a_further_condition_costs(found, nominal):
 
 
 def test_conditions_are_at_the_values_given(inputs, nominal):
-    fixed = SimpleNamespace(**vars(inputs) | {"initial_bank": float(nominal.state[0, BANK])})
-    found = stage.bank_conditions(fixed, nominal)
+    fixed = inputs.changed(initial_bank=float(nominal.state[0, BANK]))
+    found = fixed.call(stage.bank_conditions, nominal)
     same = found["set_fixed"].tolist().index([True, True, False, False])
     assert found["set_effort"][same] == pytest.approx(nominal.effort, rel=1e-6)
 
@@ -229,11 +229,11 @@ def test_conditions_are_at_the_values_given(inputs, nominal):
 @pytest.fixture(scope="module")
 def beside_the_fold(inputs, held, catalogue, found):
     """Points of the curve well before its fold and at its end."""
-    first = stage.held_at_own_error(inputs, held, catalogue.solutions[catalogue.nominal])
+    first = inputs.call(stage.held_at_own_error, held, catalogue.solutions[catalogue.nominal])
     errors = np.array([found.curve_error[5], found.fold_error, found.curve_error[-1]])
-    points = stage.followed(inputs, held.program, first, "norm", errors / inputs.tabulated_error)
-    assert stage.given_error(inputs, points[-1]) == pytest.approx(errors[-1])
-    return min(points, key=lambda point: abs(stage.given_error(inputs, point) - errors[0])), points[-1]
+    points = inputs.call(stage.followed, held.program, first, "norm", errors / inputs.tabulated_error)
+    assert inputs.call(stage.given_error, points[-1]) == pytest.approx(errors[-1])
+    return min(points, key=lambda point: abs(inputs.call(stage.given_error, point) - errors[0])), points[-1]
 
 
 def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(found, path):
@@ -270,7 +270,7 @@ def test_the_path_over_the_weight_lies_on_the_curve(found, path, inputs):
 
 def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, found):
     """Each point is stationary for its weight; before the fold it is a minimum of that sum, beyond it a saddle."""
-    _, weighted = tradeoff.prepared(inputs)
+    _, weighted = inputs.call(tradeoff.prepared)
     width = len(weighted.problem.states)
     signs = []
     for point in beside_the_fold:
@@ -279,7 +279,7 @@ def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, found
         rest, curvature = stationarity(weighted, guess, given)
         assert rest < 1e-5
         signs.append(np.sign(curvature))
-    before, beyond = (stage.given_error(inputs, point) for point in beside_the_fold)
+    before, beyond = (inputs.call(stage.given_error, point) for point in beside_the_fold)
     assert before > found.fold_error + 10.0 > found.fold_error - 10.0 > beyond
     assert signs == [1.0, -1.0]
 
@@ -294,7 +294,7 @@ def test_a_curve_without_a_fold_has_none(inputs, held):
         SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
         for norm in (8.0, 7.9, 7.8)
     ]
-    kept, top = stage.with_fold(inputs, held, points)
+    kept, top = inputs.call(stage.with_fold, held, points)
     assert np.isnan(top).all()
     assert len(kept) == 3
 
@@ -320,17 +320,17 @@ def test_continued_branches_trade_energy_for_error(found, path, inputs):
 
 def test_the_least_energy_at_a_rows_error_by_an_inequality(inputs, found, catalogue):
     """The same by J0 under a bound of the squared error, which is another program."""
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, "radius")])
+    extended = inputs.call(entry_problem.desensitized, [inputs.call(entry_problem.position_error, "radius")])
     dominated = np.flatnonzero(found.least_solution >= 0)
     assert list(dominated) == [0, 1, 4]
     assert list(found.name[found.least_solution[dominated]]) == ["1 reversal", "1 reversal", "360 deg roll"]
     for row in dominated[:2]:
         most = (found.row_error[row] / inputs.tabulated_error) ** 2
-        bound = Condition("square", lambda start, end: stage.radius_norm(inputs, end) ** 2, -np.inf, most)
+        bound = Condition("square", lambda start, end: inputs.call(stage.radius_norm, end) ** 2, -np.inf, most)
         declared = replace(extended.problem, boundary=(*extended.problem.boundary, bound))
-        program = entry_problem.program(inputs, declared)
+        program = inputs.call(entry_problem.program, declared)
         guess = extended.guess(catalogue.solutions[found.least_solution[row]])
-        least = stage.attempt(inputs, program, guess, barrier=WARM)
+        least = inputs.call(stage.attempt, program, guess, barrier=WARM)
         assert least.status == SOLVED
         assert found.least_effort[row] == pytest.approx(tradeoff.effort(least), rel=1e-5)
     assert found.least_effort[4] == pytest.approx(found.effort[2], rel=1e-6)  # the roll has it without any weight
@@ -359,7 +359,7 @@ def test_the_artifact_can_be_stored(found, tmp_path):
 
 @pytest.fixture(scope="module")
 def fuel_inputs(desensitized):
-    return desensitized.inputs("corrected", desensitized.model.model_fields, intervals=MIDDLE)
+    return desensitized.inputs("corrected", intervals=MIDDLE)
 
 
 @pytest.fixture(scope="module")
@@ -371,14 +371,14 @@ def fuel_nominal(desensitized):
 def way(fuel_inputs, fuel_nominal):
     """From energy to fuel under the smaller bound, at which thrust lasts longer than an interval."""
     bound = fuel_inputs.fuel_bounds[1]
-    program = minimum_fuel.fuel_program(fuel_inputs, fuel_nominal, bound)
+    program = fuel_inputs.call(minimum_fuel.fuel_program, fuel_nominal, bound)
     guess = minimum_fuel.split(fuel_nominal)
-    first = stage.attempt(fuel_inputs, program, guess, minimum_fuel.share(0.0), barrier=WARM)
-    return minimum_fuel.to_fuel(fuel_inputs, program, first)
+    first = fuel_inputs.call(stage.attempt, program, guess, minimum_fuel.share(0.0), barrier=WARM)
+    return fuel_inputs.call(minimum_fuel.to_fuel, program, first)
 
 
 def fuel_fields(inputs, solution):
-    return minimum_fuel.described(inputs, inputs.fuel_bounds[1], solution, True)
+    return inputs.call(minimum_fuel.described, inputs.fuel_bounds[1], solution, True)
 
 
 def test_least_fuel_is_bang_coast_bang(fuel_inputs, way):
@@ -421,7 +421,7 @@ def test_the_switching_function_obeys_the_adjoint_equations(fuel_inputs, way):
 def linear_model(inputs, solution):
     middle = (solution.states[1:] + solution.states[:-1]) / 2.0
     control = minimum_fuel.thrust(solution)[:, np.newaxis]
-    model = linearize(entry_problem.rates(inputs), middle, control, list(entry_problem.given().values()))
+    model = linearize(inputs.call(entry_problem.rates), middle, control, list(entry_problem.given().values()))
     return model.state_matrix, model.control_matrix
 
 
@@ -452,10 +452,10 @@ def test_a_linear_program_finds_no_less_fuel(fuel_inputs, way):
 def test_finer_meshes_confirm_the_bursts(fuel_inputs, fuel_nominal, way):
     bound, solutions = fuel_inputs.fuel_bounds[1], [way.last]
     for intervals in FINER:
-        program = minimum_fuel.fuel_program(fuel_inputs, fuel_nominal, bound, intervals=intervals)
+        program = fuel_inputs.call(minimum_fuel.fuel_program, fuel_nominal, bound, intervals=intervals)
         guess = solutions[-1].guess(intervals)
-        near = stage.attempt(fuel_inputs, program, guess, minimum_fuel.share(0.99), barrier=WARM)
-        solutions.append(stage.attempt(fuel_inputs, program, near, minimum_fuel.share(1.0), barrier=1e-6))
+        near = fuel_inputs.call(stage.attempt, program, guess, minimum_fuel.share(0.99), barrier=WARM)
+        solutions.append(fuel_inputs.call(stage.attempt, program, near, minimum_fuel.share(1.0), barrier=1e-6))
         assert solutions[-1].status == SOLVED
     found = [fuel_fields(fuel_inputs, solution) for solution in solutions]
     assert [fields["bursts"] for fields in found] == [2, 2, 2]
@@ -499,15 +499,15 @@ def test_where_bursts_are_shorter_than_an_interval_none_comes_to_the_bound(desen
 
 def test_thrust_within_a_bound_below_the_nominals(inputs, nominal):
     bound = 0.8 * nominal.largest_bank_acceleration
-    tight = SimpleNamespace(**vars(inputs) | {"fuel_bounds": np.array([1.0, bound])})
-    found = minimum_fuel.under_bound(tight, nominal, bound)
+    tight = inputs.changed(fuel_bounds=np.array([1.0, bound]))
+    found = tight.call(minimum_fuel.under_bound, nominal, bound)
     assert np.abs(found["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
     assert found["effort"][0] > nominal.effort
 
 
 def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
-    hopeless = SimpleNamespace(**vars(inputs) | {"solver_iterations": 2})
-    found = minimum_fuel.compute(hopeless, nominal)
+    hopeless = inputs.changed(solver_iterations=2)
+    found = hopeless.call(minimum_fuel.compute, nominal)
     assert set(found.status.ravel()) == {"Maximum_Iterations_Exceeded"}
     assert np.isnan(found.cumulative).all()
     assert (found.bursts == -1).all()
@@ -517,7 +517,7 @@ def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
 
 def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
     monkeypatch.setattr(minimum_fuel, "STEP_ITERATIONS", 1)
-    found = minimum_fuel.under_bound(inputs, nominal, inputs.fuel_bounds[0])
+    found = inputs.call(minimum_fuel.under_bound, nominal, inputs.fuel_bounds[0])
     assert found["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
     assert np.isnan(found["cumulative"]).tolist() == [False, True, True]
     assert np.isnan(found["switching_violation"])
@@ -527,7 +527,7 @@ def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
 def test_shares_of_the_intervals(inputs):
     controls = np.array([[1.0, 0.0], [0.5, 0.0], [0.0, 0.0], [0.0, 0.9995], [0.0, 0.3]])
     solution = SimpleNamespace(time=np.arange(6.0), states=np.zeros((6, 8)), controls=controls)
-    fields = minimum_fuel.described(inputs, 1.0, solution, True)
+    fields = inputs.call(minimum_fuel.described, 1.0, solution, True)
     assert (fields["coasting"], fields["at_bound"], fields["bursts"]) == pytest.approx((0.2, 0.4, 2))
     assert fields["cumulative"] == pytest.approx(2.7995)
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -16,7 +15,7 @@ from marsedl.methods.sensitivity import midpoint_transitions, propagate_columns
 from marsedl.models import atmosphere
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.papers.desensitized import certificates as module
-from marsedl.papers.desensitized import entry_problem, environment, nominal
+from marsedl.papers.desensitized import entry_problem, environment, nominal, records
 from marsedl.papers.desensitized import further_perturbations as further
 from marsedl.papers.desensitized.inputs import MODEL
 from marsedl.papers.desensitized.linearization import along as linear_model
@@ -52,11 +51,7 @@ def one_thread():
 
 @pytest.fixture(scope="module")
 def inputs(desensitized):
-    return desensitized.inputs("one_reversal", MODEL.model_fields, **SMALL)
-
-
-def changed(inputs, **changes):
-    return SimpleNamespace(**vars(inputs) | changes)
+    return desensitized.inputs("one_reversal", **SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -95,16 +90,16 @@ def saved(tmp_path, artifact):
 @pytest.fixture(scope="module")
 def refined(desensitized):
     """The nominal by every scheme on three meshes, fine enough for the orders to show."""
-    inputs = desensitized.inputs("corrected", MODEL.model_fields, studied_intervals=np.array([50.0, 100.0, 200.0]))
-    case = module.Case(0.0, nominal.as_guess(nominal.compute(inputs)))
-    return inputs, {scheme: module.refined(inputs, case, scheme) for scheme in SCHEMES}
+    inputs = desensitized.inputs("corrected", studied_intervals=np.array([50.0, 100.0, 200.0]))
+    case = module.Case(0.0, nominal.as_guess(inputs.call(nominal.compute)))
+    return inputs, {scheme: inputs.call(module.refined, case, scheme) for scheme in SCHEMES}
 
 
 @pytest.mark.parametrize(("scheme", "order"), [("midpoint", 2.0), ("trapezoid", 2.0), ("hermite_simpson", 4.0)])
 def test_miss_and_sensitivity_converge_with_the_order_of_the_scheme(refined, scheme, order):
     inputs, runs = refined
     numbers = np.array([50, 100, 200])
-    found = module.meshes(inputs, runs[scheme], numbers)
+    found = inputs.call(module.meshes, runs[scheme], numbers)
     assert (found["status"] == SOLVED).all()
     assert module.orders(found["miss"], numbers) == pytest.approx(np.full(2, order), rel=0.05)
     assert module.orders(found["error"] - found["flown_error"], numbers) == pytest.approx(np.full(2, order), rel=0.05)
@@ -113,7 +108,7 @@ def test_miss_and_sensitivity_converge_with_the_order_of_the_scheme(refined, sch
 
 def test_schemes_agree_on_fine_meshes(refined):
     inputs, runs = refined
-    found = [module.meshes(inputs, runs[scheme], [200]) for scheme in SCHEMES]
+    found = [inputs.call(module.meshes, runs[scheme], [200]) for scheme in SCHEMES]
     error = np.array([run["error"][0] for run in found])
     assert np.linalg.norm(error - error[-1], axis=-1).max() < 1e-4 * np.linalg.norm(error[-1])
     # Controls that are constant on intervals cost more than the best ones: that much the schemes share.
@@ -123,7 +118,7 @@ def test_schemes_agree_on_fine_meshes(refined):
 def test_flights_of_the_meshes_agree_with_an_adaptive_integration(refined):
     inputs, runs = refined
     solution = runs["midpoint"][100]
-    miss, error = module.flown(inputs, module.trajectory(solution))
+    miss, error = inputs.call(module.flown, module.trajectory(solution))
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
     # The flights look the density up in cubics of 1 km, which leave 1.3e-5 m; their steps leave 1e-5 m here.
@@ -140,41 +135,40 @@ def test_flights_of_the_meshes_agree_with_an_adaptive_integration(refined):
 def test_sensitivity_is_the_derivative_of_the_discrete_flow(refined, scheme):
     inputs, runs = refined
     solution = runs[scheme][100]
-    assert module.flow_deviation(inputs, solution) < 1e-8
+    assert inputs.call(module.flow_deviation, solution) < 1e-8
     other = SCHEMES[SCHEMES.index(scheme) - 1]
-    assert module.flow_deviation(inputs, replace(solution, scheme=other)) > 1e-6  # not that of another scheme
+    assert inputs.call(module.flow_deviation, replace(solution, scheme=other)) > 1e-6  # not that of another scheme
 
 
 def test_sensitivity_by_the_midpoint_rule_is_the_recursion(inputs, rows):
     along = row_of(rows, LAST)
-    matrix, _ = linear_model(inputs, *along)
+    matrix, _ = inputs.call(linear_model, *along)
     expected = propagate_columns(midpoint_transitions(matrix, np.diff(along.time)), np.eye(8))
     scale = np.abs(expected).max(axis=(0, 2))[:, np.newaxis]
-    assert np.abs((module.sensitivities(inputs, "midpoint", along)[0] - expected) / scale).max() < 1e-12
+    assert np.abs((inputs.call(module.sensitivities, "midpoint", along)[0] - expected) / scale).max() < 1e-12
 
 
 @pytest.mark.parametrize("profile", ["temperature_pressure_fit", "log_quadratic"])
 def test_numpy_has_the_rates_that_the_solver_traces(inputs, best, profile):
-    own = changed(
-        inputs,
+    own = inputs.changed(
         density_profile=profile,
         density_coefficients=np.array([-4e-10, -7e-5, -4.3]),
         density_upper_altitude=135e3,
     )
     states, control = best.state[:-1], best.bank_acceleration
-    model = linearize(entry_problem.rates(own), states, control[:, np.newaxis], [0.0, 1.0])
+    model = linearize(own.call(entry_problem.rates), states, control[:, np.newaxis], [0.0, 1.0])
     traced = np.einsum("kij,kj->ki", model.state_matrix, states) + model.control_matrix[:, :, 0] * control[:, None]
-    found = module.motion(own, states, control)
+    found = own.call(module.motion, states, control)
     assert found == pytest.approx(traced + model.affine, rel=1e-9, abs=1e-9)
 
 
 def test_motion_takes_density_tables(inputs, best):
     altitude = np.linspace(-5e3, 150e3, 156)
     table = np.column_stack([altitude, np.exp(atmosphere.temperature_pressure_fit(altitude)[0])])
-    tabulated = changed(inputs, density_profile="table", density_table=table)
+    tabulated = inputs.changed(density_profile="table", density_table=table)
     states, control = best.state[:-1], best.bank_acceleration
-    scale = np.abs(module.motion(inputs, states, control)).max(axis=0)
-    difference = module.motion(tabulated, states, control) - module.motion(inputs, states, control)
+    scale = np.abs(inputs.call(module.motion, states, control)).max(axis=0)
+    difference = tabulated.call(module.motion, states, control) - inputs.call(module.motion, states, control)
     assert 0.0 < np.abs(difference / scale).max() < 1e-4
 
 
@@ -230,13 +224,13 @@ def test_identities_hold_on_every_mesh_and_row(certificates):
 
 def test_identities_can_fail(inputs, rows):
     along = row_of(rows, LAST)
-    sensitivity = module.sensitivities(inputs, "midpoint", along)[0]
-    other = module.sensitivities(inputs, "midpoint", row_of(rows, ONE))[0]
+    sensitivity = inputs.call(module.sensitivities, "midpoint", along)[0]
+    other = inputs.call(module.sensitivities, "midpoint", row_of(rows, ONE))[0]
     assert module.column_deviation(rows.column[LAST], other) > 0.01
-    assert module.crossrange_deviation(inputs, row_of(rows, ONE), other * (1.0 + 1e-3)) > 5e-4
+    assert inputs.call(module.crossrange_deviation, row_of(rows, ONE), other * (1.0 + 1e-3)) > 5e-4
     fed_back = sensitivity.copy()
     fed_back[-1, 0, 2] += 1.0  # a metre of altitude per radian
-    assert module.longitude_deviation(inputs, fed_back) > 0.0
+    assert inputs.call(module.longitude_deviation, fed_back) > 0.0
 
 
 def test_symmetries_hold_and_are_those_of_the_mirror(inputs, rows, certificates):
@@ -246,9 +240,9 @@ def test_symmetries_hold_and_are_those_of_the_mirror(inputs, rows, certificates)
     assert (c.mirrored_error_deviation < 1e-6).all() and (c.shifted_error_deviation < 1e-6).all()
     along = row_of(rows, LAST)
     half = along._replace(state=along.state * [1, -1, 1, 1, -1, 1, 1, 1])  # the bank as it was
-    assert module.defect(inputs, "midpoint", half) > 1e-3
+    assert inputs.call(module.defect, "midpoint", half) > 1e-3
     lifted = along._replace(state=along.state + 1e3 * np.eye(8)[0])  # no symmetry
-    assert module.defect(inputs, "midpoint", lifted) > 1e-4
+    assert inputs.call(module.defect, "midpoint", lifted) > 1e-4
 
 
 def test_the_weight_is_the_slope_of_the_curve(inputs, rows, certificates, monkeypatch):
@@ -256,7 +250,7 @@ def test_the_weight_is_the_slope_of_the_curve(inputs, rows, certificates, monkey
     assert np.abs(certificates.slope_deviation).max() < 1e-5
     # What is left is the error of the difference, of second order.
     monkeypatch.setattr(module, "NEIGHBOUR", 10.0 * module.NEIGHBOUR)
-    wider = module.slopes(inputs, rows, [2])
+    wider = inputs.call(module.slopes, rows, [2])
     assert wider[0] / certificates.slope_deviation[1] == pytest.approx(100.0, rel=0.05)
 
 
@@ -279,7 +273,7 @@ def test_flights_leave_the_linear_errors_with_the_second_power(inputs, best, cer
     linear = c.linear_error[:, ::2]
     assert (np.linalg.norm(odd - linear, axis=-1) < 0.02 * np.linalg.norm(linear, axis=-1)).all()
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
-    problem, controls = entry_problem.problem(inputs), best.bank_acceleration[:, np.newaxis]
+    problem, controls = inputs.call(entry_problem.problem), best.bank_acceleration[:, np.newaxis]
     ends = [
         simulate(problem, best.state[0] + moved * np.eye(8)[0], controls, best.time, [0.0, 1.0])[-1, :3] * lengths
         for moved in (0.0, size)
@@ -288,11 +282,12 @@ def test_flights_leave_the_linear_errors_with_the_second_power(inputs, best, cer
 
 
 def test_what_does_not_converge_is_stored(inputs, rows, certificates, tmp_path):
-    hurried = changed(inputs, solver_iterations=1)
-    run = module.refined(hurried, module.Case(0.0, module.row_guess(rows, LAST)), "midpoint")
-    found = module.meshes(hurried, run, [20, 40])
+    hurried = inputs.changed(solver_iterations=1)
+    run = hurried.call(module.refined, module.Case(0.0, module.row_guess(rows, LAST)), "midpoint")
+    found = hurried.call(module.meshes, run, [20, 40])
     assert (found["status"] != SOLVED).all() and (found["iterations"] == 1).all()
-    assert np.isnan(module.flow_deviation(hurried, run[40])) and np.isnan(module.slopes(hurried, rows, [LAST])).all()
+    assert np.isnan(hurried.call(module.flow_deviation, run[40]))
+    assert np.isnan(hurried.call(module.slopes, rows, [LAST])).all()
     unknown = {
         f"mesh_{name}": np.broadcast_to(values, getattr(certificates, f"mesh_{name}").shape)
         for name, values in found.items()
@@ -309,38 +304,37 @@ def test_certificates_can_be_saved(certificates, tmp_path):
 
 
 def test_directions_are_the_derivatives_of_the_entry_state(inputs):
-    found = further.directions(inputs)
+    found = inputs.call(further.directions)
     for number, (name, step) in enumerate((("entry_velocity", 1.0), ("entry_flight_path_angle", 1e-4)), start=1):
         both = [
-            entry_problem.entry_state(changed(inputs, entry_azimuth=1.2, **{name: getattr(inputs, name) + s}))
+            inputs.changed(entry_azimuth=1.2, **{name: getattr(inputs, name) + s}).call(entry_problem.entry_state)
             for s in (step, -step)
         ]
         expected = (both[0] - both[1]) / (2.0 * step)
-        turned = further.directions(changed(inputs, entry_azimuth=1.2))
+        turned = inputs.changed(entry_azimuth=1.2).call(further.directions)
         assert turned[:, number] == pytest.approx(expected, rel=1e-7, abs=1e-7)
-    assert (found[:, further.DENSITY] == 0.0).all()
+    assert (found[:, records.DENSITY] == 0.0).all()
 
 
 def test_linear_errors_are_those_of_the_solvers_columns(perturbed, rows):
     """The columns of the transcription, by which the solver desensitizes, and the recursion with its forcing."""
     p = perturbed
     steps = [int(np.flatnonzero(p.path_weight == weight)[0]) for weight in p.design_weight]
-    assert p.design_linear_error[:, further.DENSITY] == pytest.approx(p.path_error[steps], rel=1e-7, abs=1e-5)
+    assert p.design_linear_error[:, records.DENSITY] == pytest.approx(p.path_error[steps], rel=1e-7, abs=1e-5)
     assert p.row_linear_error[:, further.RADIUS] == pytest.approx(rows.error, rel=1e-7, abs=1e-5)
 
 
 def test_flown_errors_approach_the_linear_ones(inputs, best):
     along = further.Trajectory(best.time, best.state, best.bank_acceleration)
-    air = environment.surroundings(inputs)
-    tenth = changed(
-        inputs,
+    air = inputs.call(environment.surroundings)
+    tenth = inputs.changed(
         **{
             name: getattr(inputs, name) / 10.0
             for name in ("density_error", "velocity_error", "path_angle_error", "tabulated_error")
         },
     )
     whole, part = (further.flown_errors(of, air, along) for of in (inputs, tenth))
-    linear = further.linear_errors(inputs, along)
+    linear = inputs.call(further.linear_errors, along)
     odd = (part[:, 0] - part[:, 1]) * 5.0
     # The rest is the error of the midpoint rule on this mesh.
     assert (np.linalg.norm(odd - linear, axis=1) < 0.01 * np.linalg.norm(linear, axis=1)).all()
@@ -380,10 +374,11 @@ def flown_by_adaptive_steps(inputs, along, gain, factor, deviation=0.0):
     [(further.NO_FEEDBACK, 1.05, 0.0), (further.BOTH_TUNED, 0.95, 0.0), (further.BOTH_TUNED, 1.0, 1000.0)],
 )
 def test_flights_agree_with_another_integrator(inputs, best, perturbed, law, factor, deviation):
-    along, air = further.Trajectory(best.time, best.state, best.bank_acceleration), environment.surroundings(inputs)
+    along = further.Trajectory(best.time, best.state, best.bank_acceleration)
+    air = inputs.call(environment.surroundings)
     gain = perturbed.gain[further.LAWS.index(law)]
     deviations = deviation * np.eye(8)[:1]
-    found = further.flown(changed(inputs, substeps=20), air, along, gain, deviations, np.array([factor]))[0]
+    found = inputs.changed(substeps=20).call(further.flown, air, along, gain, deviations, np.array([factor]))[0]
     assert found == pytest.approx(flown_by_adaptive_steps(inputs, along, gain, factor, deviation), abs=2e-3)
 
 
@@ -391,15 +386,15 @@ def test_without_feedback_the_laws_fly_as_the_nominal(perturbed):
     p, one = perturbed, further.LAWS.index(further.NO_FEEDBACK)
     assert (p.gain[one] == 0.0).all()
     assert p.density_error[4:6] == pytest.approx([0.05, -0.05])
-    assert p.density_flown_error[one, 4:6] == pytest.approx(p.design_flown_error[0, further.DENSITY], rel=1e-6)
+    assert p.density_flown_error[one, 4:6] == pytest.approx(p.design_flown_error[0, records.DENSITY], rel=1e-6)
     assert p.radius_flown_error[one, 2:] == pytest.approx(p.design_flown_error[0, further.RADIUS], rel=1e-6)
 
 
 def test_the_weight_on_density_is_the_slope_of_its_curve(inputs, best, perturbed):
-    beside = changed(inputs, density_weights=np.array([2.997, 3.003]))
-    points, _, _, extended = further.density_path(beside, best)
+    beside = inputs.changed(density_weights=np.array([2.997, 3.003]))
+    points, _, _, extended = beside.call(further.density_path, best)
     (low, near), (high, far) = (
-        (further.effort(point.solution), np.linalg.norm(further.final_error(inputs, extended, point.solution)))
+        (further.effort(point.solution), np.linalg.norm(inputs.call(further.final_error, extended, point.solution)))
         for point in points[-2:]
     )
     assert (high - low) / (near - far) * inputs.tabulated_error == pytest.approx(3.0, rel=1e-4)
@@ -413,7 +408,7 @@ def test_the_weight_on_density_is_the_slope_of_its_curve(inputs, best, perturbed
 
 
 def test_desensitizing_against_density_helps_in_flights(perturbed):
-    flown = np.linalg.norm(perturbed.design_flown_error[:, further.DENSITY], axis=-1)
+    flown = np.linalg.norm(perturbed.design_flown_error[:, records.DENSITY], axis=-1)
     assert (flown[1:] < flown[:-1]).all()
 
 
@@ -451,7 +446,8 @@ def test_null_gains_null_in_the_linear_model_of_their_own(inputs, best, perturbe
 
 
 def test_tuned_gains_do_not_depend_on_their_start(inputs, best, perturbed, monkeypatch):
-    along, air = further.Trajectory(best.time, best.state, best.bank_acceleration), environment.surroundings(inputs)
+    along = further.Trajectory(best.time, best.state, best.bank_acceleration)
+    air = inputs.call(environment.surroundings)
     number = further.LAWS.index(further.BOTH_TUNED)
     assert perturbed.converged[number]
     flown = np.linalg.norm(perturbed.density_flown_error, axis=-1)[:, 2:6]
@@ -462,38 +458,39 @@ def test_tuned_gains_do_not_depend_on_their_start(inputs, best, perturbed, monke
         "tune",
         lambda errors, start, **options: original(errors, start + other, **options),
     )
-    again = further.tuned(inputs, along, air, [inputs.tabulated_error])
+    again = inputs.call(further.tuned, along, air, [inputs.tabulated_error])
     assert again.scaled_gain == pytest.approx(perturbed.scaled_gain[number], rel=1e-3, abs=1e-3)
 
 
 def test_a_path_that_ends_is_kept(inputs, best, monkeypatch):
     original = further.follow
 
-    def ends(inputs, transcribed, first, weights):
+    def ends(solver, design, transcribed, first, weights):
         if weights[0] > 1.0:
             raise MarsedlError("no further")
-        return original(inputs, transcribed, first, weights)
+        return original(solver, design, transcribed, first, weights)
 
     monkeypatch.setattr(further, "follow", ends)
-    points, designs, path_end, _ = further.density_path(inputs, best)
+    points, designs, path_end, _ = inputs.call(further.density_path, best)
     assert [point.solution.given["weight"] for point in designs] == [0.0, 0.3, 1.0]
     assert points[-1] is designs[-1] and path_end == "no solution was found between the weights 1 and 3"
 
 
 def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
-    along, air = further.Trajectory(best.time, best.state, best.bank_acceleration), environment.surroundings(inputs)
+    along = further.Trajectory(best.time, best.state, best.bank_acceleration)
+    air = inputs.call(environment.surroundings)
     deviations = np.zeros((2, 8))
     deviations[1, 3] = -1500.0  # straight down
-    found = further.flown(inputs, air, along, np.zeros(8), deviations, np.ones(2))
+    found = inputs.call(further.flown, air, along, np.zeros(8), deviations, np.ones(2))
     assert (found[0] == 0.0).all() and np.isnan(found[1]).all()
-    vacuum = changed(inputs, density_error=0.5)
+    vacuum = inputs.changed(density_error=0.5)
     assert np.isnan(
-        further.under_law(vacuum, air, along, further.Law(np.zeros(6), True, ""), np.array([-1.0]), [])[
+        vacuum.call(further.under_law, air, along, further.Law(np.zeros(6), True, ""), np.array([-1.0]), [])[
             "density_flown_error"
         ]
     ).all()
-    steep = changed(inputs, tabulated_error=1e6)
-    law = further.tuned(steep, along, air, [1e6])
+    steep = inputs.changed(tabulated_error=1e6)
+    law = steep.call(further.tuned, along, air, [1e6])
     assert not law.converged and "nothing to start from" in law.ended
 
 

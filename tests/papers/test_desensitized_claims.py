@@ -107,9 +107,9 @@ def evaluate(desensitized, flown):
     """Evaluation of a reading's inputs with the flights of `corrected`, some artifacts or inputs replaced."""
 
     def of(reading="corrected", inputs=None, **replaced):
-        changed = desensitized.inputs(reading, desensitized.model.model_fields, **(SMALL | (inputs or {})))
+        changed = desensitized.all_inputs(reading, **(SMALL | (inputs or {})))
         studies = stand_ins() if reading == "corrected" else {}
-        return claims.evaluate(changed, **(flown | studies | replaced))
+        return claims.evaluate(changed, claims.Records(**(flown | studies | replaced)))
 
     return of
 
@@ -235,8 +235,8 @@ def test_the_least_effort_is_open_by_what_the_radius_of_mars_changes(desensitize
     last = as_guess(base)
     for radius in (3395e3, 3393e3, 3391e3, 3389.5e3):
         inputs = desensitized.stage_inputs("corrected", "nominal", planet_radius=radius)
-        transcribed = entry_problem.program(inputs, entry_problem.problem(inputs))
-        last = entry_problem.solve(inputs, "another radius", transcribed, last, barrier=entry_problem.WARM)
+        transcribed = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
+        last = inputs.call(entry_problem.solve, "another radius", transcribed, last, barrier=entry_problem.WARM)
     control = last.controls[:, 0]
     assert entry_problem.effort(last.time, control) / base.effort == pytest.approx(1.032, abs=5e-4)
     assert entry_problem.cumulative(last.time, control) / base.cumulative == pytest.approx(1.013, abs=5e-4)

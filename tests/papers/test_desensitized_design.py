@@ -13,12 +13,13 @@ from scipy.optimize import root
 
 from marsedl.methods.collocation import Guess, resimulate, simulate
 from marsedl.methods.sensitivity_gains import final_errors
-from marsedl.papers.desensitized import entry_problem, tradeoff
+from marsedl.papers.desensitized import entry_problem, records, tradeoff
 from marsedl.papers.desensitized import gain_study as study
 from marsedl.papers.desensitized import gains as design
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
+from marsedl.papers.desensitized.records import CHANNELS
 from marsedl.replication import artifacts
 
 RADIUS, MU = 3397e3, 4.282837e13
@@ -88,28 +89,28 @@ def stepped(state, controls, step):
 def resolved(desensitized, reading="corrected", **changes):
     """Solve a changed problem from the nominal of `corrected`, and describe the solution by J0 and its bank angle."""
     inputs = desensitized.stage_inputs(reading, "nominal", **changes)
-    program = entry_problem.program(inputs, entry_problem.problem(inputs))
-    solution = entry_problem.solve(inputs, "changed", program, as_guess(desensitized.nominal()), barrier=WARM)
+    program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
+    solution = inputs.call(entry_problem.solve, "changed", program, as_guess(desensitized.nominal()), barrier=WARM)
     return entry_problem.effort(solution.time, solution.controls[:, 0]), solution.state("bank")
 
 
 def at_weight(desensitized, weight, row, reading="corrected", **changes):
     """A solution of Eq. 6 at a weight, from a row of `corrected`: its solution, J0, |u| integral and errors."""
     inputs = desensitized.stage_inputs(reading, "tradeoff", **changes)
-    extended, program = tradeoff.prepared(inputs)
+    extended, program = inputs.call(tradeoff.prepared)
     rows = desensitized.tradeoff()
     nodes, old = np.linspace(0.0, 1.0, inputs.intervals + 1), np.linspace(0.0, 1.0, rows.time.shape[1])
     states = np.column_stack([np.interp(nodes, old, state) for state in rows.state[row].T])
     within = np.searchsorted(old, (nodes[1:] + nodes[:-1]) / 2) - 1
     guess = Guess(states, rows.bank_acceleration[row][within, np.newaxis], rows.time[row, -1])
     guess = extended.guess(guess, entry_problem.given())
-    solution = entry_problem.solve(inputs, "a weight", program, guess, weight=weight, barrier=WARM)
+    solution = inputs.call(entry_problem.solve, "a weight", program, guess, weight=weight, barrier=WARM)
     u = solution.controls[:, 0]
     return (
         solution,
         entry_problem.effort(solution.time, u),
         entry_problem.cumulative(solution.time, u) / DEGREE,
-        tradeoff.final_error(inputs, extended, solution),
+        inputs.call(tradeoff.final_error, extended, solution),
     )
 
 
@@ -187,8 +188,8 @@ def test_multipliers_are_those_of_the_minimum_principle(desensitized):
 def test_without_an_atmosphere_energy_and_angular_momentum_are_kept(desensitized):
     inputs = desensitized.stage_inputs("corrected", "nominal", ballistic_coefficient=1e12)
     time = np.linspace(0.0, 60.0, 7)
-    start = entry_problem.entry_state(inputs)
-    flown = simulate(entry_problem.problem(inputs), start, np.zeros((6, 1)), time, [0.0, 1.0])
+    start = inputs.call(entry_problem.entry_state)
+    flown = simulate(inputs.call(entry_problem.problem), start, np.zeros((6, 1)), time, [0.0, 1.0])
     radius, speed = RADIUS + flown[:, 0], np.linalg.norm(flown[:, 3:6], axis=1)
     assert np.ptp(flown[:, 0]) > 80e3
     np.testing.assert_allclose(speed**2 / 2 - MU / radius, speed[0] ** 2 / 2 - MU / radius[0], rtol=1e-9)
@@ -250,11 +251,13 @@ def test_relaxing_a_bank_condition_never_raises_the_effort(desensitized):
 def test_solving_again_gives_the_same_bits(desensitized):
     first = desensitized.nominal()
     inputs = desensitized.stage_inputs("corrected", "nominal")
-    second = entry_problem.solve(
-        inputs,
+    second = inputs.call(
+        entry_problem.solve,
         "again",
-        entry_problem.program(inputs, entry_problem.problem(inputs)),
-        entry_problem.profile_guess(inputs, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time),
+        inputs.call(entry_problem.program, inputs.call(entry_problem.problem)),
+        inputs.call(
+            entry_problem.profile_guess, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time
+        ),
         barrier=WARM,
     )
     np.testing.assert_array_equal(second.states, first.state)
@@ -286,15 +289,15 @@ def test_the_first_row_is_the_nominal(desensitized):
     np.testing.assert_allclose(found.error[0], [525.4, -953.4, 8095.7], atol=0.051)
     assert np.linalg.norm(found.norm[0]) == pytest.approx(8.1685, abs=5.1e-5)
     other = desensitized.stage_inputs("corrected", "tradeoff")
-    extended, program = tradeoff.prepared(other)
-    single = entry_problem.solve(
-        other,
+    extended, program = other.call(tradeoff.prepared)
+    single = other.call(
+        entry_problem.solve,
         "one reversal",
         program,
         extended.guess(as_guess(desensitized.nominal("one_reversal")), entry_problem.given()),
         barrier=WARM,
     )
-    error = tradeoff.final_error(other, extended, single)
+    error = other.call(tradeoff.final_error, extended, single)
     np.testing.assert_allclose(error, [534, -919, 8138], atol=0.51)
     assert np.linalg.norm(error) == pytest.approx(8207, abs=0.51)
 
@@ -404,7 +407,7 @@ def test_a_literal_objective_hardly_sees_the_printed_weights(desensitized, monke
     inputs = desensitized.stage_inputs(
         "printed", "tradeoff", weight_path=np.array([0.01, 0.1]), infinite_weights=np.array([1.1, 1.2])
     )
-    literal = tradeoff.compute(inputs, desensitized.nominal("printed"))
+    literal = inputs.call(tradeoff.compute, desensitized.nominal("printed"))
     np.testing.assert_array_equal(literal.weight, [0.0, 0.001, 0.01, 0.1, 1.0, 1.1, 1.2])
     assert literal.branch.tolist() == ["2 reversals"]
     assert saved(tmp_path / "one.h5", literal, "printed").fold_weight.shape == (0, 2)
@@ -468,7 +471,7 @@ def test_sensitivities_are_derivatives_of_the_discrete_flow(desensitized):
     step, start = nominal.time[1], nominal.state[0]
     end = stepped(start, nominal.bank_acceleration, step)
     np.testing.assert_allclose(end / SCALES, nominal.state[-1] / SCALES, rtol=0, atol=1e-6)
-    columns = position_columns(desensitized.stage_inputs("corrected", "linearization"))
+    columns = desensitized.stage_inputs("corrected", "linearization").call(position_columns)
     for number, size in ((0, 20.0), (1, 200.0)):
         ends = [stepped(start + sign * size * columns[:, number], nominal.bank_acceleration, step) for sign in (1, -1)]
         slope = (ends[0] - ends[1]) / (2.0 * size)
@@ -479,7 +482,7 @@ def test_sensitivities_are_derivatives_of_the_discrete_flow(desensitized):
 def test_metric_sensitivity_of_the_nominal(desensitized):
     found = desensitized.linearization()
     expected = [[0.52536, 0.0, 0.0], [-0.95338, 0.977415, 0.0], [8.09568, 0.0, 1.0]]
-    rows = position_rows(desensitized.stage_inputs("corrected", "linearization"))
+    rows = desensitized.stage_inputs("corrected", "linearization").call(position_rows)
     metric = rows @ found.sensitivity[-1]
     np.testing.assert_allclose(metric, expected, rtol=0, atol=5.1e-6)
     assert np.linalg.norm(metric) == pytest.approx(8.287, abs=5.1e-4)
@@ -535,9 +538,9 @@ def test_least_gains(desensitized):
 def test_least_gains_are_the_smallest_nearby(desensitized):
     """Gains along the set of those that null the column grow both ways, in all of its three directions."""
     inputs = desensitized.stage_inputs("corrected", "gains")
-    columns = position_columns(inputs)
+    columns = inputs.call(position_columns)
     for number in range(3):
-        problem = design.gain_problem(inputs, desensitized.linearization(), columns[:, [number]])
+        problem = inputs.call(design.gain_problem, desensitized.linearization(), columns[:, [number]])
         k = desensitized.gains().scaled_gain[2 + number]
         jacobian = np.column_stack(
             [
@@ -555,11 +558,11 @@ def test_without_a_gain_on_longitude_downrange_errors_stay(desensitized):
     inputs, random = desensitized.stage_inputs("corrected", "gains"), np.random.default_rng(8)
     nominal = desensitized.nominal()
     laws = []
-    for _ in design.LAWS:
+    for _ in records.LAWS:
         k = random.normal(size=6)
         k[2] = 0.0
         laws.append(design.Law(nominal.time, nominal.state, nominal.bank_acceleration, k))
-    found = design.described(inputs, laws)
+    found = inputs.call(design.described, laws)
     np.testing.assert_array_equal(found.final[:, :, 2], np.tile([0.0, 0.0, 1.0], (6, 1)))
     assert (np.abs(found.final[:, :, 0] - desensitized.gains().final[0, :, 0]).max(axis=1) > 0.1).all()
 
@@ -579,7 +582,7 @@ def test_the_search_for_all_columns_does_not_depend_on_rounding(desensitized):
     inputs = desensitized.stage_inputs("corrected", "gains", all_columns_regularization=np.array([0.1]))
     nominal, random = desensitized.nominal(), np.random.default_rng(0)
     moved = replace(nominal, state=nominal.state * (1.0 + 1e-8 * random.normal(size=nominal.state.shape)))
-    found = design.for_all_columns(inputs, moved, desensitized.linearization())
+    found = inputs.call(design.for_all_columns, moved, desensitized.linearization())
     assert found.converged and found.iterations < 50
     assert entry_problem.effort(found.time, found.bank_acceleration) == pytest.approx(0.1426, abs=5.1e-5)
     assert np.linalg.norm(found.scaled_gain) == pytest.approx(0.60, abs=5.1e-3)
@@ -588,9 +591,13 @@ def test_the_search_for_all_columns_does_not_depend_on_rounding(desensitized):
 
 def quick(desensitized, monkeypatch, reading, **changes):
     """The gains of a reading without those for all columns, which take most of the time; the others' laws."""
-    monkeypatch.setattr(design, "for_all_columns", lambda inputs, nominal, linearization: replaced(nominal))
+    monkeypatch.setattr(
+        design,
+        "for_all_columns",
+        lambda *arguments: replaced(arguments[-2]),
+    )
     inputs = desensitized.stage_inputs(reading, "gains", **changes)
-    return design.compute(inputs, desensitized.nominal(), desensitized.tradeoff(), desensitized.linearization())
+    return inputs.call(design.compute, desensitized.nominal(), desensitized.tradeoff(), desensitized.linearization())
 
 
 def replaced(nominal):
@@ -604,7 +611,7 @@ def test_tuned_gains_fly_better_than_the_least(desensitized, monkeypatch):
     least = desensitized.gains()
     nominal = design.reference(replaced(desensitized.nominal()))
     for number in range(3):
-        simulate = design.simulated_errors(inputs, nominal, number)
+        simulate = inputs.call(design.simulated_errors, nominal, number)
         before, after = (np.linalg.norm(simulate(made.scaled_gain[2 + number])) for made in (least, found))
         assert after < 0.75 * before
         assert "20 trial steps" in found.ended[2 + number] and not found.converged[2 + number]
@@ -622,7 +629,7 @@ def test_trajectory_and_gains_together_are_cut_short(desensitized):
     """The paper's problem as it stands: what it came to after the iterations allowed is the result."""
     inputs = desensitized.stage_inputs("corrected", "gains", unregularized_iterations=4)
     for channel in ("radius", "downrange"):
-        found = design.together(inputs, desensitized.nominal(), channel)
+        found = inputs.call(design.together, desensitized.nominal(), channel)
         assert not found.converged and found.ended == "Maximum_Iterations_Exceeded" and found.iterations == 4
         assert np.abs(found.bank_acceleration).max() <= inputs.bank_acceleration_bound
         assert found.state.shape == (101, 8) and np.isfinite(found.state).all() and found.scaled_gain.any()
@@ -650,7 +657,7 @@ def test_candidates_are_ranked_by_their_flown_errors(desensitized):
         tuned = np.sum(found.method[rows] == "tuned to flown errors")
         assert found.found[rows].sum() == 1 + found.least_starts[number] - found.least_failed[number] + 1 + tuned
         flown = found.flown_error[rows] / np.abs(found.tuning_error)
-        lost = found.flown_norm[rows] == study.LOST
+        lost = found.flown_norm[rows] == records.LOST
         np.testing.assert_array_equal(np.isnan(flown).any(axis=1), lost)
         rms = np.sqrt(np.mean(flown[~lost] ** 2, axis=1))
         np.testing.assert_allclose(found.flown_norm[rows][~lost], rms, rtol=1e-9)
@@ -673,7 +680,7 @@ def test_tuned_gains(desensitized):
     assert 14.5 < near.min() < near.max() < 22.5 and 125.0 < wide.min() < wide.max() < 205.0
     # Flown with the digits as they are given; the tuned ones are better, but not by much.
     nominal = design.reference(replaced(desensitized.nominal()))
-    simulate = design.simulated_errors(desensitized.stage_inputs("corrected", "gains"), nominal, 2)
+    simulate = desensitized.stage_inputs("corrected", "gains").call(design.simulated_errors, nominal, 2)
     errors = simulate(np.array([-1.977, 1.1337, -0.0281, -1.9856, 3.244, 5.9104]))
     flown = np.linalg.norm(errors.reshape(4, 3), axis=1) * [1000.0, 200.0, 200.0, 1000.0]
     np.testing.assert_allclose(flown, [1.4, 0.4, 0.4, 3.0], atol=0.051)

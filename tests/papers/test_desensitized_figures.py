@@ -13,9 +13,10 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.papers.desensitized import figures
-from marsedl.papers.desensitized.gains import LAWS
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
+from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.records import (
+    LAWS,
+    SOLUTIONS,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -28,9 +29,9 @@ from marsedl.papers.desensitized.records import (
 )
 from marsedl.plotting.style import BLACK, BLUE, GREY, SKY, VERMILION, save_figure
 from marsedl.replication import artifacts
-from marsedl.replication.jobs import Slice
 
 DEGREE = np.pi / 180
+ERRORS = Simulation.given({"tabulated_error": 1000.0})
 RADIUS, CROSSRANGE, DOWNRANGE = range(3)
 CHANNELS = ("radius", "crossrange", "downrange")
 SWEEPS = {
@@ -126,7 +127,7 @@ def draw(gains, responses, tradeoff):
     """Draw a figure of the laws, from changed artifacts on demand."""
 
     def drawn(stem, changed_gains=None, changed_responses=None):
-        return getattr(figures, stem)(Slice({}), changed_gains or gains, changed_responses or responses)
+        return getattr(figures, stem)(changed_gains or gains, changed_responses or responses)
 
     return drawn
 
@@ -162,13 +163,13 @@ def drawn_laws(channel, compared):
 
 def test_fig01_shows_the_nominal_in_degrees(desensitized):
     nominal = desensitized.nominal("one_reversal")
-    bounds = Slice({"bank_rate_bound": 0.3, "bank_acceleration_bound": 0.09})
-    rate, acceleration = figures.fig01a(bounds, nominal).axes
+    vehicle = Vehicle.given({"bank_rate_bound": 0.3, "bank_acceleration_bound": 0.09})
+    rate, acceleration = figures.fig01a(vehicle, nominal).axes
     np.testing.assert_allclose(curves(rate)[0].get_ydata(), nominal.state[:, 7] * 180 / np.pi)
     np.testing.assert_allclose(acceleration.patches[0].get_data().values, nominal.bank_acceleration * 180 / np.pi)
     assert f"bound {0.3 * 180 / np.pi:g} deg/s" in rate.get_title(loc="right")
     assert not [line for line in rate.lines if line.get_linestyle() == "--"]  # a bound far away is not drawn
-    (axes,) = figures.fig01b(Slice({}), nominal).axes
+    (axes,) = figures.fig01b(nominal).axes
     (angle,) = curves(axes)
     np.testing.assert_allclose(angle.get_ydata(), nominal.state[:, 6] * 180 / np.pi)
     (mark,) = [line for line in axes.lines if line.get_marker() == "o"]
@@ -179,15 +180,15 @@ def test_fig01_shows_the_nominal_in_degrees(desensitized):
 
 def test_fig01_draws_a_bound_that_is_near(desensitized):
     nominal = desensitized.nominal("one_reversal")
-    bounds = Slice({"bank_rate_bound": 1.1 * nominal.largest_bank_rate, "bank_acceleration_bound": 9.0})
-    rate, acceleration = figures.fig01a(bounds, nominal).axes
+    vehicle = Vehicle.given({"bank_rate_bound": 1.1 * nominal.largest_bank_rate, "bank_acceleration_bound": 9.0})
+    rate, acceleration = figures.fig01a(vehicle, nominal).axes
     levels = sorted(line.get_ydata()[0] for line in rate.lines if line.get_linestyle() == "--")
     np.testing.assert_allclose(levels, np.array([-1.1, 1.1]) * nominal.largest_bank_rate / DEGREE)
     assert not acceleration.lines
 
 
 def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff):
-    figure = figures.fig02(Slice({}), tradeoff)
+    figure = figures.fig02(tradeoff)
     lines = curves(figure.axes[0])
     assert len(lines) == 7
     for number, line in enumerate(lines):
@@ -311,8 +312,7 @@ def test_one_surviving_flight_is_seen(draw, responses):
 
 
 def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, minima, desensitized_published):
-    inputs = Slice({"tabulated_error": 1000.0})
-    figure = figures.pareto(inputs, tradeoff, minima, desensitized_published)
+    figure = figures.pareto(ERRORS, tradeoff, minima, desensitized_published)
     axes, weight = figure.axes
     assert axes.get_yscale() == "log" and "1000 m" in axes.get_xlabel()
     error = np.linalg.norm(tradeoff.path_error, axis=1)
@@ -342,9 +342,7 @@ def test_pareto_labels_crowded_rows_together(tradeoff, minima):
     error = np.zeros((7, 3))
     error[:, 2] = [8000.0, 7990.0, 7000.0, 6995.0, 6300.0, 6000.0, 6000.5]
     effort = np.array([0.1, 0.1001, 0.3, 3.0, 4.0, 500.0, 6500.0])
-    (axes, _) = figures.pareto(
-        Slice({"tabulated_error": 1000.0}), replace(tradeoff, error=error, effort=effort), minima
-    ).axes
+    (axes, _) = figures.pareto(ERRORS, replace(tradeoff, error=error, effort=effort), minima).axes
     shown = [text.get_text() for text in axes.texts]
     assert shown == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
@@ -359,14 +357,14 @@ def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
     none = {f"curve_{name}": np.empty(0) for name in ("error", "effort", "weight", "final_bank")}
     none |= {"continued_solution": np.empty(0, int), "continued_error": np.empty((0, 3))}
     bare = replace(minima, **none, fold_weight=np.nan, fold_error=np.nan)
-    (axes,) = figures.pareto(Slice({"tabulated_error": 1000.0}), plain, bare).axes
+    (axes,) = figures.pareto(ERRORS, plain, bare).axes
     assert not [line for line in axes.lines if line.get_linestyle() == ":" or line.get_marker() == "x"]
-    figure = figures.pareto(Slice({"tabulated_error": 1000.0}), plain, replace(minima, fold_weight=np.nan))
+    figure = figures.pareto(ERRORS, plain, replace(minima, fold_weight=np.nan))
     assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
 
 
 def test_branches_are_drawn_with_their_energy_and_rolls_apart(minima):
-    figure = figures.branches(Slice({}), minima)
+    figure = figures.branches(minima)
     plain, rolling = figure.axes
     for axes, numbers in ((plain, (0, 1)), (rolling, (2, 3))):
         for number, line in zip(numbers, curves(axes), strict=True):
@@ -376,7 +374,7 @@ def test_branches_are_drawn_with_their_energy_and_rolls_apart(minima):
             assert f"{minima.effort[number]:.4g}" in line.get_label()
             assert f"from {minima.found[number]} of 20" in line.get_label()
     no_rolls = replace(minima, rolls=np.zeros(4, int))
-    assert len(figures.branches(Slice({}), no_rolls).axes) == 1
+    assert len(figures.branches(no_rolls).axes) == 1
 
 
 def test_gain_candidates_are_drawn_against_flights_without_feedback(gains):
@@ -390,7 +388,7 @@ def test_gain_candidates_are_drawn_against_flights_without_feedback(gains):
         all_sizes=sizes,
     )
     study.flown_error[3, 1] = np.nan
-    *panels, together = figures.gain_candidates(Slice({}), gains, study).axes
+    *panels, together = figures.gain_candidates(gains, study).axes
     for channel, (axes, numbers) in enumerate(zip(panels, ((1, 0), (2,), (4, 3)), strict=True)):
         plain, *lines = curves(axes)
         np.testing.assert_array_equal(plain.get_xdata(), sizes)
@@ -409,7 +407,7 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     final = np.einsum("lij,nj->lni", gains.final, errors)
     final[2, :7], final[3] = np.nan, np.nan
     ensemble = invented(FlightEnsemble, {"laws": 6}, final_error=final)
-    figure = figures.dispersion(Slice({"initial_deviations": deviations}), gains, ensemble)
+    figure = figures.dispersion(Ensemble.given({"initial_deviations": deviations}), gains, ensemble)
     for number, axes in enumerate(figure.axes):
         (dots,) = curves(axes, SKY, least=100)
         np.testing.assert_allclose(dots.get_xdata(), final[number, :2000, DOWNRANGE] / 1e3)
@@ -426,7 +424,7 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
 
 def test_dispersion_with_a_single_error_is_a_line(gains):
     ensemble = invented(FlightEnsemble, {"laws": 6, "trials": 5})
-    figure = figures.dispersion(Slice({"initial_deviations": np.array([0.0, 1000.0, 0.0])}), gains, ensemble)
+    figure = figures.dispersion(Ensemble.given({"initial_deviations": np.array([0.0, 1000.0, 0.0])}), gains, ensemble)
     for number, axes in enumerate(figure.axes):
         (curve,) = curves(axes, VERMILION)
         column = gains.final[number, [DOWNRANGE, CROSSRANGE], CROSSRANGE]
@@ -448,7 +446,7 @@ def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
         weight=np.array([0.0, 45.0]),
     )
     made.mesh_flown_error[1, 2, 3] = np.nan
-    figure = figures.discretisation(Slice({"intervals": 100, "tabulated_error": 1000.0}), made)
+    figure = figures.discretisation(Solver.given({"intervals": 100}), ERRORS, made)
     missed, wrong = figure.axes
     lines = [line for line in curves(missed) if line.get_marker() == "o"]
     assert len(lines) == 6
@@ -473,7 +471,7 @@ def test_minimum_fuel_shows_three_solutions_under_each_bound():
         bound=np.array([5.0, 0.1]) * np.pi / 180,
         time=time,
     )
-    figure = figures.minimum_fuel(Slice({}), made)
+    figure = figures.minimum_fuel(made)
     panels = np.reshape(figure.axes, (3, 2))
     for bound, (acceleration, angle, switching) in enumerate(panels.T):
         for place, (stairs, line) in enumerate(zip(acceleration.patches, curves(angle), strict=True)):
@@ -492,7 +490,7 @@ def test_minimum_fuel_that_was_not_found_is_left_out():
     for name in ("time", "bank", "bank_acceleration", "propellant"):
         getattr(made, name)[:, 1:] = np.nan
     made.switching[:] = np.nan
-    figure = figures.minimum_fuel(Slice({}), made)
+    figure = figures.minimum_fuel(made)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         figure.draw_without_rendering()
@@ -512,7 +510,7 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
         density_error=np.array([0.01, -0.01, 0.05, -0.05]),
     )
     made.density_flown_error[1, 2] = np.nan
-    figure = figures.further_perturbations(Slice({"density_error": 0.05}), tradeoff, made)
+    figure = figures.further_perturbations(Studies.given({"density_error": 0.05}), tradeoff, made)
     over_rows, energy, density, radius = figure.axes
     norms = np.linalg.norm(made.row_linear_error, axis=-1)
     for number, line in enumerate(curves(over_rows)):
@@ -544,14 +542,14 @@ def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, tmp_pa
         desensitized.stage(name, reading, **SMALL) for name in ("nominal", "tradeoff", "gains", "responses")
     )
     assert not gains.converged.all()
-    bounds = desensitized.inputs(reading, ("bank_rate_bound", "bank_acceleration_bound"))
+    inputs = desensitized.inputs(reading)
     drawn = {
-        "fig01a": figures.fig01a(bounds, nominal),
-        "fig01b": figures.fig01b(Slice({}), nominal),
-        "fig02": figures.fig02(Slice({}), tradeoff),
-        **{stem: getattr(figures, stem)(Slice({}), gains, responses) for stem in OF_LAWS},
-        "dispersion": figures.dispersion(
-            desensitized.inputs(reading, ("initial_deviations",)),
+        "fig01a": inputs.call(figures.fig01a, nominal),
+        "fig01b": figures.fig01b(nominal),
+        "fig02": figures.fig02(tradeoff),
+        **{stem: getattr(figures, stem)(gains, responses) for stem in OF_LAWS},
+        "dispersion": inputs.call(
+            figures.dispersion,
             gains,
             desensitized.ensemble(reading, "entry_errors", 40, **SMALL),
         ),

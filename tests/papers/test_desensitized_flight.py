@@ -2,7 +2,6 @@
 
 from functools import partial
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -13,18 +12,18 @@ from scipy.interpolate import CubicHermiteSpline
 from marsedl.models import atmosphere
 from marsedl.models.dynamics.entry import entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
-from marsedl.papers.desensitized import flight
+from marsedl.papers.desensitized import components, entry_problem, flight
+from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
 RADIUS, MU = 3397e3, 4.282837e13
 INTERVALS, FINAL_TIME = 100, 265.0
 STEP = FINAL_TIME / INTERVALS
-INPUTS = SimpleNamespace(
-    gravitational_parameter=MU,
-    planet_radius=RADIUS,
-    ballistic_coefficient=115.0,
-    lift_to_drag=0.18,
-    bank_acceleration_bound=np.radians(5.0),
-)
+INPUTS = {
+    "planet": Planet.given({"gravitational_parameter": MU, "planet_radius": RADIUS}),
+    "vehicle": Vehicle.given(
+        {"ballistic_coefficient": 115.0, "lift_to_drag": 0.18, "bank_acceleration_bound": np.radians(5.0)}
+    ),
+}
 SCALES = np.array([RADIUS, 1.0, 1.0, RADIUS / 20, RADIUS / 20, RADIUS / 20, 1.0, 1.0])
 GAIN = np.array([-0.06, -0.02, 0.055, -0.03, 0.03, 0.08, 0.0, 0.0]) / SCALES  # keeps trials near the nominal
 NARROW = 3.69e-3  # a bound that the nominal keeps and about half the trials reach
@@ -64,17 +63,17 @@ def perturbed(trials, seed=0, spread=SPREAD):
 
 
 def with_bound(bound):
-    return SimpleNamespace(**vars(INPUTS) | {"bank_acceleration_bound": bound})
+    return {**INPUTS, "vehicle": INPUTS["vehicle"].model_copy(update={"bank_acceleration_bound": bound})}
 
 
 def fly(initial, gain=OPEN, reference=REFERENCE, inputs=INPUTS, cells=CELLS, nodes=NODES, **options):
-    constants = flight.settings(inputs, nodes)
+    constants = flight.settings(**inputs, nodes=nodes)
     initial = np.atleast_2d(initial)
     return flight.fly(constants, cells, reference, gain, initial, **{"substeps": 5} | options)
 
 
 def fly_nominal(reference=REFERENCE, substeps=5, inputs=INPUTS):
-    return flight.fly_nominal(flight.settings(inputs, NODES), CELLS, reference, substeps)
+    return flight.fly_nominal(flight.settings(**inputs, nodes=NODES), CELLS, reference, substeps)
 
 
 def assert_identical(first, second, trials=slice(None), leave_out=()):
@@ -167,7 +166,7 @@ def test_flights_are_those_of_plain_numpy(bound):
     nominal = fly_nominal(inputs=with_bound(bound))
     np.testing.assert_allclose(nominal.T / SIZE[:8], expected[:, 9:, 0].T / SIZE[:8], rtol=0, atol=1e-11)
     assert (flown.outcome == COMPLETED).all() and (flown.length == 101).all()
-    clipped = (flown.observed[:, flight.COMMAND_MAGNITUDE] > bound).any(axis=0).mean()
+    clipped = (flown.observed[:, components.COMMAND_MAGNITUDE] > bound).any(axis=0).mean()
     assert (0.2 < clipped < 0.8) if bound == NARROW else clipped == 0.0
 
 
@@ -181,9 +180,9 @@ def test_observed_are_the_command_and_what_is_flown_of_it():
     np.testing.assert_allclose(acceleration, np.clip(command, -bound, bound), rtol=0, atol=1e-17)
     np.testing.assert_allclose(magnitude, np.abs(command), rtol=0, atol=1e-17)
     assert (flown.observed_maximum >= flown.observed.max(axis=0)).all()
-    assert (flown.observed_maximum[flight.COMMAND_MAGNITUDE] > flown.observed[:, 1].max(axis=0)).any()  # between
+    assert (flown.observed_maximum[components.COMMAND_MAGNITUDE] > flown.observed[:, 1].max(axis=0)).any()  # between
     np.testing.assert_allclose(flown.observed_maximum, flown.observed.max(axis=0), rtol=0.02)
-    assert flown.observed_maximum[flight.BANK_ACCELERATION].max() == bound < magnitude.max()
+    assert flown.observed_maximum[components.BANK_ACCELERATION].max() == bound < magnitude.max()
 
 
 @pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
@@ -191,7 +190,7 @@ def test_flights_are_those_of_an_adaptive_method(bound):
     """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
     initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
     flown = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
-    reached = flown.observed_maximum[flight.COMMAND_MAGNITUDE] > bound
+    reached = flown.observed_maximum[components.COMMAND_MAGNITUDE] > bound
     np.testing.assert_array_equal(reached, bound == NARROW)
     for trial in range(3):
         z = pairs(initial[trial : trial + 1])[:, 0]
@@ -243,7 +242,7 @@ def test_flights_are_of_fourth_order_in_the_step():
 def test_in_vacuum_energy_and_angular_momentum_stay():
     vacuum = atmosphere.uniform_cells(np.full(311, -2000.0), np.zeros(311), 1e3)
     initial = perturbed(3)
-    initial[:, flight.RADIAL_VELOCITY] = 500.0  # up, so that it stays above the ground
+    initial[:, components.RADIAL_VELOCITY] = 500.0  # up, so that it stays above the ground
     flown = fly(initial, cells=vacuum, substeps=10)
     h, phi, theta, v_r, v_n, v_e = np.moveaxis(flown.history, 1, 0)[:6]
     assert np.ptp(h) > 50e3 and (flown.outcome == COMPLETED).all()
@@ -269,19 +268,21 @@ def test_without_perturbation_every_gain_flies_the_nominal_to_the_last_bit(gain,
     flown = fly(np.tile(start, (70, 1)), gain, reference)
     np.testing.assert_array_equal(flown.history[:, :8], np.repeat(nominal[..., np.newaxis], 70, axis=2))
     control = np.append(reference.bank_acceleration, reference.bank_acceleration[-1])
-    np.testing.assert_array_equal(flown.observed[:, flight.BANK_ACCELERATION], np.repeat(control[:, np.newaxis], 70, 1))
+    np.testing.assert_array_equal(
+        flown.observed[:, components.BANK_ACCELERATION], np.repeat(control[:, np.newaxis], 70, 1)
+    )
     total = np.abs(reference.bank_acceleration).sum() * STEP
-    np.testing.assert_allclose(flown.final_state[flight.CUMULATIVE], total, rtol=1e-13)
+    np.testing.assert_allclose(flown.final_state[components.CUMULATIVE], total, rtol=1e-13)
 
 
 def test_the_bank_of_the_nominal_is_the_integral_of_its_acceleration():
     nominal = fly_nominal()
     time = STEP * np.arange(INTERVALS + 1)
     u = REFERENCE.bank_acceleration
-    rate = ENTRY[flight.BANK_RATE] + STEP * np.append(0.0, np.cumsum(u))
-    bank = ENTRY[flight.BANK] + np.append(0.0, np.cumsum(STEP * rate[:-1] + 0.5 * STEP**2 * u))
-    np.testing.assert_allclose(nominal[:, flight.BANK_RATE], rate, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(nominal[:, flight.BANK], bank, rtol=0, atol=1e-13)
+    rate = ENTRY[components.BANK_RATE] + STEP * np.append(0.0, np.cumsum(u))
+    bank = ENTRY[components.BANK] + np.append(0.0, np.cumsum(STEP * rate[:-1] + 0.5 * STEP**2 * u))
+    np.testing.assert_allclose(nominal[:, components.BANK_RATE], rate, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(nominal[:, components.BANK], bank, rtol=0, atol=1e-13)
     assert np.abs(bank - bank_profile(time)[0]).max() < 0.01  # so it flies what the profile says
 
 
@@ -291,7 +292,7 @@ def test_a_nominal_at_its_bound_is_flown_and_one_beyond_is_refused():
     nominal = fly_nominal(inputs=with_bound(bound))
     flown = fly(ENTRY, 1e3 * GAIN, inputs=with_bound(bound))
     np.testing.assert_array_equal(flown.history[:, :8, 0], nominal)
-    assert flown.observed_maximum[flight.COMMAND_MAGNITUDE, 0] == bound
+    assert flown.observed_maximum[components.COMMAND_MAGNITUDE, 0] == bound
     worst = np.argmax(np.abs(REFERENCE.bank_acceleration))
     with pytest.raises(ValueError, match=f"bank acceleration on interval {worst}.*beyond its bound"):
         fly(ENTRY, inputs=with_bound(0.999 * bound))
@@ -321,11 +322,11 @@ def other_controls(seed):
 def test_a_downrange_error_without_feedback_stays_what_it_is(reference, distance):
     nominal = fly_nominal(reference)
     shifted = ENTRY.copy()
-    shifted[flight.LONGITUDE] += distance / RADIUS
+    shifted[components.LONGITUDE] += distance / RADIUS
     states = fly(shifted, reference=reference).history[:, :8, 0]
-    others = np.arange(8) != flight.LONGITUDE
+    others = np.arange(8) != components.LONGITUDE
     np.testing.assert_array_equal(states[:, others], nominal[:, others])
-    errors = flight.position_errors(states, nominal, RADIUS)
+    errors = entry_problem.position_errors(states, nominal, RADIUS)
     # Rounding of 500 steps.
     np.testing.assert_allclose(errors, np.broadcast_to([0.0, 0.0, distance], errors.shape), rtol=0, atol=1e-9)
 
@@ -343,21 +344,21 @@ def test_a_crossrange_error_without_feedback_turns_the_trajectory(reference):
     for distance in (1.0, 1e3, 100e3):
         angle = distance / RADIUS
         shifted = ENTRY.copy()
-        shifted[flight.LATITUDE] += angle
+        shifted[components.LATITUDE] += angle
         states = fly(shifted, reference=reference, substeps=20).history[:, :8, 0]
         cos, sin = np.cos(angle), np.sin(angle)
         turned = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]]) @ position(nominal)
         np.testing.assert_allclose(position(states), turned, rtol=0, atol=1e-6)
         if distance <= 1e3:
-            errors = flight.position_errors(states[-1], nominal[-1], RADIUS)
-            longitude = nominal[-1, flight.LONGITUDE]
+            errors = entry_problem.position_errors(states[-1], nominal[-1], RADIUS)
+            longitude = nominal[-1, components.LONGITUDE]
             np.testing.assert_allclose(errors[1], distance * np.cos(longitude), rtol=1e-6)
             assert abs(errors[0]) < 1e-5 and abs(errors[2]) < 2e-3 * distance
-    assert 0.15 < nominal[-1, flight.LONGITUDE] < 0.3
+    assert 0.15 < nominal[-1, components.LONGITUDE] < 0.3
 
 
 def test_the_mirror_image_flies_the_mirror_image():
-    odd = np.isin(np.arange(8), (flight.LATITUDE, flight.NORTH_VELOCITY, flight.BANK, flight.BANK_RATE))
+    odd = np.isin(np.arange(8), (components.LATITUDE, components.NORTH_VELOCITY, components.BANK, components.BANK_RATE))
     sign = np.where(odd, -1.0, 1.0)
     mirrored = flight.Reference(sign * ENTRY, -REFERENCE.bank_acceleration, FINAL_TIME)
     initial, factor = perturbed(70), np.random.default_rng(1).uniform(0.9, 1.1, 70)
@@ -408,7 +409,7 @@ def test_the_cumulative_acceleration_is_that_of_a_quadrature():
     later = np.abs(np.clip(control + feedback[2::2], -NARROW, NARROW))
     expected = np.cumsum(STEP / 6.0 * (ends + 4.0 * middles + later), axis=0)
     # Not closer for the corners where the sign changes and where the bound is reached.
-    np.testing.assert_allclose(flown.history[2::2, flight.CUMULATIVE], expected, rtol=1e-5)
+    np.testing.assert_allclose(flown.history[2::2, components.CUMULATIVE], expected, rtol=1e-5)
     assert np.abs(expected[-1] / (STEP * np.abs(control).sum()) - 1.0).max() > 1e-3  # the feedback does count
 
 
@@ -473,16 +474,16 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone():
     for name in ("history", "observed", "observed_maximum", "final_state", "length"):
         np.testing.assert_array_equal(getattr(mixed, name)[..., ~steep], getattr(healthy, name)[..., ~steep])
     final = mixed.final_state[:, steep]
-    assert (final[flight.ALTITUDE] < 0.0).all() and np.isfinite(final).all()
+    assert (final[components.ALTITUDE] < 0.0).all() and np.isfinite(final).all()
     assert np.isfinite(mixed.observed_maximum).all()
     trial = np.flatnonzero(steep)[0]
     length, stored = mixed.length[trial], mixed.history[:, :, trial]
-    assert 1 < length < 101 and (stored[:length, flight.ALTITUDE] >= 0.0).all()
+    assert 1 < length < 101 and (stored[:length, components.ALTITUDE] >= 0.0).all()
     assert np.isfinite(stored[:length]).all() and np.isnan(stored[length:]).all()
     assert np.isnan(mixed.observed[length:, :, trial]).all()
     # It is frozen where it came below: within a step of the surface, not an interval.
-    depth = -final[flight.ALTITUDE, 0]
-    assert depth < STEP / 5 * -final[flight.RADIAL_VELOCITY, 0]
+    depth = -final[components.ALTITUDE, 0]
+    assert depth < STEP / 5 * -final[components.RADIAL_VELOCITY, 0]
     few = fly(initial, GAIN, every=10)
     np.testing.assert_array_equal(few.final_state, mixed.final_state)
     np.testing.assert_array_equal(few.length, (10 * np.arange(11)[:, np.newaxis] < mixed.length).sum(axis=0))
@@ -495,7 +496,7 @@ def test_a_crash_in_the_last_step_is_one():
         control = REFERENCE.bank_acceleration[:number]
         flown = fly(STEEP, GAIN, flight.Reference(ENTRY, control, number * STEP), substeps=1)
         assert flown.outcome[0] == outcome and flown.length[0] == intervals
-        assert (flown.final_state[flight.ALTITUDE, 0] < 0.0) == (outcome == CRASHED)
+        assert (flown.final_state[components.ALTITUDE, 0] < 0.0) == (outcome == CRASHED)
     np.testing.assert_allclose(flown.final_state / SIZE, whole.final_state / SIZE, rtol=0, atol=1e-12)
     # In the group that flies on, nothing of what the trial would do below the ground counts.
     np.testing.assert_allclose(flown.observed_maximum, whole.observed_maximum, rtol=1e-12)
@@ -503,7 +504,7 @@ def test_a_crash_in_the_last_step_is_one():
 
 def test_the_largest_command_may_be_the_last():
     flown = fly(perturbed(70), GAIN, flight.Reference(ENTRY, np.zeros(30), 30 * STEP), substeps=1)
-    magnitude = flown.observed[:, flight.COMMAND_MAGNITUDE]
+    magnitude = flown.observed[:, components.COMMAND_MAGNITUDE]
     assert (magnitude.argmax(axis=0) == 30).mean() > 0.5
     np.testing.assert_array_equal(flown.observed_maximum, flown.observed.max(axis=0))  # with one step per interval
 
@@ -532,18 +533,18 @@ def test_huge_gains_fly_at_the_bound():
     initial = perturbed(70)
     flown = fly(initial, 1e12 * GAIN)
     assert np.isin(flown.outcome, (COMPLETED, CRASHED)).all()
-    bound = INPUTS.bank_acceleration_bound
+    bound = INPUTS["vehicle"].bank_acceleration_bound
     assert np.nanmax(np.abs(flown.observed[:, 0])) == bound and flown.observed_maximum[1].min() > 1e5
 
 
 def test_errors_are_in_metres_of_one_radius():
     nominal = np.array([10e3, 0.1, 0.2, 1.0, 2.0, 3.0, 4.0, 5.0])
     states = nominal + np.array([[[3.0, 0.0, 0.0]], [[0.0, 1e-3, -2e-3]]]) @ np.eye(3, 8)
-    found = flight.position_errors(states, nominal, 3e6)
+    found = entry_problem.position_errors(states, nominal, 3e6)
     assert found.shape == (2, 1, 3)
     np.testing.assert_allclose(found[:, 0], [[3.0, 0.0, 0.0], [0.0, 3e3, -6e3]], rtol=0, atol=1e-8)
     flown = fly(perturbed(3))
-    errors = flight.position_errors(np.moveaxis(flown.history, 1, -1), fly_nominal()[:, np.newaxis], RADIUS)
+    errors = entry_problem.position_errors(np.moveaxis(flown.history, 1, -1), fly_nominal()[:, np.newaxis], RADIUS)
     assert errors.shape == (101, 3, 3)
     np.testing.assert_allclose(errors[0], (perturbed(3) - ENTRY)[:, :3] * [1.0, RADIUS, RADIUS], rtol=0, atol=1e-8)
 
@@ -577,6 +578,6 @@ def test_what_does_not_fit_is_refused():
         with pytest.raises(ValueError, match="final_time of the reference must be positive"):
             fly(ENTRY, reference=REFERENCE._replace(final_time=bad))
     with pytest.raises(ValueError, match="bank_acceleration_bound must be positive"):
-        flight.settings(with_bound(0.0), NODES)
+        flight.settings(**with_bound(0.0), nodes=NODES)
     with pytest.raises(ValueError, match="spacing of the nodes must be positive"):
-        flight.settings(INPUTS, NODES._replace(spacing=0.0))
+        flight.settings(**INPUTS, nodes=NODES._replace(spacing=0.0))

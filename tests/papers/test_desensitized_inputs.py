@@ -10,11 +10,10 @@ import pytest
 from marsedl.methods.collocation import NotConvergedError
 from marsedl.papers.desensitized import entry_problem, tradeoff
 from marsedl.papers.desensitized.entry_problem import STATES
-from marsedl.papers.desensitized.inputs import MODEL
+from marsedl.papers.desensitized.inputs import MODEL, Design, Solver
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.replication.errors import InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "desensitized.yaml"
@@ -28,8 +27,11 @@ ONE_REVERSAL = {
 
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
-    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    overlay = {"readings": {"mine": {"based_on": based_on, "inputs": own}}}
+    sections = {key: section for section, of in MODEL.sections().items() for key in of.keys()}  # noqa: SIM118
+    own = {}
+    for key, value in inputs.items():
+        own.setdefault(sections.get(key, "vehicle"), {})[key] = {"value": value, "source": "assumed: test"}
+    overlay = {"readings": {"mine": {"based_on": based_on} | own}}
     return load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
 
 
@@ -49,8 +51,8 @@ def reading_of(based_on="corrected", **inputs):
         ({"infinite_weights": [1e7, 1e6]}, ["infinite_weights does not increase: 1e+07, 1e+06"]),
         ({"weight_path": [0.1, 0.1]}, ["weight_path does not increase: 0.1, 0.1"]),
         ({"weight_path": []}, ["weight_path"]),
-        ({"initial_bank_rate_deg_s": -21.0}, ["initial_bank_rate lies beyond bank_rate_bound"]),
-        ({"final_bank_rate_deg_s": 21.0}, ["final_bank_rate lies beyond bank_rate_bound"]),
+        ({"initial_bank_rate_deg_s": -21.0}, ["initial_bank_rate lies beyond vehicle.bank_rate_bound"]),
+        ({"final_bank_rate_deg_s": 21.0}, ["final_bank_rate lies beyond vehicle.bank_rate_bound"]),
         ({"final_altitude_km": 127.0}, ["final_altitude is not below entry_altitude"]),
         ({"studied_intervals": [50, 120]}, ["studied_intervals", "multiple"]),
         ({"studied_intervals": [100, 100]}, ["studied_intervals", "larger"]),
@@ -74,7 +76,7 @@ def reading_of(based_on="corrected", **inputs):
         ({"density_profile": "table"}, ["density_table names none"]),
         ({"downrange_gain_start": [0.0, 0.0, 0.0]}, ["downrange_gain_start"]),
         ({"initial_deviations": [200.0, -1.0, 200.0]}, ["initial_deviations", "greater than or equal to 0"]),
-        ({"inital_bank_deg": 0.0}, ["inital_bank_deg", "did you mean 'initial_bank_deg'"]),
+        ({"roll_inerta": 0.0}, ["roll_inerta", "did you mean 'roll_inertia'"]),
     ],
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
@@ -82,7 +84,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: desensitized.readings.mine") and "\n" not in said
     for fragment in fragments:
         assert fragment in said
 
@@ -90,21 +92,22 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
 def test_bank_conditions_are_free_or_values_in_degrees():
     """Every one may be freed or fixed; those of `corrected` are free but for the rate at entry."""
     mine = reading_of(initial_bank_rate_deg_s=None, final_bank_deg=-90.0, final_bank_rate_deg_s=20.0).inputs
-    assert mine.initial_bank is mine.initial_bank_rate is None
-    assert (mine.final_bank, mine.final_bank_rate) == pytest.approx((-np.pi / 2, np.pi / 9))
-    plain = reading_of().inputs
+    ends = mine.mission
+    assert ends.initial_bank is ends.initial_bank_rate is None
+    assert (ends.final_bank, ends.final_bank_rate) == pytest.approx((-np.pi / 2, np.pi / 9))
+    plain = reading_of().inputs.mission
     assert plain.initial_bank_rate == 0.0 and plain.initial_bank is plain.final_bank is plain.final_bank_rate is None
-    declared = entry_problem.problem(mine)
+    declared = entry_problem.problem(mine.planet, mine.vehicle, ends)
     assert "bank" not in declared.initial and "bank_rate" not in declared.initial
-    assert declared.final["bank"] == mine.final_bank and declared.final["bank_rate"] == mine.final_bank_rate
+    assert declared.final["bank"] == ends.final_bank and declared.final["bank_rate"] == ends.final_bank_rate
 
 
 def test_the_frozen_reading_is_a_base_for_what_ifs(desensitized):
     printed = desensitized.study.readings["printed"]
-    assert printed.frozen and printed.inputs.initial_bank_rate is None
+    assert printed.frozen and printed.inputs.mission.initial_bank_rate is None
     mine = reading_of("printed", intervals=50).inputs
-    assert mine.intervals == 50 and mine.initial_bank_rate is None
-    assert mine.bank_acceleration_bound == pytest.approx(np.radians(5.0), rel=1e-15)
+    assert mine.solver.intervals == 50 and mine.mission.initial_bank_rate is None
+    assert mine.vehicle.bank_acceleration_bound == pytest.approx(np.radians(5.0), rel=1e-15)
 
 
 # --- refusals of the stages -------------------------------------------------------------------------------------------
@@ -178,7 +181,7 @@ def table():
     )
     return {
         "density_profile": "table",
-        "density_table": np.array(mine.slice(["density_table"])["density_table"]),
+        "density_table": mine.inputs.planet.density_table,
     }
 
 
@@ -210,7 +213,7 @@ def test_a_table_of_the_closed_fit_gives_its_nominal(desensitized):
 def test_guesses_fly_their_bank_profile(desensitized, width):
     """Steps of any steepness, without an overflow; the bank angle is the integral of the flown rates."""
     inputs = desensitized.stage_inputs("corrected", "nominal", guess_width=width, intervals=400)
-    guess = entry_problem.profile_guess(inputs, np.radians([-80.0, 40.0, -60.0]), [61.2, 211.2], 265.0)
+    guess = inputs.call(entry_problem.profile_guess, np.radians([-80.0, 40.0, -60.0]), [61.2, 211.2], 265.0)
     assert guess.states.shape == (401, 8) and guess.controls.shape == (400, 1) and guess.final_time == 265.0
     bank, rate = guess.states[:, 6], guess.states[:, 7]
     time = np.linspace(0.0, 265.0, 401)
@@ -295,7 +298,7 @@ def test_control_energies_that_no_solution_has_are_refused(wanted):
 def test_rows_are_the_first_points_with_their_energy(monkeypatch):
     """By the bracket that comes first along the path, also where a later branch passes the energy again."""
 
-    def solved(inputs, case, transcribed, guess, weight, **options):
+    def solved(solver, case, transcribed, guess, weight, **options):
         assert case == "control energy 1.5" and guess is not None
         return path_of([1.0 + weight**2], [0], [weight])[0].solution
 
@@ -311,7 +314,7 @@ def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):
     monkeypatch.setattr(
         tradeoff.entry_problem,
         "solve",
-        lambda inputs, case, transcribed, guess, weight, **options: (
+        lambda solver, case, transcribed, guess, weight, **options: (
             path_of([0.14 if weight < 0.036 else 0.05], [0], [weight])[0].solution
         ),
     )
@@ -331,15 +334,16 @@ def test_a_path_that_ends_says_where(monkeypatch):
 
     tried = []
 
-    def solved(inputs, case, transcribed, guess, weight, barrier, **options):
+    def solved(solver, case, transcribed, guess, weight, barrier, **options):
         tried.append(barrier)
         raise SolverError(f"{case}: the solver ended with nothing", {"time": np.zeros(2)})
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
-    inputs = Slice({"branch_tolerance": 1.0, "solver_tolerance": 1e-8, "solver_iterations": 5})
+    solver = Solver.given({"solver_tolerance": 1e-8, "solver_iterations": 5})
+    design = Design.given({"branch_tolerance": 1.0})
     first = path_of([0.1], [0])[0].solution
     with pytest.raises(SolverError) as error:
-        tradeoff.follow(inputs, Stuck(), first, [1.0])
+        tradeoff.follow(solver, design, Stuck(), first, [1.0])
     said = str(error.value)
     assert "stops at 0.5, and 0.6 beyond a branch: the solver ended with nothing" in said
     assert "weight_path with smaller steps" in said and list(error.value.iterate) == ["time"]
@@ -349,17 +353,17 @@ def test_a_path_that_ends_says_where(monkeypatch):
 def test_messages_hold_sensitivities_of_the_last_iterate(desensitized):
     """A weighted solve that is cut short shows its columns too."""
     inputs = desensitized.stage_inputs("corrected", "tradeoff", solver_iterations=1)
-    extended, transcribed = tradeoff.prepared(inputs)
+    extended, transcribed = inputs.call(tradeoff.prepared)
     nominal = desensitized.nominal()
     guess = extended.guess(tradeoff.as_guess(nominal), entry_problem.given())
     with pytest.raises(SolverError, match=r"^some weight: the solver ended with Maximum_Iterations") as error:
-        entry_problem.solve(inputs, "some weight", transcribed, guess, weight=10.0)
+        inputs.call(entry_problem.solve, "some weight", transcribed, guess, weight=10.0)
     assert isinstance(error.value.__cause__, NotConvergedError)
     assert {"altitude/radius", "bank_acceleration"} <= set(error.value.iterate)
 
 
-def test_inputs_of_a_stage_are_those_it_declared(desensitized):
-    inputs = desensitized.stage_inputs("corrected", "responses")
-    assert isinstance(inputs, Slice)
-    with pytest.raises(AttributeError, match="'weight_path' is not declared for this stage"):
-        _ = inputs.weight_path
+def test_inputs_of_a_stage_are_those_it_reads(desensitized):
+    vehicle = desensitized.stage_inputs("corrected", "responses").vehicle
+    assert vehicle.lift_to_drag == 0.18
+    with pytest.raises(AttributeError, match="the input 'roll_arm' was not given"):
+        _ = vehicle.roll_arm

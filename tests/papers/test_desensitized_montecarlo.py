@@ -13,11 +13,13 @@ from marsedl.models.atmosphere import temperature_pressure_fit
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import environment, flight, montecarlo, responses
+from marsedl.papers.desensitized import entry_problem, environment, flight, montecarlo, responses
 from marsedl.papers.desensitized import gains as design
-from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS
-from marsedl.papers.desensitized.gains import LAWS, flown_law
+from marsedl.papers.desensitized.entry_problem import BANK
+from marsedl.papers.desensitized.gains import flown_law
+from marsedl.papers.desensitized.records import CHANNELS, LAWS
 from marsedl.replication import artifacts
+from marsedl.replication.catalogue import Trial
 
 RADIUS = 3397e3
 DEGREE = np.pi / 180.0
@@ -41,9 +43,9 @@ def final(found, law, channel):
 def flown(desensitized, law, channel, sizes, made=None, **options):
     """Final errors (sizes, 3) of errors of one channel under a law, by its number."""
     inputs = desensitized.stage_inputs("corrected", "responses")
-    return environment.final_errors(
-        inputs,
-        environment.surroundings(inputs),
+    return inputs.call(
+        environment.final_errors,
+        inputs.call(environment.surroundings),
         *flown_law(made or desensitized.gains(), law),
         environment.along_channel(CHANNELS.index(channel), sizes),
         **options,
@@ -168,8 +170,8 @@ def printed(desensitized):
     made = desensitized.gains()
     gain = made.gain.copy()
     inputs = desensitized.stage_inputs("corrected", "gains")
-    gain[FIRST : FIRST + 3] = [design.gain_vector(inputs, scaled) for scaled in PRINTED_GAINS]
-    return responses.compute(desensitized.stage_inputs("corrected", "responses"), replace(made, gain=gain))
+    gain[FIRST : FIRST + 3] = [inputs.call(entry_problem.gain_vector, scaled) for scaled in PRINTED_GAINS]
+    return desensitized.stage_inputs("corrected", "responses").call(responses.compute, replace(made, gain=gain))
 
 
 # Deviations of the bank angle (deg), at every tenth node.
@@ -344,7 +346,7 @@ def test_lost_flights_are_told(desensitized):
     assert lost[law, 2, 0] and not lost[:2].any()
     inputs = desensitized.stage_inputs("corrected", "responses", drawn_errors=np.array([200.0, 1000.0, 1000.0]))
     size = np.full((3, 1), 1000.0)
-    one = responses.flown(inputs, *flown_law(desensitized.gains(), law), size, size)
+    one = inputs.call(responses.flown, *flown_law(desensitized.gains(), law), size, size)
     gone = np.isnan(one["state"][2]).any(axis=1)
     first = np.flatnonzero(gone)[0]
     assert 50 < first < 100 and gone[first:].all() and not gone[:first].any()
@@ -367,7 +369,7 @@ def doomed(desensitized):
 
 def test_a_law_whose_own_nominal_is_lost_does_not_stop_the_others(desensitized, doomed, tmp_path):
     inputs = desensitized.stage_inputs("corrected", "responses")
-    found = responses.compute(inputs, doomed)
+    found = inputs.call(responses.compute, doomed)
     assert np.isnan(found.nominal[FIRST, -1]).all() and np.isnan(found.wide_error[FIRST]).all()
     assert np.isfinite(found.nominal_cumulative).all()
     usual = desensitized.responses()
@@ -472,6 +474,12 @@ def test_every_law_gets_the_same_errors(desensitized):
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 1.0
 
 
+def simulator(desensitized, law):
+    """The function `simulate_block` under a law."""
+    inputs = desensitized.stage_inputs("corrected", "montecarlo_chunk")
+    return inputs.call(montecarlo.block_simulator, desensitized.gains(), law)
+
+
 def test_results_do_not_depend_on_chunks(desensitized):
     made = desensitized.gains()
     whole, scattered = (desensitized.fly("corrected", made, trials=250, chunks=n, block_size=50) for n in (1, 3))
@@ -480,16 +488,13 @@ def test_results_do_not_depend_on_chunks(desensitized):
     larger = desensitized.ensemble()
     for name in ("final_state", "outcome", "final_error", "observed_maximum"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(larger, name)[:, :250], err_msg=name)
-    inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    direct = montecarlo.compute(inputs, made, case="entry_errors", trials=250, block_size=50)
-    np.testing.assert_array_equal(direct.covariance, whole.covariance)
 
 
 def test_ensembles_hold_what_was_flown(desensitized):
     """Moments and histograms of a run in blocks, from the trials themselves."""
     ensemble = desensitized.fly("corrected", desensitized.gains(), trials=150, block_size=50)
     for law in (PLAIN, FIRST):
-        trials = desensitized.simulator("entry_errors", changes={"number": law})(0, 150)
+        trials = simulator(desensitized, law)(0, 150)
         np.testing.assert_array_equal(ensemble.final_state[law], trials.final_state.T)
         np.testing.assert_array_equal(ensemble.kept_history[law], trials.history[..., :12].transpose(2, 0, 1))
         for k in (0, 7, 20):
@@ -532,21 +537,21 @@ def test_gains_for_one_channel_spoil_the_others(desensitized):
 def test_a_trial_flown_alone_is_that_of_the_ensemble(desensitized, number):
     made, ensemble = desensitized.gains(), desensitized.ensemble()
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    said = montecarlo.replay(inputs, made, case="entry_errors", number=number, ensemble=ensemble)
+    said = inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number, ensemble))
     assert said.count("the same to the last bit") == 6 and "DIFFERS" not in said
     for law, name in enumerate(LAWS):
         assert f"trial {number}, law {name}: {montecarlo.OUTCOMES[int(ensemble.outcome[law, number])]}" in said
     assert f"{ensemble.final_state[PLAIN, number, 0]:18.9f}" in said
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
-    assert "DIFFERS" in montecarlo.replay(inputs, made, case="entry_errors", number=number, ensemble=other)
-    assert "bit" not in montecarlo.replay(inputs, made, case="entry_errors", number=number)
+    assert "DIFFERS" in inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number, other))
+    assert "bit" not in inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number))
 
 
 def test_a_lost_trial_is_replayed_as_lost(desensitized):
     ensemble = desensitized.ensemble()
     number = int(np.flatnonzero(ensemble.outcome[FIRST] == CRASHED)[0])
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    said = montecarlo.replay(inputs, desensitized.gains(), case="entry_errors", number=number, ensemble=ensemble)
+    said = inputs.call(montecarlo.replay, desensitized.gains(), trial=Trial("entry_errors", number, ensemble))
     assert f"trial {number}, law radius: below the ground" in said and "DIFFERS" not in said
 
 
@@ -562,7 +567,7 @@ def test_a_finer_nominal_is_flown_as_well(desensitized):
     found = desensitized.nominal("corrected", intervals=50)
     law = design.Law(found.time, found.state, found.bank_acceleration)
     inputs = desensitized.stage_inputs("corrected", "gains", intervals=50)
-    made = design.described(inputs, [law] * len(LAWS))
+    made = inputs.call(design.described, [law] * len(LAWS))
     ensemble = desensitized.fly("corrected", made, trials=10)
     assert ensemble.time.shape == (6, 26) and ensemble.time[0, -1] == found.time[-1]
     np.testing.assert_allclose(made.final[0], desensitized.gains().final[0], rtol=0, atol=0.05)
@@ -574,4 +579,4 @@ def test_flights_refuse_a_nominal_beyond_the_bound(desensitized):
     made = desensitized.gains()
     inputs = desensitized.stage_inputs("corrected", "responses", bank_acceleration_bound=0.03 * DEGREE)
     with pytest.raises(ValueError, match=r"bank acceleration on interval \d+, .* is beyond its bound"):
-        flight.fly_nominal(*environment.surroundings(inputs), flown_law(made, PLAIN)[0], 5)
+        flight.fly_nominal(*inputs.call(environment.surroundings), flown_law(made, PLAIN)[0], 5)

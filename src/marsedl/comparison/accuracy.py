@@ -9,6 +9,7 @@ from marsedl.comparison.records import COLORS, NAMES, number
 from marsedl.methods.sensitivity import midpoint_responses, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
+from marsedl.papers.desensitized import inputs as desensitized_inputs
 from marsedl.papers.desensitized.records import FlightEnsemble as DesensitizedFlights
 from marsedl.papers.desensitized.records import Gains as DesensitizedGains
 from marsedl.papers.desensitized.tables import LAW_NAMES
@@ -113,12 +114,14 @@ def random_field(gains: RandomFieldGains, aerocapture: RandomFieldFlights) -> li
     return found
 
 
-def desensitized(inputs, gains: DesensitizedGains, entry_errors: DesensitizedFlights) -> list[Deviation]:
+def desensitized(
+    ensemble: desensitized_inputs.Ensemble, gains: DesensitizedGains, entry_errors: DesensitizedFlights
+) -> list[Deviation]:
     """Every law: final position errors of position errors at entry, by the sensitivity."""
     quantities = (("altitude", "m"), ("crossrange", "m"), ("downrange", "m"))
     found = []
     for name, final, flown in zip(gains.law, gains.final, entry_errors.final_error, strict=True):
-        predicted = _deviation(final @ np.diag(inputs.initial_deviations**2) @ final.T)
+        predicted = _deviation(final @ np.diag(ensemble.initial_deviations**2) @ final.T)
         found += deviations(LAW_NAMES[str(name)], quantities, predicted, flown)
     return found
 

@@ -8,6 +8,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
 from marsedl.papers.density import profile
+from marsedl.papers.desensitized import inputs as desensitized_inputs
 from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
 from marsedl.papers.funnels.environment import log_density
 from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
@@ -62,15 +63,17 @@ def random_field(air: random_field_inputs.Air, nominal: RandomFieldNominal) -> D
     )
 
 
-def desensitized(inputs, nominal: DesensitizedNominal) -> Density:
+def desensitized(
+    planet: desensitized_inputs.Planet, studies: desensitized_inputs.Studies, nominal: DesensitizedNominal
+) -> Density:
     """A density that is known; the further perturbations fly constant errors of it."""
     return Density(
         _range(nominal.state[:, 0]),
-        PROFILES[inputs.density_profile],
+        PROFILES[planet.density_profile],
         "none in the paper",
         "constant error, beyond the paper",
-        profile(inputs)(ALTITUDE)[0],
-        _about_one(np.full(ALTITUDE.shape, inputs.density_error)),
+        profile(planet)(ALTITUDE)[0],
+        _about_one(np.full(ALTITUDE.shape, studies.density_error)),
         ":",
     )
 

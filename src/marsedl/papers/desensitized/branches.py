@@ -28,17 +28,16 @@ from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import effort, final_error, prepared
 from marsedl.replication.catalogue import stage
-from marsedl.replication.jobs import Slice
 
 SEARCH_STREAM, SHAKE_STREAM = 2, 3  # of the random numbers; gains and flights use others
 SWITCHES = 4  # most changes of the bank angle in a random guess
 SEARCH_ITERATIONS = 150  # a start that has not led to a solution by then seldom does
 SHAKE = 2.0 * entry_problem.DEGREE  # standard deviation of what is added to a bank angle to see whether it comes back
-CONDITIONS = ("initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
 CURVE_POINTS = 12
 FOLD_TOLERANCE = 1e-4  # of the error at a fold; the weight there is known to the square of it
 SMALLEST_STEP = 0.05  # of the way to the next value; a branch that needs shorter steps ends
@@ -55,34 +54,47 @@ class Candidate(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Branches:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    ensemble: Ensemble,
+    studies: Studies,
+    nominal: Nominal,
+    tradeoff: Tradeoff,
+) -> Branches:
     """Collect local minima, vary the conditions on the bank, and follow the branches."""
-    found = catalogue(inputs, nominal, tradeoff)
+    found = catalogue(planet, vehicle, mission, solver, design, ensemble, studies, nominal, tradeoff)
     solutions, number = found.solutions, found.nominal
-    held = error_program(inputs)
-    curve, fold = nominal_curve(inputs, held, solutions[number], tradeoff)
-    extended, continued = continued_branches(inputs, solutions, number, tradeoff)
-    errors = np.array([catalogue_error(inputs, solution) for solution in solutions])
+    held = error_program(planet, vehicle, mission, solver, design)
+    curve, fold = nominal_curve(planet, solver, design, simulation, held, solutions[number], tradeoff)
+    extended, continued = continued_branches(planet, vehicle, mission, solver, design, solutions, number, tradeoff)
+    errors = np.array(
+        [catalogue_error(planet, vehicle, mission, design, simulation, solution) for solution in solutions]
+    )
     candidates = [
         *(Candidate(k, effort(s), np.linalg.norm(e)) for k, (s, e) in enumerate(zip(solutions, errors, strict=True))),
-        *(Candidate(number, effort(s), given_error(inputs, s)) for s in curve),
-        *(Candidate(k, effort(s), np.linalg.norm(final_error(inputs, extended, s))) for k, s in continued),
-        *at_row_errors(inputs, held, solutions, errors, number, tradeoff),
+        *(Candidate(number, effort(s), given_error(simulation, s)) for s in curve),
+        *(Candidate(k, effort(s), np.linalg.norm(final_error(planet, simulation, extended, s))) for k, s in continued),
+        *at_row_errors(planet, solver, design, simulation, held, solutions, errors, number, tradeoff),
     ]
     return Branches(
-        **described(inputs, found, errors),
-        **bank_conditions(inputs, nominal),
-        curve_error=np.array([given_error(inputs, s) for s in curve]),
+        **described(vehicle, studies, found, errors),
+        **bank_conditions(planet, vehicle, mission, solver, nominal),
+        curve_error=np.array([given_error(simulation, s) for s in curve]),
         curve_effort=np.array([effort(s) for s in curve]),
         curve_weight=np.array([weight_at_error(s) for s in curve]),
         curve_final_bank=np.array([s.states[-1, BANK] for s in curve]),
         fold_weight=fold[1],
-        fold_error=fold[0] * inputs.tabulated_error,
+        fold_error=fold[0] * simulation.tabulated_error,
         continued_solution=np.array([k for k, _ in continued], dtype=int),
         continued_weight=np.array([s.given["weight"] for _, s in continued]),
         continued_effort=np.array([effort(s) for _, s in continued]),
         continued_cumulative=np.array([cumulative(s) for _, s in continued]),
-        continued_error=np.array([final_error(inputs, extended, s) for _, s in continued]).reshape(-1, 3),
+        continued_error=np.array([final_error(planet, simulation, extended, s) for _, s in continued]).reshape(-1, 3),
         **dominance(tradeoff, candidates),
     )
 
@@ -101,46 +113,56 @@ class Catalogue(NamedTuple):
     roll_status: list[str]
 
 
-def catalogue(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Catalogue:
+def catalogue(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    ensemble: Ensemble,
+    studies: Studies,
+    nominal: Nominal,
+    tradeoff: Tradeoff,
+) -> Catalogue:
     """Solve without weight from the nominal, the rows of Table 3, guesses with full rolls, and random guesses."""
-    transcribed = entry_problem.program(inputs, entry_problem.problem(inputs))
-    first = entry_problem.solve(inputs, "nominal", transcribed, as_guess(nominal), barrier=WARM)
+    transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission))
+    first = entry_problem.solve(solver, "nominal", transcribed, as_guess(nominal), barrier=WARM)
     groups = [[first, 0]]
     rows = zip(tradeoff.state, tradeoff.bank_acceleration, tradeoff.time, strict=True)
     for states, control, time in rows:
-        solution = attempt(inputs, transcribed, Guess(states, control[:, np.newaxis], float(time[-1])), barrier=WARM)
-        enter(inputs, groups, transcribed, solution, 0)
+        solution = attempt(solver, transcribed, Guess(states, control[:, np.newaxis], float(time[-1])), barrier=WARM)
+        enter(mission, solver, design, groups, transcribed, solution, 0)
     middle, status = nominal.time[-1] / 2.0, []
-    for turn in inputs.roll_banks:
-        guess = descent(inputs, [0.0, turn], [middle], inputs.intervals)
-        solution = attempt(inputs, transcribed, guess, iterations=SEARCH_ITERATIONS)
-        enter(inputs, groups, transcribed, solution, 0)
+    for turn in studies.roll_banks:
+        guess = descent(planet, vehicle, mission, solver, [0.0, turn], [middle], solver.intervals)
+        solution = attempt(solver, transcribed, guess, iterations=SEARCH_ITERATIONS)
+        enter(mission, solver, design, groups, transcribed, solution, 0)
         status.append(solution.status)
-    different, failed = searched(inputs, float(nominal.time[-1]))
+    different, failed = searched(planet, vehicle, mission, solver, design, ensemble, studies, float(nominal.time[-1]))
     for solution, count in different:
-        failed += enter(inputs, groups, transcribed, solution, count)
+        failed += enter(mission, solver, design, groups, transcribed, solution, count)
     groups.sort(key=lambda group: effort(group[0]))
     solutions = [solution for solution, _ in groups]
     return Catalogue(
         solutions,
         [count for _, count in groups],
         next(number for number, solution in enumerate(solutions) if solution is first),
-        [returned(inputs, transcribed, solution, number) for number, solution in enumerate(solutions)],
+        [returned(solver, ensemble, transcribed, solution, number) for number, solution in enumerate(solutions)],
         failed,
         status,
     )
 
 
-def attempt(inputs, transcribed, guess, given=None, **options) -> Solution:
+def attempt(solver: Solver, transcribed, guess, given=None, **options) -> Solution:
     """Solve; where that fails, the last iterate, whose status tells."""
-    options = {"tolerance": inputs.solver_tolerance, "iterations": inputs.solver_iterations} | options
+    options = {"tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
     try:
         return transcribed.solve(guess, given or entry_problem.given(), **options)
     except NotConvergedError as error:
         return error.solution
 
 
-def enter(inputs, groups, transcribed, solution: Solution, count) -> int:
+def enter(mission: Mission, solver: Solver, design: Design, groups, transcribed, solution: Solution, count) -> int:
     """Solve on the full mesh, and count to the known solution that this is like, or enter it as a new one.
 
     groups: lists of a solution and a count, changed here. Returns how many of the `count` starts came to nothing: all
@@ -148,29 +170,40 @@ def enter(inputs, groups, transcribed, solution: Solution, count) -> int:
     """
     if solution.status != SOLVED:
         return count
-    polished = attempt(inputs, transcribed, oriented(inputs, solution.guess(inputs.intervals)), barrier=WARM)
+    polished = attempt(solver, transcribed, oriented(mission, solution.guess(solver.intervals)), barrier=WARM)
     if polished.status != SOLVED:
         return count
     for group in groups:
-        if alike(inputs, group[0], polished):
+        if alike(mission, design, group[0], polished):
             group[1] += count
             return 0
     groups.append([polished, count])
     return 0
 
 
-def searched(inputs, final_time):
+def searched(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    ensemble: Ensemble,
+    studies: Studies,
+    final_time,
+):
     """Different solutions from random bank profiles, on half the intervals.
 
     Returns pairs of a solution and the number of starts that led to it, and the number of starts that failed.
     """
-    coarse = entry_problem.program(inputs, entry_problem.problem(inputs), intervals=inputs.intervals // 2)
-    iterations = min(SEARCH_ITERATIONS, inputs.solver_iterations)
+    coarse = entry_problem.program(
+        planet, solver, entry_problem.problem(planet, vehicle, mission), intervals=solver.intervals // 2
+    )
+    iterations = min(SEARCH_ITERATIONS, solver.solver_iterations)
     groups, failed = [], 0
-    for banks, switch_times in random_profiles(inputs, final_time):
-        guess = descent(inputs, banks, switch_times, inputs.intervals // 2)
-        solution = attempt(inputs, coarse, guess, iterations=iterations)
-        same = next((group for group in groups if alike(inputs, group[0], solution)), None)
+    for banks, switch_times in random_profiles(ensemble, studies, final_time):
+        guess = descent(planet, vehicle, mission, solver, banks, switch_times, solver.intervals // 2)
+        solution = attempt(solver, coarse, guess, iterations=iterations)
+        same = next((group for group in groups if alike(mission, design, group[0], solution)), None)
         if solution.status != SOLVED:
             failed += 1
         elif same:
@@ -180,38 +213,40 @@ def searched(inputs, final_time):
     return groups, failed
 
 
-def random_profiles(inputs, final_time):
+def random_profiles(ensemble: Ensemble, studies: Studies, final_time):
     """Bank angles and the times of the changes between them: one to four changes, any bank angle, any time."""
-    drawn = uniforms(inputs.seed, SEARCH_STREAM, np.arange(inputs.search_starts), 2 * SWITCHES + 2)
+    drawn = uniforms(ensemble.seed, SEARCH_STREAM, np.arange(studies.search_starts), 2 * SWITCHES + 2)
     for number, *rest in drawn:
         switches = 1 + int(SWITCHES * number)
         banks = np.pi * (2.0 * np.array(rest[: switches + 1]) - 1.0)
         yield banks, np.sort(rest[SWITCHES + 1 : SWITCHES + 1 + switches]) * final_time
 
 
-def descent(inputs, banks, switch_times, intervals) -> Guess:
+def descent(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, banks, switch_times, intervals
+) -> Guess:
     """A guess that flies a bank profile down to the altitude of deployment, wherever and whenever that is.
 
     Random profiles may be far below the ground at the time at which another one arrives.
 
     Args:
-        inputs: of the study.
+        planet, vehicle, mission, solver: of the study.
         banks: bank angles, one after the other, rad. switch_times: of the changes between them, s.
         intervals: of the guess.
     """
     from scipy.integrate import solve_ivp
 
-    log_density = density.profile(inputs)
+    log_density = density.profile(planet)
     steps, switch_times = np.diff(banks), np.asarray(switch_times)
 
     def turned(time):
-        return np.tanh((np.expand_dims(time, -1) - switch_times) / inputs.guess_width)
+        return np.tanh((np.expand_dims(time, -1) - switch_times) / solver.guess_width)
 
     def bank(time):
         return banks[0] + (1.0 + turned(time)) @ steps / 2.0
 
     def bank_rate(time):
-        return (1.0 - turned(time) ** 2) @ steps / (2.0 * inputs.guess_width)
+        return (1.0 - turned(time) ** 2) @ steps / (2.0 * solver.guess_width)
 
     def rates(time, motion):
         motion_rates = velocity_component_entry_rates(
@@ -220,19 +255,19 @@ def descent(inputs, banks, switch_times, intervals) -> Guess:
             0.0,
             0.0,
             np.exp(log_density(motion[0])[0]),
-            inputs.ballistic_coefficient,
-            inputs.lift_to_drag,
-            inputs.gravitational_parameter,
-            inputs.planet_radius,
+            vehicle.ballistic_coefficient,
+            vehicle.lift_to_drag,
+            planet.gravitational_parameter,
+            planet.planet_radius,
         )
         return motion_rates[: len(MEASURED)]
 
     def above(_, motion):
-        return motion[0] - inputs.final_altitude
+        return motion[0] - mission.final_altitude
 
     above.terminal, above.direction = True, -1.0
-    earliest, latest = inputs.final_time_bounds
-    start = entry_problem.entry_state(inputs)[: len(MEASURED)]
+    earliest, latest = mission.final_time_bounds
+    start = entry_problem.entry_state(mission)[: len(MEASURED)]
     flown = solve_ivp(rates, (0.0, latest), start, events=above, rtol=1e-6, atol=1e-6, dense_output=True)
     time = np.linspace(0.0, max(flown.t[-1], earliest), intervals + 1)
     motion = flown.sol(np.minimum(time, flown.t[-1])).T
@@ -240,56 +275,42 @@ def descent(inputs, banks, switch_times, intervals) -> Guess:
     return Guess(np.column_stack([motion, bank(time), bank_rate(time)]), control[:, np.newaxis], float(time[-1]))
 
 
-def given_conditions(inputs):
-    """The conditions on the bank by name; None where the inputs leave it free."""
-    return dict(
-        zip(
-            CONDITIONS,
-            (inputs.initial_bank, inputs.initial_bank_rate, inputs.final_bank, inputs.final_bank_rate),
-            strict=True,
-        )
-    )
-
-
-def symmetric(inputs):
+def symmetric(mission: Mission):
     """Whether a solution seen in a mirror, north and south exchanged, is another one."""
-    aside = [
-        inputs.entry_latitude,
-        inputs.final_latitude,
-        *(value or 0.0 for value in given_conditions(inputs).values()),
-    ]
-    north = np.cos(inputs.entry_azimuth)
+    banks = entry_problem.bank_ends(mission)
+    aside = [mission.entry_latitude, mission.final_latitude, *(value or 0.0 for value in banks)]
+    north = np.cos(mission.entry_azimuth)
     return not any(aside) and abs(north) < 1e-12  # an azimuth of 90 degrees is rounded
 
 
-def oriented(inputs, guess: Guess) -> Guess:
+def oriented(mission: Mission, guess: Guess) -> Guess:
     """The same flight with its first bank angle within half a turn, and negative where the mirror image serves."""
     states, controls = guess.states.copy(), guess.controls
     states[:, BANK] -= 2.0 * np.pi * np.round(states[0, BANK] / (2.0 * np.pi))
     clear = states[np.abs(states[:, BANK]) > LEVEL, BANK]
-    if symmetric(inputs) and clear.size and clear[0] > 0.0:
+    if symmetric(mission) and clear.size and clear[0] > 0.0:
         states *= MIRROR
         controls = -controls
     return guess._replace(states=states, controls=controls)
 
 
-def alike(inputs, first: Solution, second: Solution):
+def alike(mission: Mission, design: Design, first: Solution, second: Solution):
     """Whether two solutions on one mesh are the same, up to whole turns and, where it serves, the mirror."""
-    for sign in (1.0, -1.0) if symmetric(inputs) else (1.0,):
+    for sign in (1.0, -1.0) if symmetric(mission) else (1.0,):
         apart = sign * second.states[:, BANK] - first.states[:, BANK]
         apart -= 2.0 * np.pi * np.round(np.median(apart) / (2.0 * np.pi))
-        if np.abs(apart).max() < inputs.branch_tolerance:
+        if np.abs(apart).max() < design.branch_tolerance:
             return True
     return False
 
 
-def returned(inputs, transcribed, solution: Solution, number):
+def returned(solver: Solver, ensemble: Ensemble, transcribed, solution: Solution, number):
     """Largest change of the bank angle after it was shaken smoothly and solved again; a saddle would be left."""
     x = np.linspace(0.0, 1.0, len(solution.time))
     shapes = SHAKE * np.array([np.ones_like(x), 2.0 * x - 1.0, np.sin(np.pi * x)])
     states = solution.states.copy()
-    states[:, BANK] += normals(inputs.seed, SHAKE_STREAM, [number], len(shapes))[0] @ shapes
-    again = attempt(inputs, transcribed, solution.guess()._replace(states=states), barrier=WARM)
+    states[:, BANK] += normals(ensemble.seed, SHAKE_STREAM, [number], len(shapes))[0] @ shapes
+    again = attempt(solver, transcribed, solution.guess()._replace(states=states), barrier=WARM)
     return np.abs(again.states[:, BANK] - solution.states[:, BANK]).max() if again.status == SOLVED else np.nan
 
 
@@ -298,16 +319,20 @@ def cumulative(solution: Solution):
     return entry_problem.cumulative(solution.time, solution.controls[:, 0])
 
 
-def catalogue_error(inputs, solution: Solution):
+def catalogue_error(
+    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, simulation: Simulation, solution: Solution
+):
     """Final altitude, crossrange and downrange error of a solution of the problem without sensitivities, (3,), m."""
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, "radius")])
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, "radius")]
+    )
     end = extended.guess(solution).states[-1]
     names = [variable.name for variable in extended.problem.states]
     final = np.array([end[names.index(column(name, "radius"))] for name in POSITIONS])
-    return final * entry_problem.lengths(inputs) * inputs.tabulated_error
+    return final * entry_problem.lengths(planet) * simulation.tabulated_error
 
 
-def described(inputs, found: Catalogue, errors):
+def described(vehicle: Vehicle, studies: Studies, found: Catalogue, errors):
     """The fields of the local minima."""
     solutions = found.solutions
     banks = np.array([solution.states[:, BANK] for solution in solutions])
@@ -316,7 +341,7 @@ def described(inputs, found: Catalogue, errors):
         "name": np.array([entry_problem.branch_name(bank) for bank in banks]),
         "effort": np.array([effort(solution) for solution in solutions]),
         "cumulative": totals,
-        "propellant": np.array([entry_problem.propellant(inputs, total) for total in totals]),
+        "propellant": np.array([entry_problem.propellant(vehicle, total) for total in totals]),
         "final_time": np.array([solution.final_time for solution in solutions]),
         "reversals": np.array([entry_problem.reversals(bank) for bank in banks]),
         "rolls": np.array([entry_problem.full_rolls(bank) for bank in banks]),
@@ -326,9 +351,9 @@ def described(inputs, found: Catalogue, errors):
         "found": np.array(found.found),
         "returned": np.array(found.returned),
         "nominal": found.nominal,
-        "starts": int(inputs.search_starts),
+        "starts": int(studies.search_starts),
         "failed_starts": found.failed_starts,
-        "roll": inputs.roll_banks,
+        "roll": studies.roll_banks,
         "roll_status": np.array(found.roll_status),
     }
 
@@ -336,19 +361,20 @@ def described(inputs, found: Catalogue, errors):
 # ---- conditions on the bank ------------------------------------------------------------------------------------------
 
 
-def bank_conditions(inputs, nominal: Nominal):
+def bank_conditions(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, nominal: Nominal):
     """Solve from the nominal with every choice of the four conditions on the bank.
 
     What is fixed is so at the inputs' value, or at zero where they leave it free.
     """
-    fixed = np.array(list(product((False, True), repeat=len(CONDITIONS))))
+    banks = entry_problem.bank_ends(mission)
+    fixed = np.array(list(product((False, True), repeat=len(banks))))
     found = []
     for choice in fixed:
-        given = given_conditions(inputs)
-        values = {name: (given[name] or 0.0) if held else None for name, held in zip(CONDITIONS, choice, strict=True)}
-        changed = Slice(vars(inputs) | values)
-        transcribed = entry_problem.program(changed, entry_problem.problem(changed))
-        found.append(attempt(inputs, transcribed, as_guess(nominal), barrier=WARM))
+        ends = entry_problem.BankEnds(
+            *((bank or 0.0) if held else None for bank, held in zip(banks, choice, strict=True))
+        )
+        transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission, ends))
+        found.append(attempt(solver, transcribed, as_guess(nominal), barrier=WARM))
     solved = np.array([solution.status == SOLVED for solution in found])
     return {
         "set_fixed": fixed,
@@ -369,13 +395,15 @@ class ErrorProgram(NamedTuple):
     program: Program
 
 
-def error_program(inputs) -> ErrorProgram:
+def error_program(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design) -> ErrorProgram:
     """Build it.
 
     Conditions know no given parameters. So the norm demanded is the mean rate of a further state, which starts at zero
     and whose rate it is.
     """
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, "radius")])
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, "radius")]
+    )
     base = extended.problem
     states, added = len(base.states), (Variable("elapsed", 100.0), Variable("demanded", 1000.0))
 
@@ -388,7 +416,7 @@ def error_program(inputs) -> ErrorProgram:
 
     condition = Condition(
         "norm of the radius column",
-        lambda start, end: radius_norm(inputs, end) - end["demanded"] / end["elapsed"],
+        lambda start, end: radius_norm(planet, end) - end["demanded"] / end["elapsed"],
     )
     declared = replace(
         base,
@@ -399,27 +427,27 @@ def error_program(inputs) -> ErrorProgram:
         boundary=(*base.boundary, condition),
         given=("norm", "density_factor"),
     )
-    return ErrorProgram(extended, entry_problem.program(inputs, declared))
+    return ErrorProgram(extended, entry_problem.program(planet, solver, declared))
 
 
-def radius_norm(inputs, end):
+def radius_norm(planet: Planet, end):
     """Norm of the final position in metres against the radius at entry, from states by name."""
-    parts = zip(POSITIONS, entry_problem.lengths(inputs), strict=True)
+    parts = zip(POSITIONS, entry_problem.lengths(planet), strict=True)
     return np.sqrt(sum((length * end[column(name, "radius")]) ** 2 for name, length in parts))
 
 
-def held_at_own_error(inputs, held: ErrorProgram, solution: Solution) -> Solution:
+def held_at_own_error(planet: Planet, solver: Solver, held: ErrorProgram, solution: Solution) -> Solution:
     """A solution of the problem without weight as one at its own final error, where the multiplier vanishes."""
     guess = held.extended.guess(solution)
     end = dict(zip([v.name for v in held.extended.problem.states], guess.states[-1], strict=True))
-    norm = float(radius_norm(inputs, end))
+    norm = float(radius_norm(planet, end))
     states = np.column_stack([guess.states, solution.time, norm * solution.time])
     return attempt(
-        inputs, held.program, guess._replace(states=states), {"norm": norm, "density_factor": 1.0}, barrier=WARM
+        solver, held.program, guess._replace(states=states), {"norm": norm, "density_factor": 1.0}, barrier=WARM
     )
 
 
-def followed(inputs, transcribed, first: Solution, name, values) -> list[Solution]:
+def followed(solver: Solver, design: Design, transcribed, first: Solution, name, values) -> list[Solution]:
     """The solutions on a branch while a given parameter goes through values, those in between included.
 
     It ends where the branch does: what was reached is the result.
@@ -427,7 +455,7 @@ def followed(inputs, transcribed, first: Solution, name, values) -> list[Solutio
     points = [first]
 
     def same_branch(before, after):
-        return np.abs(after.states[:, BANK] - before.states[:, BANK]).max() < inputs.branch_tolerance
+        return np.abs(after.states[:, BANK] - before.states[:, BANK]).max() < design.branch_tolerance
 
     with suppress(BranchEndError):
         transcribed.follow(
@@ -437,33 +465,41 @@ def followed(inputs, transcribed, first: Solution, name, values) -> list[Solutio
             same_branch=same_branch,
             smallest_step=SMALLEST_STEP,
             on_step=points.append,
-            tolerance=inputs.solver_tolerance,
+            tolerance=solver.solver_tolerance,
             iterations=STEP_ITERATIONS,
             barrier=WARM,
         )
     return points
 
 
-def nominal_curve(inputs, held: ErrorProgram, solution: Solution, tradeoff: Tradeoff):
+def nominal_curve(
+    planet: Planet,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    held: ErrorProgram,
+    solution: Solution,
+    tradeoff: Tradeoff,
+):
     """The nominal's branch from its own error downwards, through a fold if there is one: solutions, and the fold.
 
     Where the path over the weight has lost the nominal's branch, the curve goes twice as far; else to the rows' errors.
     """
-    first = held_at_own_error(inputs, held, solution)
+    first = held_at_own_error(planet, solver, held, solution)
     if first.status != SOLVED:
         return [], (np.nan, np.nan)
     top = first.given["norm"]
     if len(tradeoff.fold_error):
-        bottom = 2.0 * tradeoff.fold_error[0, 0] / inputs.tabulated_error - top
+        bottom = 2.0 * tradeoff.fold_error[0, 0] / simulation.tabulated_error - top
     else:
-        bottom = row_errors(tradeoff)[0].min() / inputs.tabulated_error
+        bottom = row_errors(tradeoff)[0].min() / simulation.tabulated_error
     # The weight rises steeply at first: short steps there.
     values = top - max(top - bottom, 0.0) * (np.arange(1, CURVE_POINTS + 1) / CURVE_POINTS) ** 2
-    points = followed(inputs, held.program, first, "norm", values)
-    return with_fold(inputs, held, points)
+    points = followed(solver, design, held.program, first, "norm", values)
+    return with_fold(solver, held, points)
 
 
-def with_fold(inputs, held: ErrorProgram, points):
+def with_fold(solver: Solver, held: ErrorProgram, points):
     """Points with further ones around the largest weight, and the norm and the weight of the fold.
 
     It is found by Brent's method between the neighbours of the point of the largest weight; NaN where that lies at an
@@ -482,7 +518,7 @@ def with_fold(inputs, held: ErrorProgram, points):
         if norm not in known:
             nearest = min(known.values(), key=lambda point: abs(point.given["norm"] - norm))
             given = {"norm": norm, "density_factor": 1.0}
-            further = attempt(inputs, held.program, nearest, given, barrier=WARM, iterations=STEP_ITERATIONS)
+            further = attempt(solver, held.program, nearest, given, barrier=WARM, iterations=STEP_ITERATIONS)
             if further.status != SOLVED:
                 return np.inf
             known[norm] = further
@@ -499,9 +535,9 @@ def weight_at_error(solution: Solution):
     return -solution.boundary_multipliers["norm of the radius column"]
 
 
-def given_error(inputs, solution: Solution):
+def given_error(simulation: Simulation, solution: Solution):
     """Norm of the final error at which a solution was held, m."""
-    return solution.given["norm"] * inputs.tabulated_error
+    return solution.given["norm"] * simulation.tabulated_error
 
 
 # ---- other branches over the weight, and comparison ------------------------------------------------------------------
@@ -513,24 +549,43 @@ def row_errors(tradeoff: Tradeoff):
     return np.linalg.norm(tradeoff.error[finite], axis=1), tradeoff.effort[finite]
 
 
-def continued_branches(inputs, solutions, nominal_number, tradeoff: Tradeoff):
+def continued_branches(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    solutions,
+    nominal_number,
+    tradeoff: Tradeoff,
+):
     """The branches beside the nominal's over the weights of the rows, as pairs of the beginning's number and a point.
 
     Returns the problem with sensitivities that they solve, and the pairs.
     """
-    extended, transcribed = prepared(inputs)
+    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
     weights = np.unique(tradeoff.weight[np.isfinite(tradeoff.printed_weight)])
     pairs = []
     for number, solution in enumerate(solutions):
         if number == nominal_number:
             continue
-        first = attempt(inputs, transcribed, extended.guess(solution), barrier=WARM)
+        first = attempt(solver, transcribed, extended.guess(solution), barrier=WARM)
         if first.status == SOLVED:
-            pairs += [(number, point) for point in followed(inputs, transcribed, first, "weight", weights)]
+            pairs += [(number, point) for point in followed(solver, design, transcribed, first, "weight", weights)]
     return extended, pairs
 
 
-def at_row_errors(inputs, held: ErrorProgram, solutions, errors, nominal_number, tradeoff: Tradeoff):
+def at_row_errors(
+    planet: Planet,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    held: ErrorProgram,
+    solutions,
+    errors,
+    nominal_number,
+    tradeoff: Tradeoff,
+):
     """Candidates at exactly the rows' errors, on the branches beside the nominal's that might need less there."""
     wanted, efforts = row_errors(tradeoff)
     candidates = []
@@ -538,11 +593,11 @@ def at_row_errors(inputs, held: ErrorProgram, solutions, errors, nominal_number,
         below = (wanted < np.linalg.norm(errors[number])) & (efforts > effort(solution))
         if number == nominal_number or not below.any():
             continue
-        first = held_at_own_error(inputs, held, solution)
+        first = held_at_own_error(planet, solver, held, solution)
         if first.status == SOLVED:
-            values = -np.sort(-wanted[below]) / inputs.tabulated_error
-            points = followed(inputs, held.program, first, "norm", values)
-            candidates += [Candidate(number, effort(point), given_error(inputs, point)) for point in points]
+            values = -np.sort(-wanted[below]) / simulation.tabulated_error
+            points = followed(solver, design, held.program, first, "norm", values)
+            candidates += [Candidate(number, effort(point), given_error(simulation, point)) for point in points]
     return candidates
 
 

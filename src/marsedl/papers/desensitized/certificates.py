@@ -25,12 +25,21 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MIRROR, STATES, WARM
-from marsedl.papers.desensitized.gains import last_finite_row
+from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM
+from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Certificates, Nominal, Tradeoff
-from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, norm, prepared
+from marsedl.papers.desensitized.records import (
+    APPROXIMATED,
+    CHANNELS,
+    EXACT,
+    UNEXPANDED,
+    VARIANTS,
+    Certificates,
+    Nominal,
+    Tradeoff,
+)
+from marsedl.papers.desensitized.tradeoff import columns_in_norm, effort, last_finite_row, norm, prepared
 from marsedl.replication.catalogue import stage
 
 FRACTIONS = (0.01, 0.1, 1.0)  # of the radius error of Table 3, flown either way
@@ -39,7 +48,6 @@ NEIGHBOUR = 1e-3  # relative distance of the weights between which a slope is ta
 STATE_DIFFERENCE = 1e-8  # of the scales of the states, half the distance of differences of the discrete flow
 NEWTON_STEPS = 4  # with a matrix that is off by the difference only, each gains some digits
 LONGITUDE_SHIFT = 1.0  # rad
-EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
 
 
 class Case(NamedTuple):
@@ -58,18 +66,42 @@ class Trajectory(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Certificates:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+    tradeoff: Tradeoff,
+) -> Certificates:
     """Study both cases on meshes, in flights and by other derivatives, and the rows of Table 3 by their identities."""
     last = last_finite_row(tradeoff)
     cases = [Case(0.0, as_guess(nominal)), Case(float(tradeoff.weight[last]), row_guess(tradeoff, last))]
-    numbers = np.array(inputs.studied_intervals, dtype=int)
-    runs = [[refined(inputs, case, scheme) for scheme in SCHEMES] for case in cases]
-    studied = _stacked([[meshes(inputs, run, numbers) for run in by_scheme] for by_scheme in runs])
-    rows = [_row(inputs, tradeoff, number) for number in range(len(tradeoff.weight))]
+    numbers = np.array(studies.studied_intervals, dtype=int)
+    runs = [
+        [refined(planet, vehicle, mission, solver, design, studies, case, scheme) for scheme in SCHEMES]
+        for case in cases
+    ]
+    studied = _stacked(
+        [
+            [meshes(planet, vehicle, mission, solver, design, simulation, studies, run, numbers) for run in by_scheme]
+            for by_scheme in runs
+        ]
+    )
+    rows = [
+        _row(planet, vehicle, mission, solver, design, simulation, tradeoff, number)
+        for number in range(len(tradeoff.weight))
+    ]
     finite = [n for n in range(len(tradeoff.weight)) if np.isfinite(tradeoff.printed_weight[n]) and tradeoff.weight[n]]
-    variants = [variants_from_profile(inputs), variants_from_row(inputs, tradeoff, last)]
-    sizes = inputs.tabulated_error * np.array([sign * size for size in FRACTIONS for sign in (1.0, -1.0)])
-    flights = [against_flights(inputs, case, sizes) for case in cases]
+    variants = [
+        variants_from_profile(planet, vehicle, mission, solver),
+        variants_from_row(planet, vehicle, mission, solver, design, tradeoff, last),
+    ]
+    sizes = simulation.tabulated_error * np.array([sign * size for size in FRACTIONS for sign in (1.0, -1.0)])
+    flights = [against_flights(planet, vehicle, solver, simulation, case, sizes) for case in cases]
     return Certificates(
         weight=np.array([case.weight for case in cases]),
         scheme=np.array(SCHEMES),
@@ -77,11 +109,13 @@ def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> Certificates:
         **{f"mesh_{name}": values for name, values in studied.items()},
         miss_order=orders(studied["miss"], numbers),
         error_order=orders(studied["error"] - studied["flown_error"], numbers),
-        flow_deviation=np.array([[flow_deviation(inputs, run[inputs.intervals]) for run in row] for row in runs]),
+        flow_deviation=np.array(
+            [[flow_deviation(planet, vehicle, design, run[solver.intervals]) for run in row] for row in runs]
+        ),
         row_weight=tradeoff.weight,
         **{name: np.array([row[name] for row in rows]) for name in rows[0]},
         slope_weight=tradeoff.weight[finite],
-        slope_deviation=slopes(inputs, tradeoff, finite),
+        slope_deviation=slopes(planet, vehicle, mission, solver, design, tradeoff, finite),
         variant=np.array(VARIANTS),
         variant_status=np.array([[s.status for s in row] for row in variants]),
         variant_iterations=np.array([[s.iterations for s in row] for row in variants]),
@@ -110,28 +144,41 @@ def row_guess(tradeoff: Tradeoff, row) -> Guess:
 # ---- meshes ----------------------------------------------------------------------------------------------------------
 
 
-def declared(inputs, weight) -> tuple[Desensitized | None, Problem]:
+def declared(
+    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, weight
+) -> tuple[Desensitized | None, Problem]:
     """The problem of a case, and what extends guesses for it; without weight no sensitivity is solved for."""
     if weight == 0.0:
-        return None, entry_problem.problem(inputs)
-    channels = columns_in_norm(inputs)
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, name) for name in channels])
-    return extended, entry_problem.weighted(inputs, extended, channels)
+        return None, entry_problem.problem(planet, vehicle, mission)
+    channels = columns_in_norm(design)
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in channels]
+    )
+    return extended, entry_problem.weighted(planet, design, extended, channels)
 
 
-def refined(inputs, case: Case, scheme) -> dict[int, Solution]:
+def refined(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    studies: Studies,
+    case: Case,
+    scheme,
+) -> dict[int, Solution]:
     """What a case comes to by a scheme, by the number of intervals: on the inputs' mesh and on those studied.
 
     From the inputs' mesh outwards, each from the one before: from meshes far away the solver does not converge.
     """
-    extended, problem = declared(inputs, case.weight)
+    extended, problem = declared(planet, vehicle, mission, design, case.weight)
 
     def solved(intervals, guess):
         start = Guess(guess.states[:, : len(STATES)], guess.controls, guess.final_time)
         start = extended.guess(start, entry_problem.given()) if extended else start
-        return attempt(inputs, entry_problem.program(inputs, problem, intervals, scheme), start, case.weight)
+        return attempt(solver, entry_problem.program(planet, solver, problem, intervals, scheme), start, case.weight)
 
-    own, studied = inputs.intervals, [int(number) for number in inputs.studied_intervals]
+    own, studied = solver.intervals, [int(number) for number in studies.studied_intervals]
     found = {own: solved(own, case.guess)}
     for numbers in ([n for n in studied if n > own], [n for n in reversed(studied) if n < own]):
         last = found[own]
@@ -142,18 +189,33 @@ def refined(inputs, case: Case, scheme) -> dict[int, Solution]:
     return found
 
 
-def attempt(inputs, transcribed, guess, weight, **options) -> Solution:
+def attempt(solver: Solver, transcribed, guess, weight, **options) -> Solution:
     """A solution, or the last iterate of a solve that came to none; its status says which."""
-    options = {"barrier": WARM, "tolerance": inputs.solver_tolerance, "iterations": inputs.solver_iterations} | options
+    options = {"barrier": WARM, "tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
     try:
         return transcribed.solve(guess, entry_problem.given(weight), **options)
     except NotConvergedError as error:
         return error.solution
 
 
-def meshes(inputs, run, numbers):
+def meshes(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    run,
+    numbers,
+):
     """The fields of the studied meshes, stacked."""
-    return _stacked([_mesh(inputs, run[number], run[inputs.intervals]) for number in numbers])
+    return _stacked(
+        [
+            _mesh(planet, vehicle, mission, solver, design, simulation, studies, run[number], run[solver.intervals])
+            for number in numbers
+        ]
+    )
 
 
 def trajectory(solution: Solution) -> Trajectory:
@@ -161,7 +223,17 @@ def trajectory(solution: Solution) -> Trajectory:
     return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
-def _mesh(inputs, solution, on_own_mesh):
+def _mesh(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    solution,
+    on_own_mesh,
+):
     """The fields of one mesh."""
     found = {"status": solution.status, "iterations": solution.iterations}
     if solution.status != SOLVED:
@@ -169,46 +241,54 @@ def _mesh(inputs, solution, on_own_mesh):
         unknown = dict.fromkeys((*numbers, "solver_deviation"), np.nan)
         return found | unknown | dict.fromkeys(("error", "flown_error", "miss"), np.full(3, np.nan))
     along = trajectory(solution)
-    sensitivity = sensitivities(inputs, solution.scheme, along)[0]
+    sensitivity = sensitivities(planet, vehicle, solution.scheme, along)[0]
     share = on_own_mesh.time / on_own_mesh.final_time
     bank = np.interp(share, solution.time / solution.final_time, solution.state("bank"))
-    miss, flown_error = flown(inputs, along)
+    miss, flown_error = flown(planet, vehicle, mission, solver, simulation, studies, along)
     return found | {
         "effort": effort(solution),
         "cumulative": entry_problem.cumulative(along.time, along.bank_acceleration),
         "bank_change": np.abs(bank - on_own_mesh.state("bank")).max(),
-        "error": final_position(inputs, sensitivity)[:, 0] * inputs.tabulated_error,
+        "error": final_position(planet, sensitivity)[:, 0] * simulation.tabulated_error,
         "flown_error": flown_error,
         "miss": miss,
-        "longitude_deviation": longitude_deviation(inputs, sensitivity),
-        "crossrange_deviation": crossrange_deviation(inputs, along, sensitivity),
+        "longitude_deviation": longitude_deviation(planet, design, sensitivity),
+        "crossrange_deviation": crossrange_deviation(planet, along, sensitivity),
         "solver_deviation": solver_deviation(solution, sensitivity),
     }
 
 
-def flown(inputs, along: Trajectory):
+def flown(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    simulation: Simulation,
+    studies: Studies,
+    along: Trajectory,
+):
     """Miss of the target, and final error for the radius error of Table 3 by central differences; (3,) each, m.
 
     The step of the flights is that of `substeps` on the finest mesh, so that their errors are the same on all meshes;
     the look-up of the density leaves about 1e-5 m.
     """
-    finest = max(inputs.intervals, *inputs.studied_intervals)
-    step = DIFFERENCE * inputs.tabulated_error
+    finest = max(solver.intervals, *studies.studied_intervals)
+    step = DIFFERENCE * simulation.tabulated_error
     reference = flight.Reference(along.state[0], along.bank_acceleration, float(along.time[-1]))
-    starts = environment.displaced(inputs, along.state[0], environment.along_channel(0, [0.0, step, -step]))
+    starts = environment.displaced(planet, along.state[0], environment.along_channel(0, [0.0, step, -step]))
     trials = flight.fly(
-        *environment.surroundings(inputs),
+        *environment.surroundings(planet, vehicle),
         reference,
         np.zeros(len(STATES)),
         starts,
-        substeps=ceil(inputs.substeps * finest / len(along.bank_acceleration)),
+        substeps=ceil(simulation.substeps * finest / len(along.bank_acceleration)),
         every=len(along.bank_acceleration),
     )
     final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
-    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
-    miss = flight.position_errors(final[0], target, inputs.planet_radius)
-    change = flight.position_errors(final[1], final[2], inputs.planet_radius)
-    return miss, change * (inputs.tabulated_error / (2.0 * step))
+    target = np.array([mission.final_altitude, mission.final_latitude, mission.final_longitude])
+    miss = entry_problem.position_errors(final[0], target, planet.planet_radius)
+    change = entry_problem.position_errors(final[1], final[2], planet.planet_radius)
+    return miss, change * (simulation.tabulated_error / (2.0 * step))
 
 
 def orders(errors, intervals):
@@ -220,26 +300,26 @@ def orders(errors, intervals):
 # ---- the discrete flow and its derivative ----------------------------------------------------------------------------
 
 
-def motion(inputs, states, bank_acceleration):
+def motion(planet: Planet, vehicle: Vehicle, states, bank_acceleration):
     """Rates of states (..., 8) by numpy, beside those that the solver has traced: (..., 8)."""
-    log_density = density.profile(inputs)(states[..., 0])[0]
+    log_density = density.profile(planet)(states[..., 0])[0]
     rates = velocity_component_entry_rates(
         *np.moveaxis(states, -1, 0),
         bank_acceleration,
         np.exp(log_density),
-        inputs.ballistic_coefficient,
-        inputs.lift_to_drag,
-        inputs.gravitational_parameter,
-        inputs.planet_radius,
+        vehicle.ballistic_coefficient,
+        vehicle.lift_to_drag,
+        planet.gravitational_parameter,
+        planet.planet_radius,
     )
     return np.stack(np.broadcast_arrays(*rates), axis=-1)
 
 
-def change(inputs, scheme, start, end, bank_acceleration, step):
+def change(planet: Planet, vehicle: Vehicle, scheme, start, end, bank_acceleration, step):
     """What a scheme takes for the change of the state over an interval; all (..., 8), (...) and (..., 1)."""
 
     def rates(states):
-        return motion(inputs, states, bank_acceleration)
+        return motion(planet, vehicle, states, bank_acceleration)
 
     if scheme == "midpoint":
         return step * rates((start + end) / 2.0)
@@ -250,7 +330,7 @@ def change(inputs, scheme, start, end, bank_acceleration, step):
     return step * (first + 4.0 * rates(middle) + last) / 6.0
 
 
-def change_derivatives(inputs, scheme, along: Trajectory):
+def change_derivatives(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory):
     """Derivatives of `change` with respect to start and end of all intervals, (N, 8, 8) each."""
     control = along.bank_acceleration
     step = np.diff(along.time)[:, np.newaxis, np.newaxis]
@@ -258,7 +338,7 @@ def change_derivatives(inputs, scheme, along: Trajectory):
 
     def matrix(states):
         parameters = list(entry_problem.given().values())
-        return linearize(entry_problem.rates(inputs), states, control[:, np.newaxis], parameters).state_matrix
+        return linearize(entry_problem.rates(planet, vehicle), states, control[:, np.newaxis], parameters).state_matrix
 
     if scheme == "midpoint":
         half = step / 2.0 * matrix((start + end) / 2.0)
@@ -266,7 +346,7 @@ def change_derivatives(inputs, scheme, along: Trajectory):
     first, last = matrix(start), matrix(end)
     if scheme == "trapezoid":
         return step / 2.0 * first, step / 2.0 * last
-    slope = motion(inputs, start, control) - motion(inputs, end, control)
+    slope = motion(planet, vehicle, start, control) - motion(planet, vehicle, end, control)
     middle = matrix((start + end) / 2.0 + step[:, :, 0] * slope / 8.0)
     half = np.eye(len(STATES)) / 2.0
     return (
@@ -275,18 +355,18 @@ def change_derivatives(inputs, scheme, along: Trajectory):
     )
 
 
-def sensitivities(inputs, scheme, along: Trajectory):
+def sensitivities(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory):
     """Sensitivity at the nodes to the state at entry (N + 1, 8, 8), transitions, and d change / d end, (N, 8, 8) each.
 
     Exact for the equations of the scheme; for the midpoint rule the recursion of Sec. 4.2. As differences from the
     unit matrix the transitions keep the column of an ignorable state to the last bit.
     """
-    before, after = change_derivatives(inputs, scheme, along)
+    before, after = change_derivatives(planet, vehicle, scheme, along)
     transitions = np.eye(len(STATES)) + np.linalg.solve(np.eye(len(STATES)) - after, before + after)
     return propagate_columns(transitions, np.eye(len(STATES))), transitions, after
 
 
-def flow_deviation(inputs, solution: Solution):
+def flow_deviation(planet: Planet, vehicle: Vehicle, design: Design, solution: Solution):
     """Largest difference, relative to the largest entry, of the sensitivity from differences of the discrete flow.
 
     The equations of every interval are solved again for perturbed starts, by Newton steps with the matrix of the
@@ -294,14 +374,14 @@ def flow_deviation(inputs, solution: Solution):
     """
     if solution.status != SOLVED:
         return np.nan
-    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(inputs)
-    sensitivity, _, after = sensitivities(inputs, solution.scheme, along)
+    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(planet, design)
+    sensitivity, _, after = sensitivities(planet, vehicle, solution.scheme, along)
     apart = STATE_DIFFERENCE * np.diag(scale)
     moved = along.state[0] + np.concatenate([apart, -apart])
     for k, step in enumerate(np.diff(along.time)):
         start, moved = moved, moved + along.state[k + 1] - along.state[k]
         for _ in range(NEWTON_STEPS):
-            changed = change(inputs, solution.scheme, start, moved, along.bank_acceleration[k], step)
+            changed = change(planet, vehicle, solution.scheme, start, moved, along.bank_acceleration[k], step)
             moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - changed).T).T
     found = (moved[:size] - moved[size:]).T / (2.0 * STATE_DIFFERENCE) / scale[:, np.newaxis]
     expected = sensitivity[-1] * scale / scale[:, np.newaxis]
@@ -311,12 +391,12 @@ def flow_deviation(inputs, solution: Solution):
 # ---- identities ------------------------------------------------------------------------------------------------------
 
 
-def final_position(inputs, sensitivity):
+def final_position(planet: Planet, sensitivity):
     """Final radius, crossrange and downrange per metre at entry, (3, 3)."""
-    return position_rows(inputs) @ sensitivity[-1] @ position_columns(inputs)
+    return position_rows(planet) @ sensitivity[-1] @ position_columns(planet)
 
 
-def turned_flight(inputs, along: Trajectory):
+def turned_flight(along: Trajectory):
     """Final position per metre of crossrange at entry, exact for the equations of motion, (3,).
 
     Another latitude at entry turns the whole flight about the axis in the equator a quarter turn west of its start:
@@ -327,16 +407,16 @@ def turned_flight(inputs, along: Trajectory):
     return np.array([0.0, np.cos(travelled), np.tan(latitude) * np.sin(travelled)])
 
 
-def longitude_deviation(inputs, sensitivity):
+def longitude_deviation(planet: Planet, design: Design, sensitivity):
     """Largest deviation of the longitude column from a unit vector at any node, states in the scales of the gains."""
-    scale, longitude = entry_problem.state_scale(inputs), STATES.index("longitude")
+    scale, longitude = entry_problem.state_scale(planet, design), STATES.index("longitude")
     column = sensitivity[:, :, longitude] / scale * scale[longitude]
     return np.abs(column - np.eye(len(STATES))[longitude]).max()
 
 
-def crossrange_deviation(inputs, along: Trajectory, sensitivity):
+def crossrange_deviation(planet: Planet, along: Trajectory, sensitivity):
     """Largest deviation of the final crossrange column from that of the turned flight."""
-    return np.abs(final_position(inputs, sensitivity)[:, 1] - turned_flight(inputs, along)).max()
+    return np.abs(final_position(planet, sensitivity)[:, 1] - turned_flight(along)).max()
 
 
 def solver_deviation(solution: Solution, sensitivity):
@@ -355,39 +435,52 @@ def column_deviation(found, sensitivity):
     return (np.abs(found - expected).max(axis=0)[reached] / largest[reached]).max()
 
 
-def defect(inputs, scheme, along: Trajectory):
+def defect(planet: Planet, vehicle: Vehicle, mission: Mission, scheme, along: Trajectory):
     """Largest defect of the equations of an interval, in the scales of the states."""
-    scale = [variable.scale for variable in entry_problem.problem(inputs).states]
+    scale = [variable.scale for variable in entry_problem.problem(planet, vehicle, mission).states]
     start, end, step = along.state[:-1], along.state[1:], np.diff(along.time)[:, np.newaxis]
-    return np.abs((end - start - change(inputs, scheme, start, end, along.bank_acceleration, step)) / scale).max()
+    return np.abs(
+        (end - start - change(planet, vehicle, scheme, start, end, along.bank_acceleration, step)) / scale
+    ).max()
 
 
-def _row(inputs, tradeoff, number):
+def _row(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    tradeoff,
+    number,
+):
     """The fields of one row of Table 3."""
-    scheme = inputs.scheme
+    scheme = solver.scheme
     along = Trajectory(tradeoff.time[number], tradeoff.state[number], tradeoff.bank_acceleration[number])
     mirrored = along._replace(state=along.state * MIRROR, bank_acceleration=-along.bank_acceleration)
     moved = np.zeros(len(STATES))
     moved[STATES.index("longitude")] = LONGITUDE_SHIFT
     shifted = along._replace(state=along.state + moved)
-    sensitivity, transitions, _ = sensitivities(inputs, scheme, along)
-    position = final_position(inputs, sensitivity)
-    backward = adjoint_rows(transitions, position_rows(inputs))[0] @ position_columns(inputs)
-    expected = np.sum(position[:, 0] ** 2) + 1.0 + np.sum(turned_flight(inputs, along) ** 2)
+    sensitivity, transitions, _ = sensitivities(planet, vehicle, scheme, along)
+    position = final_position(planet, sensitivity)
+    backward = adjoint_rows(transitions, position_rows(planet))[0] @ position_columns(planet)
+    expected = np.sum(position[:, 0] ** 2) + 1.0 + np.sum(turned_flight(along) ** 2)
 
     def error(other):
-        return final_position(inputs, sensitivities(inputs, scheme, other)[0])[:, 0] * inputs.tabulated_error
+        return (
+            final_position(planet, sensitivities(planet, vehicle, scheme, other)[0])[:, 0] * simulation.tabulated_error
+        )
 
-    own = position[:, 0] * inputs.tabulated_error
+    own = position[:, 0] * simulation.tabulated_error
     return {
-        "row_longitude_deviation": longitude_deviation(inputs, sensitivity),
-        "row_crossrange_deviation": crossrange_deviation(inputs, along, sensitivity),
+        "row_longitude_deviation": longitude_deviation(planet, design, sensitivity),
+        "row_crossrange_deviation": crossrange_deviation(planet, along, sensitivity),
         "row_solver_deviation": column_deviation(tradeoff.column[number], sensitivity),
         "row_adjoint_deviation": np.abs(backward - position).max(),
         "row_frobenius_deviation": abs(np.sum(position**2) / expected - 1.0),
-        "row_defect": defect(inputs, scheme, along),
-        "mirrored_defect": defect(inputs, scheme, mirrored),
-        "shifted_defect": defect(inputs, scheme, shifted),
+        "row_defect": defect(planet, vehicle, mission, scheme, along),
+        "mirrored_defect": defect(planet, vehicle, mission, scheme, mirrored),
+        "shifted_defect": defect(planet, vehicle, mission, scheme, shifted),
         "mirrored_error_deviation": np.abs(error(mirrored) * MIRROR[:3] - own).max(),
         "shifted_error_deviation": np.abs(error(shifted) - own).max(),
     }
@@ -396,52 +489,57 @@ def _row(inputs, tradeoff, number):
 # ---- stationarity, other derivatives, flights ------------------------------------------------------------------------
 
 
-def slopes(inputs, tradeoff, rows):
+def slopes(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, tradeoff, rows):
     """Relative deviation of dJ0/d(norm) from minus the weight at rows of Table 3, by solves at weights beside them."""
-    extended, transcribed = prepared(inputs)
+    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
     found = []
     for row in rows:
         start, weight = extended.guess(row_guess(tradeoff, row), entry_problem.given()), tradeoff.weight[row]
-        beside = [attempt(inputs, transcribed, start, weight * (1.0 + sign * NEIGHBOUR)) for sign in (-1.0, 1.0)]
-        efforts, norms = [effort(s) for s in beside], [norm(inputs, extended, s) for s in beside]
+        beside = [attempt(solver, transcribed, start, weight * (1.0 + sign * NEIGHBOUR)) for sign in (-1.0, 1.0)]
+        efforts, norms = [effort(s) for s in beside], [norm(planet, design, extended, s) for s in beside]
         solved = all(s.status == SOLVED for s in beside)
         found.append(np.diff(efforts)[0] / np.diff(norms)[0] / -weight - 1.0 if solved else np.nan)
     return np.array(found)
 
 
-def variants_from_profile(inputs) -> list[Solution]:
+def variants_from_profile(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) -> list[Solution]:
     """The nominal from the guess of the inputs, by every variant."""
-    guess = entry_problem.profile_guess(inputs, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time)
-    return _variants(inputs, entry_problem.problem(inputs), guess, 0.0, barrier=None)
+    guess = entry_problem.profile_guess(
+        planet, vehicle, mission, solver, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
+    )
+    return _variants(planet, solver, entry_problem.problem(planet, vehicle, mission), guess, 0.0, barrier=None)
 
 
-def variants_from_row(inputs, tradeoff, row) -> list[Solution]:
+def variants_from_row(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, tradeoff, row
+) -> list[Solution]:
     """A row of Table 3 from the row before it, by every variant."""
-    extended, problem = declared(inputs, tradeoff.weight[row])
+    extended, problem = declared(planet, vehicle, mission, design, tradeoff.weight[row])
     guess = extended.guess(row_guess(tradeoff, row - 1), entry_problem.given())
-    return _variants(inputs, problem, guess, tradeoff.weight[row])
+    return _variants(planet, solver, problem, guess, tradeoff.weight[row])
 
 
-def _variants(inputs, problem, guess, weight, **options):
+def _variants(planet: Planet, solver: Solver, problem, guess, weight, **options):
     """Solutions by every variant; where second derivatives are approximated, an acceptable level is all that is met."""
-    expand = inputs.density_profile != "table"  # splines cannot be expanded
+    expand = planet.density_profile != "table"  # splines cannot be expanded
     programs = {
-        EXACT: Program(problem, inputs.intervals, inputs.scheme, expand=expand),
-        UNEXPANDED: Program(problem, inputs.intervals, inputs.scheme, expand=False),
-        APPROXIMATED: Program(problem, inputs.intervals, inputs.scheme, expand=expand, hessian="limited-memory"),
+        EXACT: Program(problem, solver.intervals, solver.scheme, expand=expand),
+        UNEXPANDED: Program(problem, solver.intervals, solver.scheme, expand=False),
+        APPROXIMATED: Program(problem, solver.intervals, solver.scheme, expand=expand, hessian="limited-memory"),
     }
     accept = {"accept": (SOLVED, ACCEPTABLE)}
-    return [attempt(inputs, programs[variant], guess, weight, **options, **accept) for variant in VARIANTS]
+    return [attempt(solver, programs[variant], guess, weight, **options, **accept) for variant in VARIANTS]
 
 
-def against_flights(inputs, case: Case, sizes):
+def against_flights(planet: Planet, vehicle: Vehicle, solver: Solver, simulation: Simulation, case: Case, sizes):
     """Final errors for radius errors at entry, by the sensitivity and as flown; (sizes, 3) each, m."""
     states, controls, final_time = case.guess.states, case.guess.controls[:, 0], case.guess.final_time
     along = Trajectory(np.linspace(0.0, final_time, len(states)), states, controls)
-    position = final_position(inputs, sensitivities(inputs, inputs.scheme, along)[0])
+    position = final_position(planet, sensitivities(planet, vehicle, solver.scheme, along)[0])
     flown_errors = environment.final_errors(
-        inputs,
-        environment.surroundings(inputs),
+        planet,
+        simulation,
+        environment.surroundings(planet, vehicle),
         flight.Reference(states[0], controls, final_time),
         np.zeros(len(STATES)),
         environment.along_channel(0, sizes),

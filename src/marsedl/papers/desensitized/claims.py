@@ -7,13 +7,18 @@ import numpy as np
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.models import atmosphere
 from marsedl.papers import density
-from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.entry_problem import BANK, CHANNELS, DEGREE, STATES
-from marsedl.papers.desensitized.further_perturbations import DENSITY
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, LAWS, NO_DOC, RESHAPED, gain_vector
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.entry_problem import BANK, DEGREE, STATES, gain_vector
+from marsedl.papers.desensitized.inputs import DesensitizedInputs
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    DENSITY,
+    LAWS,
+    NO_DOC,
+    RESHAPED,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -78,26 +83,23 @@ class Records(Artifacts):
     further_perturbations: FurtherPerturbations | None = None
 
 
-def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
+def evaluate(inputs: DesensitizedInputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Claims that rest on a study which is not done for the reading are None. Flights that are lost, and gains that did
     not converge, meet no statement about them.
     """
-    rows = _Rows(inputs, records.tradeoff)
+    rows, gains, responses = _Rows(inputs, records.tradeoff), records.gains, records.responses
+    of_linearization = records.linearization, gains, responses
     return {
         **_stated_inputs(inputs, rows),
         **_objective_claims(rows, records.minimum_fuel),
         **_nominal_claims(inputs, records.nominal, rows),
         **_table_claims(rows, records.certificates, records.branches),
-        **_radius_claims(inputs, records.gains, records.responses),
-        **_downrange_claims(
-            inputs, records.linearization, records.gains, records.responses, records.certificates, records.gain_study
-        ),
-        **_crossrange_claims(inputs, records.linearization, records.gains, records.responses, records.gain_study),
-        **_outlook_claims(
-            records.nominal, rows, records.gains, records.responses, records.entry_errors, records.further_perturbations
-        ),
+        **_radius_claims(inputs, gains, responses),
+        **_downrange_claims(inputs, *of_linearization, records.certificates, records.gain_study),
+        **_crossrange_claims(inputs, *of_linearization, records.gain_study),
+        **_outlook_claims(records.nominal, rows, gains, responses, records.entry_errors, records.further_perturbations),
     }
 
 
@@ -156,8 +158,8 @@ def _listed(values, form=".3f"):
 class _Rows:
     """The rows of Table 3: c1 = 0, the printed weights, and the largest of those that stand for an infinite one."""
 
-    def __init__(self, inputs, tradeoff):
-        self.tradeoff, self.tabulated_error = tradeoff, inputs.tabulated_error
+    def __init__(self, inputs: DesensitizedInputs, tradeoff):
+        self.tradeoff, self.tabulated_error = tradeoff, inputs.simulation.tabulated_error
         self.infinite = np.flatnonzero(~np.isfinite(tradeoff.printed_weight))
         self.number = np.array([*np.flatnonzero(np.isfinite(tradeoff.printed_weight)), self.infinite[-1]])
         self.weight = tradeoff.weight[self.number]
@@ -167,7 +169,7 @@ class _Rows:
         self.vector = tradeoff.error[self.number]
         self.error = size(self.vector)
         self.reversals = tradeoff.reversals[self.number]
-        matched = inputs.weight_rule == "matched"
+        matched = inputs.design.weight_rule == "matched"
         self.chosen = "; rows of finite weight are chosen for their printed J0" if matched else ""
         self.efforts = f"J0 of the rows {_listed(self.effort, '.4f')} deg^2/s^3{self.chosen}"
         self.errors = f"final position errors of the rows {_listed(self.error, '.1f')} m"
@@ -181,7 +183,7 @@ class _Rows:
 class _Flight:
     """The flight with the error that the figures draw in a channel, under its feedback, beside its nominal."""
 
-    def __init__(self, inputs, gains, responses, channel):
+    def __init__(self, inputs: DesensitizedInputs, gains, responses, channel):
         law = LAW_OF[channel]
         self.converged, self.ended = bool(gains.converged[law]), str(gains.ended[law])
         self.entry_error = float(responses.drawn_error[channel])
@@ -192,7 +194,7 @@ class _Flight:
         self.error = responses.error[law, channel]
         self.without_time, self.without = responses.time[PLAIN], responses.error[PLAIN, channel]
         self.reversal_times = zero_crossings(self.time, self.bank)
-        self.air = density.profile(inputs)
+        self.air = density.profile(inputs.planet)
 
     def share(self, sign, begins, ends, side=0):
         """Share of a span in which the bank angle departs to a side, with the nominal one on a given side or any."""
@@ -250,35 +252,35 @@ class _Flight:
 # ---- stated inputs ---------------------------------------------------------------------------------------------------
 
 
-def _stated_inputs(inputs, rows):
-    fit, used = atmosphere.TEMPERATURE_PRESSURE_FIT, inputs.density_profile == "temperature_pressure_fit"
-    told = "" if used else f"this reading flies in the density profile {inputs.density_profile}"
+def _stated_inputs(inputs: DesensitizedInputs, rows):
+    fit, used = atmosphere.TEMPERATURE_PRESSURE_FIT, inputs.planet.density_profile == "temperature_pressure_fit"
+    told = "" if used else f"this reading flies in the density profile {inputs.planet.density_profile}"
     air = {
         "atm_temperature_poly": fit.temperature[::-1],
         "atm_pressure_fit": (fit.surface_pressure, -fit.pressure_decay),
         "atm_gas_constant": fit.gas_constant,
     }
-    radius, crossrange, downrange = inputs.drawn_errors
+    radius, crossrange, downrange = inputs.simulation.drawn_errors
     values = {
-        "tab01_diameter": inputs.aeroshell_diameter,
-        "tab01_ballistic_coefficient": inputs.ballistic_coefficient,
-        "tab01_lift_to_drag": inputs.lift_to_drag,
-        "tab01_roll_inertia": inputs.roll_inertia,
-        "tab01_yaw_inertia": inputs.yaw_inertia,
-        "tab01_roll_arm": inputs.roll_arm,
-        "tab01_yaw_arm": inputs.yaw_arm,
-        "tab01_specific_impulse": inputs.specific_impulse,
-        "sphere_cone_angle": inputs.cone_angle / DEGREE,
-        "trim_angle_of_attack": inputs.angle_of_attack / DEGREE,
-        "bank_acceleration_bound": inputs.bank_acceleration_bound / DEGREE,
-        "bank_rate_bound": inputs.bank_rate_bound / DEGREE,
-        "tab02_altitude": [inputs.entry_altitude / 1e3, inputs.final_altitude / 1e3],
-        "tab02_velocity": [inputs.entry_velocity, inputs.final_velocity],
-        "tab02_longitude": [inputs.entry_longitude / DEGREE, inputs.final_longitude / DEGREE],
-        "tab02_latitude": [inputs.entry_latitude / DEGREE, inputs.final_latitude / DEGREE],
-        "tab02_flight_path_angle": inputs.entry_flight_path_angle / DEGREE,
-        "node_count": inputs.intervals + 1,
-        "perturbation_sizes": [inputs.tabulated_error, radius, downrange, crossrange],
+        "tab01_diameter": inputs.vehicle.aeroshell_diameter,
+        "tab01_ballistic_coefficient": inputs.vehicle.ballistic_coefficient,
+        "tab01_lift_to_drag": inputs.vehicle.lift_to_drag,
+        "tab01_roll_inertia": inputs.vehicle.roll_inertia,
+        "tab01_yaw_inertia": inputs.vehicle.yaw_inertia,
+        "tab01_roll_arm": inputs.vehicle.roll_arm,
+        "tab01_yaw_arm": inputs.vehicle.yaw_arm,
+        "tab01_specific_impulse": inputs.vehicle.specific_impulse,
+        "sphere_cone_angle": inputs.vehicle.cone_angle / DEGREE,
+        "trim_angle_of_attack": inputs.vehicle.angle_of_attack / DEGREE,
+        "bank_acceleration_bound": inputs.vehicle.bank_acceleration_bound / DEGREE,
+        "bank_rate_bound": inputs.vehicle.bank_rate_bound / DEGREE,
+        "tab02_altitude": [inputs.mission.entry_altitude / 1e3, inputs.mission.final_altitude / 1e3],
+        "tab02_velocity": [inputs.mission.entry_velocity, inputs.mission.final_velocity],
+        "tab02_longitude": [inputs.mission.entry_longitude / DEGREE, inputs.mission.final_longitude / DEGREE],
+        "tab02_latitude": [inputs.mission.entry_latitude / DEGREE, inputs.mission.final_latitude / DEGREE],
+        "tab02_flight_path_angle": inputs.mission.entry_flight_path_angle / DEGREE,
+        "node_count": inputs.solver.intervals + 1,
+        "perturbation_sizes": [inputs.simulation.tabulated_error, radius, downrange, crossrange],
     }
     return {
         **{name: Evaluation(np.where(used, value, np.nan), evidence=told) for name, value in air.items()},
@@ -355,9 +357,9 @@ def _least_fuel_claim(found):
 # ---- nominal (Fig. 1) ------------------------------------------------------------------------------------------------
 
 
-def _nominal_claims(inputs, nominal, rows):
+def _nominal_claims(inputs: DesensitizedInputs, nominal, rows):
     rate, acceleration = nominal.largest_bank_rate, nominal.largest_bank_acceleration
-    rate_bound, acceleration_bound = inputs.bank_rate_bound, inputs.bank_acceleration_bound
+    rate_bound, acceleration_bound = inputs.vehicle.bank_rate_bound, inputs.vehicle.bank_acceleration_bound
     return {
         "nodoc_two_reversals": Evaluation(
             nominal.reversals,
@@ -525,7 +527,7 @@ def _reshaping_claim(rows):
 # ---- radius (Figs. 3 to 5) -------------------------------------------------------------------------------------------
 
 
-def _radius_claims(inputs, gains, responses):
+def _radius_claims(inputs: DesensitizedInputs, gains, responses):
     law, found = LAW_OF[RADIUS], _Flight(inputs, gains, responses, RADIUS)
     without, reshaped, under = size(responses.error[[PLAIN, SHAPED, law], RADIUS, -1])
     downrange = responses.error[PLAIN, RADIUS, -1, DOWNRANGE]
@@ -538,7 +540,9 @@ def _radius_claims(inputs, gains, responses):
     best = narrow[2] / narrow[:2].min(axis=0)
     levels = np.abs(responses.acceleration[law, RADIUS]).max(), np.abs(responses.nominal_acceleration[law]).max()
     fuels = responses.cumulative[law, RADIUS], responses.nominal_cumulative[law]
-    drawn = flight.position_errors(responses.state[law, RADIUS], responses.nominal[law], inputs.planet_radius)
+    drawn = entry_problem.position_errors(
+        responses.state[law, RADIUS], responses.nominal[law], inputs.planet.planet_radius
+    )
     same = np.allclose(drawn, responses.error[law, RADIUS], rtol=0.0, atol=ROUNDING * found.entry_error, equal_nan=True)
     entry = f"{found.entry_error:g} m of radius error"
     return {
@@ -695,14 +699,14 @@ def _candidates(gain_study, channel):
     }
 
 
-def _downrange_claims(inputs, linearization, gains, responses, certificates, gain_study):
+def _downrange_claims(inputs: DesensitizedInputs, linearization, gains, responses, certificates, gain_study):
     law, found = LAW_OF[DOWNRANGE], _Flight(inputs, gains, responses, DOWNRANGE)
     matrix = np.abs(linearization.state_matrix[:, :, LONGITUDE]).max()
-    column = linearization.sensitivity[:, :, DOWNRANGE] * inputs.planet_radius
+    column = linearization.sensitivity[:, :, DOWNRANGE] * inputs.planet.planet_radius
     departed = np.abs(column - np.eye(len(STATES))[LONGITUDE]).max()
     reduced, more_when_small = _reduction_claims(gains, responses, DOWNRANGE, found)
     left = remaining(responses, law, DOWNRANGE)
-    unguided = size(responses.tabulated_error[PLAIN, DOWNRANGE, 0]) / inputs.tabulated_error
+    unguided = size(responses.tabulated_error[PLAIN, DOWNRANGE, 0]) / inputs.simulation.tabulated_error
     first, second = DOWNRANGE_PHASES
     return {
         "dfdy_third_column_zero": Evaluation(
@@ -715,15 +719,15 @@ def _downrange_claims(inputs, linearization, gains, responses, certificates, gai
         ),
         "dr_column_independent_of_scheme_and_shape": certificates and _scheme_claim(certificates),
         "dr_sensitivity_nodoc": Evaluation(
-            unguided, evidence=f"flown with {inputs.tabulated_error:g} m of downrange error"
+            unguided, evidence=f"flown with {inputs.simulation.tabulated_error:g} m of downrange error"
         ),
         "dr_needs_feedback": _needs_feedback(linearization, gains, DOWNRANGE),
         "dr_gain_on_longitude_nonzero": _longitude_gain_claim(inputs, linearization, gains),
         "fig06_feedback_significantly_reduced": reduced,
         "fig06_1000m_more_than_halved": found.statement(
             (left < 0.5).all(),
-            f"feedback leaves {_listed(100 * left, '.1f')} % after {inputs.tabulated_error:g} m of downrange error, "
-            "positive and negative",
+            f"feedback leaves {_listed(100 * left, '.1f')} % after {inputs.simulation.tabulated_error:g} m of "
+            "downrange error, positive and negative",
             left=100.0 * left[0],
             **_candidates(gain_study, DOWNRANGE),
         ),
@@ -801,17 +805,17 @@ def _needs_feedback(linearization, gains, channel):
     )
 
 
-def _longitude_gain_claim(inputs, linearization, gains):
+def _longitude_gain_claim(inputs: DesensitizedInputs, linearization, gains):
     """The downrange column under the gains of its law, and without the one on the longitude."""
     scaled = gains.scaled_gain[LAW_OF[DOWNRANGE]]
-    columns, step = position_columns(inputs)[:, [DOWNRANGE]], np.diff(linearization.time)
+    columns, step = position_columns(inputs.planet)[:, [DOWNRANGE]], np.diff(linearization.time)
     with_all, without_one = (
         propagate_columns(
             midpoint_transitions(
                 closed_loop(
                     linearization.state_matrix,
                     linearization.control_matrix[:, :, np.newaxis],
-                    gain_vector(inputs, kept)[np.newaxis],
+                    gain_vector(inputs.planet, inputs.design, kept)[np.newaxis],
                 ),
                 step,
             ),
@@ -819,8 +823,8 @@ def _longitude_gain_claim(inputs, linearization, gains):
         )[:, :, 0]
         for kept in (scaled, np.where(np.arange(len(scaled)) == LONGITUDE, 0.0, scaled))
     )
-    final = size(position_rows(inputs) @ with_all[-1])
-    departed = np.abs((without_one - columns[:, 0]) * inputs.planet_radius).max()
+    final = size(position_rows(inputs.planet) @ with_all[-1])
+    departed = np.abs((without_one - columns[:, 0]) * inputs.planet.planet_radius).max()
     return Evaluation(
         bool(departed < EXACT and abs(final - 1.0) > ROUNDING),
         evidence=f"final position error over downrange error {final:.6g} with the gains of the downrange law; without "
@@ -831,7 +835,7 @@ def _longitude_gain_claim(inputs, linearization, gains):
 # ---- crossrange (Figs. 9 to 11) --------------------------------------------------------------------------------------
 
 
-def _crossrange_claims(inputs, linearization, gains, responses, gain_study):
+def _crossrange_claims(inputs: DesensitizedInputs, linearization, gains, responses, gain_study):
     law, found = LAW_OF[CROSSRANGE], _Flight(inputs, gains, responses, CROSSRANGE)
     reduced, more_when_small = _reduction_claims(gains, responses, CROSSRANGE, found)
     unguided = size(responses.tabulated_error[PLAIN, CROSSRANGE, 0])
@@ -839,13 +843,13 @@ def _crossrange_claims(inputs, linearization, gains, responses, gain_study):
     last = responses.error[PLAIN, CROSSRANGE, -1]
     others = np.abs(last[[RADIUS, DOWNRANGE]]).max()
     candidates = _candidates(gain_study, CROSSRANGE)
-    turn = np.cos(inputs.final_longitude - inputs.entry_longitude)
+    turn = np.cos(inputs.mission.final_longitude - inputs.mission.entry_longitude)
     return {
         "cr_needs_feedback": _needs_feedback(linearization, gains, CROSSRANGE),
         "cr_sensitivity_nodoc": Evaluation(
-            unguided / inputs.tabulated_error,
-            evidence=f"flown with {inputs.tabulated_error:g} m of crossrange error; the cosine of the longitude flown "
-            f"is {turn:.6f}",
+            unguided / inputs.simulation.tabulated_error,
+            evidence=f"flown with {inputs.simulation.tabulated_error:g} m of crossrange error; the cosine of the "
+            f"longitude flown is {turn:.6f}",
             numbers={"turn": turn},
         ),
         "fig09_feedback_significantly_reduced": reduced,

@@ -1,6 +1,7 @@
 """The entry as a problem of optimal control: equations, conditions, guesses, and what solutions are measured by."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from marsedl.methods.desensitization import Desensitized, Gain, Perturbation, co
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.models.reaction_control import bank_propellant
 from marsedl.papers import density
+from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Vehicle
+from marsedl.papers.desensitized.records import CHANNELS
 from marsedl.replication.errors import MarsedlError, SolverError
 
 DEGREE = np.pi / 180.0
@@ -26,20 +29,20 @@ STATES = (
     *("bank", "bank_rate"),
 )
 POSITIONS, MEASURED = STATES[:3], STATES[:6]
-CHANNELS = ("radius", "crossrange", "downrange")
 BANK, BANK_RATE = STATES.index("bank"), STATES.index("bank_rate")
 # Signs of the states of a flight seen in a mirror.
 MIRROR = np.array([-1.0 if name in ("latitude", "north_velocity", "bank", "bank_rate") else 1.0 for name in STATES])
 LEVEL = 0.5 * DEGREE  # a bank angle below it counts as none when reversals are counted
+ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby
 
 
 # ---- the problem -----------------------------------------------------------------------------------------------------
 
 
-def rates(inputs):
+def rates(planet: Planet, vehicle: Vehicle):
     """Equations of motion (Eqs. 1, 2 and 4) as a function of states, control, weight and density factor."""
-    log_density = density.log_density(inputs)
+    log_density = density.log_density(planet)
 
     def entry_rates(*arguments):
         *motion, _, density_factor = arguments
@@ -47,29 +50,29 @@ def rates(inputs):
         return velocity_component_entry_rates(
             *motion,
             air,
-            inputs.ballistic_coefficient,
-            inputs.lift_to_drag,
-            inputs.gravitational_parameter,
-            inputs.planet_radius,
+            vehicle.ballistic_coefficient,
+            vehicle.lift_to_drag,
+            planet.gravitational_parameter,
+            planet.planet_radius,
         )
 
     return entry_rates
 
 
-def entry_state(inputs):
+def entry_state(mission: Mission):
     """State at entry, (8,); bank and bank rate are zero where they are free."""
-    speed, climb, heading = inputs.entry_velocity, inputs.entry_flight_path_angle, inputs.entry_azimuth
+    speed, climb, heading = mission.entry_velocity, mission.entry_flight_path_angle, mission.entry_azimuth
     horizontal = speed * np.cos(climb)
     return np.array(
         [
-            inputs.entry_altitude,
-            inputs.entry_latitude,
-            inputs.entry_longitude,
+            mission.entry_altitude,
+            mission.entry_latitude,
+            mission.entry_longitude,
             speed * np.sin(climb),
             horizontal * np.cos(heading),
             horizontal * np.sin(heading),
-            inputs.initial_bank or 0.0,
-            inputs.initial_bank_rate or 0.0,
+            mission.initial_bank or 0.0,
+            mission.initial_bank_rate or 0.0,
         ]
     )
 
@@ -79,35 +82,53 @@ def bank_acceleration_squared(*arguments):
     return (arguments[len(STATES)] / DEGREE) ** 2
 
 
-def problem(inputs) -> Problem:
-    """Least control energy between entry and deployment (Eqs. 1 to 4, Table 2), without regard to sensitivities."""
-    initial = dict(zip(STATES[:6], entry_state(inputs), strict=False))
+class BankEnds(NamedTuple):
+    """Bank angles (rad) and rates (rad/s) at entry and deployment; None where they are free."""
+
+    initial_bank: float | None
+    initial_bank_rate: float | None
+    final_bank: float | None
+    final_bank_rate: float | None
+
+
+def bank_ends(mission: Mission) -> BankEnds:
+    """The conditions on the bank that the inputs name."""
+    return BankEnds(mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate)
+
+
+def problem(planet: Planet, vehicle: Vehicle, mission: Mission, ends: BankEnds | None = None) -> Problem:
+    """Least control energy between entry and deployment (Eqs. 1 to 4, Table 2), without regard to sensitivities.
+
+    ends: conditions on the bank in place of the inputs' own.
+    """
+    ends = ends or bank_ends(mission)
+    initial = dict(zip(STATES[:6], entry_state(mission), strict=False))
     final = {
-        "altitude": inputs.final_altitude,
-        "latitude": inputs.final_latitude,
-        "longitude": inputs.final_longitude,
+        "altitude": mission.final_altitude,
+        "latitude": mission.final_latitude,
+        "longitude": mission.final_longitude,
     }
-    for ends, bank, bank_rate in (
-        (initial, inputs.initial_bank, inputs.initial_bank_rate),
-        (final, inputs.final_bank, inputs.final_bank_rate),
+    for conditions, bank, bank_rate in (
+        (initial, ends.initial_bank, ends.initial_bank_rate),
+        (final, ends.final_bank, ends.final_bank_rate),
     ):
-        ends |= {"bank": bank} if bank is not None else {}
-        ends |= {"bank_rate": bank_rate} if bank_rate is not None else {}
-    square = inputs.final_velocity**2
+        conditions |= {"bank": bank} if bank is not None else {}
+        conditions |= {"bank_rate": bank_rate} if bank_rate is not None else {}
+    square = mission.final_velocity**2
     return Problem(
-        rates=rates(inputs),
+        rates=rates(planet, vehicle),
         states=(
             Variable("altitude", 1e5, 0.0),
             Variable("latitude", 0.1),
             Variable("longitude", 0.1),
             *(Variable(name, 1e3) for name in STATES[3:6]),
             Variable("bank"),
-            Variable("bank_rate", 0.02, -inputs.bank_rate_bound, inputs.bank_rate_bound),
+            Variable("bank_rate", 0.02, -vehicle.bank_rate_bound, vehicle.bank_rate_bound),
         ),
         controls=(
-            Variable("bank_acceleration", 0.002, -inputs.bank_acceleration_bound, inputs.bank_acceleration_bound),
+            Variable("bank_acceleration", 0.002, -vehicle.bank_acceleration_bound, vehicle.bank_acceleration_bound),
         ),
-        final_time=Variable("final_time", 100.0, *inputs.final_time_bounds),
+        final_time=Variable("final_time", 100.0, *mission.final_time_bounds),
         initial=initial,
         final=final,
         boundary=(
@@ -129,39 +150,53 @@ def given(weight=0.0):
     return {"weight": float(weight), "density_factor": 1.0}
 
 
-def position_error(inputs, channel) -> Perturbation:
+def position_error(planet: Planet, channel) -> Perturbation:
     """A position error of one metre at entry: of radius, crossrange (north) or downrange (east)."""
     state = POSITIONS[CHANNELS.index(channel)]
-    return Perturbation(channel, {state: 1.0 if state == "altitude" else 1.0 / inputs.planet_radius})
+    return Perturbation(channel, {state: 1.0 if state == "altitude" else 1.0 / planet.planet_radius})
 
 
-def state_scale(inputs):
+def state_scale(planet: Planet, design: Design):
     """Deviations of the states that count as equally large, (8,): a planet's radius, a radian, and so on."""
-    length = inputs.planet_radius
-    speed = length / inputs.gain_time
+    length = planet.planet_radius
+    speed = length / design.gain_time
     return np.array([length, 1.0, 1.0, speed, speed, speed, 1e3, 1e2])
 
 
-def desensitized(inputs, perturbations, gains=False) -> Desensitized:
+def gain_scale(planet: Planet, design: Design):
+    """Deviations of the measured states that count as one, (6,)."""
+    return state_scale(planet, design)[: len(MEASURED)]
+
+
+def gain_vector(planet: Planet, design: Design, scaled_gain):
+    """Gains on all states, (8,), from those on the scaled measured states."""
+    return np.concatenate([np.asarray(scaled_gain) / gain_scale(planet, design), [0.0, 0.0]])
+
+
+def desensitized(
+    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, perturbations, gains=False
+) -> Desensitized:
     """The problem with columns of the sensitivity among its states, per unit of the perturbations (Eq. 5)."""
-    scale = state_scale(inputs) / inputs.planet_radius
+    scale = state_scale(planet, design) / planet.planet_radius
     feedback = tuple(
         Gain("bank_acceleration", name, 1.0 / unit)
-        for name, unit in zip(MEASURED, state_scale(inputs), strict=False)
+        for name, unit in zip(MEASURED, state_scale(planet, design), strict=False)
         if gains
     )
-    return Desensitized(problem(inputs), tuple(perturbations), dict(zip(STATES, scale, strict=True)), feedback)
+    return Desensitized(
+        problem(planet, vehicle, mission), tuple(perturbations), dict(zip(STATES, scale, strict=True)), feedback
+    )
 
 
-def squared_norm(inputs, end, channels):
+def squared_norm(planet: Planet, design: Design, end, channels):
     """Squared Frobenius norm of columns of the final position sensitivity (Eq. 6).
 
     Altitudes are divided by `sensitivity_length`, angles are taken in radians, in rows and columns alike. With the
     planet's radius this is the norm in metres per metre, with a length of 1 m that of the block as it stands.
     """
-    row = np.array([1.0 / inputs.sensitivity_length, 1.0, 1.0])
-    unit = {"radius": inputs.sensitivity_length, "crossrange": inputs.planet_radius, "downrange": inputs.planet_radius}
-    total = inputs.norm_smoothing
+    row = np.array([1.0 / design.sensitivity_length, 1.0, 1.0])
+    unit = {"radius": design.sensitivity_length, "crossrange": planet.planet_radius, "downrange": planet.planet_radius}
+    total = design.norm_smoothing
     for channel in channels:
         for name, scale in zip(POSITIONS, row * unit[channel], strict=True):
             # Downrange and crossrange errors are counted per metre, and reach not every state.
@@ -169,12 +204,12 @@ def squared_norm(inputs, end, channels):
     return total
 
 
-def weighted(inputs, extended: Desensitized, channels) -> Problem:
+def weighted(planet: Planet, design: Design, extended: Desensitized, channels) -> Problem:
     """The augmented objective J = J0 + c |S_p| (Eq. 6), divided by c / solved_weight_scale where that exceeds one."""
     count = len(extended.problem.states)
 
     def divisor(weight):
-        return np.maximum(1.0, weight / inputs.solved_weight_scale)
+        return np.maximum(1.0, weight / design.solved_weight_scale)
 
     def running_cost(*arguments):
         weight = arguments[-2]
@@ -182,28 +217,28 @@ def weighted(inputs, extended: Desensitized, channels) -> Problem:
 
     def end_cost(start, end, parameters):
         weight = parameters["weight"]
-        return weight / divisor(weight) * np.sqrt(squared_norm(inputs, end, channels))
+        return weight / divisor(weight) * np.sqrt(squared_norm(planet, design, end, channels))
 
     return replace(extended.problem, running_cost=running_cost, end_cost=end_cost)
 
 
-def program(inputs, declared, intervals=None, scheme=None, hessian="exact") -> Program:
+def program(planet: Planet, solver: Solver, declared, intervals=None, scheme=None, hessian="exact") -> Program:
     """A problem transcribed as the inputs say; tables of density are splines, which cannot be expanded."""
     return Program(
         declared,
-        intervals or inputs.intervals,
-        scheme or inputs.scheme,
+        intervals or solver.intervals,
+        scheme or solver.scheme,
         hessian=hessian,
-        expand=inputs.density_profile != "table",
+        expand=planet.density_profile != "table",
     )
 
 
 # ---- solving ---------------------------------------------------------------------------------------------------------
 
 
-def solve(inputs, case, transcribed, guess, weight=0.0, **options) -> Solution:
+def solve(solver: Solver, case, transcribed, guess, weight=0.0, **options) -> Solution:
     """Solve one case; what does not converge ends in a message that names it, with the last iterate for inspection."""
-    options = {"tolerance": inputs.solver_tolerance, "iterations": inputs.solver_iterations} | options
+    options = {"tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
     try:
         return transcribed.solve(guess, given(weight), **options)
     except NotConvergedError as error:
@@ -219,21 +254,25 @@ def failure(case, error: NotConvergedError) -> SolverError:
     return SolverError(f"{case}: {error}", iterate)
 
 
-def profile_guess(inputs, banks, switch_times, final_time, declared=None) -> Guess:
+def profile_guess(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, banks, switch_times, final_time, declared=None
+) -> Guess:
     """A guess that flies a smooth bank profile: from one bank angle to the next, as a hyperbolic tangent."""
-    time = np.linspace(0.0, final_time, inputs.intervals + 1)
+    time = np.linspace(0.0, final_time, solver.intervals + 1)
     changes = list(zip(np.diff(banks), switch_times, strict=True))
 
     def bank_rate(t):
-        shares = (step * (1.0 - np.tanh((t - at) / inputs.guess_width) ** 2) for step, at in changes)
-        return sum(shares) / (2.0 * inputs.guess_width)
+        shares = (step * (1.0 - np.tanh((t - at) / solver.guess_width) ** 2) for step, at in changes)
+        return sum(shares) / (2.0 * solver.guess_width)
 
-    start = entry_state(inputs)
-    start[BANK] = sum((step * (1.0 + np.tanh(-at / inputs.guess_width)) / 2.0 for step, at in changes), banks[0])
+    start = entry_state(mission)
+    start[BANK] = sum((step * (1.0 + np.tanh(-at / solver.guess_width)) / 2.0 for step, at in changes), banks[0])
     start[BANK_RATE] = bank_rate(0.0)
-    controls = np.diff([bank_rate(t) for t in time])[:, np.newaxis] * inputs.intervals / final_time
+    controls = np.diff([bank_rate(t) for t in time])[:, np.newaxis] * solver.intervals / final_time
     try:
-        flown = simulate(declared or problem(inputs), start, controls, time, [0.0, 1.0], relative_tolerance=1e-7)
+        flown = simulate(
+            declared or problem(planet, vehicle, mission), start, controls, time, [0.0, 1.0], relative_tolerance=1e-7
+        )
     except RuntimeError as error:
         raise MarsedlError(
             f"the guess cannot be flown to its end, perhaps it goes far below the ground: {error}; give guess_banks "
@@ -255,17 +294,17 @@ def cumulative(time, bank_acceleration):
     return float(np.abs(bank_acceleration) @ np.diff(time))
 
 
-def propellant(inputs, cumulative_bank_acceleration):
+def propellant(vehicle: Vehicle, cumulative_bank_acceleration):
     """Propellant of the reaction control system, kg."""
     return bank_propellant(
         cumulative_bank_acceleration,
-        inputs.angle_of_attack,
-        inputs.roll_inertia,
-        inputs.yaw_inertia,
-        inputs.roll_arm,
-        inputs.yaw_arm,
-        inputs.specific_impulse,
-        inputs.standard_gravity,
+        vehicle.angle_of_attack,
+        vehicle.roll_inertia,
+        vehicle.yaw_inertia,
+        vehicle.roll_arm,
+        vehicle.yaw_arm,
+        vehicle.specific_impulse,
+        vehicle.standard_gravity,
     )
 
 
@@ -290,17 +329,37 @@ def branch_name(bank):
     return f"{number} reversal{'' if number == 1 else 's'}"
 
 
-def lengths(inputs):
+def lengths(planet: Planet):
     """Metres per unit of altitude, latitude and longitude."""
-    return np.array([1.0, inputs.planet_radius, inputs.planet_radius])
+    return np.array([1.0, planet.planet_radius, planet.planet_radius])
 
 
-def miss(inputs, end):
+def miss(planet: Planet, mission: Mission, end):
     """Altitude, crossrange and downrange by which final states (..., 8) miss the target, m."""
-    target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
-    return (end[..., :3] - target) * lengths(inputs)
+    target = np.array([mission.final_altitude, mission.final_latitude, mission.final_longitude])
+    return (end[..., :3] - target) * lengths(planet)
 
 
-def metric(inputs, sensitivity):
+def metric(planet: Planet, sensitivity):
     """Rows of altitude, latitude and longitude of a sensitivity (..., 8, m) as lengths, m per unit: (..., 3, m)."""
-    return sensitivity[..., :3, :] * lengths(inputs)[:, np.newaxis]
+    return sensitivity[..., :3, :] * lengths(planet)[:, np.newaxis]
+
+
+def position_errors(states, nominal_states, planet_radius):
+    """Position errors in metres, as the paper's figures show them (Sec. 4).
+
+        (delta h, r_m delta phi, r_m delta theta)
+
+    With one radius r_m from start to end, a downrange error without feedback stays what it is.
+
+    Args:
+        states: (..., n), altitude (m), latitude and longitude (rad) first; `Trajectories` have the trial last, so move
+            their dimension 1 to the end.
+        nominal_states: (..., n), likewise, broadcast against them.
+        planet_radius: r_m, m.
+
+    Returns:
+        (..., 3), errors in radius, crossrange (north) and downrange (east), m.
+    """
+    position, nominal = (np.asarray(part, dtype=float)[..., : len(POSITIONS)] for part in (states, nominal_states))
+    return (position - nominal) * np.array([1.0, planet_radius, planet_radius])

@@ -5,11 +5,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from marsedl.papers.desensitized.claims import printed_rows
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS
-from marsedl.papers.desensitized.further_perturbations import DENSITY
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
+from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    DENSITY,
+    NO_DOC,
+    RESHAPED,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -57,21 +61,21 @@ FAR = 1.6  # times what flights without feedback reach, beyond which others may 
 # ---- the nominal, and reshaping it -----------------------------------------------------------------------------------
 
 
-def fig01a(inputs, nominal: Nominal) -> Figure:
+def fig01a(vehicle: Vehicle, nominal: Nominal) -> Figure:
     """Bank rate and bank acceleration of the nominal."""
     figure, (rate, acceleration) = new_figure(6.4, 4.4, nrows=2, sharex=True)
     rate.plot(nominal.time, nominal.state[:, BANK_RATE] / DEGREE, color=BLUE)
     acceleration.stairs(nominal.bank_acceleration / DEGREE, nominal.time, baseline=None, color=BLUE, linewidth=1.2)
-    _bounds(rate, inputs.bank_rate_bound / DEGREE, nominal.largest_bank_rate / DEGREE, "deg/s")
+    _bounds(rate, vehicle.bank_rate_bound / DEGREE, nominal.largest_bank_rate / DEGREE, "deg/s")
     _bounds(
-        acceleration, inputs.bank_acceleration_bound / DEGREE, nominal.largest_bank_acceleration / DEGREE, "deg/s$^2$"
+        acceleration, vehicle.bank_acceleration_bound / DEGREE, nominal.largest_bank_acceleration / DEGREE, "deg/s$^2$"
     )
     rate.set_ylabel(RATE_LABEL)
     acceleration.set(xlabel=TIME_LABEL, ylabel=ACCELERATION_LABEL, xlim=nominal.time[[0, -1]])
     return figure
 
 
-def fig01b(inputs, nominal: Nominal) -> Figure:
+def fig01b(nominal: Nominal) -> Figure:
     """Bank angle of the nominal, and when it passes zero."""
     figure, axes = new_figure(6.4, 3.4)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -84,7 +88,7 @@ def fig01b(inputs, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig02(inputs, tradeoff: Tradeoff) -> Figure:
+def fig02(tradeoff: Tradeoff) -> Figure:
     """Bank angle of the rows of Table 3."""
     figure, axes = new_figure(7.2, 4.2)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -102,72 +106,72 @@ def fig02(inputs, tradeoff: Tradeoff) -> Figure:
 # ---- errors at entry: sweeps, histories, and how the bank answers ----------------------------------------------------
 
 
-def fig03a(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig03a(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the radius error at entry."""
     return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), responses.wide, responses.wide_error)
 
 
-def fig03b(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig03b(gains: Gains, responses: Responses) -> Figure:
     """The same for small errors."""
     return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), responses.narrow, responses.narrow_error)
 
 
-def fig04(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig04(gains: Gains, responses: Responses) -> Figure:
     """Position errors over time after a radius error at entry."""
     return _histories(gains, responses, RADIUS, (NO_DOC, RESHAPED))
 
 
-def fig05a(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig05a(gains: Gains, responses: Responses) -> Figure:
     """Bank rate and acceleration with feedback, with and without the radius error."""
     return _bank_rates(gains, responses, RADIUS)
 
 
-def fig05b(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig05b(gains: Gains, responses: Responses) -> Figure:
     """Bank angle with feedback, with and without the radius error."""
     return _bank_angles(gains, responses, RADIUS)
 
 
-def fig06a(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig06a(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the downrange error at entry."""
     return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), responses.wide, responses.wide_error)
 
 
-def fig06b(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig06b(gains: Gains, responses: Responses) -> Figure:
     """The same for small errors."""
     return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), responses.narrow, responses.narrow_error)
 
 
-def fig07a(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig07a(gains: Gains, responses: Responses) -> Figure:
     """Bank rate and acceleration with feedback, with and without the downrange error."""
     return _bank_rates(gains, responses, DOWNRANGE)
 
 
-def fig07b(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig07b(gains: Gains, responses: Responses) -> Figure:
     """Bank angle with feedback, with and without the downrange error."""
     return _bank_angles(gains, responses, DOWNRANGE)
 
 
-def fig08(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig08(gains: Gains, responses: Responses) -> Figure:
     """Position errors over time after a downrange error at entry."""
     return _histories(gains, responses, DOWNRANGE, (NO_DOC,))
 
 
-def fig09(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig09(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the crossrange error at entry."""
     return _sweep(gains, responses, CROSSRANGE, (NO_DOC,), responses.wide, responses.wide_error)
 
 
-def fig10a(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig10a(gains: Gains, responses: Responses) -> Figure:
     """Bank rate and acceleration with feedback, with and without the crossrange error."""
     return _bank_rates(gains, responses, CROSSRANGE)
 
 
-def fig10b(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig10b(gains: Gains, responses: Responses) -> Figure:
     """Bank angle with feedback, with and without the crossrange error."""
     return _bank_angles(gains, responses, CROSSRANGE)
 
 
-def fig11(inputs, gains: Gains, responses: Responses) -> Figure:
+def fig11(gains: Gains, responses: Responses) -> Figure:
     """Position errors over time after a crossrange error at entry."""
     return _histories(gains, responses, CROSSRANGE, (NO_DOC,))
 
@@ -263,7 +267,7 @@ def _bank_angles(gains, responses, channel):
 # ---- beyond the paper ------------------------------------------------------------------------------------------------
 
 
-def pareto(inputs, tradeoff: Tradeoff, branches: Branches, published=None) -> Figure:
+def pareto(simulation: Simulation, tradeoff: Tradeoff, branches: Branches, published=None) -> Figure:
     """Control energy against final position error, on every branch, and the weight along the nominal's.
 
     published: the printed claims by id, to draw the printed rows as well.
@@ -302,7 +306,7 @@ def pareto(inputs, tradeoff: Tradeoff, branches: Branches, published=None) -> Fi
     if published:
         efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
         axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
-    label = f"final position error for {inputs.tabulated_error:g} m of radius (m)"
+    label = f"final position error for {simulation.tabulated_error:g} m of radius (m)"
     axes.set(yscale="log", xlabel=label, ylabel="control energy $J_0$ (deg$^2$/s$^3$)")
     if columns == 2:
         weight, folded = panels[0, 1], np.isfinite(branches.fold_weight)
@@ -318,7 +322,7 @@ def pareto(inputs, tradeoff: Tradeoff, branches: Branches, published=None) -> Fi
     return figure
 
 
-def branches(inputs, branches: Branches) -> Figure:
+def branches(branches: Branches) -> Figure:
     """Bank angle of the local minima of the problem without weight, those with full rolls apart."""
     turning = branches.rolls > 0
     groups = [group for group in (np.flatnonzero(~turning), np.flatnonzero(turning)) if len(group)]
@@ -340,7 +344,7 @@ def branches(inputs, branches: Branches) -> Figure:
     return figure
 
 
-def gain_candidates(inputs, gains: Gains, gain_study: GainStudy) -> Figure:
+def gain_candidates(gains: Gains, gain_study: GainStudy) -> Figure:
     """Flown errors under all gains found for a channel, and under one set of gains for all channels."""
     figure, panels = new_figure(8.0, 7.2, nrows=2, ncols=2, sharey=True)
     sizes = gain_study.tuning_error
@@ -371,7 +375,7 @@ def gain_candidates(inputs, gains: Gains, gain_study: GainStudy) -> Figure:
     return figure
 
 
-def dispersion(inputs, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
+def dispersion(ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
     """Final crossrange and downrange errors for random position errors at entry, under every law."""
     figure, panels = new_figure(7.6, 6.2, nrows=2, ncols=3, sharex=True, sharey=True)
     trials = entry_errors.final_error.shape[1]
@@ -384,7 +388,7 @@ def dispersion(inputs, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
         shown = flown[:DRAWN]
         axes.plot(*shown.T, ".", color=SKY, markersize=1.5, alpha=0.6, rasterized=True)
         # The root of the covariance by singular values, as it may be singular.
-        factor = gains.final[number][[DOWNRANGE, CROSSRANGE]] * inputs.initial_deviations / KM
+        factor = gains.final[number][[DOWNRANGE, CROSSRANGE]] * ensemble.initial_deviations / KM
         left, values, _ = np.linalg.svd(factor, full_matrices=False)
         axes.plot(*(left * values @ circle), color=VERMILION)
         name, remarks = str(gains.law[number]), []
@@ -413,7 +417,7 @@ def dispersion(inputs, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
     return figure
 
 
-def discretisation(inputs, certificates: Certificates) -> Figure:
+def discretisation(solver: Solver, simulation: Simulation, certificates: Certificates) -> Figure:
     """Miss of the flown controls, and error of the sensitivity, against the number of intervals."""
     figure, panels = new_figure(7.6, 4.2, ncols=2)
     wrong = np.linalg.norm(certificates.mesh_error - certificates.mesh_flown_error, axis=-1)
@@ -421,7 +425,11 @@ def discretisation(inputs, certificates: Certificates) -> Figure:
     intervals = certificates.intervals
     for axes, values, label in (
         (panels[0], miss, "miss of the target (m)"),
-        (panels[1], wrong, "error of the sensitivity,\nfor " + f"{_length(inputs.tabulated_error / KM)} of radius (m)"),
+        (
+            panels[1],
+            wrong,
+            "error of the sensitivity,\nfor " + f"{_length(simulation.tabulated_error / KM)} of radius (m)",
+        ),
     ):
         for case, style in enumerate(("-", "--")):
             for scheme, name in enumerate(certificates.scheme):
@@ -438,12 +446,12 @@ def discretisation(inputs, certificates: Certificates) -> Figure:
         axes.set_xticks(intervals, [str(number) for number in intervals])
         axes.minorticks_off()
         axes.set(xlabel="intervals", ylabel=label)
-        axes.axvline(inputs.intervals, color=GREY, linewidth=0.6)
+        axes.axvline(solver.intervals, color=GREY, linewidth=0.6)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
-def minimum_fuel(inputs, minimum_fuel: MinimumFuel) -> Figure:
+def minimum_fuel(minimum_fuel: MinimumFuel) -> Figure:
     """Bank acceleration and bank angle of least energy and of least fuel, and the switching function, by bound."""
     found = minimum_fuel
     figure, panels = new_figure(8.0, 6.6, nrows=3, ncols=len(found.bound), sharex=True, sharey="row", squeeze=False)
@@ -473,7 +481,7 @@ def minimum_fuel(inputs, minimum_fuel: MinimumFuel) -> Figure:
     return figure
 
 
-def further_perturbations(inputs, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations) -> Figure:
+def further_perturbations(studies: Studies, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations) -> Figure:
     """Other perturbations of the rows of Table 3, and the density desensitized and fed back against."""
     found = further_perturbations
     figure, ((over_rows, energy), (density, radius)) = new_figure(8.0, 7.0, nrows=2, ncols=2)
@@ -495,7 +503,7 @@ def further_perturbations(inputs, tradeoff: Tradeoff, further_perturbations: Fur
         norms[:, DENSITY], tradeoff.effort, "o", color=VERMILION, markersize=5, markerfacecolor="none",
         label="rows of Table 3, against radius",
     )  # fmt: skip
-    percent = 100 * inputs.density_error
+    percent = 100 * studies.density_error
     energy.set(xlabel=f"final error for {percent:g} % of density (m)", ylabel="control energy $J_0$ (deg$^2$/s$^3$)")
     energy.legend(fontsize=7)
 

@@ -16,19 +16,27 @@ from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
-
-# The state, what is stored of it over time and at the end, and the nominal's state, which is integrated behind it.
-ALTITUDE, LATITUDE, LONGITUDE, RADIAL_VELOCITY, NORTH_VELOCITY, EAST_VELOCITY, BANK, BANK_RATE = range(8)
-STATES = 8
-CUMULATIVE = 8  # integral of the magnitude of the flown bank acceleration
-STORED = 9
-INTEGRATED = STORED + STATES
-
-BANK_ACCELERATION, COMMAND_MAGNITUDE = range(2)  # as flown; as commanded
-OBSERVED = 2
+from marsedl.papers.desensitized.components import (
+    ALTITUDE,
+    BANK,
+    BANK_ACCELERATION,
+    BANK_RATE,
+    COMMAND_MAGNITUDE,
+    CUMULATIVE,
+    EAST_VELOCITY,
+    INTEGRATED,
+    LATITUDE,
+    LONGITUDE,
+    NORTH_VELOCITY,
+    OBSERVED,
+    RADIAL_VELOCITY,
+    STATES,
+    STORED,
+)
+from marsedl.papers.desensitized.entry_problem import ROUNDING
+from marsedl.papers.desensitized.inputs import Planet, Vehicle
 
 LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponential` treats, and no subnormal products
-ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the nominal's bank acceleration
 
 _SETTINGS = np.dtype(
     [
@@ -52,12 +60,11 @@ class Reference(NamedTuple):
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(inputs, nodes):
+def settings(planet: Planet, vehicle: Vehicle, nodes):
     """The constants of a flight as a record that compiled code reads by name.
 
     Args:
-        inputs: has gravitational_parameter (m^3/s^2), planet_radius (m), ballistic_coefficient (kg/m^2), lift_to_drag
-            (1) and bank_acceleration_bound (rad/s^2).
+        planet, vehicle: gravity and radius of the one, aerodynamics and bound of the bank acceleration of the other.
         nodes: altitudes of the density table, with bottom (m) and spacing (m), see `atmosphere.uniform_nodes`.
 
     Returns:
@@ -66,13 +73,13 @@ def settings(inputs, nodes):
     Raises:
         ValueError: if the bound or the spacing is not positive.
     """
-    if not inputs.bank_acceleration_bound > 0.0:
-        raise ValueError(f"bank_acceleration_bound must be positive, got {inputs.bank_acceleration_bound}")
+    if not vehicle.bank_acceleration_bound > 0.0:
+        raise ValueError(f"bank_acceleration_bound must be positive, got {vehicle.bank_acceleration_bound}")
     if not nodes.spacing > 0.0:
         raise ValueError(f"the spacing of the nodes must be positive, got {nodes.spacing}")
     values = (
-        *(inputs.gravitational_parameter, inputs.planet_radius, inputs.ballistic_coefficient, inputs.lift_to_drag),
-        *(inputs.bank_acceleration_bound, nodes.bottom, 1.0 / nodes.spacing),
+        *(planet.gravitational_parameter, planet.planet_radius, vehicle.ballistic_coefficient, vehicle.lift_to_drag),
+        *(vehicle.bank_acceleration_bound, nodes.bottom, 1.0 / nodes.spacing),
     )
     return np.array([values], dtype=_SETTINGS)
 
@@ -370,23 +377,3 @@ def fly_nominal(constants, cells, reference, substeps):
         end = "comes below altitude zero" if flown.outcome[0] == CRASHED else "is not finite"
         raise ValueError(f"the nominal {end} on interval {flown.length[0] - 1} of {len(reference.bank_acceleration)}")
     return flown.history[:, :STATES, 0].copy()
-
-
-def position_errors(states, nominal_states, planet_radius):
-    """Position errors in metres, as the paper's figures show them (Sec. 4).
-
-        (delta h, r_m delta phi, r_m delta theta)
-
-    With one radius r_m from start to end, a downrange error without feedback stays what it is.
-
-    Args:
-        states: (..., n), altitude (m), latitude and longitude (rad) first; `Trajectories` have the trial last, so move
-            their dimension 1 to the end.
-        nominal_states: (..., n), likewise, broadcast against them.
-        planet_radius: r_m, m.
-
-    Returns:
-        (..., 3), errors in radius, crossrange (north) and downrange (east), m.
-    """
-    position, nominal = (np.asarray(part, dtype=float)[..., : LONGITUDE + 1] for part in (states, nominal_states))
-    return (position - nominal) * np.array([1.0, planet_radius, planet_radius])

@@ -14,18 +14,18 @@ from marsedl.methods.desensitization import Perturbation, column
 from marsedl.methods.linearization import linearize
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM
-from marsedl.papers.desensitized.gains import gain_problem, gain_vector, reference
+from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM, gain_vector
+from marsedl.papers.desensitized.gains import gain_problem, reference
+from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import FurtherPerturbations, Nominal, Tradeoff
+from marsedl.papers.desensitized.records import DENSITY, PERTURBATIONS, FurtherPerturbations, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import Point, effort, final_error, follow
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
-PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
 ALL = tuple(range(len(PERTURBATIONS)))
-DENSITY, RADIUS = PERTURBATIONS.index("density"), PERTURBATIONS.index("radius")
+RADIUS = PERTURBATIONS.index("radius")
 NO_FEEDBACK, NULL, BOTH_NULL, TUNED, BOTH_TUNED = LAWS = (
     *("no feedback", "density null", "density and radius null"),
     *("density tuned", "density and radius tuned"),
@@ -61,30 +61,47 @@ class Law(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> FurtherPerturbations:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+    tradeoff: Tradeoff,
+) -> FurtherPerturbations:
     """Perturb the rows of Table 3 in other ways, desensitize the nominal against density, and feed back against it."""
-    air = environment.surroundings(inputs)
+    air = environment.surroundings(planet, vehicle)
     rows = [Trajectory(*row) for row in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True)]
-    points, designs, path_end, extended = density_path(inputs, nominal)
+    points, designs, path_end, extended = density_path(
+        planet, vehicle, mission, solver, design, simulation, studies, nominal
+    )
     plain = Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
-    laws = list(density_feedback(inputs, plain, air))
-    densities = inputs.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS)
-    radii = inputs.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS)
-    under_laws = [under_law(inputs, air, plain, law, densities, radii) for law in laws]
+    laws = list(density_feedback(planet, vehicle, mission, design, simulation, studies, plain, air))
+    densities = studies.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS)
+    radii = simulation.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS)
+    under_laws = [
+        under_law(planet, vehicle, mission, design, simulation, studies, air, plain, law, densities, radii)
+        for law in laws
+    ]
     solutions = [point.solution for point in points]
     designed = [trajectory(point.solution) for point in designs]
     totals = [entry_problem.cumulative(t.time, t.bank_acceleration) for t in designed]
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     return FurtherPerturbations(
         perturbation=np.array(PERTURBATIONS),
-        size=sizes(inputs),
+        size=sizes(simulation, studies),
         row_weight=tradeoff.weight,
-        row_linear_error=np.array([linear_errors(inputs, row) for row in rows]),
-        row_flown_error=np.array([flown_errors(inputs, air, row) for row in rows]),
+        row_linear_error=np.array(
+            [linear_errors(planet, vehicle, mission, design, simulation, studies, row) for row in rows]
+        ),
+        row_flown_error=np.array([flown_errors(planet, mission, simulation, studies, air, row) for row in rows]),
         path_weight=np.array([s.given["weight"] for s in solutions]),
         path_effort=np.array([effort(s) for s in solutions]),
         path_cumulative=np.array([entry_problem.cumulative(s.time, s.controls[:, 0]) for s in solutions]),
-        path_error=np.array([final_error(inputs, extended, s) for s in solutions]),
+        path_error=np.array([final_error(planet, simulation, extended, s) for s in solutions]),
         path_reversals=np.array([entry_problem.reversals(s.state("bank")) for s in solutions]),
         path_branch=np.array([point.branch for point in points]),
         branch=np.array([entry_problem.branch_name(point.solution.state("bank")) for point in firsts]),
@@ -95,13 +112,15 @@ def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> FurtherPerturbation
         design_bank_acceleration=np.array([t.bank_acceleration for t in designed]),
         design_effort=np.array([effort(point.solution) for point in designs]),
         design_cumulative=np.array(totals),
-        design_propellant=np.array([entry_problem.propellant(inputs, total) for total in totals]),
+        design_propellant=np.array([entry_problem.propellant(vehicle, total) for total in totals]),
         design_branch=np.array([point.branch for point in designs]),
-        design_linear_error=np.array([linear_errors(inputs, t) for t in designed]),
-        design_flown_error=np.array([flown_errors(inputs, air, t) for t in designed]),
+        design_linear_error=np.array(
+            [linear_errors(planet, vehicle, mission, design, simulation, studies, t) for t in designed]
+        ),
+        design_flown_error=np.array([flown_errors(planet, mission, simulation, studies, air, t) for t in designed]),
         law=np.array(LAWS),
         scaled_gain=np.array([law.scaled_gain for law in laws]),
-        gain=np.array([gain_vector(inputs, law.scaled_gain) for law in laws]),
+        gain=np.array([gain_vector(planet, design, law.scaled_gain) for law in laws]),
         converged=np.array([law.converged for law in laws]),
         ended=np.array([law.ended for law in laws]),
         density_error=densities,
@@ -113,62 +132,87 @@ def compute(inputs, nominal: Nominal, tradeoff: Tradeoff) -> FurtherPerturbation
 # ---- perturbations ---------------------------------------------------------------------------------------------------
 
 
-def sizes(inputs):
+def sizes(simulation: Simulation, studies: Studies):
     """Sizes of the perturbations, (6,)."""
-    position = [inputs.tabulated_error] * 3
-    return np.array([inputs.density_error, inputs.velocity_error, inputs.path_angle_error, *position])
+    position = [simulation.tabulated_error] * 3
+    return np.array([studies.density_error, studies.velocity_error, studies.path_angle_error, *position])
 
 
-def directions(inputs):
+def directions(planet: Planet, mission: Mission):
     """Change of the state at entry per unit of the perturbations, (8, 6); that of the density changes none."""
-    speed, climb, heading = inputs.entry_velocity, inputs.entry_flight_path_angle, inputs.entry_azimuth
+    speed, climb, heading = mission.entry_velocity, mission.entry_flight_path_angle, mission.entry_azimuth
     towards = np.array([np.cos(heading), np.sin(heading)])  # north, east
     found = np.zeros((len(STATES), len(PERTURBATIONS)))
     velocity = slice(STATES.index("radial_velocity"), STATES.index("east_velocity") + 1)
     found[velocity, 1] = [np.sin(climb), *np.cos(climb) * towards]
     found[velocity, 2] = [speed * np.cos(climb), *-speed * np.sin(climb) * towards]
-    found[:, RADIUS:] = position_columns(inputs)
+    found[:, RADIUS:] = position_columns(planet)
     return found
 
 
-def model(inputs, along: Trajectory) -> Model:
+def model(planet: Planet, vehicle: Vehicle, along: Trajectory) -> Model:
     """Linear model about a trajectory, with the density factor as a further control."""
     middle = (along.state[1:] + along.state[:-1]) / 2.0
     given = np.tile(list(entry_problem.given().values()), (len(middle), 1))
-    found = linearize(entry_problem.rates(inputs), middle, np.column_stack([along.bank_acceleration, given]))
+    found = linearize(entry_problem.rates(planet, vehicle), middle, np.column_stack([along.bank_acceleration, given]))
     return Model(along.time, found.state_matrix, found.control_matrix[:, :, 0], found.control_matrix[:, :, -1])
 
 
-def closed_loop(inputs, along: Trajectory, perturbations):
+def closed_loop(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    along: Trajectory,
+    perturbations,
+):
     """Final errors as a function of gains, for perturbations by their numbers.
 
     The unit of a perturbation is its size over the radius error of Table 3, so that all count alike.
     """
-    of, unit = model(inputs, along), sizes(inputs) / inputs.tabulated_error
+    of, unit = model(planet, vehicle, along), sizes(simulation, studies) / simulation.tabulated_error
     forcing = np.zeros((*of.density_matrix.shape, len(PERTURBATIONS)))
     forcing[:, :, DENSITY] = of.density_matrix
     return gain_problem(
-        inputs, of, (directions(inputs) * unit)[:, perturbations], (forcing * unit)[:, :, perturbations]
+        planet,
+        design,
+        of,
+        (directions(planet, mission) * unit)[:, perturbations],
+        (forcing * unit)[:, :, perturbations],
     )
 
 
-def linear_errors(inputs, along: Trajectory, scaled_gain=0.0, perturbations=ALL):
+def linear_errors(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    along: Trajectory,
+    scaled_gain=0.0,
+    perturbations=ALL,
+):
     """Final errors for perturbations by their sensitivity, (perturbations, 3); NaN where it overflows."""
-    found = sensitivity_gains.final_errors(closed_loop(inputs, along, perturbations), scaled_gain)
-    return np.where(np.isfinite(found), found, np.nan).T * inputs.tabulated_error
+    found = sensitivity_gains.final_errors(
+        closed_loop(planet, vehicle, mission, design, simulation, studies, along, perturbations), scaled_gain
+    )
+    return np.where(np.isfinite(found), found, np.nan).T * simulation.tabulated_error
 
 
-def flown_errors(inputs, air, along: Trajectory):
+def flown_errors(planet: Planet, mission: Mission, simulation: Simulation, studies: Studies, air, along: Trajectory):
     """Final errors for the perturbations as flown without feedback, either way, (6, 2, 3)."""
-    changes = BOTH_WAYS[:, np.newaxis] * sizes(inputs)[:, np.newaxis, np.newaxis]
-    deviations = (directions(inputs).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
+    changes = BOTH_WAYS[:, np.newaxis] * sizes(simulation, studies)[:, np.newaxis, np.newaxis]
+    deviations = (directions(planet, mission).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
     factors = np.ones((len(PERTURBATIONS), len(BOTH_WAYS)))
-    factors[DENSITY] += BOTH_WAYS * inputs.density_error
-    found = flown(inputs, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
+    factors[DENSITY] += BOTH_WAYS * studies.density_error
+    found = flown(planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
     return found.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
 
 
-def flown(inputs, air, along: Trajectory, gain, deviations, density_factors):
+def flown(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, deviations, density_factors):
     """Final errors of flights with deviations (trials, 8) of the state at entry and density factors (trials,).
 
     (trials, 3), m, against the flight without either; NaN for what came below the ground.
@@ -179,37 +223,48 @@ def flown(inputs, air, along: Trajectory, gain, deviations, density_factors):
         gain,
         along.state[0] + np.vstack([np.zeros(len(STATES)), deviations]),
         density_factor=np.concatenate([[1.0], density_factors]),
-        substeps=inputs.substeps,
+        substeps=simulation.substeps,
         every=len(along.bank_acceleration),
     )
     final = np.where(trials.outcome == COMPLETED, trials.final_state[: len(STATES)], np.nan).T
-    return flight.position_errors(final[1:], final[:1], inputs.planet_radius)
+    return entry_problem.position_errors(final[1:], final[:1], planet.planet_radius)
 
 
 # ---- a nominal desensitized against density --------------------------------------------------------------------------
 
 
-def density_path(inputs, nominal: Nominal):
+def density_path(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    nominal: Nominal,
+):
     """Solutions of least J0 + c |density column| over the wanted weights, from the nominal on.
 
     Returns all points of the path, those of the wanted weights, why it ends, and the extended problem.
     """
-    unit = inputs.density_error / inputs.tabulated_error
-    extended = entry_problem.desensitized(inputs, [Perturbation("density", parameters={"density_factor": unit})])
-    lengths = position_rows(inputs).diagonal()
+    unit = studies.density_error / simulation.tabulated_error
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [Perturbation("density", parameters={"density_factor": unit})]
+    )
+    lengths = position_rows(planet).diagonal()
 
     def end_cost(start, end, parameters):
         parts = [(length * end[column(name, "density")]) ** 2 for length, name in zip(lengths, POSITIONS, strict=True)]
-        return parameters["weight"] * np.sqrt(sum(parts) + inputs.norm_smoothing)
+        return parameters["weight"] * np.sqrt(sum(parts) + design.norm_smoothing)
 
-    transcribed = entry_problem.program(inputs, replace(extended.problem, end_cost=end_cost))
+    transcribed = entry_problem.program(planet, solver, replace(extended.problem, end_cost=end_cost))
     guess = extended.guess(as_guess(nominal), entry_problem.given())
-    points = [Point(entry_problem.solve(inputs, "no weight on density", transcribed, guess, barrier=WARM), 0)]
+    points = [Point(entry_problem.solve(solver, "no weight on density", transcribed, guess, barrier=WARM), 0)]
     designs, path_end = [points[0]], "at the largest weight wanted"
-    for weight in np.sort(inputs.density_weights):
+    for weight in np.sort(studies.density_weights):
         last = points[-1]
         try:
-            further = follow(inputs, transcribed, last.solution, [weight])[0]
+            further = follow(solver, design, transcribed, last.solution, [weight])[0]
         except MarsedlError:
             path_end = f"no solution was found between the weights {last.solution.given['weight']:g} and {weight:g}"
             break
@@ -226,7 +281,16 @@ def trajectory(solution) -> Trajectory:
 # ---- feedback against density ----------------------------------------------------------------------------------------
 
 
-def density_feedback(inputs, along: Trajectory, air):
+def density_feedback(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    along: Trajectory,
+    air,
+):
     """Gains on the nominal, one `Law` after the other in the order of `LAWS`.
 
     Null: least gains that null the density column, or that of the density and that of the radius. Tuned: least squares
@@ -234,57 +298,86 @@ def density_feedback(inputs, along: Trajectory, air):
     """
     none = np.zeros(len(MEASURED))
     yield Law(none, True, "no feedback")
-    yield null(inputs, closed_loop(inputs, along, [DENSITY]), none)
-    both = closed_loop(inputs, along, [DENSITY, RADIUS])
-    least = sensitivity_gains.regularized(both, inputs.all_columns_regularization)[-1]
-    found = null(inputs, both, np.ravel(least.k))
+    yield null(design, closed_loop(planet, vehicle, mission, design, simulation, studies, along, [DENSITY]), none)
+    both = closed_loop(planet, vehicle, mission, design, simulation, studies, along, [DENSITY, RADIUS])
+    least = sensitivity_gains.regularized(both, design.all_columns_regularization)[-1]
+    found = null(design, both, np.ravel(least.k))
     if not found.converged:
         # Where no null is found the last gains mean nothing; those of the least squares do.
-        weight = inputs.all_columns_regularization[-1]
+        weight = design.all_columns_regularization[-1]
         found = Law(np.ravel(least.k), False, f"regularized by {weight:g} instead, for {found.ended}")
     yield found
-    yield tuned(inputs, along, air, [])
-    yield tuned(inputs, along, air, [inputs.tabulated_error])
+    yield tuned(planet, mission, design, simulation, studies, along, air, [])
+    yield tuned(planet, mission, design, simulation, studies, along, air, [simulation.tabulated_error])
 
 
-def null(inputs, problem, start) -> Law:
+def null(design: Design, problem, start) -> Law:
     """Least gains that null the columns of a problem."""
     found = sensitivity_gains.minimum_norm(
         problem,
         start,
-        step_limit=inputs.gain_step_limit,
-        tolerance=inputs.gain_tolerance,
-        iterations=inputs.gain_iterations,
+        step_limit=design.gain_step_limit,
+        tolerance=design.gain_tolerance,
+        iterations=design.gain_iterations,
     )
     return Law(np.ravel(found.k), bool(found.converged), found.reason)
 
 
-def tuned(inputs, along: Trajectory, air, radii) -> Law:
+def tuned(
+    planet: Planet,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    along: Trajectory,
+    air,
+    radii,
+) -> Law:
     """Gains tuned to flights with density errors, and with radius errors of these sizes, from no feedback."""
     fractions = np.kron(TUNED_FRACTIONS, BOTH_WAYS)
     radii = np.kron(radii, BOTH_WAYS)
-    weight = np.concatenate([np.abs(fractions) * inputs.tabulated_error, np.abs(radii)])
-    factors = np.concatenate([1.0 + fractions * inputs.density_error, np.ones(len(radii))])
-    deviations = np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(inputs)[:, RADIUS]
+    weight = np.concatenate([np.abs(fractions) * simulation.tabulated_error, np.abs(radii)])
+    factors = np.concatenate([1.0 + fractions * studies.density_error, np.ones(len(radii))])
+    deviations = (
+        np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(planet, mission)[:, RADIUS]
+    )
 
     def errors(scaled_gain):
-        found = flown(inputs, air, along, gain_vector(inputs, np.ravel(scaled_gain)), deviations, factors)
+        found = flown(
+            planet, simulation, air, along, gain_vector(planet, design, np.ravel(scaled_gain)), deviations, factors
+        )
         return (found / weight[:, np.newaxis]).ravel()
 
     start = np.zeros(len(MEASURED))
     if not np.isfinite(errors(start)).all():
         return Law(start, False, "flights without feedback come below the ground, so there is nothing to start from")
-    found = sensitivity_gains.tune(errors, start, iterations=inputs.gain_iterations)
+    found = sensitivity_gains.tune(errors, start, iterations=design.gain_iterations)
     return Law(found.k, bool(found.converged), found.reason)
 
 
-def under_law(inputs, air, along: Trajectory, law: Law, densities, radii):
+def under_law(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    studies: Studies,
+    air,
+    along: Trajectory,
+    law: Law,
+    densities,
+    radii,
+):
     """Linear and flown errors under a law, by field."""
-    deviations = np.concatenate([np.zeros(len(densities)), radii])[:, np.newaxis] * directions(inputs)[:, RADIUS]
+    deviations = (
+        np.concatenate([np.zeros(len(densities)), radii])[:, np.newaxis] * directions(planet, mission)[:, RADIUS]
+    )
     factors = np.concatenate([1.0 + densities, np.ones(len(radii))])
-    found = flown(inputs, air, along, gain_vector(inputs, law.scaled_gain), deviations, factors)
+    found = flown(planet, simulation, air, along, gain_vector(planet, design, law.scaled_gain), deviations, factors)
     return {
-        "law_linear_error": linear_errors(inputs, along, law.scaled_gain, [DENSITY, RADIUS]),
+        "law_linear_error": linear_errors(
+            planet, vehicle, mission, design, simulation, studies, along, law.scaled_gain, [DENSITY, RADIUS]
+        ),
         "density_flown_error": found[: len(densities)],
         "radius_flown_error": found[len(densities) :],
     }

@@ -11,22 +11,14 @@ import numpy as np
 from marsedl.methods import sensitivity_gains
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED
-from marsedl.papers.desensitized.gains import (
-    ALL_COLUMNS,
-    flown_law,
-    gain_problem,
-    gain_vector,
-    least_gains,
-    simulated_errors,
-    tuned,
-)
+from marsedl.papers.desensitized.entry_problem import MEASURED, gain_vector
+from marsedl.papers.desensitized.gains import flown_law, gain_problem, least_gains, simulated_errors, tuned
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns
-from marsedl.papers.desensitized.records import Gains, GainStudy, Linearization
+from marsedl.papers.desensitized.records import ALL_COLUMNS, CHANNELS, LOST, Gains, GainStudy, Linearization
 from marsedl.replication.catalogue import stage
 
 START_STREAM = 2
-LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
 SAME = 1e-3  # scaled gains nearer to each other than this are one candidate
 
 
@@ -39,24 +31,35 @@ class Candidate(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization, gains: Gains) -> GainStudy:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    design: Design,
+    simulation: Simulation,
+    ensemble: Ensemble,
+    linearization: Linearization,
+    gains: Gains,
+) -> GainStudy:
     """Collect candidates for every channel, and rank them by the errors at which gains are tuned."""
     reference, _ = flown_law(gains, 0)
-    rows, failed, sizes = [], [], inputs.tuning_errors
-    air = environment.surroundings(inputs)
+    rows, failed, sizes = [], [], design.tuning_errors
+    air = environment.surroundings(planet, vehicle)
     for number, channel in enumerate(CHANNELS):
-        problem = gain_problem(inputs, linearization, position_columns(inputs)[:, [number]])
-        simulate = simulated_errors(inputs, reference, number)
-        candidates, lost = collected(inputs, linearization, problem, reference, number, channel)
+        problem = gain_problem(planet, design, linearization, position_columns(planet)[:, [number]])
+        simulate = simulated_errors(planet, vehicle, design, simulation, reference, number)
+        candidates, lost = collected(
+            planet, vehicle, design, simulation, ensemble, linearization, problem, reference, number, channel
+        )
         failed.append(lost)
         ranking = sensitivity_gains.rank([c.scaled_gain for c in candidates], simulate)
         for place, index in enumerate(ranking.order):
             candidate = candidates[index]
             flown = environment.final_errors(
-                inputs,
+                planet,
+                simulation,
                 air,
                 reference,
-                gain_vector(inputs, candidate.scaled_gain),
+                gain_vector(planet, design, candidate.scaled_gain),
                 environment.along_channel(number, sizes),
             )
             norm = float(ranking.norms[index]) / np.sqrt(len(sizes))
@@ -75,38 +78,49 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> GainStudy:
     return GainStudy(
         **{name: np.array([row[name] for row in rows]) for name in rows[0]},
         tuning_error=sizes,
-        least_starts=np.full(3, starts_of(inputs)),
+        least_starts=np.full(3, starts_of(design)),
         least_failed=np.array(failed),
-        **for_all(inputs, gains),
+        **for_all(planet, vehicle, design, simulation, gains),
     )
 
 
-def starts_of(inputs):
+def starts_of(design: Design):
     """Random starts of the least gains in each channel."""
-    return 10 * inputs.tuning_starts
+    return 10 * design.tuning_starts
 
 
-def collected(inputs, linearization, problem, reference, number, channel):
+def collected(
+    planet: Planet,
+    vehicle: Vehicle,
+    design: Design,
+    simulation: Simulation,
+    ensemble: Ensemble,
+    linearization,
+    problem,
+    reference,
+    number,
+    channel,
+):
     """Candidates of a channel, and the number of random starts that led to none."""
-    least = least_gains(inputs, linearization, problem.columns, channel)
+    least = least_gains(planet, design, linearization, problem.columns, channel)
     candidates = [Candidate("least gains", np.ravel(least.k))]
-    draws = normals(inputs.seed, START_STREAM + number, np.arange(starts_of(inputs)), len(MEASURED))
+    draws = normals(ensemble.seed, START_STREAM + number, np.arange(starts_of(design)), len(MEASURED))
     lost = 0
     for start in draws:
         found = sensitivity_gains.minimum_norm(
             problem,
             start[np.newaxis],
-            step_limit=inputs.gain_step_limit,
-            tolerance=inputs.gain_tolerance,
-            iterations=inputs.gain_iterations,
+            step_limit=design.gain_step_limit,
+            tolerance=design.gain_tolerance,
+            iterations=design.gain_iterations,
         )
         if not found.converged:
             lost += 1
             continue
         keep(candidates, "least gains, another start", found.k)
-    weights = inputs.all_columns_regularization
+    weights = design.all_columns_regularization
     keep(candidates, "regularised least squares", sensitivity_gains.regularized(problem, weights)[-1].k)
-    for result in tuned(inputs, reference, number, least.k):
+    for result in tuned(planet, vehicle, design, simulation, ensemble, reference, number, least.k):
         keep(candidates, "tuned to flown errors", result.k)
     return candidates, lost
 
@@ -121,19 +135,19 @@ def keep(candidates, method, scaled_gain):
     candidates.append(Candidate(method, gain))
 
 
-def for_all(inputs, gains: Gains):
+def for_all(planet: Planet, vehicle: Vehicle, design: Design, simulation: Simulation, gains: Gains):
     """One set of gains for all channels, as solved for and tuned to flown errors of the smallest size, by field."""
     number = list(gains.law).index(ALL_COLUMNS)
     reference, _ = flown_law(gains, number)
-    air = environment.surroundings(inputs)
-    sizes = np.unique(np.abs(inputs.tuning_errors))
+    air = environment.surroundings(planet, vehicle)
+    sizes = np.unique(np.abs(design.tuning_errors))
     every = np.sort(np.concatenate([-sizes, sizes]))
 
     def flown(scaled_gain, errors):
         """Final errors (3, errors, 3) of the errors of every channel, all in one call."""
-        gain = gain_vector(inputs, np.ravel(scaled_gain))
+        gain = gain_vector(planet, design, np.ravel(scaled_gain))
         positions = np.vstack([environment.along_channel(channel, errors) for channel in range(len(CHANNELS))])
-        final = environment.final_errors(inputs, air, reference, gain, positions)
+        final = environment.final_errors(planet, simulation, air, reference, gain, positions)
         return final.reshape(len(CHANNELS), len(errors), len(CHANNELS))
 
     def residual(scaled_gain):
@@ -142,7 +156,7 @@ def for_all(inputs, gains: Gains):
     start = gains.scaled_gain[number]
     both, ended = [start, start], False
     if np.isfinite(residual(start)).all():
-        result = sensitivity_gains.tune(residual, start, iterations=inputs.gain_iterations)
+        result = sensitivity_gains.tune(residual, start, iterations=design.gain_iterations)
         both, ended = [start, np.ravel(result.k)], bool(result.converged)
     return {
         "all_sizes": every,

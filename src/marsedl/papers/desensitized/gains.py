@@ -14,15 +14,15 @@ from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS, MEASURED, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, gain_scale, gain_vector
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Gains, Linearization, Nominal, Tradeoff
+from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
+from marsedl.papers.desensitized.tradeoff import last_finite_row
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
-NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
-LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
 TUNING_STREAM = 1  # of the random numbers; flights use others
 
 
@@ -38,64 +38,62 @@ class Law(NamedTuple):
     ended: str = "no feedback"
 
 
-def gain_scale(inputs):
-    """Deviations of the measured states that count as one, (6,)."""
-    return entry_problem.state_scale(inputs)[: len(MEASURED)]
-
-
-def gain_vector(inputs, scaled_gain):
-    """Gains on all states, (8,), from those on the scaled measured states."""
-    return np.concatenate([np.asarray(scaled_gain) / gain_scale(inputs), [0.0, 0.0]])
-
-
-def gain_problem(inputs, linearization: Linearization, columns, forcing=None):
+def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns, forcing=None):
     """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry."""
     return sensitivity_gains.GainProblem(
         state_matrix=linearization.state_matrix,
         control_matrix=linearization.control_matrix[:, :, np.newaxis],
         step=np.diff(linearization.time),
         columns=columns,
-        outputs=position_rows(inputs),
+        outputs=position_rows(planet),
         fed_back=np.arange(len(MEASURED)),
-        state_scale=gain_scale(inputs),
+        state_scale=gain_scale(planet, design),
         forcing=forcing,
     )
 
 
 @stage()
-def compute(inputs, nominal: Nominal, tradeoff: Tradeoff, linearization: Linearization) -> Gains:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    ensemble: Ensemble,
+    nominal: Nominal,
+    tradeoff: Tradeoff,
+    linearization: Linearization,
+) -> Gains:
     """Design the gains of every law as the inputs say."""
-    columns = position_columns(inputs)
+    columns = position_columns(planet)
     plain = Law(nominal.time, nominal.state, nominal.bank_acceleration)
     row = last_finite_row(tradeoff)
     laws = [plain, Law(tradeoff.time[row], tradeoff.state[row], tradeoff.bank_acceleration[row])]
     for number, channel in enumerate(CHANNELS):
-        if inputs.gain_design == "unregularized":
-            laws.append(together(inputs, nominal, channel))
+        if design.gain_design == "unregularized":
+            laws.append(together(planet, vehicle, mission, solver, design, nominal, channel))
             continue
-        found = least_gains(inputs, linearization, columns[:, [number]], channel)
-        if inputs.gain_design == "tuned":
+        found = least_gains(planet, design, linearization, columns[:, [number]], channel)
+        if design.gain_design == "tuned":
             lost = found._replace(converged=False, reason="no start of the tuning flies all errors to the end")
-            found = next(iter(tuned(inputs, reference(plain), number, found.k)), lost)
+            found = next(
+                iter(tuned(planet, vehicle, design, simulation, ensemble, reference(plain), number, found.k)), lost
+            )
         laws.append(with_gains(plain, found))
-    laws.append(for_all_columns(inputs, nominal, linearization))
-    return described(inputs, laws)
+    laws.append(for_all_columns(planet, vehicle, mission, solver, design, nominal, linearization))
+    return described(planet, vehicle, design, laws)
 
 
-def last_finite_row(tradeoff: Tradeoff) -> int:
-    """The row of the largest finite weight of Table 3."""
-    return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
-
-
-def least_gains(inputs, linearization, columns, channel=""):
+def least_gains(planet: Planet, design: Design, linearization, columns, channel=""):
     """Least gains that null the final position of some columns, a `sensitivity_gains.GainDesign`."""
-    start = inputs.downrange_gain_start if channel == "downrange" else np.zeros(len(MEASURED))
+    start = design.downrange_gain_start if channel == "downrange" else np.zeros(len(MEASURED))
     return sensitivity_gains.minimum_norm(
-        gain_problem(inputs, linearization, columns),
+        gain_problem(planet, design, linearization, columns),
         start[np.newaxis],
-        step_limit=inputs.gain_step_limit,
-        tolerance=inputs.gain_tolerance,
-        iterations=inputs.gain_iterations,
+        step_limit=design.gain_step_limit,
+        tolerance=design.gain_tolerance,
+        iterations=design.gain_iterations,
     )
 
 
@@ -111,30 +109,41 @@ def reference(law: Law) -> flight.Reference:
     return flight.Reference(law.state[0], law.bank_acceleration, float(law.time[-1]))
 
 
-def simulated_errors(inputs, nominal_reference, channel):
+def simulated_errors(
+    planet: Planet, vehicle: Vehicle, design: Design, simulation: Simulation, nominal_reference, channel
+):
     """Function of scaled gains: flown final errors at the tuning errors of a channel, each divided by its size."""
-    air = environment.surroundings(inputs)
-    sizes = inputs.tuning_errors
+    air = environment.surroundings(planet, vehicle)
+    sizes = design.tuning_errors
     errors = environment.along_channel(channel, sizes)
 
     def of_gains(scaled_gain):
-        gain = gain_vector(inputs, np.ravel(scaled_gain))
-        flown = environment.final_errors(inputs, air, nominal_reference, gain, errors)
+        gain = gain_vector(planet, design, np.ravel(scaled_gain))
+        flown = environment.final_errors(planet, simulation, air, nominal_reference, gain, errors)
         return (flown / np.abs(sizes)[:, np.newaxis]).ravel()
 
     return of_gains
 
 
-def tuned(inputs, nominal_reference, channel, least):
+def tuned(
+    planet: Planet,
+    vehicle: Vehicle,
+    design: Design,
+    simulation: Simulation,
+    ensemble: Ensemble,
+    nominal_reference,
+    channel,
+    least,
+):
     """Gains tuned to flown errors from the least gains and from random changes of them, best first.
 
     Starts under which a flight is lost are left out, so that there may be none.
     """
-    simulate = simulated_errors(inputs, nominal_reference, channel)
-    changes = normals(inputs.seed, TUNING_STREAM, np.arange(1, inputs.tuning_starts), np.size(least))
-    starts = [np.ravel(least), *(np.ravel(least) + inputs.tuning_spread * changes)]
+    simulate = simulated_errors(planet, vehicle, design, simulation, nominal_reference, channel)
+    changes = normals(ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
+    starts = [np.ravel(least), *(np.ravel(least) + design.tuning_spread * changes)]
     found = [
-        sensitivity_gains.tune(simulate, start, iterations=inputs.gain_iterations)
+        sensitivity_gains.tune(simulate, start, iterations=design.gain_iterations)
         for start in starts
         if np.isfinite(simulate(start)).all()
     ]
@@ -142,64 +151,76 @@ def tuned(inputs, nominal_reference, channel, least):
     return [found[number] for number in ranking.order]
 
 
-def together(inputs, nominal: Nominal, channel) -> Law:
+def together(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, nominal: Nominal, channel
+) -> Law:
     """Trajectory and gains of Eq. 6 in one problem, from the nominal and gains of zero, without regularisation.
 
     The gains are not determined, and the norm has no derivative where it vanishes: the solve is ended after the
     iterations that the inputs allow, and how it ended is the result.
     """
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, channel)], gains=True)
-    transcribed = entry_problem.program(inputs, entry_problem.weighted(inputs, extended, [channel]))
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, channel)], gains=True
+    )
+    transcribed = entry_problem.program(planet, solver, entry_problem.weighted(planet, design, extended, [channel]))
     guess = extended.guess(as_guess(nominal), entry_problem.given())
-    weight, most = entry_problem.given(inputs.feedback_weight), inputs.unregularized_iterations
+    weight, most = entry_problem.given(design.feedback_weight), design.unregularized_iterations
     try:
-        solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=inputs.solver_tolerance, iterations=most)
+        solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=solver.solver_tolerance, iterations=most)
     except NotConvergedError as error:
         solution = error.solution
-    return solved_law(inputs, extended, solution)
+    return solved_law(vehicle, extended, solution)
 
 
-def for_all_columns(inputs, nominal: Nominal, linearization: Linearization) -> Law:
+def for_all_columns(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    nominal: Nominal,
+    linearization: Linearization,
+) -> Law:
     """One set of gains against all three position errors: J0 + |S_p|^2 + w |k|^2 in trajectory and gains, w falling.
 
     Six gains cannot null nine numbers on a given nominal; together with the trajectory they nearly do. The squared norm
     has derivatives everywhere, and the first, large w keeps the trajectory near the nominal. From gains that are not
     the best ones of the nominal the solver would leave it for a trajectory that depends on rounding.
     """
-    weights = inputs.all_columns_regularization
-    problem = gain_problem(inputs, linearization, position_columns(inputs))
-    fixed = sensitivity_gains.regularized(problem, weights[:1], inputs.downrange_gain_start[np.newaxis])[0].k.ravel()
+    weights = design.all_columns_regularization
+    problem = gain_problem(planet, design, linearization, position_columns(planet))
+    fixed = sensitivity_gains.regularized(problem, weights[:1], design.downrange_gain_start[np.newaxis])[0].k.ravel()
     extended = entry_problem.desensitized(
-        inputs, [entry_problem.position_error(inputs, name) for name in CHANNELS], gains=True
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
     )
     gains = [gain.parameter for gain in extended.gains]
 
     def end_cost(start, end, parameters):
         size = sum(parameters[name] ** 2 for name in gains)
-        return entry_problem.squared_norm(inputs, end, CHANNELS) + parameters["weight"] * size
+        return entry_problem.squared_norm(planet, design, end, CHANNELS) + parameters["weight"] * size
 
-    transcribed = entry_problem.program(inputs, replace(extended.problem, end_cost=end_cost))
+    transcribed = entry_problem.program(planet, solver, replace(extended.problem, end_cost=end_cost))
     free = dict(zip(gains, fixed, strict=True))
     last = extended.guess(as_guess(nominal)._replace(free=free), entry_problem.given())
     for weight in weights:
         try:
-            most = inputs.all_columns_iterations
+            most = design.all_columns_iterations
             last = entry_problem.solve(
-                inputs, "all columns", transcribed, last, weight=weight, barrier=WARM, iterations=most
+                solver, "all columns", transcribed, last, weight=weight, barrier=WARM, iterations=most
             )
         except SolverError as error:
             # A set of gains beside the paper's; what stands so far is flown, and the artifact says how it ended.
             ended = f"stopped at a regularisation of {weight:g}: {error}"
             if isinstance(last, Solution):
-                return solved_law(inputs, extended, last)._replace(converged=False, ended=ended)
+                return solved_law(vehicle, extended, last)._replace(converged=False, ended=ended)
             return Law(nominal.time, nominal.state, nominal.bank_acceleration, fixed, 0, False, ended)
-    return solved_law(inputs, extended, last)
+    return solved_law(vehicle, extended, last)
 
 
-def solved_law(inputs, extended, solution: Solution) -> Law:
+def solved_law(vehicle: Vehicle, extended, solution: Solution) -> Law:
     """The law of a solution with gains among its free parameters."""
     scaled_gain = np.array([solution.free[gain.parameter] for gain in extended.gains])
-    bound = inputs.bank_acceleration_bound
+    bound = vehicle.bank_acceleration_bound
     return Law(
         solution.time,
         solution.states[:, : len(STATES)],
@@ -211,12 +232,12 @@ def solved_law(inputs, extended, solution: Solution) -> Law:
     )
 
 
-def described(inputs, laws) -> Gains:
+def described(planet: Planet, vehicle: Vehicle, design: Design, laws) -> Gains:
     """Laws as an artifact, with the sensitivity that their gains leave."""
-    columns, rows, final = position_columns(inputs), position_rows(inputs), []
+    columns, rows, final = position_columns(planet), position_rows(planet), []
     for law in laws:
-        matrix, control = along(inputs, law.time, law.state, law.bank_acceleration)
-        closed = closed_loop(matrix, control, gain_vector(inputs, law.scaled_gain)[np.newaxis])
+        matrix, control = along(planet, vehicle, law.time, law.state, law.bank_acceleration)
+        closed = closed_loop(matrix, control, gain_vector(planet, design, law.scaled_gain)[np.newaxis])
         final.append(rows @ propagate_columns(midpoint_transitions(closed, np.diff(law.time)), columns)[-1])
 
     def stacked(name):
@@ -224,7 +245,7 @@ def described(inputs, laws) -> Gains:
 
     return Gains(
         law=np.array(LAWS),
-        gain=np.array([gain_vector(inputs, law.scaled_gain) for law in laws]),
+        gain=np.array([gain_vector(planet, design, law.scaled_gain) for law in laws]),
         final=np.array(final),
         effort=np.array([entry_problem.effort(law.time, law.bank_acceleration) for law in laws]),
         **{name: stacked(name) for name in Law._fields},

@@ -10,12 +10,13 @@ from marsedl.replication.sections import (
     Count,
     Drawn,
     Few,
+    Inputs,
     Iterations,
     NonNegative,
     Number,
     Positive,
+    Section,
     Seed,
-    flat,
     given,
     vector,
 )
@@ -31,14 +32,21 @@ Switches = Annotated[tuple[Positive, ...], Field(max_length=19)]
 GAIN_UNIT = "rad/s^2 per scaled state"
 
 
-class DesensitizedInputs(DensityInputs):
-    """Everything that the desensitized-landing results depend on."""
+def _increases(name, values):
+    if any(later <= earlier for earlier, later in pairwise(values)):
+        raise ValueError(f"{name} does not increase: {', '.join(f'{value:g}' for value in values)}")
 
-    CASES: ClassVar[dict[str, str]] = {"entry_errors": "trials"}
 
-    # The planet and the vehicle.
+class Planet(DensityInputs):
+    """The planet and the mean density of its air."""
+
     gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances, at entry and at the end")
+
+
+class Vehicle(Section):
+    """The vehicle, and what turns it."""
+
     ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
     lift_to_drag: Positive = given("1", "lift-to-drag ratio")
     aeroshell_diameter: Positive = given("m", "diameter of the aeroshell; enters no equation")
@@ -50,8 +58,13 @@ class DesensitizedInputs(DensityInputs):
     yaw_arm: Positive = given("m", "arm of the yaw thrusters")
     specific_impulse: Positive = given("s", "specific impulse of the reaction control system")
     standard_gravity: Positive = given("m/s^2", "gravity in the definition of the specific impulse")
+    bank_rate_bound: Positive = given("rad/s", "largest bank rate, either way")
+    bank_acceleration_bound: Positive = given("rad/s^2", "largest bank acceleration, either way")
 
-    # Entry and parachute deployment.
+
+class Mission(Section):
+    """From entry to the deployment of the parachute."""
+
     entry_altitude: Positive = given("m", "altitude at entry")
     entry_velocity: Positive = given("m/s", "velocity at entry")
     entry_longitude: Number = given("rad", "longitude at entry")
@@ -66,17 +79,24 @@ class DesensitizedInputs(DensityInputs):
     initial_bank_rate: Angle = given("rad/s", "bank rate at entry; empty: free")
     final_bank: Angle = given("rad", "bank angle at deployment; empty: free")
     final_bank_rate: Angle = given("rad/s", "bank rate at deployment; empty: free")
-    bank_rate_bound: Positive = given("rad/s", "largest bank rate, either way")
-    bank_acceleration_bound: Positive = given("rad/s^2", "largest bank acceleration, either way")
     final_time_bounds: vector(2, Positive) = given("s", "between which the solver looks for the final time")
 
-    # The transcription and its solver.
+    @model_validator(mode="after")
+    def _goes_down(self):
+        if self.final_time_bounds[0] >= self.final_time_bounds[1]:
+            raise ValueError("final_time_bounds are the wrong way round: write the smaller one first")
+        if self.final_altitude >= self.entry_altitude:
+            raise ValueError("final_altitude is not below entry_altitude: exchange them")
+        return self
+
+
+class Solver(Section):
+    """The transcription, its solver, and the guess that decides on which branch the nominal is."""
+
     intervals: Intervals = given("1", "intervals of constant bank acceleration, one less than the nodes")
     scheme: Literal["midpoint", "trapezoid", "hermite_simpson"] = given("1", "transcription of the equations of motion")
     solver_tolerance: Positive = given("1", "tolerance of the solver on scaled equations and optimality")
     solver_iterations: Iterations = given("1", "largest number of iterations of a solve")
-
-    # The guess of the nominal, and its branch.
     guess_banks: Profile = given("rad", "bank angles of the first guess, one after the other")
     guess_switch_times: Switches = given("s", "when the guess goes from one to the next")
     guess_width: Positive = given("s", "width of these changes")
@@ -84,10 +104,21 @@ class DesensitizedInputs(DensityInputs):
     nominal_reversals: Annotated[int, Strict(), Field(ge=0, le=1000)] = given(
         "1", "bank reversals that the nominal must have; a solution with others is on another branch and is refused"
     )
-    roll_banks: vector(2) = given("rad", "further turns of the bank in the guesses of the rolling solutions")
-    search_starts: Few = given("1", "random guesses from which other solutions of the nominal problem are sought")
 
-    # The weight on the sensitivity.
+    @model_validator(mode="after")
+    def _guess_fits_together(self):
+        if len(self.guess_switch_times) != len(self.guess_banks) - 1:
+            raise ValueError(
+                f"guess_switch_times has {len(self.guess_switch_times)} values for {len(self.guess_banks)} "
+                "guess_banks; give one less than there are banks"
+            )
+        _increases("guess_switch_times", self.guess_switch_times)
+        return self
+
+
+class Design(Section):
+    """What makes flights insensitive: the weight on the sensitivity, and the gains of the feedback."""
+
     printed_weights: vector(4, Positive) = given("1", "the paper's c1 between zero and infinity")
     weight_rule: Literal["matched", "proportional"] = given(
         "1", "how a row gets its weight: so that it has the printed control energy, or in proportion to the printed one"
@@ -103,8 +134,6 @@ class DesensitizedInputs(DensityInputs):
     norm_smoothing: NonNegative = given("1", "added to the squared norm, so that it has a derivative where it is zero")
     branch_tolerance: Positive = given("rad", "largest change of the bank angle between neighbours on a branch")
     solved_weight_scale: Positive = given("1", "weight above which the objective is divided by weight / this")
-
-    # Feedback.
     gain_design: Literal["minimum_norm", "unregularized", "tuned"] = given(
         "1",
         "constant gains: least ones that null the column on the fixed nominal; trajectory and gains together, without "
@@ -129,27 +158,29 @@ class DesensitizedInputs(DensityInputs):
     tuning_starts: Few = given("1", "starts of the tuning: the least gains, and random changes of them")
     tuning_spread: Positive = given("1", "standard deviation of these changes")
 
-    # Perturbed flights.
+    @model_validator(mode="after")
+    def _fits_together(self):
+        for name in ("printed_weights", "matched_efforts", "infinite_weights", "weight_path"):
+            _increases(name, getattr(self, name))
+        if 0.0 in self.tuning_errors:
+            raise ValueError("tuning_errors has a zero, without which gains have nothing to do: leave it out")
+        return self
+
+
+class Simulation(Section):
+    """Flights with given position errors at entry, and how all flights are integrated."""
+
     tabulated_error: Positive = given("m", "radius error of Table 3")
     drawn_errors: vector(3, Positive) = given("m", "radius, crossrange and downrange error of the histories")
     wide_errors: vector(3, Positive) = given("m", "largest radius, crossrange and downrange error of the sweeps")
     narrow_errors: vector(3, Positive) = given("m", "the same of the zoomed ones")
     sweep_points: Points = given("1", "initial errors in a sweep")
     substeps: Substeps = given("1", "Runge-Kutta steps in an interval of the nominal")
-    density_error: Annotated[Positive, Field(le=0.5)] = given(
-        "1", "relative error of the density, of the further perturbations, which fly twice as much as well"
-    )
-    velocity_error: Positive = given("m/s", "error of the entry velocity, of the further perturbations")
-    path_angle_error: Positive = given("rad", "error of the entry flight path angle, of the further perturbations")
-    density_weights: Weights = given("1", "weights on the norm of the sensitivity to density")
 
-    # Discretisation, and least fuel.
-    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
-        "1", "numbers of intervals of the discretisation study, each a multiple of the one before"
-    )
-    fuel_bounds: vector(2, Positive) = given("rad/s^2", "bounds of the bank acceleration in the problems of least fuel")
 
-    # Monte Carlo.
+class Ensemble(Section):
+    """Flights with random position errors at entry."""
+
     initial_deviations: vector(3, NonNegative) = given(
         "m", "standard deviations of radius, crossrange and downrange at entry"
     )
@@ -157,33 +188,52 @@ class DesensitizedInputs(DensityInputs):
     trials: Count = given("1", "Monte Carlo trials of every law")
     drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
+
+class Studies(Section):
+    """Studies of what the paper leaves open."""
+
+    roll_banks: vector(2) = given("rad", "further turns of the bank in the guesses of the rolling solutions")
+    search_starts: Few = given("1", "random guesses from which other solutions of the nominal problem are sought")
+    density_error: Annotated[Positive, Field(le=0.5)] = given(
+        "1", "relative error of the density, of the further perturbations, which fly twice as much as well"
+    )
+    velocity_error: Positive = given("m/s", "error of the entry velocity, of the further perturbations")
+    path_angle_error: Positive = given("rad", "error of the entry flight path angle, of the further perturbations")
+    density_weights: Weights = given("1", "weights on the norm of the sensitivity to density")
+    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
+        "1", "numbers of intervals of the discretisation study, each a multiple of the one before"
+    )
+    fuel_bounds: vector(2, Positive) = given("rad/s^2", "bounds of the bank acceleration in the problems of least fuel")
+
     @model_validator(mode="after")
-    def _fits_together(self):
-        if self.final_time_bounds[0] >= self.final_time_bounds[1]:
-            raise ValueError("final_time_bounds are the wrong way round: write the smaller one first")
-        if len(self.guess_switch_times) != len(self.guess_banks) - 1:
-            raise ValueError(
-                f"guess_switch_times has {len(self.guess_switch_times)} values for {len(self.guess_banks)} "
-                "guess_banks; give one less than there are banks"
-            )
-        for name in ("guess_switch_times", "printed_weights", "matched_efforts", "infinite_weights", "weight_path"):
-            values = getattr(self, name)
-            if any(later <= earlier for earlier, later in pairwise(values)):
-                raise ValueError(f"{name} does not increase: {', '.join(f'{value:g}' for value in values)}")
-        for fixed, bound in (
-            ("initial_bank_rate", "bank_rate_bound"),
-            ("final_bank_rate", "bank_rate_bound"),
-        ):
-            value = getattr(self, fixed)
-            if value is not None and abs(value) > getattr(self, bound):
-                raise ValueError(f"{fixed} lies beyond {bound}: {abs(value):g} above {getattr(self, bound):g} rad/s")
-        if self.final_altitude >= self.entry_altitude:
-            raise ValueError("final_altitude is not below entry_altitude: exchange them")
+    def _meshes_are_nested(self):
         if any(b % a or b == a for a, b in pairwise(self.studied_intervals)):
             raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
-        if 0.0 in self.tuning_errors:
-            raise ValueError("tuning_errors has a zero, without which gains have nothing to do: leave it out")
         return self
 
 
-MODEL = flat(DesensitizedInputs)
+def check_bank_rates(vehicle: Vehicle, mission: Mission) -> None:
+    """Refuse bank rates at the ends that the vehicle may not have."""
+    bound = vehicle.bank_rate_bound
+    for name, rate in (("initial_bank_rate", mission.initial_bank_rate), ("final_bank_rate", mission.final_bank_rate)):
+        if rate is not None and abs(rate) > bound:
+            raise ValueError(f"mission.{name} lies beyond vehicle.bank_rate_bound: {abs(rate):g} above {bound:g} rad/s")
+
+
+class DesensitizedInputs(Inputs):
+    """Everything that the desensitized-landing results depend on."""
+
+    CASES: ClassVar = {"entry_errors": "ensemble.trials"}
+    CHECKS: ClassVar = (check_bank_rates,)
+
+    planet: Planet
+    vehicle: Vehicle
+    mission: Mission
+    solver: Solver
+    design: Design
+    simulation: Simulation
+    ensemble: Ensemble
+    studies: Studies
+
+
+MODEL = DesensitizedInputs

@@ -13,10 +13,10 @@ from marsedl.methods.collocation import SOLVED, BranchEndError, Guess, Program, 
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.branches import attempt
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM
-from marsedl.papers.desensitized.records import MinimumFuel, Nominal
+from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
+from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
 from marsedl.replication.catalogue import stage
 
-SOLUTIONS = ("nominal", "least fuel", "least energy beside it")
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost
 CLEAR = 1e-3  # of the bound: less counts as coasting, and so little below it as at the bound
 SMALLEST_STEP = 0.05  # of the way to the next share; a branch that needs shorter steps ends
@@ -31,31 +31,43 @@ class Way(NamedTuple):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal) -> MinimumFuel:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    studies: Studies,
+    nominal: Nominal,
+) -> MinimumFuel:
     """Minimise the fuel under each bound."""
-    found = [under_bound(inputs, nominal, float(bound)) for bound in inputs.fuel_bounds]
+    found = [
+        under_bound(planet, vehicle, mission, solver, design, nominal, float(bound)) for bound in studies.fuel_bounds
+    ]
     return MinimumFuel(
-        bound=inputs.fuel_bounds,
+        bound=studies.fuel_bounds,
         solution=np.array(SOLUTIONS),
         **{name: np.array([fields[name] for fields in found]) for name in found[0]},
     )
 
 
-def under_bound(inputs, nominal: Nominal, bound):
+def under_bound(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, nominal: Nominal, bound
+):
     """The fields of one bound."""
-    transcribed = fuel_program(inputs, nominal, bound)
-    first = attempt(inputs, transcribed, split(nominal), share(0.0), barrier=WARM)
-    way = to_fuel(inputs, transcribed, first)
+    transcribed = fuel_program(planet, vehicle, mission, solver, nominal, bound)
+    first = attempt(solver, transcribed, split(nominal), share(0.0), barrier=WARM)
+    way = to_fuel(solver, design, transcribed, first)
     reached = way.last.status == SOLVED and way.last.given["weight"] == 1.0
-    beside = attempt(inputs, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
+    beside = attempt(solver, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
     solutions = (first, way.last, beside)
     solved = (first.status == SOLVED, reached, reached and beside.status == SOLVED)
     status = [solution.status for solution in solutions]
     if first.status == SOLVED and not reached:
         status[1:] = [f"stopped at a share of {way.last.given['weight']:.4g}"] * 2
-    fields = [described(inputs, bound, *pair) for pair in zip(solutions, solved, strict=True)]
+    fields = [described(vehicle, bound, *pair) for pair in zip(solutions, solved, strict=True)]
     function = np.where(reached, -way.last.costates[:, BANK_RATE] * DEGREE, np.nan)
-    on_branch = described(inputs, bound, way.on_branch, first.status == SOLVED)
+    on_branch = described(vehicle, bound, way.on_branch, first.status == SOLVED)
     return {
         "status": status,
         **{name: [field[name] for field in fields] for name in fields[0]},
@@ -66,7 +78,9 @@ def under_bound(inputs, nominal: Nominal, bound):
     }
 
 
-def fuel_program(inputs, nominal: Nominal, bound, intervals=None) -> Program:
+def fuel_program(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, nominal: Nominal, bound, intervals=None
+) -> Program:
     """Energy and fuel in shares, with the bank acceleration as a difference of two that are not negative.
 
         minimise  integral (1 - s) (p^2 + n^2) / e + s (p + n) dt,   u = p - n
@@ -74,7 +88,7 @@ def fuel_program(inputs, nominal: Nominal, bound, intervals=None) -> Program:
     in degrees; at most one of p and n differs from zero, as both cost. The scale e makes the two parts equal at the
     nominal. The share s takes the place of the weight.
     """
-    base = entry_problem.problem(inputs)
+    base = entry_problem.problem(planet, vehicle, mission)
     count = len(STATES)
     scale = nominal.effort / (nominal.cumulative / DEGREE) if nominal.cumulative else 1.0
 
@@ -89,7 +103,7 @@ def fuel_program(inputs, nominal: Nominal, bound, intervals=None) -> Program:
 
     controls = tuple(Variable(f"{sign}_bank_acceleration", 0.002, 0.0, bound) for sign in ("positive", "negative"))
     declared = replace(base, rates=rates, controls=controls, running_cost=running_cost)
-    return entry_problem.program(inputs, declared, intervals=intervals)
+    return entry_problem.program(planet, solver, declared, intervals=intervals)
 
 
 def share(of_fuel):
@@ -109,21 +123,21 @@ def thrust(solution: Solution):
     return solution.controls[:, 0] - solution.controls[:, 1]
 
 
-def to_fuel(inputs, transcribed, first: Solution) -> Way:
+def to_fuel(solver: Solver, design: Design, transcribed, first: Solution) -> Way:
     """Lead the cost over to the fuel; where the branch ends, go on with what the solver finds, if anything."""
     last, on_branch, left = first, first, first.status != SOLVED
     if left:
         return Way(first, first)
 
     def same_branch(before, after):
-        return np.abs(after.states[:, BANK] - before.states[:, BANK]).max() < inputs.branch_tolerance
+        return np.abs(after.states[:, BANK] - before.states[:, BANK]).max() < design.branch_tolerance
 
     def keep(solution):
         nonlocal last, on_branch
         last = solution
         on_branch = on_branch if left else solution
 
-    options = {"tolerance": inputs.solver_tolerance, "iterations": STEP_ITERATIONS, "barrier": WARM}
+    options = {"tolerance": solver.solver_tolerance, "iterations": STEP_ITERATIONS, "barrier": WARM}
     for wanted in SHARES:
         while last.given["weight"] < wanted:
             try:
@@ -144,7 +158,7 @@ def to_fuel(inputs, transcribed, first: Solution) -> Way:
     return Way(last, on_branch)
 
 
-def described(inputs, bound, solution: Solution, solved):
+def described(vehicle: Vehicle, bound, solution: Solution, solved):
     """The fields of one solution; NaN where it was not solved."""
     bank, control = solution.states[:, BANK], thrust(solution)
     cumulative = entry_problem.cumulative(solution.time, control)
@@ -154,7 +168,7 @@ def described(inputs, bound, solution: Solution, solved):
         "bank_acceleration": control,
         "effort": entry_problem.effort(solution.time, control),
         "cumulative": cumulative,
-        "propellant": float(entry_problem.propellant(inputs, cumulative)),
+        "propellant": float(entry_problem.propellant(vehicle, cumulative)),
         "coasting": np.mean(np.abs(control) < CLEAR * bound),
         "at_bound": np.mean(np.abs(control) > (1.0 - CLEAR) * bound),
     }

@@ -6,8 +6,9 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.desensitized import environment, flight
+from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
+from marsedl.papers.desensitized.inputs import Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.records import FlightChunk, FlightEnsemble, Gains
 from marsedl.replication.catalogue import Flown, Trial, stage
 
@@ -18,24 +19,21 @@ OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are n
 
 
 @stage()
-def simulate(inputs, gains: Gains, *, flown: Flown) -> FlightChunk:
-    """Fly one chunk of the trials under every law.
-
-    case: "entry_errors". trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials
-    in a block.
-    """
-    case, trials, block_size, chunk, chunks = flown
-    first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
-    bound = inputs.bank_acceleration_bound
+def simulate(
+    planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, flown: Flown
+) -> FlightChunk:
+    """Fly one chunk of the trials under every law."""
+    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    bound = vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
     reduced = [
         ensembles.run_blocks(
-            block_simulator(inputs, gains, case, number),
+            block_simulator(planet, vehicle, simulation, ensemble, gains, number),
             first,
             last,
-            block_size=block_size,
+            block_size=flown.block_size,
             histogram_edges=edges,
-            kept=min(inputs.drawn_trials, trials),
+            kept=min(ensemble.drawn_trials, flown.trials),
         )
         for number in range(len(gains.law))
     ]
@@ -50,16 +48,16 @@ def _by_law(parts):
     }
 
 
-def block_simulator(inputs, gains: Gains, case, number=0):
+def block_simulator(planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, number):
     """Return the function `simulate_block(first, last)` under a law, by its number; it also replays single trials."""
-    air = environment.surroundings(inputs)
+    air = environment.surroundings(planet, vehicle)
     reference, gain = flown_law(gains, number)
 
     def simulate_block(first, last):
-        errors = normals(inputs.seed, ERROR_STREAM, np.arange(first, last), 3) * inputs.initial_deviations
-        states = environment.displaced(inputs, reference.initial_state, errors)
+        errors = normals(ensemble.seed, ERROR_STREAM, np.arange(first, last), 3) * ensemble.initial_deviations
+        states = environment.displaced(planet, reference.initial_state, errors)
         every = output_step(len(reference.bank_acceleration))
-        return flight.fly(*air, reference, gain, states, substeps=inputs.substeps, every=every)
+        return flight.fly(*air, reference, gain, states, substeps=simulation.substeps, every=every)
 
     return simulate_block
 
@@ -71,7 +69,9 @@ def output_step(intervals):
 
 
 @stage()
-def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(
+    planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains, chunks: list[FlightChunk]
+) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and take the final errors against the flight without any."""
     laws = range(len(gains.law))
     names = [field.name for field in fields(ensembles.Chunk)]
@@ -80,11 +80,11 @@ def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
         for number in laws
     ]
     step = output_step(gains.bank_acceleration.shape[1])
-    air, nominals = environment.surroundings(inputs), []
+    air, nominals = environment.surroundings(planet, vehicle), []
     for number in laws:
         reference, gain = flown_law(gains, number)
         start = reference.initial_state[np.newaxis]
-        flown = flight.fly(*air, reference, gain, start, substeps=inputs.substeps, every=step)
+        flown = flight.fly(*air, reference, gain, start, substeps=simulation.substeps, every=step)
         nominals.append(flown.history[:, :, 0])
     nominal, joined = np.array(nominals), _by_law(merged)
     ends = np.where(joined["outcome"][:, :, np.newaxis] == ensembles.COMPLETED, joined["final_state"], np.nan)
@@ -92,23 +92,26 @@ def gather(inputs, gains: Gains, chunks: list[FlightChunk]) -> FlightEnsemble:
         law=gains.law,
         time=gains.time[:, ::step],
         nominal=nominal,
-        final_error=flight.position_errors(ends, nominal[:, -1:], inputs.planet_radius),
+        final_error=entry_problem.position_errors(ends, nominal[:, -1:], planet.planet_radius),
         **joined,
     )
 
 
-def replay(inputs, gains: Gains, *, trial: Trial) -> str:
-    """Fly one trial again under every law and describe it, with its difference from the ensemble's if that is given."""
-    case, number, ensemble = trial
+def replay(
+    planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, trial: Trial
+) -> str:
+    """Fly one trial again under every law and describe it, compared with the ensemble's if that is stored."""
     lines = []
     for law_number, name in enumerate(gains.law):
-        trial = ensembles.replay(block_simulator(inputs, gains, case, law_number), number)
-        end = trial.final_state[:, 0]
-        lines.append(f"trial {number}, law {name}: {OUTCOMES[int(trial.outcome[0])]}")
+        flown = ensembles.replay(
+            block_simulator(planet, vehicle, simulation, ensemble, gains, law_number), trial.number
+        )
+        end = flown.final_state[:, 0]
+        lines.append(f"trial {trial.number}, law {name}: {OUTCOMES[int(flown.outcome[0])]}")
         parts = zip(("altitude (m)", "latitude (rad)", "longitude (rad)"), end[:3], strict=True)
         lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
-        if ensemble is not None:
-            same = np.array_equal(end, ensemble.final_state[law_number, number], equal_nan=True)
+        if trial.stored is not None:
+            same = np.array_equal(end, trial.stored.final_state[law_number, trial.number], equal_nan=True)
             lines.append(
                 "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
             )

@@ -5,31 +5,34 @@ import numpy as np
 from marsedl.methods.collocation import Guess, Solution, resimulate
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
+from marsedl.papers.desensitized.inputs import Mission, Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import Nominal
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
 
 @stage()
-def compute(inputs) -> Nominal:
+def compute(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) -> Nominal:
     """Solve for the nominal from the inputs' guess, and check its branch (Eqs. 1 to 4, Table 2)."""
-    guess = entry_problem.profile_guess(inputs, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time)
-    transcribed = entry_problem.program(inputs, entry_problem.problem(inputs))
+    guess = entry_problem.profile_guess(
+        planet, vehicle, mission, solver, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
+    )
+    transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission))
     # The adaptive barrier leaves the guess's branch on some meshes.
-    solution = entry_problem.solve(inputs, "nominal", transcribed, guess, barrier=WARM)
+    solution = entry_problem.solve(solver, "nominal", transcribed, guess, barrier=WARM)
     bank = solution.state("bank")
-    if entry_problem.reversals(bank) != inputs.nominal_reversals:
+    if entry_problem.reversals(bank) != solver.nominal_reversals:
         found = entry_problem.effort(solution.time, solution.controls[:, 0])
         raise MarsedlError(
-            f"the nominal has {entry_problem.branch_name(bank)}, not the {inputs.nominal_reversals} of "
+            f"the nominal has {entry_problem.branch_name(bank)}, not the {solver.nominal_reversals} of "
             f"nominal_reversals, at a control energy of {found:.4g} deg^2/s^3: it lies on another branch; change the "
             "inputs in smaller steps, give guess_banks and guess_switch_times nearer to the branch wanted, or set "
             "nominal_reversals to what was found"
         )
-    return described(inputs, solution)
+    return described(planet, vehicle, mission, solution)
 
 
-def described(inputs, solution: Solution) -> Nominal:
+def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solution) -> Nominal:
     """A solution as an artifact."""
     time, control = solution.time, solution.controls[:, 0]
     states = solution.states[:, : len(entry_problem.STATES)]
@@ -41,14 +44,14 @@ def described(inputs, solution: Solution) -> Nominal:
         bank_acceleration=control,
         effort=entry_problem.effort(time, control),
         cumulative=total,
-        propellant=float(entry_problem.propellant(inputs, total)),
+        propellant=float(entry_problem.propellant(vehicle, total)),
         largest_bank_rate=float(np.abs(states[:, BANK_RATE]).max()),
         largest_bank_acceleration=float(np.abs(control).max()),
         reversals=entry_problem.reversals(states[:, BANK]),
         reversal_times=zero_crossings(time, states[:, BANK]),
         branch=entry_problem.branch_name(states[:, BANK]),
         flown=flown,
-        miss=entry_problem.miss(inputs, flown[-1]),
+        miss=entry_problem.miss(planet, mission, flown[-1]),
         costate=solution.costates[:, : len(entry_problem.STATES)],
         status=solution.status,
         iterations=solution.iterations,

@@ -15,6 +15,15 @@ GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m
 STATE = "m, rad, rad, m/s, m/s, m/s, rad, rad/s, rad/s"
 STUDIED = ("cases", "schemes", "meshes")
 
+CHANNELS = ("radius", "crossrange", "downrange")
+NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
+LAWS = (NO_DOC, RESHAPED, *CHANNELS, ALL_COLUMNS)
+PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossrange", "downrange")
+DENSITY = PERTURBATIONS.index("density")
+SOLUTIONS = ("nominal", "least fuel", "least energy beside it")  # of the study of least fuel
+EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
+LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
+
 
 @dataclass(frozen=True)
 class Nominal:

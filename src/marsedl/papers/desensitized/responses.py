@@ -2,54 +2,56 @@
 
 import numpy as np
 
-from marsedl.papers.desensitized import environment, flight
-from marsedl.papers.desensitized.entry_problem import CHANNELS
+from marsedl.papers.desensitized import components, entry_problem, environment, flight
 from marsedl.papers.desensitized.gains import flown_law
-from marsedl.papers.desensitized.records import Gains, Responses
+from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
+from marsedl.papers.desensitized.records import CHANNELS, Gains, Responses
 from marsedl.replication.catalogue import stage
 
 
 @stage()
-def compute(inputs, gains: Gains) -> Responses:
+def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gains) -> Responses:
     """Fly every law with the errors of the figures."""
     wide, narrow = (
-        np.array([np.linspace(-size, size, inputs.sweep_points) for size in sizes])
-        for sizes in (inputs.wide_errors, inputs.narrow_errors)
+        np.array([np.linspace(-size, size, simulation.sweep_points) for size in sizes])
+        for sizes in (simulation.wide_errors, simulation.narrow_errors)
     )
-    found = [flown(inputs, *flown_law(gains, number), wide, narrow) for number in range(len(gains.law))]
+    found = [
+        flown(planet, vehicle, simulation, *flown_law(gains, number), wide, narrow) for number in range(len(gains.law))
+    ]
     return Responses(
         law=gains.law,
         time=gains.time,
-        drawn_error=inputs.drawn_errors,
+        drawn_error=simulation.drawn_errors,
         wide=wide,
         narrow=narrow,
         **{name: np.array([law[name] for law in found]) for name in found[0]},
     )
 
 
-def flown(inputs, reference, gain, wide, narrow):
+def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, gain, wide, narrow):
     """Everything that is stored of one law, by field."""
-    air, radius = environment.surroundings(inputs), inputs.planet_radius
+    air, radius = environment.surroundings(planet, vehicle), planet.planet_radius
     # The first trial has no error: it is the nominal, to the last bit.
-    errors = np.vstack([np.zeros(3), np.diag(inputs.drawn_errors)])
+    errors = np.vstack([np.zeros(3), np.diag(simulation.drawn_errors)])
     trials = flight.fly(
         *air,
         reference,
         gain,
-        environment.displaced(inputs, reference.initial_state, errors),
-        substeps=inputs.substeps,
+        environment.displaced(planet, reference.initial_state, errors),
+        substeps=simulation.substeps,
     )
     states = np.moveaxis(trials.history, 2, 0)
-    acceleration = trials.observed[:, flight.BANK_ACCELERATION].T
-    state = states[1:, :, : flight.STATES]
-    nominal = states[0, :, : flight.STATES]
-    sizes = inputs.tabulated_error * np.array([1.0, -1.0])
+    acceleration = trials.observed[:, components.BANK_ACCELERATION].T
+    state = states[1:, :, : components.STATES]
+    nominal = states[0, :, : components.STATES]
+    sizes = simulation.tabulated_error * np.array([1.0, -1.0])
 
     def swept(grid):
         return np.array(
             [
                 environment.final_errors(
-                    inputs, air, reference, gain, environment.along_channel(channel, grid[channel])
+                    planet, simulation, air, reference, gain, environment.along_channel(channel, grid[channel])
                 )
                 for channel in range(len(CHANNELS))
             ]
@@ -58,13 +60,13 @@ def flown(inputs, reference, gain, wide, narrow):
     return {
         "nominal": nominal,
         "nominal_acceleration": acceleration[0],
-        "nominal_cumulative": finite(trials.final_state[flight.CUMULATIVE, 0]),
+        "nominal_cumulative": finite(trials.final_state[components.CUMULATIVE, 0]),
         "state": state,
-        "error": flight.position_errors(state, nominal, radius),
+        "error": entry_problem.position_errors(state, nominal, radius),
         "acceleration": acceleration[1:],
-        "cumulative": finite(trials.final_state[flight.CUMULATIVE, 1:]),
-        "largest_command": finite(trials.observed_maximum[flight.COMMAND_MAGNITUDE, 1:]),
-        "largest_bank_rate": np.abs(state[:, :, flight.BANK_RATE]).max(axis=1),
+        "cumulative": finite(trials.final_state[components.CUMULATIVE, 1:]),
+        "largest_command": finite(trials.observed_maximum[components.COMMAND_MAGNITUDE, 1:]),
+        "largest_bank_rate": np.abs(state[:, :, components.BANK_RATE]).max(axis=1),
         "tabulated_error": swept(np.tile(sizes, (len(CHANNELS), 1))),
         "wide_error": swept(wide),
         "narrow_error": swept(narrow),

@@ -4,14 +4,18 @@ import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
-from marsedl.papers.desensitized import flight
-from marsedl.papers.desensitized.certificates import EXACT
-from marsedl.papers.desensitized.claims import printed_rows
-from marsedl.papers.desensitized.entry_problem import CHANNELS, DEGREE, propellant
-from marsedl.papers.desensitized.gain_study import LOST
-from marsedl.papers.desensitized.gains import ALL_COLUMNS, NO_DOC, RESHAPED, last_finite_row
-from marsedl.papers.desensitized.minimum_fuel import SOLUTIONS
+from marsedl.papers.desensitized import components, entry_problem
+from marsedl.papers.desensitized.claims import Records, printed_rows
+from marsedl.papers.desensitized.entry_problem import DEGREE, propellant
+from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensemble, Mission, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    EXACT,
+    LOST,
+    NO_DOC,
+    RESHAPED,
+    SOLUTIONS,
     Branches,
     Certificates,
     FlightEnsemble,
@@ -22,6 +26,7 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
+from marsedl.papers.desensitized.tradeoff import last_finite_row
 
 NO_VALUE = "–"
 PAPER = "in the paper"
@@ -74,17 +79,17 @@ def _weight_name(printed_weight):
 # ---- Tables 1 to 3 ---------------------------------------------------------------------------------------------------
 
 
-def tab01(inputs, published):
+def tab01(vehicle: Vehicle, published):
     """Table 1 from the inputs."""
     rows = (
-        ("aeroshell diameter", "tab01_diameter", inputs.aeroshell_diameter),
-        ("ballistic coefficient", "tab01_ballistic_coefficient", inputs.ballistic_coefficient),
-        ("lift over drag", "tab01_lift_to_drag", inputs.lift_to_drag),
-        ("roll moment of inertia", "tab01_roll_inertia", inputs.roll_inertia),
-        ("yaw moment of inertia", "tab01_yaw_inertia", inputs.yaw_inertia),
-        ("roll moment arm", "tab01_roll_arm", inputs.roll_arm),
-        ("yaw moment arm", "tab01_yaw_arm", inputs.yaw_arm),
-        ("specific impulse of the reaction control system", "tab01_specific_impulse", inputs.specific_impulse),
+        ("aeroshell diameter", "tab01_diameter", vehicle.aeroshell_diameter),
+        ("ballistic coefficient", "tab01_ballistic_coefficient", vehicle.ballistic_coefficient),
+        ("lift over drag", "tab01_lift_to_drag", vehicle.lift_to_drag),
+        ("roll moment of inertia", "tab01_roll_inertia", vehicle.roll_inertia),
+        ("yaw moment of inertia", "tab01_yaw_inertia", vehicle.yaw_inertia),
+        ("roll moment arm", "tab01_roll_arm", vehicle.roll_arm),
+        ("yaw moment arm", "tab01_yaw_arm", vehicle.yaw_arm),
+        ("specific impulse of the reaction control system", "tab01_specific_impulse", vehicle.specific_impulse),
     )
     return [
         ("parameter", PAPER, "here", "unit"),
@@ -92,7 +97,7 @@ def tab01(inputs, published):
     ]
 
 
-def tab02(inputs):
+def tab02(mission: Mission):
     """Table 2 from the inputs, and below it the conditions that it does not mention."""
 
     def degrees(value):
@@ -100,14 +105,14 @@ def tab02(inputs):
 
     return [
         ("parameter", "at the atmospheric interface", "at parachute deployment", "unit"),
-        ("altitude", f"{inputs.entry_altitude / KILOMETRE:g}", f"{inputs.final_altitude / KILOMETRE:g}", "km"),
-        ("velocity", f"{inputs.entry_velocity:g}", f"{inputs.final_velocity:g}", "m/s"),
-        ("longitude", degrees(inputs.entry_longitude), degrees(inputs.final_longitude), "deg"),
-        ("latitude", degrees(inputs.entry_latitude), degrees(inputs.final_latitude), "deg"),
-        ("flight path angle", degrees(inputs.entry_flight_path_angle), "not prescribed", "deg"),
-        ("heading, clockwise from north (not in the paper)", degrees(inputs.entry_azimuth), "free", "deg"),
-        ("bank angle (not in the paper)", degrees(inputs.initial_bank), degrees(inputs.final_bank), "deg"),
-        ("bank rate (not in the paper)", degrees(inputs.initial_bank_rate), degrees(inputs.final_bank_rate), "deg/s"),
+        ("altitude", f"{mission.entry_altitude / KILOMETRE:g}", f"{mission.final_altitude / KILOMETRE:g}", "km"),
+        ("velocity", f"{mission.entry_velocity:g}", f"{mission.final_velocity:g}", "m/s"),
+        ("longitude", degrees(mission.entry_longitude), degrees(mission.final_longitude), "deg"),
+        ("latitude", degrees(mission.entry_latitude), degrees(mission.final_latitude), "deg"),
+        ("flight path angle", degrees(mission.entry_flight_path_angle), "not prescribed", "deg"),
+        ("heading, clockwise from north (not in the paper)", degrees(mission.entry_azimuth), "free", "deg"),
+        ("bank angle (not in the paper)", degrees(mission.initial_bank), degrees(mission.final_bank), "deg"),
+        ("bank rate (not in the paper)", degrees(mission.initial_bank_rate), degrees(mission.final_bank_rate), "deg/s"),
     ]
 
 
@@ -132,12 +137,12 @@ def _row_cells(numbers):
     return [_number(value, form) for value, form in zip(numbers, (".4f", ".4f", ".3f", ".1f"), strict=True)]
 
 
-def tab03(inputs, published, tradeoff: Tradeoff):
+def tab03(simulation: Simulation, published, tradeoff: Tradeoff):
     """Table 3: every row as printed, as found here, and the ratio of the two."""
     header = (
         *("c1", "source", "weight on the sensitivity (deg^2/s^3)"),
         *("J0 (deg^2/s^3)", "cumulative bank rate (deg/s)", "fuel (kg)"),
-        f"final position error for {inputs.tabulated_error:+g} m of radius (m)",
+        f"final position error for {simulation.tabulated_error:+g} m of radius (m)",
         *("its altitude (m)", "its crossrange (m)", "its downrange (m)"),
         *("branch", "bank reversals", "largest bank rate (deg/s)", "largest bank acceleration (deg/s^2)"),
         *("target missed when flown again (m)", "solver"),
@@ -173,7 +178,7 @@ def tab03(inputs, published, tradeoff: Tradeoff):
 # ---- sensitivities and gains -----------------------------------------------------------------------------------------
 
 
-def sensitivity_blocks(inputs, gains: Gains):
+def sensitivity_blocks(gains: Gains):
     """The block S_p of every law as lengths: final radius, crossrange and downrange against those at entry."""
     per_km = KILOMETRE * gains.final
     rows = [("law", "final error in", *(f"per km of {channel} at entry (m)" for channel in CHANNELS), "all three (m)")]
@@ -188,9 +193,9 @@ def sensitivity_blocks(inputs, gains: Gains):
     return rows
 
 
-def gain_sets(inputs, gains: Gains, responses: Responses):
+def gain_sets(simulation: Simulation, gains: Gains, responses: Responses):
     """Every law and every channel that it is for: gains, how their search ended, and what flights come to."""
-    size = inputs.tabulated_error
+    size = simulation.tabulated_error
     rows = [
         (
             "law",
@@ -239,7 +244,7 @@ def gain_sets(inputs, gains: Gains, responses: Responses):
     return rows
 
 
-def candidate_gains(inputs, gain_study: GainStudy):
+def candidate_gains(gain_study: GainStudy):
     """Gains that meet the paper's problem as well, by channel and rank, and one set for all channels."""
     study = gain_study
     sizes = np.unique([*study.tuning_error, *study.all_sizes])
@@ -295,10 +300,10 @@ def candidate_gains(inputs, gain_study: GainStudy):
     return rows
 
 
-def dispersions(inputs, gains: Gains, entry_errors: FlightEnsemble):
+def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble):
     """Final errors under random position errors at entry, flown and by linear covariance, and what they cost."""
-    ensemble, bound = entry_errors, inputs.bank_acceleration_bound
-    drawn = ", ".join(f"{deviation:g}" for deviation in inputs.initial_deviations)
+    bound = vehicle.bank_acceleration_bound
+    drawn = ", ".join(f"{deviation:g}" for deviation in ensemble.initial_deviations)
     rows = [
         (
             f"law (deviations at entry: {drawn} m in {', '.join(CHANNELS)})",
@@ -317,11 +322,11 @@ def dispersions(inputs, gains: Gains, entry_errors: FlightEnsemble):
             "trials",
         )
     ]
-    for number, law in enumerate(ensemble.law):
-        flown = ensemble.outcome[number] == COMPLETED
-        error, trials = ensemble.final_error[number, flown], len(flown)
+    for number, law in enumerate(entry_errors.law):
+        flown = entry_errors.outcome[number] == COMPLETED
+        error, trials = entry_errors.final_error[number, flown], len(flown)
         known = len(error) > 1
-        linear = np.sqrt((gains.final[number] * inputs.initial_deviations) ** 2 @ np.ones(len(CHANNELS)))
+        linear = np.sqrt((gains.final[number] * ensemble.initial_deviations) ** 2 @ np.ones(len(CHANNELS)))
         spread = error.std(axis=0, ddof=1) if known else np.full(len(CHANNELS), np.nan)
         cells = []
         for channel, uncertainty in enumerate(_deviation_errors(error, spread)):
@@ -331,10 +336,10 @@ def dispersions(inputs, gains: Gains, entry_errors: FlightEnsemble):
                 _number(spread[channel] / linear[channel], ".4g") if linear[channel] > 0.0 else NO_VALUE,
             ]
         # A lost trial is worse than any other.
-        size = np.where(flown, np.linalg.norm(ensemble.final_error[number], axis=1), np.inf)
-        command = ensemble.observed_maximum[number, :, flight.COMMAND_MAGNITUDE]
-        clipped = np.count_nonzero(~(command <= (1.0 + flight.ROUNDING) * bound))
-        fuel = propellant(inputs, ensemble.final_state[number, flown, flight.CUMULATIVE])
+        size = np.where(flown, np.linalg.norm(entry_errors.final_error[number], axis=1), np.inf)
+        command = entry_errors.observed_maximum[number, :, components.COMMAND_MAGNITUDE]
+        clipped = np.count_nonzero(~(command <= (1.0 + entry_problem.ROUNDING) * bound))
+        fuel = propellant(vehicle, entry_errors.final_state[number, flown, components.CUMULATIVE])
         rows.append(
             (
                 LAW_NAMES[str(law)],
@@ -342,7 +347,7 @@ def dispersions(inputs, gains: Gains, entry_errors: FlightEnsemble):
                 *(_number(np.quantile(size, level, method="higher"), ".1f") for level in (0.5, 0.99)),
                 f"{trials - len(error):,}",
                 f"{100 * clipped / trials:.2f}",
-                _number(propellant(inputs, ensemble.nominal[number, -1, flight.CUMULATIVE]), ".4f"),
+                _number(propellant(vehicle, entry_errors.nominal[number, -1, components.CUMULATIVE]), ".4f"),
                 *(_number(value, ".4f") for value in ((fuel.mean(), fuel.std(ddof=1)) if known else (np.nan, np.nan))),
                 f"{trials:,}",
             )
@@ -365,7 +370,7 @@ def _case_name(weight):
     return f"c = {weight:.4g}" if weight else "no-DOC"
 
 
-def discretisation_errors(inputs, certificates: Certificates):
+def discretisation_errors(certificates: Certificates):
     """Both cases by every scheme on every mesh: effort, errors by the scheme and as flown, and orders."""
     found = certificates
     rows = [
@@ -411,7 +416,7 @@ def discretisation_errors(inputs, certificates: Certificates):
     return rows
 
 
-def identities(inputs, certificates: Certificates):
+def identities(certificates: Certificates):
     """Identities, symmetries, stationarity and derivatives by row of Table 3; some are examined in some rows only."""
     found = certificates
     rows = [("check", *(_case_name(weight) for weight in found.row_weight))]
@@ -419,9 +424,9 @@ def identities(inputs, certificates: Certificates):
     def by_row(name, values):
         rows.append((name, *(_number(value, ".1e") for value in values)))
 
-    def at(weights, name, values):
+    def at(row_weights, name, values):
         """Values that belong to rows of these weights, texts already."""
-        known = dict(zip(weights, values, strict=True))
+        known = dict(zip(row_weights, values, strict=True))
         rows.append((name, *(known.get(weight, "") for weight in found.row_weight)))
 
     by_row("longitude column less its unit vector, largest at any node (m/m)", found.row_longitude_deviation)
@@ -478,7 +483,7 @@ def identities(inputs, certificates: Certificates):
 # ---- other solutions -------------------------------------------------------------------------------------------------
 
 
-def local_minima(inputs, branches: Branches):
+def local_minima(simulation: Simulation, branches: Branches):
     """Local minima of the problem without weight, by control energy, and how they were found."""
     found = branches
     rows = [
@@ -490,7 +495,7 @@ def local_minima(inputs, branches: Branches):
             "final time (s)",
             "bank reversals",
             "full rolls",
-            f"final position error for {inputs.tabulated_error:+g} m of radius (m)",
+            f"final position error for {simulation.tabulated_error:+g} m of radius (m)",
             "its altitude, crossrange, downrange (m)",
             f"random starts that led there, of {found.starts}",
             "bank angle's largest change when shaken and solved again (deg)",
@@ -516,10 +521,10 @@ def local_minima(inputs, branches: Branches):
     return rows
 
 
-def bank_conditions(inputs, published, branches: Branches):
+def bank_conditions(mission: Mission, published, branches: Branches):
     """Every choice of conditions on the bank, solved from the nominal; first what meets the first row best."""
     found, (effort, cumulative) = branches, published["tab03_c0"].printed[:2]
-    values = inputs.initial_bank, inputs.initial_bank_rate, inputs.final_bank, inputs.final_bank_rate
+    values = mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate
     rows = [
         (
             "initial bank angle (deg)",
@@ -560,7 +565,7 @@ def bank_conditions(inputs, published, branches: Branches):
     return rows
 
 
-def fold(inputs, tradeoff: Tradeoff, branches: Branches):
+def fold(tradeoff: Tradeoff, branches: Branches):
     """The nominal's branch at given final errors, through its fold, and where the path over the weight leaves it."""
     found = branches
     rows = [
@@ -595,7 +600,7 @@ def fold(inputs, tradeoff: Tradeoff, branches: Branches):
     return rows
 
 
-def dominance(inputs, branches: Branches):
+def dominance(branches: Branches):
     """Rows of Table 3 against the least control energy found on any branch at no larger error."""
     found = branches
     rows = [
@@ -624,7 +629,7 @@ def dominance(inputs, branches: Branches):
     return rows
 
 
-def least_fuel(inputs, minimum_fuel: MinimumFuel):
+def least_fuel(minimum_fuel: MinimumFuel):
     """Least control energy and least fuel under each bound of the bank acceleration, and how the thrust is spread."""
     found, least = minimum_fuel, SOLUTIONS.index("least fuel")
     rows = [
@@ -676,7 +681,7 @@ def least_fuel(inputs, minimum_fuel: MinimumFuel):
 # ---- further perturbations -------------------------------------------------------------------------------------------
 
 
-def other_perturbations(inputs, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
+def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
     """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
     found = further_perturbations
     names = [_size_and_name(*pair) for pair in zip(found.perturbation, found.size, strict=True)]
@@ -719,7 +724,7 @@ def _size_and_name(perturbation, size):
     return f"{perturbation} {size * factor:g}{unit}"
 
 
-def density_feedback(inputs, further_perturbations: FurtherPerturbations):
+def density_feedback(further_perturbations: FurtherPerturbations):
     """Feedback on the nominal against density errors: gains, and final errors of density and radius, flown."""
     found = further_perturbations
     known = dict(zip(found.perturbation, found.size, strict=True))
@@ -752,8 +757,11 @@ def density_feedback(inputs, further_perturbations: FurtherPerturbations):
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
-def readings(artifacts, published):
-    """What each reading gives; artifacts: by reading, the inputs and the artifacts by name."""
+def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
+    """What each reading gives.
+
+    readings: inputs and `Records` by reading. published: claims by id. Returns rows of text.
+    """
     rows = [
         (
             "reading",
@@ -782,10 +790,11 @@ def readings(artifacts, published):
             *[""] * (len(CHANNELS) + 3),
         ),
     ]
-    default = artifacts["corrected"][0]
-    for name, (inputs, records) in artifacts.items():
+    default = readings["corrected"][0]
+    for name, (inputs, records) in readings.items():
         tradeoff, gains, responses, ensemble = (
-            getattr(records, k) for k in ("tradeoff", "gains", "responses", "entry_errors")
+            *(records.tradeoff, records.gains),
+            *(records.responses, records.entry_errors),
         )
         errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
         laws, flown = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
@@ -815,11 +824,12 @@ def readings(artifacts, published):
     return rows
 
 
-def _differences(inputs, default):
+def _differences(of_reading: DesensitizedInputs, default: DesensitizedInputs):
     """Inputs that differ from the default reading's, with their values where these are short."""
     told = []
-    for name, value in vars(inputs).items():
-        if name in _SIZES or np.array_equal(value, getattr(default, name)):
+    for name, path in sorted((path.partition(".")[2], path) for path in of_reading.names()):
+        value = of_reading.get(path)
+        if name in _SIZES or np.array_equal(value, default.get(path)):
             continue
         if isinstance(value, np.ndarray):
             told.append(name)
@@ -828,10 +838,11 @@ def _differences(inputs, default):
     return ", ".join(told)
 
 
-def weights(artifacts, published):
+def weights(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
     """Table 3 of all readings, row by row: by the printed weights, and at the printed control energies.
 
-    artifacts: by reading, the inputs and the artifacts by name. Readings share a line where they have the same row.
+    Readings share a line where they have the same row. readings: inputs and `Records` by reading. published: claims by
+    id. Returns rows of text.
     """
     rows = [
         (
@@ -850,31 +861,31 @@ def weights(artifacts, published):
         )
     ]
     printed = printed_rows(published)
-    found = sorted(artifacts.items(), key=lambda item: item[1][0].weight_rule != "proportional")
-    wanted = {_c1(value) for _, records in artifacts.values() for value in records.tradeoff.printed_weight}
+    found = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
+    wanted = {_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
     for c1 in sorted(wanted | set(printed)):
         lines = {}
         for name, (inputs, records) in found:
             tradeoff = records.tradeoff
             for number in (k for k, value in enumerate(tradeoff.printed_weight) if _c1(value) == c1):
-                cells = _weight_cells(inputs, tradeoff, number, c1)
+                cells = _weight_cells(inputs.design, tradeoff, number, c1)
                 lines.setdefault(cells, []).append(name)
         rows.append((_weight_name(c1), PAPER, *[""] * 4, *map(_printed, _paper_row(printed, c1)), "", ""))
         rows += [(_weight_name(c1), ", ".join(names), *cells) for cells, names in lines.items()]
     return rows
 
 
-def _weight_cells(inputs, tradeoff, number, c1):
+def _weight_cells(design: Design, tradeoff, number, c1):
     """A reading's row of Table 3 as `weights` shows it."""
     weight, rule, over = tradeoff.weight[number], "", ""
     if 0.0 < c1 < np.inf:
-        proportional = inputs.weight_rule == "proportional"
-        rule = f"c = {inputs.weight_factor:g} c1" if proportional else "at the printed J0"
+        proportional = design.weight_rule == "proportional"
+        rule = f"c = {design.weight_factor:g} c1" if proportional else "at the printed J0"
         over = f"{weight / c1:.4g}"
-    columns = "all" if inputs.sensitivity_columns == "all" else "radius"
+    columns = "all" if design.sensitivity_columns == "all" else "radius"
     return (
         rule,
-        f"{columns}, {inputs.sensitivity_length / KILOMETRE:g} km" if weight else "",
+        f"{columns}, {design.sensitivity_length / KILOMETRE:g} km" if weight else "",
         f"{weight:.5g}",
         over,
         *_row_cells(_row_numbers(tradeoff, number)),

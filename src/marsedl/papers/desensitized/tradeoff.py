@@ -11,9 +11,10 @@ import numpy as np
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
 from marsedl.methods.desensitization import Desensitized
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, CHANNELS, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM
+from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Nominal, Tradeoff
+from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
 
@@ -37,38 +38,54 @@ class Fold(NamedTuple):
     beyond: Solution
 
 
-def columns_in_norm(inputs):
+def columns_in_norm(design: Design):
     """Channels whose columns are in the objective."""
-    return CHANNELS if inputs.sensitivity_columns == "all" else CHANNELS[:1]
+    return CHANNELS if design.sensitivity_columns == "all" else CHANNELS[:1]
 
 
-def prepared(inputs, channels=None, **options) -> tuple[Desensitized, Program]:
+def prepared(
+    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, channels=None, **options
+) -> tuple[Desensitized, Program]:
     """The problem of Eq. 6, and its transcription."""
-    channels = channels or columns_in_norm(inputs)
-    extended = entry_problem.desensitized(inputs, [entry_problem.position_error(inputs, name) for name in channels])
-    declared = entry_problem.weighted(inputs, extended, channels)
-    return extended, entry_problem.program(inputs, declared, **options)
+    channels = channels or columns_in_norm(design)
+    extended = entry_problem.desensitized(
+        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in channels]
+    )
+    declared = entry_problem.weighted(planet, design, extended, channels)
+    return extended, entry_problem.program(planet, solver, declared, **options)
 
 
 @stage()
-def compute(inputs, nominal: Nominal) -> Tradeoff:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    solver: Solver,
+    design: Design,
+    simulation: Simulation,
+    nominal: Nominal,
+) -> Tradeoff:
     """Follow the solutions over the weight, and find the rows of Table 3 among them."""
-    extended, transcribed = prepared(inputs)
+    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
     first = entry_problem.solve(
-        inputs, "no weight", transcribed, extended.guess(as_guess(nominal), entry_problem.given()), barrier=WARM
+        solver, "no weight", transcribed, extended.guess(as_guess(nominal), entry_problem.given()), barrier=WARM
     )
-    wanted = {*inputs.weight_path, *inputs.infinite_weights}
-    if inputs.weight_rule == "proportional":
-        wanted |= set(inputs.weight_factor * inputs.printed_weights)
-    points, folds = follow(inputs, transcribed, first, sorted(wanted))
-    rows = [points[0], *chosen(inputs, transcribed, points), *(at_weight(points, c) for c in inputs.infinite_weights)]
-    return described(inputs, extended, points, folds, rows)
+    wanted = {*design.weight_path, *design.infinite_weights}
+    if design.weight_rule == "proportional":
+        wanted |= set(design.weight_factor * design.printed_weights)
+    points, folds = follow(solver, design, transcribed, first, sorted(wanted))
+    rows = [
+        points[0],
+        *chosen(solver, design, transcribed, points),
+        *(at_weight(points, c) for c in design.infinite_weights),
+    ]
+    return described(planet, vehicle, mission, design, simulation, extended, points, folds, rows)
 
 
-def follow(inputs, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
+def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
     """Continue a solution through increasing weights; at the end of a branch go on from what the solver then finds."""
     points, folds = [Point(first, 0)], []
-    tolerance = inputs.branch_tolerance
+    tolerance = design.branch_tolerance
 
     def same_branch(before, after):
         return np.abs(after.state("bank") - before.state("bank")).max() < tolerance
@@ -87,23 +104,23 @@ def follow(inputs, transcribed, first, weights) -> tuple[list[Point], list[Fold]
                     smallest_step=SHORTEST,
                     on_step=keep,
                     barrier=WARM,
-                    tolerance=inputs.solver_tolerance,
-                    iterations=inputs.solver_iterations,
+                    tolerance=solver.solver_tolerance,
+                    iterations=solver.solver_iterations,
                     accept=ACCEPTED,
                 )
             except BranchEndError as end:
-                beyond = end.beyond or sought(inputs, transcribed, end)
+                beyond = end.beyond or sought(solver, transcribed, end)
                 folds.append(Fold(end.solution, beyond))
                 keep(beyond)
     return points, folds
 
 
-def sought(inputs, transcribed, end: BranchEndError) -> Solution:
+def sought(solver: Solver, transcribed, end: BranchEndError) -> Solution:
     """A solution beyond the end of a branch, where careful steps find none: with ever larger barriers."""
     for barrier in (1e-2, 1.0, None):
         try:
             return entry_problem.solve(
-                inputs,
+                solver,
                 "beyond a branch",
                 transcribed,
                 end.solution,
@@ -120,11 +137,11 @@ def sought(inputs, transcribed, end: BranchEndError) -> Solution:
     )
 
 
-def chosen(inputs, transcribed, points) -> list[Point]:
+def chosen(solver: Solver, design: Design, transcribed, points) -> list[Point]:
     """The rows of the printed weights between zero and infinity."""
-    if inputs.weight_rule == "proportional":
-        return [at_weight(points, weight) for weight in inputs.weight_factor * inputs.printed_weights]
-    return [at_effort(inputs, transcribed, points, effort) for effort in inputs.matched_efforts]
+    if design.weight_rule == "proportional":
+        return [at_weight(points, weight) for weight in design.weight_factor * design.printed_weights]
+    return [at_effort(solver, transcribed, points, effort) for effort in design.matched_efforts]
 
 
 def at_weight(points, weight) -> Point:
@@ -132,7 +149,7 @@ def at_weight(points, weight) -> Point:
     return next(point for point in reversed(points) if point.solution.given["weight"] == weight)
 
 
-def at_effort(inputs, transcribed, points, wanted) -> Point:
+def at_effort(solver: Solver, transcribed, points, wanted) -> Point:
     """The first point on the path that has a control energy, by solves between two neighbours on one branch."""
     from scipy.optimize import brentq
 
@@ -153,7 +170,7 @@ def at_effort(inputs, transcribed, points, wanted) -> Point:
             nearest = known[min(known, key=lambda other: abs(other - weight))]
             case = f"control energy {wanted:g}"
             known[weight] = entry_problem.solve(
-                inputs, case, transcribed, nearest, weight=weight, barrier=WARM, accept=ACCEPTED
+                solver, case, transcribed, nearest, weight=weight, barrier=WARM, accept=ACCEPTED
             )
         return effort(known[weight]) - wanted
 
@@ -172,19 +189,34 @@ def effort(solution: Solution):
     return entry_problem.effort(solution.time, solution.controls[:, 0])
 
 
-def final_error(inputs, extended, solution: Solution, channel=0):
+def final_error(planet: Planet, simulation: Simulation, extended, solution: Solution, channel=0):
     """Final altitude, crossrange and downrange error for the tabulated error of a channel, (3,), m."""
-    return entry_problem.metric(inputs, extended.columns(solution)[-1])[:, channel] * inputs.tabulated_error
+    return entry_problem.metric(planet, extended.columns(solution)[-1])[:, channel] * simulation.tabulated_error
 
 
-def norm(inputs, extended, solution: Solution):
+def last_finite_row(tradeoff: Tradeoff) -> int:
+    """The row of the largest finite weight of Table 3."""
+    return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
+
+
+def norm(planet: Planet, design: Design, extended, solution: Solution):
     """Norm of the sensitivity in the objective."""
     names = [variable.name for variable in solution.problem.states]
     end = dict(zip(names, solution.states[-1], strict=True))
-    return float(np.sqrt(entry_problem.squared_norm(inputs, end, [p.name for p in extended.perturbations])))
+    return float(np.sqrt(entry_problem.squared_norm(planet, design, end, [p.name for p in extended.perturbations])))
 
 
-def described(inputs, extended, points, folds, rows) -> Tradeoff:
+def described(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    design: Design,
+    simulation: Simulation,
+    extended,
+    points,
+    folds,
+    rows,
+) -> Tradeoff:
     """Path, folds and rows as an artifact."""
     path = [point.solution for point in points]
     found = [row.solution for row in rows]
@@ -196,7 +228,7 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
         return entry_problem.cumulative(solution.time, solution.controls[:, 0])
 
     def errors(solution):
-        return final_error(inputs, extended, solution)
+        return final_error(planet, simulation, extended, solution)
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
@@ -204,7 +236,7 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
-        path_norm=np.array([norm(inputs, extended, s) for s in path]),
+        path_norm=np.array([norm(planet, design, extended, s) for s in path]),
         path_cumulative=np.array([cumulative(s) for s in path]),
         path_error=np.array([errors(s) for s in path]),
         path_reversals=np.array([entry_problem.reversals(bank(s)) for s in path]),
@@ -214,7 +246,7 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
         fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
-        printed_weight=np.array([0.0, *inputs.printed_weights, *np.full(len(inputs.infinite_weights), np.nan)]),
+        printed_weight=np.array([0.0, *design.printed_weights, *np.full(len(design.infinite_weights), np.nan)]),
         weight=np.array([s.given["weight"] for s in found]),
         time=np.array([s.time for s in found]),
         state=np.array([s.states[:, :size] for s in found]),
@@ -222,14 +254,14 @@ def described(inputs, extended, points, folds, rows) -> Tradeoff:
         column=np.array([extended.columns(s)[:, :, 0] for s in found]),
         effort=np.array([effort(s) for s in found]),
         cumulative=np.array([cumulative(s) for s in found]),
-        propellant=np.array([entry_problem.propellant(inputs, cumulative(s)) for s in found]),
+        propellant=np.array([entry_problem.propellant(vehicle, cumulative(s)) for s in found]),
         error=np.array([errors(s) for s in found]),
-        norm=np.array([norm(inputs, extended, s) for s in found]),
+        norm=np.array([norm(planet, design, extended, s) for s in found]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in found]),
         row_branch=np.array([row.branch for row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in found]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in found]),
-        miss=np.array([entry_problem.miss(inputs, resimulate(s)[-1]) for s in found]),
+        miss=np.array([entry_problem.miss(planet, mission, resimulate(s)[-1]) for s in found]),
         status=np.array([s.status for s in found]),
         iterations=np.array([s.iterations for s in found]),
         solves=len(points) + len(rows),
