@@ -167,10 +167,15 @@ def distinct(ends):
     for solution in sorted((end for end in ends if isinstance(end, Solution)), key=lambda end: end.objective):
         if not (solutions and _same(solutions[-1], solution)):
             solutions.append(solution)
-    numbers = [
-        next((i for i, one in enumerate(solutions) if isinstance(e, Solution) and _same(one, e)), -1) for e in ends
-    ]
+    numbers = [_number(end, solutions) for end in ends]
     return solutions, np.array(numbers)
+
+
+def _number(end, solutions):
+    """Number of an end of a solve among the solutions, -1 for one that is none."""
+    if not isinstance(end, Solution):
+        return -1
+    return next((number for number, solution in enumerate(solutions) if _same(solution, end)), -1)
 
 
 def _same(one, other):
