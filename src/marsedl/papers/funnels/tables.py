@@ -552,8 +552,8 @@ def readings(readings, published):
 def _differences(inputs: FunnelsInputs, default: FunnelsInputs):
     """Inputs that differ from the default reading's, with their values where these are short."""
     told = []
-    for key in inputs.names():
-        name, value = key.partition(".")[2], inputs.get(key)
+    for name, key in sorted((key.partition(".")[2], key) for key in inputs.names()):
+        value = inputs.get(key)
         if name in _SIZES or np.array_equal(value, default.get(key)):
             continue
         short = not isinstance(value, np.ndarray)
