@@ -31,18 +31,22 @@ SOLVERS = {"Clarabel": "CLARABEL", "SCS": "SCS"}
 
 def prepare():
     """Closed loop, shapes, slices, samples and inputs of the corrected reading."""
+    found = nominal.compute(**stage_inputs(PAPER, "nominal"))
+    flown = linearization.compute(**stage_inputs(PAPER, "linearization"), nominal=found)
+    designed = gains.compute(**stage_inputs(PAPER, "gains"), linearization=flown)
     inputs = stage_inputs(PAPER, "funnel")
-    flown = linearization.compute(stage_inputs(PAPER, "linearization"), nominal.compute(stage_inputs(PAPER, "nominal")))
-    designed = gains.compute(stage_inputs(PAPER, "gains"), flown)
-    benchmark = stage_inputs(PAPER, "stage_study")
+    recursion, benchmark = inputs["recursion"], stage_inputs(PAPER, "stage_study")["studies"]
+    air = environment.disturbed_air(inputs["planet"], inputs["uncertainty"])
+    loop = environment.closed_loop(inputs["planet"], inputs["vehicle"], air, flown, designed.half_gain)
+    slices = environment.slices(loop, recursion.steps_per_slice)
     return SimpleNamespace(
-        inputs=inputs,
+        recursion=recursion,
         linearization=flown,
         gains=designed,
-        loop=environment.closed_loop(inputs, flown, designed.half_gain),
-        slices=environment.slices(inputs),
-        shapes=designed.shape[environment.slices(inputs)],
-        design=well_chosen_design(SPHERES, inputs.design_seed, BASIS_DEGREE),
+        loop=loop,
+        slices=slices,
+        shapes=designed.shape[slices],
+        design=well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE),
         slice=benchmark.benchmark_slice - 1,
         level=benchmark.benchmark_level,
     )
@@ -52,13 +56,13 @@ def stage(funnel, number, level):
     """A stage from slice `number`, counted from 0."""
     first, last = (int(step) for step in funnel.slices[number : number + 2])
     shape, next_shape = funnel.shapes[number : number + 2]
-    return FunnelStage(funnel.loop, first, last, shape, next_shape, float(level), funnel.inputs.taylor_order)
+    return FunnelStage(funnel.loop, first, last, shape, next_shape, float(level), funnel.recursion.taylor_order)
 
 
 def fitted(funnel, posed):
     """Coefficients of the polynomial of a stage."""
-    degree = funnel.inputs.taylor_order + 1
-    return polynomial_coefficients(posed.values, SPHERES.variables, degree, funnel.inputs.design_seed)[0]
+    degree = funnel.recursion.taylor_order + 1
+    return polynomial_coefficients(posed.values, SPHERES.variables, degree, funnel.recursion.design_seed)[0]
 
 
 def programs(funnel):
@@ -67,7 +71,7 @@ def programs(funnel):
     Returns:
         Tuple of those that take values at the samples, and those that take coefficients, by name.
     """
-    tolerance, basis = funnel.inputs.program_tolerance, funnel.design.basis
+    tolerance, basis = funnel.recursion.program_tolerance, funnel.design.basis
     sampled = {"rank-one": partial(rank_one, basis=basis, tolerance=tolerance)}
     sampled |= {name: ConicProgram(basis, solver, tolerance).solve for name, solver in SOLVERS.items()}
     matched = {
@@ -86,7 +90,7 @@ def timed(function):
 
 def levels_by_samples(funnel, solve):
     """Levels of the whole funnel by programs on the samples."""
-    order = funnel.inputs.taylor_order
+    order = funnel.recursion.taylor_order
     return forward(
         *(funnel.loop, funnel.shapes, funnel.slices, funnel.gains.initial_level, funnel.design),
         solver=lambda values, basis: solve(values),
@@ -149,7 +153,7 @@ def compare_funnels(row, funnel, sampled, matched):
     Returns:
         Wall time of the funnel by samples and the rank-one solver, s.
     """
-    random = np.random.Generator(np.random.Philox(funnel.inputs.design_seed))
+    random = np.random.Generator(np.random.Philox(funnel.recursion.design_seed))
     starts = boundary_deviations(
         funnel.shapes[0], funnel.gains.initial_level, uniform_directions(random, TRIALS, len(environment.STATES))
     )
@@ -157,7 +161,7 @@ def compare_funnels(row, funnel, sampled, matched):
     levels = levels_by_samples(funnel, sampled["rank-one"])
     design, fast, flights = interleaved(
         (
-            lambda: well_chosen_design(SPHERES, funnel.inputs.design_seed, BASIS_DEGREE),
+            lambda: well_chosen_design(SPHERES, funnel.recursion.design_seed, BASIS_DEGREE),
             lambda: levels_by_samples(funnel, sampled["rank-one"]),
             lambda: fly(funnel.loop, funnel.gains.shape, starts, disturbances),
         ),
@@ -190,7 +194,10 @@ def measure(row):
     say("funnels: whole funnels and flights")
     fast = compare_funnels(row, funnel, sampled, matched)
     say("funnels: proof")
-    seconds, found = timed(lambda: proven.compute(stage_inputs(PAPER, "proven"), funnel.linearization, funnel.gains))
+    proven_inputs = stage_inputs(PAPER, "proven")
+    seconds, found = timed(
+        lambda: proven.compute(**proven_inputs, linearization=funnel.linearization, gains=funnel.gains)
+    )
     assert found.proven, found.outcome
     row("proven funnel", seconds, "s")
     row("cost of the proven funnel over the funnel", seconds / fast, "ratio")

@@ -1,32 +1,28 @@
 """Funnels of the Dubins car: its path, its levels against flights and other programs, and what is proven."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
 from marsedl.papers.funnels import dubins
-from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
 from marsedl.replication.errors import SolverError
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
 
-STUDY = load_study("funnels", MODEL, Path(__file__).parents[2] / "configs" / "funnels.yaml")
 FLOW, EULER, WIND = range(3)
 # A fifth of the path, in stages of the same length and as many fine steps each.
 SHORT = {"dubins_duration": 0.8, "dubins_fine_steps": 80}
 
 
-def inputs_of(reading="corrected", **changes):
-    return Slice(STUDY.readings[reading].slice(tuple(MODEL.model_fields)) | changes)
+@pytest.fixture(scope="module")
+def inputs_of(funnels):
+    """Inputs of a reading, some of them changed."""
+    return funnels.inputs
 
 
 @pytest.fixture(scope="module")
-def inputs():
-    return inputs_of()
+def inputs(inputs_of):
+    return inputs_of("corrected")
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +32,12 @@ def car(funnels):
 
 @pytest.fixture(scope="module")
 def short():
-    return dubins.compute(inputs_of(**SHORT))
+    return dubins.compute(inputs_of("corrected", **SHORT))
 
 
 @pytest.fixture(scope="module")
 def study(short):
-    return dubins.study(inputs_of(**SHORT), short)
+    return dubins.study(inputs_of("corrected", **SHORT), short)
 
 
 def generator(seed=3):
@@ -181,7 +177,7 @@ def test_levels_do_not_depend_on_the_reading(short):
 
 def test_a_funnel_that_does_not_exist_says_so():
     with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
-        dubins.compute(inputs_of(**SHORT, dubins_level=1e9))
+        dubins.compute(inputs_of("corrected", **SHORT, dubins_level=1e9))
 
 
 # ---- the study -------------------------------------------------------------------------------------------------------
@@ -210,7 +206,7 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
     for number in (FLOW, WIND):
         assert (study.linear_level[number, 1:] < short.level[number, 1:]).all()
         assert study.linear_level[number] == pytest.approx(short.level[number], rel=0.02)
-    loop = dubins.closed_loop(inputs_of(**SHORT), short)
+    loop = dubins.closed_loop(inputs_of("corrected", **SHORT), short)
     small = boundary_deviations(short.shape[0], 1e-10, uniform_directions(generator(), 20_000, 3))
     grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
     assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
@@ -232,7 +228,7 @@ def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):
         assert (level[1:] > short.level[number, 1:]).all()
         assert level == pytest.approx(short.level[number], rel=0.02)
         assert (added > 0).all() and added.max() < 2e-3
-        loop, draw = dubins.closed_loop(inputs_of(**SHORT), short, wind), generator(row)
+        loop, draw = dubins.closed_loop(inputs_of("corrected", **SHORT), short, wind), generator(row)
         start = boundary_deviations(short.shape[0], level[0], uniform_directions(draw, 2000, 3))
         start *= draw.random((2000, 1)) ** (1 / 3)  # from the inside too
         pushed = uniform_directions(draw, 2000, 2) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))

@@ -14,10 +14,18 @@ ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "funnels.yaml"
 
 
+def stem(key):
+    """The name of an input without the suffix of its unit."""
+    return key.removesuffix("_deg").removesuffix("_km")
+
+
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
-    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    overlay = {"readings": {"mine": {"based_on": based_on, "inputs": own}}}
+    own = {}
+    for key, value in inputs.items():
+        section = next((name for name, of in MODEL.sections().items() if stem(key) in of.model_fields), "mission")
+        own.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
+    overlay = {"readings": {"mine": {"based_on": based_on, **own}}}
     return load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
 
 
@@ -35,9 +43,9 @@ def reading_of(based_on="corrected", **inputs):
         ({"start_final_times": [100.0]}, ["start_final_times: 100", "120 to 500"]),
         ({"start_banks_deg": []}, ["start_banks"]),
         ({"studied_intervals": [100, 150]}, ["studied_intervals", "multiple"]),
-        ({"steps_per_slice": 7}, ["fine_steps (240) is not a multiple of steps_per_slice (7)"]),
-        ({"redraw_steps": 9}, ["fine_steps (240) is not a multiple of redraw_steps (9)"]),
-        ({"backward_steps_per_slice": 7}, ["fine_steps (240) is not a multiple of backward_steps_per_slice (7)"]),
+        ({"steps_per_slice": 7}, ["guidance.fine_steps (240) is not a multiple of recursion.steps_per_slice (7)"]),
+        ({"redraw_steps": 9}, ["guidance.fine_steps (240) is not a multiple of ensemble.redraw_steps (9)"]),
+        ({"backward_steps_per_slice": 7}, ["guidance.fine_steps (240) is not a multiple of studies.backward_steps_per_slice (7)"]),
         ({"dubins_steps_per_slice": 7}, ["dubins_fine_steps (400) is not a multiple of dubins_steps_per_slice (7)"]),
         ({"fine_steps": 1}, ["fine_steps", "greater than or equal to 2"]),
         ({"initial_lengths_km": [0.15, 0.0, 0.25]}, ["initial_lengths", "greater than 0"]),
@@ -80,25 +88,28 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
 
 def test_units_are_turned_into_si():
     mine = reading_of(guess_bank_deg=90.0, final_downrange_km=600.0, scale_lengths_km=[1.0, 2.0, 3.0]).inputs
-    assert mine.guess_bank == pytest.approx(np.pi / 2, rel=1e-15)
-    assert mine.final_downrange == 6e5 and mine.scale_lengths == (1e3, 2e3, 3e3)
-    assert mine.entry_flight_path_angle == pytest.approx(np.radians(-15.5), rel=1e-15)
+    assert mine.guidance.guess_bank == pytest.approx(np.pi / 2, rel=1e-15)
+    assert mine.mission.final_downrange == 6e5 and mine.guidance.scale_lengths.tolist() == [1e3, 2e3, 3e3]
+    assert mine.mission.entry_flight_path_angle == pytest.approx(np.radians(-15.5), rel=1e-15)
 
 
 def test_readings_differ_from_each_other_where_they_should():
     readings = load_study("funnels", MODEL, CONFIG).readings
     differences = {name: set(reading.differences()) for name, reading in readings.items()}
-    assert differences.pop("printed") == set(MODEL.model_fields)
+    assert differences.pop("printed") == set(MODEL.names())
     assert differences == {
-        "corrected": {"condition", "sampling", "exponent_d", "largest_level", "largest_feedback"},
-        "euler": {"condition"},
-        "best_nominal": {"nominal_choice"},
-        "inflated": {"inflated"},
-        "additive": {"additive"},
-        "minkowski_shape": {"shape"},
+        "corrected": {
+            f"recursion.{name}"
+            for name in ("condition", "sampling", "exponent_d", "largest_level", "largest_feedback")
+        },
+        "euler": {"recursion.condition"},
+        "best_nominal": {"guidance.nominal_choice"},
+        "inflated": {"recursion.inflated"},
+        "additive": {"uncertainty.additive"},
+        "minkowski_shape": {"recursion.shape"},
     }
     changed = {
-        name: {key for key in differences[name] if getattr(reading.inputs, key) == getattr(base.inputs, key)}
+        name: {key for key in differences[name] if reading.inputs.get(key) == base.inputs.get(key)}
         for name, reading in readings.items()
         if reading.based_on and (base := readings[reading.based_on])
     }
@@ -107,16 +118,17 @@ def test_readings_differ_from_each_other_where_they_should():
 
 def test_the_size_smoke_is_a_valid_reading_too():
     for reading in load_study("funnels", MODEL, CONFIG, size="smoke").readings.values():
-        limited = MODEL.model_validate(reading.inputs.model_dump())
-        assert (limited.trials, limited.steps_per_slice, limited.fine_steps) == (200, 4, 64)
-        assert limited.studied_slices == (15, 15, 15)
+        limited = MODEL.model_validate(reading.inputs.model_dump(mode="json"))
+        sizes = limited.ensemble.trials, limited.recursion.steps_per_slice, limited.guidance.fine_steps
+        assert sizes == (200, 4, 64)
+        assert list(limited.studies.studied_slices) == [15, 15, 15]
 
 
 def test_stated_inputs_are_those_of_the_claims():
     claims = {claim.id: claim for claim in load_published(ROOT / "data" / "published" / "funnels.yaml")}
     printed = load_study("funnels", MODEL, CONFIG).readings["printed"].inputs
     assert len(claims) == 49
-    assert claims["mc_trajectories"].printed == printed.trials
-    assert claims["exponent_d"].printed == printed.exponent_d
-    assert claims["fig4_step"].printed == printed.fig4_slice
-    assert claims["stop_altitude"].printed == printed.final_altitude / 1e3
+    assert claims["mc_trajectories"].printed == printed.ensemble.trials
+    assert claims["exponent_d"].printed == printed.recursion.exponent_d
+    assert claims["fig4_step"].printed == printed.studies.fig4_slice
+    assert claims["stop_altitude"].printed == printed.mission.final_altitude / 1e3

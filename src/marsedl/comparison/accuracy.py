@@ -13,6 +13,7 @@ from marsedl.papers.desensitized import inputs as desensitized_inputs
 from marsedl.papers.desensitized.records import FlightEnsemble as DesensitizedFlights
 from marsedl.papers.desensitized.records import Gains as DesensitizedGains
 from marsedl.papers.desensitized.tables import LAW_NAMES
+from marsedl.papers.funnels import inputs as funnels_inputs
 from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
 from marsedl.papers.funnels.gains import Gains as FunnelsGains
 from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
@@ -127,7 +128,11 @@ def desensitized(
 
 
 def funnels(
-    inputs, linearization: FunnelsLinearization, gains: FunnelsGains, funnel: FunnelsFunnel, constant: FunnelsFlights
+    planet: funnels_inputs.Planet,
+    linearization: FunnelsLinearization,
+    gains: FunnelsGains,
+    funnel: FunnelsFunnel,
+    constant: FunnelsFlights,
 ) -> list[Deviation]:
     """Flights with a constant disturbance: starts on the first slice's boundary, disturbances on that of their disc."""
     quantities = (
@@ -147,7 +152,7 @@ def funnels(
         np.concatenate([np.zeros((len(step), states, states)), pushed / np.sqrt(disturbances)], axis=2),
     )[-1]
     predicted = _deviation(columns @ columns.T)
-    metres = np.array([1.0, inputs.planet_radius, inputs.planet_radius, 1.0, 1.0, 1.0])
+    metres = np.array([1.0, planet.planet_radius, planet.planet_radius, 1.0, 1.0, 1.0])
     flown = np.where((constant.outcome == COMPLETED)[:, np.newaxis], constant.final_state[:, :states], np.nan)
     return deviations("constant disturbance", quantities, predicted * metres, flown * metres)
 

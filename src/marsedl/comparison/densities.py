@@ -10,7 +10,8 @@ from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
 from marsedl.papers.density import profile
 from marsedl.papers.desensitized import inputs as desensitized_inputs
 from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
-from marsedl.papers.funnels.environment import log_density
+from marsedl.papers.funnels import inputs as funnels_inputs
+from marsedl.papers.funnels.environment import disturbed_air, log_density
 from marsedl.papers.funnels.linearization import Linearization as FunnelsLinearization
 from marsedl.papers.powered_descent.gains import Gains as PoweredDescentGains
 from marsedl.papers.powered_descent.nominal import Nominal as PoweredDescentNominal
@@ -78,11 +79,14 @@ def desensitized(
     )
 
 
-def funnels(inputs, linearization: FunnelsLinearization) -> Density:
+def funnels(
+    planet: funnels_inputs.Planet, uncertainty: funnels_inputs.Uncertainty, linearization: FunnelsLinearization
+) -> Density:
     """An exponential whose level and slope lie in a disc, constant in a flight."""
-    mean = log_density(inputs, ALTITUDE)
+    air = disturbed_air(planet, uncertainty)
+    mean = log_density(air, ALTITUDE)
     # The largest of a_1 w_1 + b_1 w_2 h over the unit disc.
-    largest = np.hypot(inputs.density_amplitude, inputs.density_slope_amplitude * ALTITUDE)
+    largest = np.hypot(air.density_amplitude, air.density_slope_amplitude * ALTITUDE)
     return Density(
         _range(linearization.state[:, 0]),
         "exponential",

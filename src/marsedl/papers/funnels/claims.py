@@ -7,6 +7,7 @@ import numpy as np
 
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, HEAT_RATE, KILOMETRE, LEVEL, SPHERES, WATT_PER_CM2
+from marsedl.papers.funnels.inputs import FunnelsInputs
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
@@ -76,34 +77,31 @@ class Records(Artifacts):
     dubins_wind: FlightEnsemble | None = None
 
 
-def evaluate(inputs, records: Records, measured: dict[str, float] | None = None) -> dict[str, Evaluation | None]:
+def evaluate(
+    inputs: FunnelsInputs, records: Records, measured: dict[str, float] | None = None
+) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Claims that rest on a study which is not done for the reading are None. What a funnel that ends early has not, is
     not a number, and meets no statement. measured: run times and their ratios, by what they are of.
     """
-    laws = {"constant": records.constant, "redrawn": records.redrawn, "adversarial": records.adversarial}
+    linearization, gains, funnel, constant = records.linearization, records.gains, records.funnel, records.constant
+    study, coarse_funnels, discretization = records.stage_study, records.coarse_funnels, records.discretization
+    laws = {"constant": constant, "redrawn": records.redrawn, "adversarial": records.adversarial}
     return {
-        **_stated_inputs(inputs, records.linearization),
-        **_program_claims(
-            inputs, records.funnel, records.dubins, records.stage_study, records.coarse_funnels, records.monotonicity
-        ),
-        **_set_claims(inputs, records.gains, records.funnel),
-        **_stage_claims(
-            inputs, records.stage_study, records.discretization, records.coarse_funnels, records.equations_of_motion
-        ),
-        **_flight_claims(records.funnel, laws, records.proven),
-        **_course_claims(records.linearization, records.funnel, records.constant),
-        **_guarantee_claims(inputs, records.linearization, records.gains, records.funnel, records.proven),
-        **_heating_claims(inputs, records.nominal, records.optima, records.funnel, records.constant),
+        **_stated_inputs(inputs, linearization),
+        **_program_claims(inputs, funnel, records.dubins, study, coarse_funnels, records.monotonicity),
+        **_set_claims(inputs, gains, funnel),
+        **_stage_claims(inputs, study, discretization, coarse_funnels, records.equations_of_motion),
+        **_flight_claims(funnel, laws, records.proven),
+        **_course_claims(linearization, funnel, constant),
+        **_guarantee_claims(inputs, linearization, gains, funnel, records.proven),
+        **_heating_claims(inputs, records.nominal, records.optima, funnel, constant),
         "dubins_funnel": records.dubins
         and _dubins_claim(records.dubins, records.dubins_study, records.dubins_calm, records.dubins_wind),
-        "four_funnel_solvers": records.coarse_funnels
+        "four_funnel_solvers": coarse_funnels
         and _four_solvers_claim(
-            records.funnel,
-            records.linear_bounds.exact_level,
-            flown_levels(records.funnel, records.constant),
-            records.coarse_funnels,
+            funnel, records.linear_bounds.exact_level, flown_levels(funnel, constant), coarse_funnels
         ),
         **_cost_claims(measured or {}),
     }
@@ -123,11 +121,13 @@ def over_flown(funnel, ensemble):
         return funnel.level[1:] / flown_levels(funnel, ensemble)[1:]
 
 
-def sampled_levels(inputs, funnel):
+def sampled_levels(inputs: FunnelsInputs, funnel):
     """V/rho of the points at which the programs of a reading are matched, (slices, samples)."""
     points = funnel.samples[:, : funnel.shape.shape[1]]
-    if inputs.sampling == "raw":
-        deviations = np.sqrt(2.0) * np.broadcast_to(points * inputs.raw_units, (len(funnel.level), *points.shape))
+    if inputs.recursion.sampling == "raw":
+        deviations = np.sqrt(2.0) * np.broadcast_to(
+            points * inputs.recursion.raw_units, (len(funnel.level), *points.shape)
+        )
     else:
         factor = np.linalg.cholesky(funnel.shape)
         radius = np.sqrt(2.0 * funnel.level)[:, np.newaxis, np.newaxis]
@@ -159,15 +159,15 @@ def _unfinished(funnel):
 # ---- stated inputs ---------------------------------------------------------------------------------------------------
 
 
-def _stated_inputs(inputs, linearization):
+def _stated_inputs(inputs: FunnelsInputs, linearization):
     states = linearization.state.shape[1]
     values = {
-        "mc_trajectories": inputs.trials,
-        "exponent_d": inputs.exponent_d,
+        "mc_trajectories": inputs.ensemble.trials,
+        "exponent_d": inputs.recursion.exponent_d,
         "state_dimension": states,
         "model_degrees_of_freedom": states // 2,
-        "stop_altitude": inputs.final_altitude / KILOMETRE,
-        "fig4_step": inputs.fig4_slice,
+        "stop_altitude": inputs.mission.final_altitude / KILOMETRE,
+        "fig4_step": inputs.studies.fig4_slice,
     }
     return {name: Evaluation(value) for name, value in values.items()}
 
@@ -175,13 +175,14 @@ def _stated_inputs(inputs, linearization):
 # ---- sums of squares and samples (Secs. 2 and 3) ---------------------------------------------------------------------
 
 
-def _program_claims(inputs, funnel, dubins, study, coarse_funnels, monotonicity):
+def _program_claims(inputs: FunnelsInputs, funnel, dubins, study, coarse_funnels, monotonicity):
     variables, degree = SPHERES.variables, BASIS_DEGREE
     rows, independent = len(SPHERES.monomials(degree)), SPHERES.basis_dimension(degree)
     states = SPHERES.dimensions[0]
     with_additive = comb(variables + states + degree, degree)
     # Half the degree of (x'x)^d D, if D has the degree of an expansion of some order times one more deviation.
-    needed = -(-(2 + inputs.taylor_order + 1) // 2)
+    order = inputs.recursion.taylor_order
+    needed = -(-(2 + order + 1) // 2)
     with_exponent = comb(variables + needed, needed)
     counted = SPHERES.sample_count(degree)
     used = len(funnel.samples)
@@ -207,14 +208,14 @@ def _program_claims(inputs, funnel, dubins, study, coarse_funnels, monotonicity)
         ),
         "gram_45_follows_from_d1": Evaluation(
             with_exponent == rows and with_additive == rows,
-            evidence=f"with d = 1 an expansion of order {inputs.taylor_order} asks for degree {2 * needed}, and "
+            evidence=f"with d = 1 an expansion of order {order} asks for degree {2 * needed}, and "
             f"{with_exponent} rows; with six additive disturbances {variables + states} variables make {with_additive}",
             numbers={"with_exponent": with_exponent, "with_additive": with_additive},
         ),
         "taylor_for_nonpolynomial": Evaluation(
             bool(violation < SMALL),
             evidence=f"the largest value found of the integrated motion is up to {100 * violation:.3g} % above the "
-            f"bound of the polynomial of order {inputs.taylor_order}; small is {100 * SMALL:g} %",
+            f"bound of the polynomial of order {order}; small is {100 * SMALL:g} %",
             numbers={"violation": 100.0 * violation, "stages": int((funnel.violation > 0.0).sum())},
         ),
         "minimum_samples_computable": Evaluation(
@@ -279,7 +280,7 @@ def _conditioning_claim(study):
 # ---- sets (Sec. 3) ---------------------------------------------------------------------------------------------------
 
 
-def _set_claims(inputs, gains, funnel):
+def _set_claims(inputs: FunnelsInputs, gains, funnel):
     states = funnel.shape.shape[1]
     on_slice = sampled_levels(inputs, funnel)
     off = largest(np.abs(on_slice - 1.0), np.inf)
@@ -290,12 +291,13 @@ def _set_claims(inputs, gains, funnel):
     drawn = funnel.samples[:, states:]
     rescaled = drawn / np.sqrt(0.5 * np.sum(drawn**2, axis=1, keepdims=True))
     without_matrix = np.sum(rescaled**2, axis=1)  # 1/2 w'Uw with U = 2, the unit disc
-    starts = environment.initial_semi_axes(inputs) * funnel.samples[:, :states]
+    semi_axes = environment.initial_semi_axes(inputs.planet, inputs.uncertainty)
+    starts = semi_axes * funnel.samples[:, :states]
     inside = 0.5 * np.einsum("mi,ij,mj->m", starts, gains.shape[0], starts) / funnel.level[0]
-    initial_set = environment.initial_set(inputs)
+    initial_set = environment.initial_set(semi_axes)
     axes = np.sqrt(np.diag(initial_set))
     singular = np.linalg.eigvalsh((initial_set - gains.shape[0] / funnel.level[0]) / np.outer(axes, axes))[0]
-    scale = environment.state_scale(inputs)
+    scale = environment.state_scale(inputs.planet, inputs.guidance)
     definite = np.linalg.eigvalsh(funnel.shape * np.outer(scale, scale))[:, 0].min()
     return {
         "bk_is_algebraic_variety": Evaluation(
@@ -330,9 +332,9 @@ def _set_claims(inputs, gains, funnel):
     }
 
 
-def _lyapunov_claim(inputs, funnel, definite):
+def _lyapunov_claim(inputs: FunnelsInputs, funnel, definite):
     """Not evaluated where slices have another shape."""
-    if inputs.shape != "value_matrix":
+    if inputs.recursion.shape != "value_matrix":
         return None
     rising = largest(funnel.rising_undisturbed, np.inf)
     return Evaluation(
@@ -342,15 +344,15 @@ def _lyapunov_claim(inputs, funnel, definite):
     )
 
 
-def _sublevel_claim(inputs, funnel, off):
+def _sublevel_claim(inputs: FunnelsInputs, funnel, off):
     """Judged without disturbance, as the caption names none."""
-    k = inputs.fig4_slice - 1
+    k = inputs.studies.fig4_slice - 1
     falling = largest(funnel.fig4_circle_rate, np.inf)
     elsewhere = np.mean(funnel.fig4_rate < 0.0)
     still, worst = funnel.rising_undisturbed[k], funnel.rising[k]
     return Evaluation(
         bool(off < ROUNDING and falling < 0.0 and still == 0.0),
-        evidence=f"at k = {inputs.fig4_slice} V/rho of the samples departs from 1 by {off:.1g}; without disturbance V "
+        evidence=f"at k = {k + 1} V/rho of the samples departs from 1 by {off:.1g}; without disturbance V "
         f"falls at all but {100 * still:.3g} % of points of the slice and in {100 * elsewhere:.4g} % of the plane that "
         f"is drawn, under the worst one it grows at {100 * worst:.3g} %",
         numbers={"worst": 100.0 * worst, "elsewhere": 100.0 * elsewhere, "most": 100.0 * largest(funnel.rising)},
@@ -360,7 +362,7 @@ def _sublevel_claim(inputs, funnel, off):
 # ---- the stage condition and the disturbances (Sec. 3, Apps. A and B) ------------------------------------------------
 
 
-def _stage_claims(inputs, study, discretization, coarse_funnels, equations_of_motion):
+def _stage_claims(inputs: FunnelsInputs, study, discretization, coarse_funnels, equations_of_motion):
     if None in (study, discretization, coarse_funnels, equations_of_motion):
         return dict.fromkeys(STUDIED)
     least, median, most = study.stationary_norm
@@ -395,10 +397,10 @@ def _stage_claims(inputs, study, discretization, coarse_funnels, equations_of_mo
     }
 
 
-def _euler_claim(inputs, discretization):
+def _euler_claim(inputs: FunnelsInputs, discretization):
     """At the number of slices of the inputs, and at the least that is studied."""
     spacing = list(discretization.spacing)
-    here, coarsest = spacing.index(inputs.steps_per_slice), int(np.argmax(spacing))
+    here, coarsest = spacing.index(inputs.recursion.steps_per_slice), int(np.argmax(spacing))
     share, least, most, mean = (
         100.0 * getattr(discretization, name)[here]
         for name in ("unsafe_share", "least_excess", "largest_excess", "mean_excess")
@@ -570,18 +572,18 @@ def _course_claims(linearization, funnel, constant):
 # ---- guarantees and accuracy (Abstract, Secs. 1, 5 and 6) ------------------------------------------------------------
 
 
-def _guarantee_claims(inputs, linearization, gains, funnel, proven):
+def _guarantee_claims(inputs: FunnelsInputs, linearization, gains, funnel, proven):
     exceeded = int(np.count_nonzero(funnel.true_maximum > funnel.growth))
     worst = 100.0 * largest(funnel.violation)
     sought = int(np.count_nonzero(np.isfinite(funnel.true_maximum)))
     excess, covered, told = _against_proof(funnel, proven)
-    reach = funnel.half_width[-1, 1:3] * inputs.planet_radius / KILOMETRE
-    goal = inputs.goal_lengths / KILOMETRE
+    reach = funnel.half_width[-1, 1:3] * inputs.planet.planet_radius / KILOMETRE
+    goal = inputs.mission.goal_lengths / KILOMETRE
     without, under = (
         linear_reach(inputs, linearization, gains, factor * gains.half_gain) / KILOMETRE for factor in (0.0, 1.0)
     )
-    first = funnel.half_width[0, 1:3] * inputs.planet_radius / KILOMETRE
-    proven_reach = reach if proven is None else proven.half_width[-1, 1:3] * inputs.planet_radius / KILOMETRE
+    first = funnel.half_width[0, 1:3] * inputs.planet.planet_radius / KILOMETRE
+    proven_reach = reach if proven is None else proven.half_width[-1, 1:3] * inputs.planet.planet_radius / KILOMETRE
     return {
         "guaranteed_bounds": Evaluation(
             exceeded == 0 and covered,
@@ -616,12 +618,13 @@ def _against_proof(funnel, proven):
     return excess, bool((proven.level <= funnel.level).all()), told
 
 
-def linear_reach(inputs, linearization, gains, half_gain):
+def linear_reach(inputs: FunnelsInputs, linearization, gains, half_gain):
     """Largest final downrange and crossrange deviation of linear motion from the first slice, (2,), m.
 
     Under all constant disturbances; half_gain: feedback at nodes and half-way between, (2 n + 1, 6).
     """
-    loop = environment.closed_loop(inputs, linearization, half_gain)
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
+    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, linearization, half_gain)
     spread = np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
     corner = np.zeros((len(spread), loop.disturbances))
     directions = np.block([[spread, corner], [corner.T, np.eye(loop.disturbances)]])
@@ -629,14 +632,14 @@ def linear_reach(inputs, linearization, gains, half_gain):
     final = np.array(loop.flow(0, loop.steps, states, disturbances)).imag / COMPLEX_STEP
     by_start, by_disturbance = np.split(final, [len(spread)], axis=1)
     reached = np.linalg.norm(by_start, axis=1) + np.linalg.norm(by_disturbance, axis=1)
-    return (reached * inputs.planet_radius)[1:3]
+    return (reached * inputs.planet.planet_radius)[1:3]
 
 
 # ---- heating (Abstract, Sec. 4) --------------------------------------------------------------------------------------
 
 
-def _heating_claims(inputs, nominal, optima, funnel, constant):
-    limit, peak = inputs.heat_rate_limit / WATT_PER_CM2, nominal.peak_heat_rate / WATT_PER_CM2
+def _heating_claims(inputs: FunnelsInputs, nominal, optima, funnel, constant):
+    limit, peak = inputs.mission.heat_rate_limit / WATT_PER_CM2, nominal.peak_heat_rate / WATT_PER_CM2
     at_nodes = nominal.heat_rate.max() / WATT_PER_CM2
     on_funnel = largest(funnel.heat_rate, np.inf) / WATT_PER_CM2
     flown = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATT_PER_CM2

@@ -1,6 +1,6 @@
 """What makes a funnel diverge: cheaper feedback, wider density and larger initial sets."""
 
-from types import SimpleNamespace
+from functools import partial
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, unifor
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels import gains as gains_stage
 from marsedl.papers.funnels.basics import SLICE, finite
+from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import propagate, samples
 from marsedl.papers.funnels.records import Divergence, Linearization
 from marsedl.replication.catalogue import stage
@@ -16,40 +17,45 @@ FLIGHTS = 21  # stream of random numbers, keyed by that of the design
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization) -> Divergence:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    guidance: Guidance,
+    uncertainty: Uncertainty,
+    recursion: Recursion,
+    studies: Studies,
+    linearization: Linearization,
+) -> Divergence:
     """Cheaper feedback, wider density and larger initial sets, each with a funnel and with flights."""
-    cases = [
-        *(("scale of the bank angle", f, {"scale_bank": f * inputs.scale_bank}) for f in inputs.studied_bank_factors),
+    air, weights = environment.disturbed_air(planet, uncertainty), gains_stage.weights_of(planet, guidance)
+    semi_axes = environment.initial_semi_axes(planet, uncertainty)
+    changes = [
         *(
-            (
-                "disturbance of the density",
-                f,
-                {
-                    "density_amplitude": f * inputs.density_amplitude,
-                    "density_slope_amplitude": f * inputs.density_slope_amplitude,
-                },
-            )
-            for f in inputs.studied_density_factors
+            ("scale of the bank angle", f, air, weights._replace(bank=f * weights.bank), semi_axes)
+            for f in studies.studied_bank_factors
         ),
         *(
-            (
-                "initial set",
-                f,
-                {
-                    "initial_lengths": f * inputs.initial_lengths,
-                    "initial_velocity": f * inputs.initial_velocity,
-                    "initial_angles": f * inputs.initial_angles,
-                },
-            )
-            for f in inputs.studied_initial_factors
+            ("disturbance of the density", f, _more_disturbed(air, f), weights, semi_axes)
+            for f in studies.studied_density_factors
+        ),
+        *(
+            ("initial set", f, air, weights, environment.initial_semi_axes(planet, uncertainty, f))
+            for f in studies.studied_initial_factors
         ),
     ]
-    design = samples(inputs)
-    rows = [_changed(inputs, linearization, design, values) for _, _, values in cases]
+    design, spacing = samples(recursion), studies.backward_steps_per_slice
+    rows = []
+    for _, _, changed_air, changed_weights, changed_axes in changes:
+        close = partial(environment.closed_loop, planet, vehicle, changed_air, linearization)
+        gains = gains_stage.designed(close, linearization, changed_weights, changed_axes, recursion.shape)
+        loop = close(gains.half_gain)
+        levels, outcome = propagate(recursion, loop, gains, design, spacing)
+        largest, lost = _flown(loop, gains, recursion.design_seed, int(studies.studied_trials))
+        rows.append((gains.initial_level, levels, outcome, largest, lost))
     first, levels, outcome, flown, lost = (list(column) for column in zip(*rows, strict=True))
     return Divergence(
-        change=np.array([name for name, _, _ in cases]),
-        change_factor=np.array([factor for _, factor, _ in cases]),
+        change=np.array([name for name, *_ in changes]),
+        change_factor=np.array([factor for _, factor, *_ in changes]),
         change_initial_level=np.array(first),
         change_level=np.array(levels),
         change_outcome=np.array(outcome),
@@ -58,18 +64,18 @@ def compute(inputs, linearization: Linearization) -> Divergence:
     )
 
 
-def _changed(inputs, linearization, design, values):
-    """First level, levels, how the funnel ended, largest V of flights from its first slice, and flights lost."""
-    changed = SimpleNamespace(**vars(inputs) | values)
-    gains = gains_stage.compute(changed, linearization)
-    loop = environment.closed_loop(changed, linearization, gains.half_gain)
-    levels, outcome = propagate(changed, loop, gains, design, inputs.backward_steps_per_slice)
-    generator = np.random.Generator(np.random.Philox((inputs.design_seed, FLIGHTS)))
-    count = int(inputs.studied_trials)
+def _more_disturbed(air, factor):
+    """The air with larger disturbances."""
+    amplitude, slope_amplitude = factor * air.density_amplitude, factor * air.density_slope_amplitude
+    return air._replace(density_amplitude=amplitude, density_slope_amplitude=slope_amplitude)
+
+
+def _flown(loop, gains, seed, count):
+    """Largest V of flights from the first slice, and the number of flights lost."""
+    generator = np.random.Generator(np.random.Philox((seed, FLIGHTS)))
     start = boundary_deviations(
         gains.shape[0], gains.initial_level, uniform_directions(generator, count, SLICE.variables)
     )
     values = fly(loop, gains.shape, start, uniform_directions(generator, count, environment.DISTURBANCES)).max(axis=0)
     alive = np.isfinite(values)
-    flown = values[alive].max() if alive.any() else np.nan
-    return gains.initial_level, levels, outcome, flown, int(np.count_nonzero(~alive))
+    return values[alive].max() if alive.any() else np.nan, int(np.count_nonzero(~alive))

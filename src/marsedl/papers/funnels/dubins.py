@@ -21,6 +21,7 @@ from marsedl.methods.sos.verification import verify
 from marsedl.methods.tvlqr import at_half_steps, tvlqr
 from marsedl.models.dynamics.dubins_car import dubins_car_rates
 from marsedl.papers.funnels.basics import BASIS_DEGREE
+from marsedl.papers.funnels.inputs import Car, Recursion
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Dubins, DubinsStudy
 from marsedl.replication.catalogue import stage
@@ -38,7 +39,7 @@ BACKWARD_TOLERANCE = 1e-6
 # ---- the car ---------------------------------------------------------------------------------------------------------
 
 
-def car_rates(inputs):
+def car_rates(speed, strongest_wind=None):
     """Motion of the car as a function of state, turn rate and wind (robust entry funnels, Fig. 2).
 
         x' = v cos(theta) + c w_1,   y' = v sin(theta) + c w_2,   theta' = u
@@ -48,36 +49,36 @@ def car_rates(inputs):
     """
 
     def rates(_, state, control, disturbance):
-        x, y, heading = dubins_car_rates(*state, control[0], inputs.dubins_speed)
+        x, y, heading = dubins_car_rates(*state, control[0], speed)
         if len(disturbance):
-            x, y = (rate + inputs.dubins_wind * w for rate, w in zip((x, y), disturbance, strict=True))
+            x, y = (rate + strongest_wind * w for rate, w in zip((x, y), disturbance, strict=True))
         return x, y, heading
 
     return rates
 
 
-def closed_loop(inputs, dubins: Dubins, wind=False):
+def closed_loop(dubins: Dubins, speed, strongest_wind=None):
     """The closed loop around the path.
 
     Args:
-        inputs: speed, and the strongest wind if there is any.
         dubins: artifact.
-        wind: whether a disturbance of two components acts, |w| <= 1.
+        speed: of the car, m/s.
+        strongest_wind: m/s, of a disturbance of two components, |w| <= 1; None: there is none.
 
     Returns:
         `ClosedLoop` of three states and the turn rate.
     """
-    return _closed_loop(inputs, dubins.time, dubins.state, dubins.turn_rate, dubins.half_gain, wind)
+    return _closed_loop(dubins.time, dubins.state, dubins.turn_rate, dubins.half_gain, speed, strongest_wind)
 
 
-def _closed_loop(inputs, time, state, turn_rate, half_gain, wind):
+def _closed_loop(time, state, turn_rate, half_gain, speed, strongest_wind):
     return ClosedLoop(
-        rates=car_rates(inputs),
+        rates=car_rates(speed, strongest_wind),
         time=time,
         states=state,
         controls=turn_rate[:, np.newaxis],
         gains=half_gain[:, np.newaxis],
-        disturbances=WIND if wind else 0,
+        disturbances=0 if strongest_wind is None else WIND,
     )
 
 
@@ -90,18 +91,18 @@ def spheres(wind):
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs) -> Dubins:
+def compute(recursion: Recursion, car: Car) -> Dubins:
     """Follow the path, design the regulator, and propagate the level of every funnel.
 
     Raises SolverError where a funnel does not exist.
     """
-    time = np.linspace(0.0, inputs.dubins_duration, inputs.dubins_fine_steps + 1)
-    rates = car_rates(inputs)
-    frequency = 2.0 * np.pi / inputs.dubins_duration
+    time = np.linspace(0.0, car.dubins_duration, car.dubins_fine_steps + 1)
+    rates = car_rates(car.dubins_speed)
+    frequency = 2.0 * np.pi / car.dubins_duration
     state, control = reference_on_half_steps(
         lambda state, control: rates(None, state, control, ()),
         time,
-        lambda at: inputs.dubins_turn_rate * np.sin(frequency * at)[:, np.newaxis],
+        lambda at: car.dubins_turn_rate * np.sin(frequency * at)[:, np.newaxis],
         np.zeros(3),
     )
     model = linearize(lambda *arguments: rates(None, arguments[:3], arguments[3:], ()), state, control)
@@ -109,18 +110,19 @@ def compute(inputs) -> Dubins:
         model.state_matrix[1::2],
         model.control_matrix[1::2],
         np.diff(time),
-        np.diag(inputs.dubins_state_weight),
-        np.array([[inputs.dubins_control_weight]]),
-        np.diag(inputs.dubins_terminal_weight),
+        np.diag(car.dubins_state_weight),
+        np.array([[car.dubins_control_weight]]),
+        np.diag(car.dubins_terminal_weight),
     )
     half_gain = at_half_steps(regulator.gains)[:, 0]
-    steps = np.arange(0, len(time), inputs.dubins_steps_per_slice)
-    designs = [well_chosen_design(spheres(wind), inputs.design_seed, BASIS_DEGREE) for _, wind in FUNNELS.values()]
+    steps = np.arange(0, len(time), car.dubins_steps_per_slice)
+    designs = [well_chosen_design(spheres(wind), recursion.design_seed, BASIS_DEGREE) for _, wind in FUNNELS.values()]
     funnels = [
         _propagated(
-            inputs,
+            recursion,
             name,
-            _closed_loop(inputs, time, state, control[:, 0], half_gain, wind),
+            _closed_loop(time, state, control[:, 0], half_gain, car.dubins_speed, car.dubins_wind if wind else None),
+            car.dubins_level,
             regulator.values[steps],
             steps,
             design,
@@ -162,16 +164,16 @@ def compute(inputs) -> Dubins:
     )
 
 
-def _propagated(inputs, name, loop, shapes, steps, design, condition):
+def _propagated(recursion: Recursion, name, loop, first_level, shapes, steps, design, condition):
     """A funnel, its stages verified."""
     rule = StageRule(
-        solver=solver(inputs),
-        order=inputs.taylor_order,
+        solver=solver(recursion),
+        order=recursion.taylor_order,
         condition=condition,
-        verify=partial(verify, seed=inputs.design_seed + 1, points=CHECK_POINTS),
+        verify=partial(verify, seed=recursion.design_seed + 1, points=CHECK_POINTS),
     )
     try:
-        return forward(loop, shapes, steps, inputs.dubins_level, design, rule)
+        return forward(loop, shapes, steps, first_level, design, rule)
     except FunnelError as error:
         raise _does_not_exist(f"funnel '{name}'", error) from error
 
@@ -180,13 +182,13 @@ def _propagated(inputs, name, loop, shapes, steps, design, condition):
 
 
 @stage(claimed_in=("corrected",))
-def dubins_study(inputs, dubins: Dubins) -> DubinsStudy:
+def dubins_study(recursion: Recursion, car: Car, dubins: Dubins) -> DubinsStudy:
     """Compare the funnels with other ways to compute them, and prove what can be proven."""
-    found = np.array([largest_values(inputs, dubins, number) for number in range(len(FUNNELS))])
-    multiplier = [_multiplier_levels(inputs, dubins, number) for number in range(len(FUNNELS))]
+    found = np.array([largest_values(recursion, car, dubins, number) for number in range(len(FUNNELS))])
+    multiplier = [_multiplier_levels(recursion, car, dubins, number) for number in range(len(FUNNELS))]
     multiplier_level = np.array([levels for levels, _, _ in multiplier])
-    returned = _backwards(inputs, dubins)
-    proven = [_proven_stages(inputs, dubins, name) for name in PROVEN]
+    returned = _backwards(recursion, car, dubins)
+    proven = [_proven_stages(recursion, car, dubins, name) for name in PROVEN]
 
     def of_proven(name):
         return np.array([[getattr(stage, name) for stage in stages] for stages in proven])
@@ -199,12 +201,12 @@ def dubins_study(inputs, dubins: Dubins) -> DubinsStudy:
         multiplier_status=np.array([status for _, status, _ in multiplier]),
         multiplier_difference=np.abs(multiplier_level / dubins.level - 1.0).max(axis=1),
         fit_error=np.array([error for _, _, error in multiplier]),
-        linear_level=np.array([_linear_levels(inputs, dubins, wind) for _, wind in FUNNELS.values()]),
+        linear_level=np.array([_linear_levels(car, dubins, wind) for _, wind in FUNNELS.values()]),
         backward_level=returned.rho,
         backward_programs=returned.programs,
         round_trip=float((1.0 - returned.rho / dubins.level[0]).max()),
         proven_funnel=np.array(PROVEN),
-        proven_level=np.array([[inputs.dubins_level, *(stage.levels[-1] for stage in stages)] for stages in proven]),
+        proven_level=np.array([[car.dubins_level, *(stage.levels[-1] for stage in stages)] for stages in proven]),
         proven_polynomial=of_proven("polynomial_bound"),
         proven_truncation=of_proven("truncation"),
         proven_remainder=of_proven("remainder"),
@@ -212,37 +214,45 @@ def dubins_study(inputs, dubins: Dubins) -> DubinsStudy:
     )
 
 
-def stage_of(inputs, dubins, loop, condition, number, level):
+def stage_of(order, dubins, loop, condition, number, level):
     """A stage of a funnel at any level of its first slice; number: of that slice, from 0."""
     first, last = (int(step) for step in dubins.slice_step[number : number + 2])
     shape, next_shape = dubins.shape[first], dubins.shape[last]
-    return FunnelStage(loop, first, last, shape, next_shape, float(level), inputs.taylor_order, condition)
+    return FunnelStage(loop, first, last, shape, next_shape, float(level), order, condition)
 
 
-def largest_values(inputs, dubins, number):
+def _loop(car: Car, dubins, wind):
+    """The closed loop with or without wind."""
+    return closed_loop(dubins, car.dubins_speed, car.dubins_wind if wind else None)
+
+
+def largest_values(recursion: Recursion, car: Car, dubins, number):
     """Largest value found of the motion, at every stage of a funnel; the wind anywhere in its disc."""
     condition, wind = FUNNELS[dubins.funnel[number]]
-    loop, dimensions = closed_loop(inputs, dubins, wind), spheres(wind).dimensions
+    loop, dimensions = _loop(car, dubins, wind), spheres(wind).dimensions
     search = {
-        "seed": inputs.design_seed + 2,
+        "seed": recursion.design_seed + 2,
         "full_ball": (False, True)[: len(dimensions)],
-        "starts": inputs.ascent_starts,
-        "polished": inputs.ascent_polished,
-        "iterations": inputs.ascent_iterations,
+        "starts": recursion.ascent_starts,
+        "polished": recursion.ascent_polished,
+        "iterations": recursion.ascent_iterations,
     }
-    stages = (stage_of(inputs, dubins, loop, condition, k, level) for k, level in enumerate(dubins.level[number][:-1]))
+    stages = (
+        stage_of(recursion.taylor_order, dubins, loop, condition, k, level)
+        for k, level in enumerate(dubins.level[number][:-1])
+    )
     return [maximize(stage.true_values, dimensions, **search)[0] for stage in stages]
 
 
-def _multiplier_levels(inputs, dubins, number):
+def _multiplier_levels(recursion: Recursion, car: Car, dubins, number):
     """Levels by programs that match coefficients, the words of their solver, and the largest error of the fits."""
     condition, wind = FUNNELS[dubins.funnel[number]]
-    loop, program = closed_loop(inputs, dubins, wind), MultiplierProgram(spheres(wind).dimensions)
-    levels, states, errors = [inputs.dubins_level], [], []
+    loop, program = _loop(car, dubins, wind), MultiplierProgram(spheres(wind).dimensions)
+    levels, states, errors = [car.dubins_level], [], []
     for k in range(dubins.bound.shape[1]):
-        stage = stage_of(inputs, dubins, loop, condition, k, levels[-1])
+        stage = stage_of(recursion.taylor_order, dubins, loop, condition, k, levels[-1])
         coefficients, error = polynomial_coefficients(
-            stage.values, program.spheres.variables, 2 * BASIS_DEGREE, inputs.design_seed + 3, points=FIT_POINTS
+            stage.values, program.spheres.variables, 2 * BASIS_DEGREE, recursion.design_seed + 3, points=FIT_POINTS
         )
         certificate = program.solve(coefficients)
         levels.append(levels[-1] * certificate.safe_bound)
@@ -251,31 +261,31 @@ def _multiplier_levels(inputs, dubins, number):
     return levels, states, max(errors)
 
 
-def _linear_levels(inputs, dubins, wind):
-    transitions, responses, _ = slice_jacobians(closed_loop(inputs, dubins, wind), dubins.slice_step)
-    return linear_exact(transitions, responses, dubins.shape[dubins.slice_step], inputs.dubins_level)
+def _linear_levels(car: Car, dubins, wind):
+    transitions, responses, _ = slice_jacobians(_loop(car, dubins, wind), dubins.slice_step)
+    return linear_exact(transitions, responses, dubins.shape[dubins.slice_step], car.dubins_level)
 
 
-def _backwards(inputs, dubins):
+def _backwards(recursion: Recursion, car: Car, dubins):
     """The first funnel, backwards from its last level."""
     condition, wind = FUNNELS[dubins.funnel[0]]
     return backward(
-        closed_loop(inputs, dubins, wind),
+        _loop(car, dubins, wind),
         dubins.shape[dubins.slice_step],
         dubins.slice_step,
         dubins.level[0, -1],
-        well_chosen_design(spheres(wind), inputs.design_seed, BASIS_DEGREE),
-        StageRule(solver=solver(inputs), order=inputs.taylor_order, condition=condition),
+        well_chosen_design(spheres(wind), recursion.design_seed, BASIS_DEGREE),
+        StageRule(solver=solver(recursion), order=recursion.taylor_order, condition=condition),
         tolerance=BACKWARD_TOLERANCE,
     )
 
 
-def _proven_stages(inputs, dubins, name):
+def _proven_stages(recursion: Recursion, car: Car, dubins, name):
     """Stages of a funnel, proven for the integrated motion from the whole first slice under any wind of the disc."""
     _, wind = FUNNELS[name]
-    loop = closed_loop(inputs, dubins, wind)
-    design = well_chosen_design(covering_spheres(loop), inputs.design_seed, BASIS_DEGREE)
-    stages = proven_stages(loop, dubins.shape, dubins.slice_step, inputs.dubins_level, design, inputs.taylor_order)
+    loop = _loop(car, dubins, wind)
+    design = well_chosen_design(covering_spheres(loop), recursion.design_seed, BASIS_DEGREE)
+    stages = proven_stages(loop, dubins.shape, dubins.slice_step, car.dubins_level, design, recursion.taylor_order)
     try:
         return list(stages)
     except FunnelError as error:

@@ -1,99 +1,135 @@
 """The entry as a controlled system: equations with their disturbances, sets and scales, and the closed loop."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.models.dynamics.vinh_entry import vinh_entry_rates
 from marsedl.models.heating import sutton_graves_heat_rate
+from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Uncertainty, Vehicle
 
 STATES = ("altitude", "longitude", "latitude", "velocity", "flight_path_angle", "heading")
 STATE_UNIT = "m, rad, rad, m/s, rad, rad"
 DISTURBANCES = 2  # of the density at all altitudes, and of its slope
 
 
-def log_density(inputs, altitude, disturbance=(0.0, 0.0)):
+class Air(NamedTuple):
+    """Line through ln rho over the altitude h, rho in kg/m^3, and how far it may be off."""
+
+    log_density_at_surface: float  # a in a + b h
+    log_density_slope: float  # b, 1/m
+    density_amplitude: float = 0.0  # a_1
+    density_slope_amplitude: float = 0.0  # b_1, 1/m
+
+
+def undisturbed_air(planet: Planet) -> Air:
+    """Return the air without disturbances."""
+    return Air(planet.log_density_at_surface, planet.log_density_slope)
+
+
+def disturbed_air(planet: Planet, uncertainty: Uncertainty) -> Air:
+    """Return the air with the sizes of its disturbances."""
+    return undisturbed_air(planet)._replace(
+        density_amplitude=uncertainty.density_amplitude,
+        density_slope_amplitude=uncertainty.density_slope_amplitude,
+    )
+
+
+def log_density(air: Air, altitude, disturbance=(0.0, 0.0)):
     """Logarithm of the density in kg/m^3 (robust entry funnels, Sec. 4, "bilinear exponential").
 
         ln rho = (a + a_1 w_1) + (b + b_1 w_2) h
 
     Args:
-        inputs: densities and amplitudes a_1, b_1.
+        air: densities and amplitudes a_1, b_1.
         altitude: h, m.
         disturbance: w, two components, in the unit disc.
     """
-    level = inputs.log_density_at_surface + inputs.density_amplitude * disturbance[0]
-    slope = inputs.log_density_slope + inputs.density_slope_amplitude * disturbance[1]
+    level = air.log_density_at_surface + air.density_amplitude * disturbance[0]
+    slope = air.log_density_slope + air.density_slope_amplitude * disturbance[1]
     return level + slope * altitude
 
 
-def entry_rates(inputs):
+def entry_rates(planet: Planet, vehicle: Vehicle, air: Air):
     """Equations of motion (robust entry funnels, Eq. 37) as a function of state, bank angle and disturbance.
 
     Returns:
         Function `rates(half_index, state, control, disturbance)` for `ClosedLoop`; they do not depend on the time.
     """
-    drag_factor = 1.0 / (2.0 * inputs.ballistic_coefficient)
+    drag_factor = 1.0 / (2.0 * vehicle.ballistic_coefficient)
     constants = (
-        *(inputs.planet_radius, drag_factor, inputs.lift_to_drag * drag_factor),
-        *(inputs.gravitational_parameter, inputs.rotation_rate),
+        *(planet.planet_radius, drag_factor, vehicle.lift_to_drag * drag_factor),
+        *(planet.gravitational_parameter, planet.rotation_rate),
     )
 
     def rates(_, state, control, disturbance):
-        density = np.exp(log_density(inputs, state[0], disturbance))
+        density = np.exp(log_density(air, state[0], disturbance))
         return vinh_entry_rates(state, control[0], density, *constants)
 
     return rates
 
 
-def heat_rate(inputs, altitude, velocity, disturbance=(0.0, 0.0)):
-    """Heat rate at the stagnation point, W/m^2; see `log_density` for the arguments."""
-    density = np.exp(log_density(inputs, altitude, disturbance))
-    return sutton_graves_heat_rate(density, velocity, inputs.nose_radius, inputs.heat_rate_constant)
+def heat_rate(vehicle: Vehicle, air: Air, altitude, velocity, disturbance=(0.0, 0.0)):
+    """Heat rate at the stagnation point, W/m^2; see `log_density` for altitude and disturbance."""
+    density = np.exp(log_density(air, altitude, disturbance))
+    return sutton_graves_heat_rate(density, velocity, vehicle.nose_radius, vehicle.heat_rate_constant)
 
 
-def entry_state(inputs):
+def entry_state(mission: Mission):
     """State at entry, (6,)."""
-    place = (inputs.entry_altitude, inputs.entry_longitude, inputs.entry_latitude)
-    return np.array([*place, inputs.entry_velocity, inputs.entry_flight_path_angle, inputs.entry_heading])
+    return np.array(
+        [
+            mission.entry_altitude,
+            mission.entry_longitude,
+            mission.entry_latitude,
+            mission.entry_velocity,
+            mission.entry_flight_path_angle,
+            mission.entry_heading,
+        ]
+    )
 
 
-def _state(inputs, lengths, velocity, angles):
+def _state(radius, lengths, velocity, angles):
     """A vector of states from lengths, of which downrange and crossrange are turned into angles."""
     altitude, downrange, crossrange = lengths
-    radius = inputs.planet_radius
     return np.array([altitude, downrange / radius, crossrange / radius, velocity, *angles])
 
 
-def state_scale(inputs):
+def state_scale(planet: Planet, guidance: Guidance):
     """Deviations of the states that cost as much as one another in the regulator, (6,)."""
-    return _state(inputs, inputs.scale_lengths, inputs.scale_velocity, inputs.scale_angles)
+    return _state(planet.planet_radius, guidance.scale_lengths, guidance.scale_velocity, guidance.scale_angles)
 
 
-def initial_semi_axes(inputs):
-    """Semi-axes of the initial set S_1, (6,)."""
-    return _state(inputs, inputs.initial_lengths, inputs.initial_velocity, inputs.initial_angles)
+def initial_semi_axes(planet: Planet, uncertainty: Uncertainty, factor=1.0):
+    """Semi-axes of the initial set S_1, times a factor, (6,)."""
+    axes = (uncertainty.initial_lengths, uncertainty.initial_velocity, uncertainty.initial_angles)
+    return _state(planet.planet_radius, *(factor * part for part in axes))
 
 
-def initial_set(inputs):
+def initial_set(semi_axes):
     """Matrix M_1 of the initial set S_1 = {1/2 xb'M_1 xb <= 1} (robust entry funnels, Eq. 20), (6, 6)."""
-    return np.diag(2.0 / initial_semi_axes(inputs) ** 2)
+    return np.diag(2.0 / semi_axes**2)
 
 
-def additive_amplitudes(inputs):
-    """Semi-axes of the disturbances that are added to the rates, (6,), in the units of the rates."""
-    return _state(inputs, inputs.additive_velocities, inputs.additive_acceleration, inputs.additive_turn_rates)
+def additive_amplitudes(planet: Planet, uncertainty: Uncertainty):
+    """Semi-axes of the disturbances that are added to the rates, (6,), their units; None where there are none."""
+    if not uncertainty.additive:
+        return None
+    velocities, turn_rates = uncertainty.additive_velocities, uncertainty.additive_turn_rates
+    return _state(planet.planet_radius, velocities, uncertainty.additive_acceleration, turn_rates)
 
 
-def slices(inputs, steps_per_slice=None):
+def slices(loop: ClosedLoop, steps_per_slice):
     """Fine steps at which the slices of the funnel are, (N,)."""
-    return np.arange(0, inputs.fine_steps + 1, steps_per_slice or inputs.steps_per_slice)
+    return np.arange(0, loop.steps + 1, int(steps_per_slice))
 
 
-def closed_loop(inputs, linearization, gain):
+def closed_loop(planet: Planet, vehicle: Vehicle, air: Air, linearization, gain):
     """The closed loop around the reference.
 
     Args:
-        inputs: see `entry_rates`.
+        planet, vehicle, air: see `entry_rates`.
         linearization: artifact, for the reference on the half-step grid.
         gain: K on the half-step grid, (2 n + 1, 6).
 
@@ -101,7 +137,7 @@ def closed_loop(inputs, linearization, gain):
         `ClosedLoop` of six states, the bank angle, and two disturbances of the density.
     """
     return ClosedLoop(
-        rates=entry_rates(inputs),
+        rates=entry_rates(planet, vehicle, air),
         time=linearization.time,
         states=linearization.state,
         controls=linearization.bank[:, np.newaxis],

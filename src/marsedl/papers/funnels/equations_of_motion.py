@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.inputs import Mission, Planet, Recursion, Vehicle
 from marsedl.papers.funnels.records import EquationsOfMotion
 from marsedl.replication.catalogue import stage
 
@@ -12,16 +13,18 @@ COMPLEX_STEP = 1e-30
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs) -> EquationsOfMotion:
+def compute(planet: Planet, vehicle: Vehicle, mission: Mission, recursion: Recursion) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
-    generator = np.random.Generator(np.random.Philox((inputs.design_seed, STATES)))
+    generator = np.random.Generator(np.random.Philox((recursion.design_seed, STATES)))
     low = np.array([0.0, -3.0, -1.2, 400.0, -1.2, -3.0, -3.0])
-    high = np.array([inputs.entry_altitude, 3.0, 1.2, inputs.entry_velocity, 1.2, 3.0, 3.0])
+    high = np.array([mission.entry_altitude, 3.0, 1.2, mission.entry_velocity, 1.2, 3.0, 3.0])
     *state, bank = generator.uniform(low, high, (RANDOM_STATES, len(low))).T
-    rates = np.array(environment.entry_rates(inputs)(None, state, (bank,), (0.0,) * environment.DISTURBANCES))
+    air = environment.undisturbed_air(planet)
+    still = (0.0,) * environment.DISTURBANCES
+    rates = np.array(environment.entry_rates(planet, vehicle, air)(None, state, (bank,), still))
     moved = np.array(state) + 1j * COMPLEX_STEP * rates
-    position, velocity = inertial(inputs, 1j * COMPLEX_STEP, moved)
-    expected = acceleration(inputs, position.real, velocity.real, state[0], bank)
+    position, velocity = inertial(planet, 1j * COMPLEX_STEP, moved)
+    expected = acceleration(planet, vehicle, position.real, velocity.real, state[0], bank)
 
     def deviation(found, truth):
         return float((np.linalg.norm(found - truth, axis=0) / np.linalg.norm(truth, axis=0)).max())
@@ -32,28 +35,29 @@ def compute(inputs) -> EquationsOfMotion:
     )
 
 
-def inertial(inputs, time, state):
+def inertial(planet: Planet, time, state):
     """Inertial position and velocity, (3, m) each; planet-fixed and inertial axes agree at time 0."""
     altitude, longitude, latitude, speed, path, heading = state
-    radius, angle = inputs.planet_radius + altitude, longitude + inputs.rotation_rate * time
+    radius, angle = planet.planet_radius + altitude, longitude + planet.rotation_rate * time
     sin_a, cos_a, sin_l, cos_l = np.sin(angle), np.cos(angle), np.sin(latitude), np.cos(latitude)
     east = np.array([-sin_a, cos_a, 0.0 * sin_a])
     north = np.array([-sin_l * cos_a, -sin_l * sin_a, cos_l])
     up = np.array([cos_l * cos_a, cos_l * sin_a, sin_l])
     relative = speed * (np.cos(path) * (np.cos(heading) * east + np.sin(heading) * north) + np.sin(path) * up)
-    return radius * up, relative + inputs.rotation_rate * radius * cos_l * east
+    return radius * up, relative + planet.rotation_rate * radius * cos_l * east
 
 
-def acceleration(inputs, position, velocity, altitude, bank):
+def acceleration(planet: Planet, vehicle: Vehicle, position, velocity, altitude, bank):
     """Inertial acceleration by gravity, drag, and lift turned to the right by the bank angle, (3, m)."""
-    spin = np.array([[0.0], [0.0], [inputs.rotation_rate]])
+    spin = np.array([[0.0], [0.0], [planet.rotation_rate]])
     relative = velocity - np.cross(spin, position, axis=0)
     speed = np.linalg.norm(relative, axis=0)
     forward_axis = relative / speed
     right = np.cross(forward_axis, position, axis=0)
     right /= np.linalg.norm(right, axis=0)
     above = np.cross(right, forward_axis, axis=0)
-    drag = np.exp(environment.log_density(inputs, altitude)) * speed**2 / (2.0 * inputs.ballistic_coefficient)
-    lift = inputs.lift_to_drag * drag * (np.cos(bank) * above + np.sin(bank) * right)
-    gravity = inputs.gravitational_parameter * position / np.linalg.norm(position, axis=0) ** 3
+    density = np.exp(environment.log_density(environment.undisturbed_air(planet), altitude))
+    drag = density * speed**2 / (2.0 * vehicle.ballistic_coefficient)
+    lift = vehicle.lift_to_drag * drag * (np.cos(bank) * above + np.sin(bank) * right)
+    gravity = planet.gravitational_parameter * position / np.linalg.norm(position, axis=0) ** 3
     return lift - drag * forward_axis - gravity

@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, DEGREE, HEAT_RATE, KILOMETRE, LEVEL, WATT_PER_CM2
+from marsedl.papers.funnels.inputs import Mission, Planet, Studies
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
@@ -52,11 +53,11 @@ RESOLVED = 1e-9  # relative: smaller deviations are on a linear part of their ax
 # ---- figures of the paper --------------------------------------------------------------------------------------------
 
 
-def fig01(inputs, linearization: Linearization, funnel: Funnel) -> Figure:
+def fig01(planet: Planet, mission: Mission, linearization: Linearization, funnel: Funnel) -> Figure:
     """Slices of the funnel in downrange and altitude, and the end of it enlarged."""
     figure, (whole, end) = new_figure(7.8, 3.6, ncols=2, width_ratios=(1.9, 1))
-    scale = np.array([inputs.planet_radius / KILOMETRE, 1.0 / KILOMETRE])
-    path = (linearization.state[:, [LONGITUDE, ALTITUDE]] - [inputs.entry_longitude, 0.0]) * scale
+    scale = np.array([planet.planet_radius / KILOMETRE, 1.0 / KILOMETRE])
+    path = (linearization.state[:, [LONGITUDE, ALTITUDE]] - [mission.entry_longitude, 0.0]) * scale
     ellipses = _in_plane(funnel, (LONGITUDE, ALTITUDE)) * np.outer(scale, scale)
     late = int((1.0 - END_SHARE) * len(funnel.step))
     for axes, first in ((whole, 0), (end, late)):
@@ -84,7 +85,7 @@ def fig01(inputs, linearization: Linearization, funnel: Funnel) -> Figure:
     return figure
 
 
-def fig02(inputs, dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
+def fig02(dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
     """Slices of the funnel of the Dubins car in x, y and heading, with flights inside."""
     figure, axes = new_figure(5.6, 4.4, subplot_kw={"projection": "3d", "computed_zorder": False})
     unit = np.array([1.0, 1.0, DEGREE])
@@ -112,7 +113,7 @@ def fig02(inputs, dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
     return figure
 
 
-def fig03(inputs, funnel: Funnel, constant: FlightEnsemble) -> Figure:
+def fig03(funnel: Funnel, constant: FlightEnsemble) -> Figure:
     """Level of the funnel and largest V of the flights, over the steps of the funnel."""
     figure, panels = new_figure(7.6, 3.8, ncols=2)
     number = np.arange(len(funnel.step)) + 1.0
@@ -137,10 +138,10 @@ def fig03(inputs, funnel: Funnel, constant: FlightEnsemble) -> Figure:
     return figure
 
 
-def fig04(inputs, funnel: Funnel) -> Figure:
+def fig04(studies: Studies, funnel: Funnel) -> Figure:
     """Where V falls in a plane through a slice, without disturbance and under the worst one, and points of it."""
     figure, panels = new_figure(7.4, 4.6, ncols=2, sharex=True, sharey=True)
-    first, second = (int(number) for number in inputs.fig4_coordinates)
+    first, second = (int(number) for number in studies.fig4_coordinates)
     axis, angle = funnel.fig4_coordinate, np.linspace(0.0, 2.0 * np.pi, 361)
     projected = funnel.samples[:, [first - 1, second - 1]]
     for axes, rate, on_slice, name in (
@@ -160,7 +161,7 @@ def fig04(inputs, funnel: Funnel) -> Figure:
     panels[0].set_ylabel(f"whitened coordinate $y_{second}$")
     handles = [
         Polygon(np.empty((1, 2)), facecolor=FALLING, label="$V$ falls"),
-        *panels[0].plot([], [], color=BLACK, label=f"slice $B_{{{inputs.fig4_slice}}}$ in the plane"),
+        *panels[0].plot([], [], color=BLACK, label=f"slice $B_{{{studies.fig4_slice}}}$ in the plane"),
         *panels[0].plot([], [], "o", color=BLUE, markersize=3, label="its points, $V$ falls"),
         *panels[0].plot([], [], "o", color=VERMILION, markersize=3, label="its points, $V$ does not fall"),
         *panels[0].plot([], [], ".", color=GREY, markersize=3, label=f"{len(projected)} samples, projected"),
@@ -172,7 +173,7 @@ def fig04(inputs, funnel: Funnel) -> Figure:
 # ---- beyond the paper ------------------------------------------------------------------------------------------------
 
 
-def nominal(inputs, linearization: Linearization, nominal: Nominal, optima: Optima) -> Figure:
+def nominal(mission: Mission, linearization: Linearization, nominal: Nominal, optima: Optima) -> Figure:
     """The nominal over time, and all optima of the problem with their peaks of the heat rate."""
     figure, panels = new_figure(8.4, 5.0, nrows=2, ncols=3)
     time, last = linearization.half_time, linearization.half_time[-1]
@@ -185,9 +186,9 @@ def nominal(inputs, linearization: Linearization, nominal: Nominal, optima: Opti
     ):
         axes.plot(time, values, color=BLUE)
         axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0.0, last))
-    for bound in inputs.bank_bounds:
+    for bound in mission.bank_bounds:
         panels[0, 2].axhline(bound / DEGREE, color=GREY, linestyle="--")
-    limit = inputs.heat_rate_limit / WATT_PER_CM2
+    limit = mission.heat_rate_limit / WATT_PER_CM2
     panels[1, 0].axhline(limit, color=GREY, linestyle="--")
     panels[1, 0].set_title(f"at the nodes at most {nominal.heat_rate.max() / WATT_PER_CM2:.3f}, limit {limit:g}")
 
@@ -208,10 +209,10 @@ def nominal(inputs, linearization: Linearization, nominal: Nominal, optima: Opti
     return figure
 
 
-def bands(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble) -> Figure:
+def bands(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble) -> Figure:
     """Half widths of the funnel in every state, with flights inside and what linear dynamics say."""
     figure, panels = new_figure(8.4, 5.4, nrows=2, ncols=3, sharex=True)
-    length, beyond = inputs.planet_radius / KILOMETRE, False
+    length, beyond = planet.planet_radius / KILOMETRE, False
     for component, axes in enumerate(panels.flat):
         name, scale = STATE_LABELS[component]
         scale = length if scale is None else 1.0 / scale
@@ -246,15 +247,15 @@ def bands(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightE
     return figure
 
 
-def heating(inputs, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble) -> Figure:
+def heating(mission: Mission, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble) -> Figure:
     """Heat rate of the nominal, of the flights, and the largest on the funnel."""
     figure, axes = new_figure(6.4, 3.8)
-    limit = inputs.heat_rate_limit / WATT_PER_CM2
+    limit = mission.heat_rate_limit / WATT_PER_CM2
     flown = constant.maximum_over_trials[:, HEAT_RATE] / WATT_PER_CM2
     on_funnel = funnel.heat_rate / WATT_PER_CM2
-    nominal = linearization.heat_rate / WATT_PER_CM2
+    on_nominal = linearization.heat_rate / WATT_PER_CM2
     axes.axhline(limit, color=GREY, linestyle="--", label=f"limit of the nominal, {limit:g}")
-    axes.plot(linearization.half_time, nominal, color=BLACK, label=f"nominal, up to {nominal.max():.2f}")
+    axes.plot(linearization.half_time, on_nominal, color=BLACK, label=f"nominal, up to {on_nominal.max():.2f}")
     axes.plot(constant.time, flown, color=VERMILION, label=f"{_flights(constant)}, up to {_largest(flown)}")
     axes.plot(funnel.time, on_funnel, ".-", color=BLUE, markersize=3, label=f"funnel, up to {_largest(on_funnel)}")
     axes.set(xlabel=TIME_LABEL, ylabel=HEAT_LABEL, xlim=(0.0, funnel.time[-1]))
@@ -264,7 +265,6 @@ def heating(inputs, linearization: Linearization, funnel: Funnel, constant: Flig
 
 
 def linear_bounds(
-    inputs,
     funnel: Funnel,
     linear_bounds: LinearBounds,
     proven: Proven,
@@ -303,7 +303,7 @@ def linear_bounds(
     return figure
 
 
-def undersampling(inputs, stage_study: StageStudy) -> Figure:
+def undersampling(stage_study: StageStudy) -> Figure:
     """Bound of a stage from fewer samples than needed, and how far it fails at fresh points."""
     figure, (bound, excess) = new_figure(7.4, 3.6, ncols=2)
     found, needed = stage_study, stage_study.samples[list(stage_study.variety).index("S^5 x S^1")]
@@ -326,7 +326,7 @@ def undersampling(inputs, stage_study: StageStudy) -> Figure:
     return figure
 
 
-def conditioning(inputs, stage_study: StageStudy) -> Figure:
+def conditioning(stage_study: StageStudy) -> Figure:
     """Condition numbers of bases at the samples, and of the samples themselves."""
     figure, (bases, designs) = new_figure(7.4, 3.2, ncols=2, width_ratios=(1.3, 1))
     for axes, names, values, title in (
@@ -340,7 +340,7 @@ def conditioning(inputs, stage_study: StageStudy) -> Figure:
     return figure
 
 
-def stage_forms(inputs, stage_study: StageStudy) -> Figure:
+def stage_forms(stage_study: StageStudy) -> Figure:
     """Bound of one stage by every form and solver, against the largest value of its polynomial, and iterations."""
     figure, (bounds, iterations) = new_figure(7.6, 3.4, ncols=2, width_ratios=(1.6, 1), sharey=True)
     found, place = stage_study, -np.arange(len(stage_study.form))
@@ -372,7 +372,7 @@ def stage_forms(inputs, stage_study: StageStudy) -> Figure:
     return figure
 
 
-def euler(inputs, linearization: Linearization, discretization: Discretization) -> Figure:
+def euler(linearization: Linearization, discretization: Discretization) -> Figure:
     """Euler bound against that of the motion, by stage and by step, and the levels of both by the number of slices."""
     figure, (stages, orders, levels) = new_figure(9.0, 3.9, ncols=3)
     found, last = discretization, linearization.time[-1]
@@ -414,7 +414,7 @@ def euler(inputs, linearization: Linearization, discretization: Discretization) 
     return figure
 
 
-def fragility(inputs, linearization: Linearization, coarse_funnels: CoarseFunnels, divergence: Divergence) -> Figure:
+def fragility(linearization: Linearization, coarse_funnels: CoarseFunnels, divergence: Divergence) -> Figure:
     """Levels under cheaper feedback, wider density and larger initial sets, and whether these funnels exist."""
     figure, axes = new_figure(7.2, 3.8)
     time = linearization.time[coarse_funnels.coarse_step]
@@ -435,7 +435,7 @@ def fragility(inputs, linearization: Linearization, coarse_funnels: CoarseFunnel
     return figure
 
 
-def proven(inputs, funnel: Funnel, proven: Proven) -> Figure:
+def proven(funnel: Funnel, proven: Proven) -> Figure:
     """Proven level over that of the funnel, and what the proof adds to the bound of every stage."""
     figure, (levels, parts) = new_figure(7.6, 3.8, ncols=2)
     funnel_level = np.interp(proven.node_time, funnel.time, funnel.level)
@@ -468,7 +468,6 @@ def proven(inputs, funnel: Funnel, proven: Proven) -> Figure:
 
 
 def dubins_rho(
-    inputs,
     dubins: Dubins,
     dubins_study: DubinsStudy,
     dubins_calm: FlightEnsemble,

@@ -4,7 +4,10 @@ All flights of a block advance together in numpy (`methods.funnels.monte_carlo.f
 would take longer to compile than all flights of a case take to fly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +15,10 @@ from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.funnels.monte_carlo import fly, greedy_additive, greedy_disturbance
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.funnels import dubins as car
+from marsedl.papers.funnels import dubins as dubins_stage
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import OBSERVED
+from marsedl.papers.funnels.inputs import Planet, Uncertainty, Vehicle
 
 START_STREAM, DISTURBANCE_STREAM, ADDITIVE_STREAM = range(3)
 
@@ -29,18 +33,32 @@ class Setting:
     at_slice: np.ndarray  # whether a node is one of a slice
     observed: tuple
     additive: np.ndarray | None = None  # semi-axes of what is added to the rates
+    heat_rate: Callable | None = None  # of altitude, velocity and disturbance, W/m^2
 
 
-def entry_setting(inputs, linearization, gains, funnel):
+class Draws(NamedTuple):
+    """Under which disturbances flights are."""
+
+    seed: int
+    case: str = "constant"
+    redraw_steps: int | None = None  # fine steps after which a disturbance is drawn again
+    adversarial_directions: int | None = None  # directions of disturbance from which the adversary chooses
+
+
+def entry_setting(planet: Planet, vehicle: Vehicle, uncertainty: Uncertainty, linearization, gains, funnel):
     """Flights of the entry, held against its funnel."""
-    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    amplitudes = environment.additive_amplitudes(inputs) if inputs.additive else None
-    return Setting(loop, gains.shape, *_at_nodes(loop, funnel.step, funnel.level), OBSERVED, amplitudes)
+    air = environment.disturbed_air(planet, uncertainty)
+    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    amplitudes, heat_rate = (
+        environment.additive_amplitudes(planet, uncertainty),
+        partial(environment.heat_rate, vehicle, air),
+    )
+    return Setting(loop, gains.shape, *_at_nodes(loop, funnel.step, funnel.level), OBSERVED, amplitudes, heat_rate)
 
 
-def car_setting(inputs, dubins, name):
-    """Runs of the Dubins car, held against the funnel of this name."""
-    loop = car.closed_loop(inputs, dubins, wind=car.FUNNELS[name][1])
+def car_setting(dubins, name, speed, strongest_wind=None):
+    """Runs of the Dubins car, held against the funnel of this name; speed and wind in m/s."""
+    loop = dubins_stage.closed_loop(dubins, speed, strongest_wind)
     level = dubins.level[list(dubins.funnel).index(name)]
     return Setting(loop, dubins.shape, *_at_nodes(loop, dubins.slice_step, level), OBSERVED[:2])
 
@@ -51,30 +69,30 @@ def _at_nodes(loop, steps, level):
     return np.interp(nodes, steps, level), np.isin(nodes, steps)
 
 
-def simulator(inputs, setting, case):
-    """Return the function `simulate_block(first, last)` of a case: all trials of a block, flown together."""
+def simulator(setting: Setting, draws: Draws):
+    """Return the function `simulate_block(first, last)` of a case: it flies all trials of a block together."""
     loop = setting.loop
     spread = np.sqrt(2.0 * setting.level[0]) * np.linalg.inv(np.linalg.cholesky(setting.shape[0])).T
 
     def simulate_block(first, last):
         trials = np.arange(first, last)
-        directions = _directions(inputs.seed, START_STREAM, trials, 1, loop.dimension)[0]
+        directions = _directions(draws.seed, START_STREAM, trials, 1, loop.dimension)[0]
         history = np.empty((len(setting.level), loop.dimension, len(trials)))
         observed = np.empty((len(setting.level), len(setting.observed), len(trials)))
 
         def observe(node, deviation, disturbance):
             history[node] = deviation
             observed[node, 1] = np.abs(loop.control_deviation(2 * node, deviation)[0])
-            if len(setting.observed) > 2:
+            if setting.heat_rate is not None:
                 state = loop.states[2 * node][:, np.newaxis] + deviation
-                observed[node, 2] = environment.heat_rate(inputs, state[0], state[3], disturbance)
+                observed[node, 2] = setting.heat_rate(state[0], state[3], disturbance)
 
         observed[:, 0] = fly(
             loop,
             setting.shape,
             _combined(spread, directions.T).T,
-            disturbances(inputs, loop, case, trials),
-            additive(inputs, setting, case, trials),
+            disturbances(draws, loop, trials),
+            additive(draws, setting, trials),
             observe,
         )
         return ensembles.Trajectories(
@@ -95,30 +113,30 @@ def _directions(seed, stream, trials, segments, components):
     return (drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)).swapaxes(0, 1)
 
 
-def disturbances(inputs, loop, case, trials):
+def disturbances(draws: Draws, loop, trials):
     """Disturbance w of a case, as `fly` takes it."""
-    if case == "adversarial":
-        angle = 2.0 * np.pi * np.arange(inputs.adversarial_directions) / inputs.adversarial_directions
+    if draws.case == "adversarial":
+        angle = 2.0 * np.pi * np.arange(draws.adversarial_directions) / draws.adversarial_directions
         return greedy_disturbance(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     if loop.disturbances == 0:
         return np.empty((len(trials), 0))
-    return _directions(inputs.seed, DISTURBANCE_STREAM, trials, _segments(inputs, loop, case), loop.disturbances)
+    return _directions(draws.seed, DISTURBANCE_STREAM, trials, _segments(draws, loop), loop.disturbances)
 
 
-def additive(inputs, setting, case, trials):
+def additive(draws: Draws, setting, trials):
     """What is added to the rates, from the boundary of its set, where a reading has such disturbances."""
     if setting.additive is None:
         return None
-    if case == "adversarial":
+    if draws.case == "adversarial":
         return greedy_additive(setting.additive)
     loop = setting.loop
-    drawn = _directions(inputs.seed, ADDITIVE_STREAM, trials, _segments(inputs, loop, case), loop.dimension)
+    drawn = _directions(draws.seed, ADDITIVE_STREAM, trials, _segments(draws, loop), loop.dimension)
     return drawn * setting.additive
 
 
-def _segments(inputs, loop, case):
+def _segments(draws, loop):
     """Parts of the flight with a disturbance of their own."""
-    return loop.steps // inputs.redraw_steps if case == "redrawn" else 1
+    return loop.steps // draws.redraw_steps if draws.case == "redrawn" else 1
 
 
 def _combined(matrix, vectors):

@@ -14,6 +14,8 @@ from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
+from marsedl.papers.funnels.environment import Air
+from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
 from marsedl.replication.catalogue import stage
@@ -27,19 +29,29 @@ MEMORY_FACTOR = 10.0
 
 
 @stage()
-def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    recursion: Recursion,
+    studies: Studies,
+    linearization: Linearization,
+    gains: Gains,
+) -> Funnel:
     """Propagate the funnel from the initial set to the end, and check every stage of it."""
-    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    design = well_chosen_design(SPHERES, inputs.design_seed, BASIS_DEGREE)
-    steps = environment.slices(inputs)
+    air = environment.disturbed_air(planet, uncertainty)
+    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    design = well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE)
+    steps = environment.slices(loop, recursion.steps_per_slice)
     shape = gains.shape[steps]
-    found, outcome = propagate(inputs, loop, gains, design)
+    amplitudes = environment.additive_amplitudes(planet, uncertainty)
+    found, outcome = propagate(recursion, loop, gains, design, amplitudes)
     stages = described_stages(found, len(steps) - 1)
     level = _padded([gains.initial_level] if found is None else found.rho, len(steps))
     with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
         shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
-        slices = described_slices(inputs, loop, linearization, steps, shape, shape_rate, level)
-        plane = fig4(inputs, loop, steps, shape, shape_rate, level)
+        slices = described_slices(vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
+        plane = fig4(studies, air, loop, steps, shape, shape_rate, level)
     return Funnel(
         outcome=outcome,
         step=steps,
@@ -48,15 +60,15 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
         level=level,
         half_width=_padded(np.empty((0, 6)) if found is None else found.half_widths, len(steps)),
         log_volume=_padded([] if found is None else found.log_volumes, len(steps)),
-        literal_level=literal_levels(inputs.raw_units, design, shape, level),
+        literal_level=literal_levels(recursion.raw_units, design, shape, level),
         literal_level_si=literal_levels(np.ones(6), design, shape, level),
-        additive_growth=added_growth(inputs, loop, shape, steps),
+        additive_growth=added_growth(loop, shape, steps, amplitudes),
         sound=bool(outcome == COMPLETE and stages["stage_sound"].all()),
-        memory=memory(inputs, loop, gains, design),
+        memory=memory(recursion, loop, gains, design),
         samples=design.points,
         **slices,
         **stages,
-        **tightness(inputs, loop, design, steps, shape, level, stages["bound"]),
+        **tightness(recursion, loop, design, steps, shape, level, stages["bound"]),
         **plane,
     )
 
@@ -64,26 +76,26 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Funnel:
 # ---- the recursion ---------------------------------------------------------------------------------------------------
 
 
-def propagate(inputs, loop, gains: Gains, design):
+def propagate(recursion: Recursion, loop, gains: Gains, design, amplitudes=None):
     """Levels of all slices (robust entry funnels, Algorithm 1), or of those before the funnel fails.
 
     Returns:
         Library's `Funnel`, None if not even the first stage is passed, and the outcome, a text.
     """
-    steps, reached = environment.slices(inputs), [1]
+    steps, reached = environment.slices(loop, recursion.steps_per_slice), [1]
 
     def until(count, progress=None):
         chosen = steps[:count]
         shape = gains.shape[chosen]
         rule = replace(
-            stage_rule(inputs),
-            maximum=None if inputs.sampling == "raw" else true_maximum(inputs),
-            inflate=inputs.inflated,
-            verify=partial(verify, seed=(inputs.design_seed, CHECKS), points=inputs.check_points),
-            feedback_limit=inputs.largest_feedback,
+            stage_rule(recursion),
+            maximum=None if recursion.sampling == "raw" else true_maximum(recursion),
+            inflate=recursion.inflated,
+            verify=partial(verify, seed=(recursion.design_seed, CHECKS), points=recursion.check_points),
+            feedback_limit=recursion.largest_feedback,
         )
-        added = added_growth(inputs, loop, shape, chosen)
-        first, limit = gains.initial_level, inputs.largest_level
+        added = added_growth(loop, shape, chosen, amplitudes)
+        first, limit = gains.initial_level, recursion.largest_level
         return forward(loop, shape, chosen, first, design, rule, additive=added, limit=limit, progress=progress)
 
     try:
@@ -92,13 +104,13 @@ def propagate(inputs, loop, gains: Gains, design):
         return (until(reached[-1]) if reached[-1] > 1 else None), str(error)
 
 
-def stage_rule(inputs):
+def stage_rule(recursion: Recursion):
     """What makes the polynomial of a stage and bounds it."""
-    raw_scale = inputs.raw_units if inputs.sampling == "raw" else None
-    return StageRule(solver(inputs), inputs.taylor_order, inputs.condition, raw_scale)
+    raw_scale = recursion.raw_units if recursion.sampling == "raw" else None
+    return StageRule(solver(recursion), recursion.taylor_order, recursion.condition, raw_scale)
 
 
-def true_maximum(inputs):
+def true_maximum(recursion: Recursion):
     """The search for the largest value of the integrated motion on a slice, under any disturbance of the unit disc."""
 
     def search(stage, _):
@@ -106,11 +118,11 @@ def true_maximum(inputs):
             return maximize(
                 stage.true_values,
                 SPHERES.dimensions,
-                (inputs.design_seed, TRUE_MAXIMUM),
+                (recursion.design_seed, TRUE_MAXIMUM),
                 full_ball=(False, True),
-                starts=inputs.ascent_starts,
-                polished=inputs.ascent_polished,
-                iterations=inputs.ascent_iterations,
+                starts=recursion.ascent_starts,
+                polished=recursion.ascent_polished,
+                iterations=recursion.ascent_iterations,
             )[0]
         except ValueError as error:
             raise FunnelError(f"the motion from fine step {stage.first} on is not finite: {error}") from error
@@ -118,17 +130,17 @@ def true_maximum(inputs):
     return search
 
 
-def added_growth(inputs, loop, shape, steps):
+def added_growth(loop, shape, steps, amplitudes):
     """Growth of V by disturbances that are added to the rates, (stages,); zero where a reading has none."""
-    if not inputs.additive:
+    if amplitudes is None:
         return np.zeros(len(steps) - 1)
-    return additive_growth(slice_jacobians(loop, steps)[2], shape[1:], environment.additive_amplitudes(inputs))
+    return additive_growth(slice_jacobians(loop, steps)[2], shape[1:], amplitudes)
 
 
-def memory(inputs, loop, gains: Gains, design):
+def memory(recursion: Recursion, loop, gains: Gains, design):
     """Relative change of the second level when the first is ten times as large; NaN if there is none then."""
-    steps = environment.slices(inputs)[:2]
-    rule = stage_rule(inputs)
+    steps = environment.slices(loop, recursion.steps_per_slice)[:2]
+    rule = stage_rule(recursion)
 
     def next_level(level):
         return forward(loop, gains.shape[steps], steps, level, design, rule, limit=np.inf).rho[1]
@@ -164,12 +176,12 @@ def described_stages(found, count):
     }
 
 
-def tightness(inputs, loop, design, steps, shape, level, bound):
+def tightness(recursion: Recursion, loop, design, steps, shape, level, bound):
     """How far the polynomials of some stages stay below their bounds.
 
     The samples of the design determine a polynomial on the slices: there it is evaluated by its coefficients.
     """
-    rule = stage_rule(inputs)
+    rule = stage_rule(recursion)
     exponents = SPHERES.quotient_monomials(2 * BASIS_DEGREE)
     at_samples = SPHERES.evaluate(exponents, design.points)
     count = len(steps) - 1
@@ -181,20 +193,22 @@ def tightness(inputs, loop, design, steps, shape, level, bound):
             polynomial = rule.order, rule.condition, rule.raw_scale
             stage = FunnelStage(loop, first, last, shape[k], shape[k + 1], level[k], *polynomial)
             coefficients = np.linalg.solve(at_samples, stage.values(design.points))
-            largest = largest_polynomial(inputs, lambda points, c=coefficients: SPHERES.evaluate(exponents, points) @ c)
+            largest = largest_polynomial(
+                recursion, lambda points, c=coefficients: SPHERES.evaluate(exponents, points) @ c
+            )
             below[i] = 1.0 - largest / bound[k]
     return {"tightness": below, "tightness_stage": studied + 1}
 
 
-def largest_polynomial(inputs, polynomial):
+def largest_polynomial(recursion: Recursion, polynomial):
     """Largest value found of the polynomial of a stage on slice and boundary of the disturbances."""
     value, _ = maximize(
         polynomial,
         SPHERES.dimensions,
-        (inputs.design_seed, TIGHTNESS),
-        starts=inputs.tightness_starts,
-        polished=inputs.tightness_polished,
-        iterations=inputs.tightness_iterations,
+        (recursion.design_seed, TIGHTNESS),
+        starts=recursion.tightness_starts,
+        polished=recursion.tightness_polished,
+        iterations=recursion.tightness_iterations,
     )
     return value
 
@@ -202,16 +216,18 @@ def largest_polynomial(inputs, polynomial):
 # ---- slices ----------------------------------------------------------------------------------------------------------
 
 
-def described_slices(inputs, loop, linearization, steps, shape, shape_rate, level):
+def described_slices(
+    vehicle: Vehicle, recursion: Recursion, air: Air, loop, linearization, steps, shape, shape_rate, level
+):
     """Feedback, heat rate and rate of V on every slice."""
-    generator = np.random.Generator(np.random.Philox((inputs.design_seed, SLICE_POINTS)))
-    points = Spheres(SPHERES.dimensions[:1]).random_points(inputs.check_points, generator)
+    generator = np.random.Generator(np.random.Philox((recursion.design_seed, SLICE_POINTS)))
+    points = Spheres(SPHERES.dimensions[:1]).random_points(recursion.check_points, generator)
     feedback, heat_rate, rising = [], [], []
     for step, matrix, rate, rho in zip(steps, shape, shape_rate, level, strict=True):
         gain = loop.gains[2 * step]
         feedback.append(largest_feedback(gain, matrix, rho)[0])
-        heat_rate.append(largest_heat_rate(inputs, linearization.state[2 * step], matrix, rho))
-        rates = lyapunov_rates(inputs, loop, step, matrix, rate, rho, points)
+        heat_rate.append(largest_heat_rate(vehicle, air, linearization.state[2 * step], matrix, rho))
+        rates = lyapunov_rates(air, loop, step, matrix, rate, rho, points)
         rising.append([np.nan if np.isnan(values).any() else np.mean(values > 0.0) for values in rates])
     undisturbed, worst = np.transpose(rising)
     return {
@@ -223,7 +239,7 @@ def described_slices(inputs, loop, linearization, steps, shape, shape_rate, leve
     }
 
 
-def largest_heat_rate(inputs, state, shape, level):
+def largest_heat_rate(vehicle: Vehicle, air: Air, state, shape, level):
     """Largest heat rate (W/m^2) in a slice, under any disturbance of the density.
 
         max ln q = max over (h, V) of 1/2 (a + b h + norm(a_1, b_1 h)) + 3 ln V + constant
@@ -236,27 +252,27 @@ def largest_heat_rate(inputs, state, shape, level):
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
     outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
     altitude, velocity = state[[0, 3], np.newaxis] + outline
-    return finite(environment.heat_rate(inputs, altitude, velocity, densest(inputs, altitude)).max())
+    return finite(environment.heat_rate(vehicle, air, altitude, velocity, densest(air, altitude)).max())
 
 
-def densest(inputs, altitude):
+def densest(air: Air, altitude):
     """Disturbances of the unit disc with the largest density at given altitudes (m,), (2, m); negative: the least.
 
     ln rho is affine in w, so both are at the ends of the diameter along (a_1, b_1 h).
     """
-    direction = np.stack([np.full_like(altitude, inputs.density_amplitude), inputs.density_slope_amplitude * altitude])
+    direction = np.stack([np.full_like(altitude, air.density_amplitude), air.density_slope_amplitude * altitude])
     length = np.linalg.norm(direction, axis=0)
     return direction / np.where(length > 0.0, length, 1.0)
 
 
-def lyapunov_rates(inputs, loop, step, shape, shape_rate, level, points):
+def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
     """Rate of V at whitened points (m, 6) of a slice, without disturbance and under the worst one, (2, m), 1/s.
 
     The rates are affine in the density and w is in nothing else: V' is monotonic in ln rho, and the worst w makes the
     density largest or least.
     """
     deviations = points @ (np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(shape)))
-    end = densest(inputs, loop.states[2 * step, 0] + deviations[:, 0]).T
+    end = densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
     still, most, least = (
         lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
     )
@@ -270,18 +286,18 @@ def literal_levels(units, design, shape, level):
     return np.stack([values.min(axis=1), values.max(axis=1)], axis=1)
 
 
-def fig4(inputs, loop, steps, shape, shape_rate, level):
+def fig4(studies: Studies, air: Air, loop, steps, shape, shape_rate, level):
     """Rate of V in a plane of whitened coordinates through the slice of Fig. 4, on a grid and along the slice."""
-    k = inputs.fig4_slice - 1
-    first, second = (int(number) - 1 for number in inputs.fig4_coordinates)
-    axis = np.linspace(-inputs.fig4_extent, inputs.fig4_extent, inputs.fig4_points)
+    k = studies.fig4_slice - 1
+    first, second = (int(number) - 1 for number in studies.fig4_coordinates)
+    axis = np.linspace(-studies.fig4_extent, studies.fig4_extent, studies.fig4_points)
     angle = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     def rates(coordinates):
         points = np.zeros((len(coordinates), 6))
         points[:, [first, second]] = coordinates
-        return lyapunov_rates(inputs, loop, steps[k], shape[k], shape_rate[k], level[k], points)
+        return lyapunov_rates(air, loop, steps[k], shape[k], shape_rate[k], level[k], points)
 
     grid = np.stack(np.meshgrid(axis, axis), axis=-1)
     still, worst = rates(grid.reshape(-1, 2)).reshape(2, len(axis), len(axis))

@@ -9,13 +9,13 @@ from marsedl.replication.sections import (
     Count,
     Drawn,
     Few,
+    Inputs,
     NonNegative,
     Number,
     Positive,
     Section,
     Seed,
     StudyTrials,
-    flat,
     given,
     vector,
 )
@@ -35,27 +35,44 @@ Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
 Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6)]
 
 
-class FunnelsInputs(Section):
-    """Everything that the funnels depend on."""
+def _check_bounds(name, bounds):
+    if bounds[0] >= bounds[1]:
+        raise ValueError(f"{name} are the wrong way round: write the smaller one first")
 
-    CASES: ClassVar[dict[str, str]] = {
-        "constant": "trials",
-        "redrawn": "redrawn_trials",
-        "adversarial": "adversarial_trials",
-    }
 
-    # The planet, its air and the vehicle.
+def _check_inside(name, values, bounds):
+    for value in values:
+        if not bounds[0] <= value <= bounds[1]:
+            raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
+
+
+def _check_multiple(name, steps, per_name, per):
+    if steps % per:
+        raise ValueError(f"{name} ({steps}) is not a multiple of {per_name} ({per})")
+
+
+class Planet(Section):
+    """The planet and its air."""
+
     gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
     planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances on the ground")
     log_density_at_surface: Number = given("1", "a in ln rho = a + b h, rho in kg/m^3")
     log_density_slope: Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)] = given("1/m", "b in the same")
+
+
+class Vehicle(Section):
+    """The vehicle: its motion in the air, and its heating."""
+
     ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
     lift_to_drag: Positive = given("1", "lift-to-drag ratio")
     nose_radius: Positive = given("m", "nose radius in the law of Sutton and Graves for the heat rate")
     heat_rate_constant: Positive = given("kg^0.5/m", "constant of that law")
 
-    # The nominal trajectory.
+
+class Mission(Section):
+    """From where to where the nominal flies, and within what limits."""
+
     entry_altitude: Positive = given("m", "altitude at entry")
     entry_longitude: Number = given("rad", "longitude at entry")
     entry_latitude: Number = given("rad", "latitude at entry")
@@ -70,6 +87,22 @@ class FunnelsInputs(Section):
     least_velocity: Positive = given("m/s", "velocity below which the solver does not look")
     bank_bounds: vector(2) = given("rad", "between which the bank angle must lie")
     heat_rate_limit: Positive = given("W/m^2", "largest heat rate, imposed at the nodes")
+    goal_lengths: vector(2, Positive) = given("m", "half widths of the goal region: downrange and crossrange")
+
+    @model_validator(mode="after")
+    def _limits(self):
+        _check_bounds("final_velocity_bounds", self.final_velocity_bounds)
+        _check_bounds("bank_bounds", self.bank_bounds)
+        if self.final_altitude >= self.entry_altitude:
+            raise ValueError("final_altitude is not below entry_altitude: exchange them")
+        if self.least_velocity > self.final_velocity_bounds[0]:
+            raise ValueError("least_velocity lies above the first of final_velocity_bounds: lower it")
+        return self
+
+
+class Guidance(Section):
+    """How the nominal trajectory and the regulator around it are computed."""
+
     intervals: Intervals = given("1", "intervals of constant bank rate, one less than the nodes")
     scheme: Literal["midpoint", "trapezoid", "hermite_simpson"] = given("1", "transcription of the equations of motion")
     final_time_bounds: vector(2, Positive) = given("s", "between which the solver looks for the final time")
@@ -82,11 +115,6 @@ class FunnelsInputs(Section):
     nominal_choice: Literal["guess", "best_of_starts"] = given(
         "1", "which of the optima found is flown: the one that the guess leads to, or that of least bank rate"
     )
-    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
-        "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
-    )
-
-    # The regulator.
     scale_lengths: vector(3, Positive) = given(
         "m", "altitude, downrange and crossrange that cost as much as one another"
     )
@@ -97,9 +125,18 @@ class FunnelsInputs(Section):
     control_cost_time: Positive = given("s", "time over which such a bank angle does")
     terminal_weight: Positive = given("1", "factor of the cost at the end")
     fine_steps: FineSteps = given("1", "integration steps of reference, regulator and flights")
-    steps_per_slice: Few = given("1", "fine steps from one slice of the funnel to the next")
 
-    # Initial set and disturbances.
+    @model_validator(mode="after")
+    def _final_times(self):
+        _check_bounds("final_time_bounds", self.final_time_bounds)
+        _check_inside("guess_final_time", [self.guess_final_time], self.final_time_bounds)
+        _check_inside("start_final_times", self.start_final_times, self.final_time_bounds)
+        return self
+
+
+class Uncertainty(Section):
+    """Set of the states at entry, and sets of the disturbances."""
+
     initial_lengths: vector(3, Positive) = given("m", "semi-axes of the initial set: altitude, downrange, crossrange")
     initial_velocity: Positive = given("m/s", "its semi-axis of velocity")
     initial_angles: vector(2, Positive) = given("rad", "its semi-axes of flight path angle and heading")
@@ -110,7 +147,11 @@ class FunnelsInputs(Section):
     additive_acceleration: Positive = given("m/s^2", "largest of them: velocity")
     additive_turn_rates: vector(2, Positive) = given("1/s", "largest of them: flight path angle and heading, rad per s")
 
-    # The funnel.
+
+class Recursion(Section):
+    """How the funnel goes from slice to slice, and how its stages are checked."""
+
+    steps_per_slice: Few = given("1", "fine steps from one slice of the funnel to the next")
     shape: Literal["value_matrix", "minimum_trace"] = given(
         "1", "shape of the slices: that of the regulator's cost, or of least trace around what linear dynamics reach"
     )
@@ -137,6 +178,62 @@ class FunnelsInputs(Section):
     tightness_starts: Few = given("1", "the same three numbers for the largest value of the polynomial:")
     tightness_polished: Few = given("1", "points improved, of the polynomial")
     tightness_iterations: Few = given("1", "steps of improvement, of the polynomial")
+
+    @model_validator(mode="after")
+    def _polished(self):
+        for name, polished, starts in (
+            ("ascent", self.ascent_polished, self.ascent_starts),
+            ("tightness", self.tightness_polished, self.tightness_starts),
+        ):
+            if polished > starts:
+                raise ValueError(f"{name}_polished ({polished}) is above {name}_starts ({starts})")
+        return self
+
+
+class Ensemble(Section):
+    """How many flights there are, and under which disturbances."""
+
+    seed: Seed = given("1", "key of the random numbers")
+    trials: Count = given("1", "flights with constant disturbance")
+    redrawn_trials: Count = given("1", "flights whose disturbance is drawn again and again")
+    redraw_steps: Few = given("1", "fine steps after which it is")
+    adversarial_trials: Count = given("1", "flights against the disturbance that raises V fastest")
+    adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
+        "1", "directions among which that is chosen"
+    )
+    drawn_trials: Drawn = given("1", "flights drawn in the figures")
+
+
+class Car(Section):
+    """The Dubins car."""
+
+    dubins_speed: Positive = given("m/s", "speed of the Dubins car")
+    dubins_duration: Positive = given("s", "duration of its path")
+    dubins_turn_rate: Positive = given("1/s", "amplitude of its turn rate, one sine over the path, radians per second")
+    dubins_state_weight: vector(3, Positive) = given("1", "weights on x, y and heading, SI units")
+    dubins_control_weight: Positive = given("1", "weight on the turn rate, SI units")
+    dubins_terminal_weight: vector(3, Positive) = given("1", "weights at the end")
+    dubins_fine_steps: FineSteps = given("1", "integration steps of its path")
+    dubins_steps_per_slice: Few = given("1", "fine steps from one of its slices to the next")
+    dubins_level: Positive = given("1", "level rho of the first of them")
+    dubins_wind: Positive = given("m/s", "largest wind on it, in any direction")
+    dubins_trials: StudyTrials = given("1", "runs of the Dubins car")
+    dubins_wind_trials: StudyTrials = given("1", "runs of the Dubins car in constant wind")
+
+    @model_validator(mode="after")
+    def _slices(self):
+        _check_multiple(
+            "dubins_fine_steps", self.dubins_fine_steps, "dubins_steps_per_slice", self.dubins_steps_per_slice
+        )
+        return self
+
+
+class Studies(Section):
+    """Studies of the methods, and the plane of Fig. 4."""
+
+    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
+        "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
+    )
     benchmark_slice: Few = given("1", "slice, counted from 1, whose stage is solved in all forms")
     benchmark_level: Positive = given("1", "level rho of that slice then")
     studied_slices: Slices = given("1", "slices, counted from 1, of stages studied with linear motion and over levels")
@@ -156,89 +253,73 @@ class FunnelsInputs(Section):
     studied_trials: Few = given("1", "flights in each of these cases")
     backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
     backward_steps_per_slice: Few = given("1", "fine steps between its slices")
-
-    # The Dubins car.
-    dubins_speed: Positive = given("m/s", "speed of the Dubins car")
-    dubins_duration: Positive = given("s", "duration of its path")
-    dubins_turn_rate: Positive = given("1/s", "amplitude of its turn rate, one sine over the path, radians per second")
-    dubins_state_weight: vector(3, Positive) = given("1", "weights on x, y and heading, SI units")
-    dubins_control_weight: Positive = given("1", "weight on the turn rate, SI units")
-    dubins_terminal_weight: vector(3, Positive) = given("1", "weights at the end")
-    dubins_fine_steps: FineSteps = given("1", "integration steps of its path")
-    dubins_steps_per_slice: Few = given("1", "fine steps from one of its slices to the next")
-    dubins_level: Positive = given("1", "level rho of the first of them")
-    dubins_wind: Positive = given("m/s", "largest wind on it, in any direction")
-
-    # Monte Carlo.
-    seed: Seed = given("1", "key of the random numbers")
-    trials: Count = given("1", "flights with constant disturbance")
-    redrawn_trials: Count = given("1", "flights whose disturbance is drawn again and again")
-    redraw_steps: Few = given("1", "fine steps after which it is")
-    adversarial_trials: Count = given("1", "flights against the disturbance that raises V fastest")
-    adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
-        "1", "directions among which that is chosen"
-    )
-    dubins_trials: StudyTrials = given("1", "runs of the Dubins car")
-    dubins_wind_trials: StudyTrials = given("1", "runs of the Dubins car in constant wind")
-    drawn_trials: Drawn = given("1", "flights drawn in the figures")
-
-    # What is drawn and judged.
     fig4_slice: Few = given("1", "slice of Fig. 4, counted from 1")
     fig4_coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2)] = given(
         "1", "whitened coordinates that span its plane, counted from 1"
     )
     fig4_extent: Positive = given("1", "largest coordinate in it; the slice is the unit circle")
     fig4_points: Points = given("1", "grid points along each of its axes")
-    goal_lengths: vector(2, Positive) = given("m", "half widths of the goal region: downrange and crossrange")
 
     @model_validator(mode="after")
-    def _fits_together(self):
-        for name in ("final_velocity_bounds", "bank_bounds", "final_time_bounds"):
-            lower, upper = getattr(self, name)
-            if lower >= upper:
-                raise ValueError(f"{name} are the wrong way round: write the smaller one first")
-        if self.final_altitude >= self.entry_altitude:
-            raise ValueError("final_altitude is not below entry_altitude: exchange them")
-        if self.least_velocity > self.final_velocity_bounds[0]:
-            raise ValueError("least_velocity lies above the first of final_velocity_bounds: lower it")
-        for name, value, bounds in (
-            *(("start_banks", bank, self.bank_bounds) for bank in self.start_banks),
-            *(("start_final_times", time, self.final_time_bounds) for time in self.start_final_times),
-            ("guess_bank", self.guess_bank, self.bank_bounds),
-            ("guess_final_time", self.guess_final_time, self.final_time_bounds),
-        ):
-            if not bounds[0] <= value <= bounds[1]:
-                raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
+    def _studied(self):
         if any(later % first or later <= first for first, later in pairwise(self.studied_intervals)):
             raise ValueError("studied_intervals: each must be a multiple of the one before, and larger")
-        for steps, per_slice in (
-            ("fine_steps", "steps_per_slice"),
-            ("fine_steps", "backward_steps_per_slice"),
-            ("fine_steps", "redraw_steps"),
-            ("dubins_fine_steps", "dubins_steps_per_slice"),
-        ):
-            if getattr(self, steps) % getattr(self, per_slice):
-                raise ValueError(
-                    f"{steps} ({getattr(self, steps)}) is not a multiple of {per_slice} ({getattr(self, per_slice)})"
-                )
-        for spacing in self.studied_spacings:
-            if self.fine_steps % spacing:
-                raise ValueError(f"studied_spacings: fine_steps ({self.fine_steps}) is not a multiple of {spacing}")
-        slices = self.fine_steps // self.steps_per_slice + 1
-        for name, number in (
-            *((name, getattr(self, name)) for name in ("fig4_slice", "benchmark_slice", "stationary_slice")),
-            *(("studied_slices", number) for number in self.studied_slices),
-        ):
-            if number >= slices:
-                raise ValueError(f"{name}: no stage begins at slice {number}, as there are {slices}")
         if len(self.studied_levels) != len(self.studied_slices):
             raise ValueError("studied_levels: give one level for each of studied_slices")
         if self.fig4_coordinates[0] == self.fig4_coordinates[1]:
             raise ValueError("fig4_coordinates: two different ones span a plane")
-        for polished, starts in (("ascent_polished", "ascent_starts"), ("tightness_polished", "tightness_starts")):
-            if getattr(self, polished) > getattr(self, starts):
-                raise ValueError(f"{polished} ({getattr(self, polished)}) is above {starts} ({getattr(self, starts)})")
         return self
 
 
-MODEL = flat(FunnelsInputs)
+def check_banks(mission: Mission, guidance: Guidance) -> None:
+    """Refuse guesses of the bank angle that lie outside of its bounds."""
+    _check_inside("guidance.guess_bank", [guidance.guess_bank], mission.bank_bounds)
+    _check_inside("guidance.start_banks", guidance.start_banks, mission.bank_bounds)
+
+
+def check_steps(guidance: Guidance, recursion: Recursion, ensemble: Ensemble, studies: Studies) -> None:
+    """Refuse parts of the flight that do not consist of whole fine steps."""
+    for name, steps in (
+        ("recursion.steps_per_slice", recursion.steps_per_slice),
+        ("studies.backward_steps_per_slice", studies.backward_steps_per_slice),
+        ("ensemble.redraw_steps", ensemble.redraw_steps),
+        *(("studies.studied_spacings", int(spacing)) for spacing in studies.studied_spacings),
+    ):
+        _check_multiple("guidance.fine_steps", guidance.fine_steps, name, steps)
+
+
+def check_slices(guidance: Guidance, recursion: Recursion, studies: Studies) -> None:
+    """Refuse slices from which no stage begins."""
+    slices = guidance.fine_steps // recursion.steps_per_slice + 1
+    for name, number in (
+        ("studies.fig4_slice", studies.fig4_slice),
+        ("studies.benchmark_slice", studies.benchmark_slice),
+        ("studies.stationary_slice", studies.stationary_slice),
+        *(("studies.studied_slices", int(number)) for number in studies.studied_slices),
+    ):
+        if number >= slices:
+            raise ValueError(f"{name}: no stage begins at slice {number}, as there are {slices}")
+
+
+class FunnelsInputs(Inputs):
+    """Everything that the funnels depend on."""
+
+    CASES: ClassVar = {
+        "constant": "ensemble.trials",
+        "redrawn": "ensemble.redrawn_trials",
+        "adversarial": "ensemble.adversarial_trials",
+    }
+    CHECKS: ClassVar = (check_banks, check_steps, check_slices)
+
+    planet: Planet
+    vehicle: Vehicle
+    mission: Mission
+    guidance: Guidance
+    uncertainty: Uncertainty
+    recursion: Recursion
+    ensemble: Ensemble
+    car: Car
+    studies: Studies
+
+
+MODEL = FunnelsInputs

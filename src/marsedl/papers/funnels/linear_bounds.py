@@ -19,6 +19,7 @@ from marsedl.methods.funnels.monte_carlo import fly, quadratic_values
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import finite, half_widths
+from marsedl.papers.funnels.inputs import Ensemble, Guidance, Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
 from marsedl.replication.catalogue import stage
 
@@ -29,20 +30,31 @@ BOTH_LIMITS = 2.0
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization, gains: Gains) -> LinearBounds:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    guidance: Guidance,
+    recursion: Recursion,
+    ensemble: Ensemble,
+    linearization: Linearization,
+    gains: Gains,
+) -> LinearBounds:
     """Propagate everything that follows from the Jacobians, and fly to see what they leave out."""
-    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    steps = environment.slices(inputs)
+    air = environment.disturbed_air(planet, uncertainty)
+    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    steps = environment.slices(loop, recursion.steps_per_slice)
     transitions, responses, _ = slice_jacobians(loop, np.arange(len(loop.time)))
     across, pushed = between_slices(transitions, responses, steps)
-    shapes, scale = gains.shape[steps], environment.state_scale(inputs)
+    shapes, scale = gains.shape[steps], environment.state_scale(planet, guidance)
     exact = linear_exact(across, pushed, shapes, gains.initial_level)
-    first_set = environment.initial_set(inputs)
+    semi_axes = environment.initial_semi_axes(planet, uncertainty)
+    first_set = environment.initial_set(semi_axes)
     ellipsoids = joint_ellipsoid(transitions, responses, first_set)
     reachable = minkowski_shape(transitions, responses, first_set, scale)
     value_matrices = 2.0 * _inverse(ellipsoids, scale)
 
-    deviations, disturbances = starts(inputs)
+    deviations, disturbances = starts(ensemble.seed, semi_axes)
     flown = []
     values = fly(
         loop, value_matrices, deviations, disturbances, observer=lambda _, at, __: flown.append(np.abs(at).max(axis=1))
@@ -83,13 +95,13 @@ def between_slices(transitions, responses, steps):
     return np.array(across), np.array(pushed)
 
 
-def starts(inputs):
+def starts(seed, semi_axes):
     """Deviations uniform in the volume of the initial set (m, 6), and disturbances uniform at their limit (m, 2)."""
     states, trials = len(environment.STATES), np.arange(FLIGHTS)
-    drawn = normals(inputs.seed, DIRECTION_STREAM, trials, states + environment.DISTURBANCES)
+    drawn = normals(seed, DIRECTION_STREAM, trials, states + environment.DISTURBANCES)
     direction, disturbance = np.split(drawn, [states], axis=1)
-    radius = uniforms(inputs.seed, RADIUS_STREAM, trials, 1) ** (1.0 / states)
-    return radius * _unit(direction) * environment.initial_semi_axes(inputs), _unit(disturbance)
+    radius = uniforms(seed, RADIUS_STREAM, trials, 1) ** (1.0 / states)
+    return radius * _unit(direction) * semi_axes, _unit(disturbance)
 
 
 def linear_flights(transitions, responses, value_matrices, deviations, disturbances):

@@ -5,16 +5,20 @@ import numpy as np
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.methods.linearization import linearize
 from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.inputs import Guidance, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Linearization, Nominal
 from marsedl.replication.catalogue import stage
 
 
 @stage()
-def compute(inputs, nominal: Nominal) -> Linearization:
+def compute(
+    planet: Planet, vehicle: Vehicle, guidance: Guidance, uncertainty: Uncertainty, nominal: Nominal
+) -> Linearization:
     """Fly the nominal's bank angle on the fine grid, and linearise at every half step."""
-    rates = environment.entry_rates(inputs)
+    air = environment.disturbed_air(planet, uncertainty)
+    rates = environment.entry_rates(planet, vehicle, air)
     still = np.zeros(environment.DISTURBANCES)
-    time = np.linspace(0.0, nominal.time[-1], inputs.fine_steps + 1)
+    time = np.linspace(0.0, nominal.time[-1], guidance.fine_steps + 1)
     state, control = reference_on_half_steps(
         lambda state, control: rates(None, state, control, still),
         time,
@@ -35,7 +39,7 @@ def compute(inputs, nominal: Nominal) -> Linearization:
         state_matrix=model.state_matrix,
         control_matrix=model.control_matrix[:, :, 0],
         disturbance_matrix=model.control_matrix[:, :, 1:],
-        heat_rate=environment.heat_rate(inputs, state[:, 0], state[:, 3]),
+        heat_rate=environment.heat_rate(vehicle, air, state[:, 0], state[:, 3]),
         deceleration=-moved[3],
         drift=state[-1] - nominal.state[-1],
     )

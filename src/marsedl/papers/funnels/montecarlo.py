@@ -10,6 +10,7 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.papers.funnels import flight
+from marsedl.papers.funnels.inputs import Car, Ensemble, Planet, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Dubins, FlightChunk, FlightEnsemble, Funnel, Gains, Linearization
 from marsedl.replication.catalogue import Flown, Trial, stage
 
@@ -19,7 +20,10 @@ OUTCOMES = {0: "flown to the end", 3: "not finite"}
 
 @stage()
 def simulate(
-    inputs,
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    ensemble: Ensemble,
     linearization: Linearization,
     gains: Gains,
     funnel: Funnel,
@@ -28,37 +32,42 @@ def simulate(
 ) -> FlightChunk:
     """Fly one chunk of the trials of a case.
 
-    case: "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
+    The case is "constant" (one disturbance a flight, from the boundary of the disc), "redrawn" (another one every
     `redraw_steps`) or "adversarial" (at every step that which raises V fastest).
-    trials: of the whole case. chunk, chunks: number of this chunk and of all. block_size: trials in a block.
     """
-    case, trials, block_size, chunk, chunks = flown
-    numbers = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
-    setting = flight.entry_setting(inputs, linearization, gains, funnel)
-    return _flown(inputs, setting, case, numbers, min(inputs.drawn_trials, trials), block_size)
+    numbers = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
+    kept = min(ensemble.drawn_trials, flown.trials)
+    return _flown(setting, _draws(ensemble, flown.case), numbers, kept, flown.block_size)
 
 
 @stage(claimed_in=("corrected",))
-def dubins_calm(inputs, dubins: Dubins) -> FlightEnsemble:
+def dubins_calm(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car without wind."""
-    return _car_runs(inputs, dubins, "flow", inputs.dubins_trials)
+    setting = flight.car_setting(dubins, "flow", car.dubins_speed)
+    return _car_runs(setting, ensemble.seed, car.dubins_trials, ensemble.drawn_trials)
 
 
 @stage(claimed_in=("corrected",))
-def dubins_wind(inputs, dubins: Dubins) -> FlightEnsemble:
+def dubins_wind(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car, each time in a constant wind from the boundary of its disc."""
-    return _car_runs(inputs, dubins, "wind", inputs.dubins_wind_trials)
+    setting = flight.car_setting(dubins, "wind", car.dubins_speed, car.dubins_wind)
+    return _car_runs(setting, ensemble.seed, car.dubins_wind_trials, ensemble.drawn_trials)
 
 
-def _car_runs(inputs, dubins, name, trials):
+def _car_runs(setting, seed, trials, drawn_trials):
     """Runs of the car, held against one of its funnels."""
-    setting = flight.car_setting(inputs, dubins, name)
-    return gather(inputs, [_flown(inputs, setting, "constant", (0, trials), min(inputs.drawn_trials, trials))])
+    return gather([_flown(setting, flight.Draws(seed), (0, trials), min(drawn_trials, trials))])
 
 
-def _flown(inputs, setting, case, numbers, kept, block_size=ensembles.BLOCK_SIZE):
+def _draws(ensemble: Ensemble, case):
+    """The random numbers and disturbances of a case."""
+    return flight.Draws(ensemble.seed, case, ensemble.redraw_steps, ensemble.adversarial_directions)
+
+
+def _flown(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
     """The trials from one number up to another, reduced."""
-    simulate_block = flight.simulator(inputs, setting, case)
+    simulate_block = flight.simulator(setting, draws)
     repeat_maximum = np.full((REPEATS, len(setting.level), len(setting.observed)), np.nan)
 
     def recorded(first, last):
@@ -81,9 +90,8 @@ def _flown(inputs, setting, case, numbers, kept, block_size=ensembles.BLOCK_SIZE
 
 
 @stage()
-def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks in the order of their trials, and count what lies outside of the funnel."""
-    del inputs  # none is needed
     names = [field.name for field in fields(ensembles.Chunk)]
     merged = ensembles.merge([ensembles.Chunk(**{name: getattr(chunk, name) for name in names}) for chunk in chunks])
     joined = _finite_fields(merged)
@@ -110,30 +118,43 @@ def _finite_fields(record):
 
 
 def replay(
-    inputs,
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    ensemble: Ensemble,
     linearization: Linearization,
     gains: Gains,
     funnel: Funnel,
     *,
     trial: Trial,
 ) -> str:
-    """Fly one trial again and describe it, with its difference from the ensemble's if that is given."""
-    case, number, ensemble = trial
-    trial = ensembles.replay(block_simulator(inputs, linearization, gains, funnel, case), number)
-    end = ensembles.without_infinities(trial.final_state[:, 0])
-    outcome = ensembles.COMPLETED if np.isfinite(trial.final_state).all() else ensembles.NON_FINITE
-    lines = [f"trial {number}, {case}: {OUTCOMES[outcome]}"]
+    """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
+    simulate_block = block_simulator(planet, vehicle, uncertainty, ensemble, linearization, gains, funnel, trial.case)
+    flown = ensembles.replay(simulate_block, trial.number)
+    end = ensembles.without_infinities(flown.final_state[:, 0])
+    outcome = ensembles.COMPLETED if np.isfinite(flown.final_state).all() else ensembles.NON_FINITE
+    lines = [f"trial {trial.number}, {trial.case}: {OUTCOMES[outcome]}"]
     names = [f"deviation of state {i + 1}" for i in range(len(end) - 2)]
     names += ["largest V/rho at slices", "largest V/rho between them"]
     lines += [f"  {name:28}{value:18.9g}" for name, value in zip(names, end, strict=True)]
-    if ensemble is not None:
-        same = np.array_equal(end, ensemble.final_state[number], equal_nan=True)
+    if trial.stored is not None:
+        same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)
         lines.append(
             "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
         )
     return "\n".join(lines)
 
 
-def block_simulator(inputs, linearization, gains, funnel, case):
+def block_simulator(
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    ensemble: Ensemble,
+    linearization: Linearization,
+    gains: Gains,
+    funnel: Funnel,
+    case: str,
+):
     """Return the function `simulate_block(first, last)` of a case; it also replays single trials."""
-    return flight.simulator(inputs, flight.entry_setting(inputs, linearization, gains, funnel), case)
+    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
+    return flight.simulator(setting, _draws(ensemble, case))

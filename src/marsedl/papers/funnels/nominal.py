@@ -23,6 +23,7 @@ from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import DEGREE
 from marsedl.papers.funnels.environment import STATES
+from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
 from marsedl.papers.funnels.records import Nominal, Optima
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
@@ -35,14 +36,15 @@ NOTHING = 1e-3  # cost in deg^2/s that counts as none
 # ---- the problem -----------------------------------------------------------------------------------------------------
 
 
-def problem(inputs) -> Problem:
+def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bounds) -> Problem:
     """Least integral of the squared bank rate from entry to deployment (robust entry funnels, Sec. 4).
 
     The bank angle is a state, its rate the control, constant on each interval. The limit is imposed on the logarithm
     of the heat rate, which the solver takes far better than the heat rate itself.
     """
-    motion = environment.entry_rates(inputs)
-    largest = np.log(inputs.heat_rate_limit)
+    air = environment.undisturbed_air(planet)
+    motion = environment.entry_rates(planet, vehicle, air)
+    largest = np.log(mission.heat_rate_limit)
 
     def rates(*arguments):
         *state, bank, bank_rate = arguments
@@ -50,27 +52,27 @@ def problem(inputs) -> Problem:
 
     def log_heat_rate(*arguments):
         altitude, velocity = arguments[0], arguments[3]
-        factor = np.log(inputs.heat_rate_constant / np.sqrt(inputs.nose_radius))
-        return factor + 0.5 * environment.log_density(inputs, altitude) + 3.0 * np.log(velocity)
+        factor = np.log(vehicle.heat_rate_constant / np.sqrt(vehicle.nose_radius))
+        return factor + 0.5 * environment.log_density(air, altitude) + 3.0 * np.log(velocity)
 
-    slowest, fastest = inputs.final_velocity_bounds
+    slowest, fastest = mission.final_velocity_bounds
     return Problem(
         rates=rates,
         states=(
             Variable("altitude", 1e4, 0.0),
             Variable("longitude", 0.02),
             Variable("latitude", 0.002),
-            Variable("velocity", 1e3, inputs.least_velocity),
+            Variable("velocity", 1e3, mission.least_velocity),
             Variable("flight_path_angle", 0.1),
             Variable("heading", 0.02),
-            Variable("bank", 1.0, *inputs.bank_bounds),
+            Variable("bank", 1.0, *mission.bank_bounds),
         ),
         controls=(Variable("bank_rate", 0.01),),
-        final_time=Variable("final_time", 100.0, *inputs.final_time_bounds),
-        initial=dict(zip(STATES, environment.entry_state(inputs), strict=True)),
+        final_time=Variable("final_time", 100.0, *final_time_bounds),
+        initial=dict(zip(STATES, environment.entry_state(mission), strict=True)),
         final={
-            "altitude": inputs.final_altitude,
-            "longitude": inputs.entry_longitude + inputs.final_downrange / inputs.planet_radius,
+            "altitude": mission.final_altitude,
+            "longitude": mission.entry_longitude + mission.final_downrange / planet.planet_radius,
         },
         boundary=(Condition("final velocity", lambda start, end: end["velocity"], slowest, fastest, 1e3),),
         path=(Condition("logarithm of the heat rate", log_heat_rate, -np.inf, largest),),
@@ -78,35 +80,37 @@ def problem(inputs) -> Problem:
     )
 
 
-def starts(inputs):
+def starts(guidance: Guidance):
     """Bank angle and final time of every start, the guess first, none twice."""
-    grid = [(bank, time) for bank in inputs.start_banks for time in inputs.start_final_times]
-    return list(dict.fromkeys([(inputs.guess_bank, inputs.guess_final_time), *grid]))
+    grid = [(bank, time) for bank in guidance.start_banks for time in guidance.start_final_times]
+    return list(dict.fromkeys([(guidance.guess_bank, guidance.guess_final_time), *grid]))
 
 
-def constant_bank(inputs, declared, intervals, bank, final_time) -> Guess:
+def constant_bank(mission: Mission, declared, intervals, bank, final_time) -> Guess:
     """A guess that flies one bank angle.
 
     Raises RuntimeError if it cannot be flown to its end.
     """
     time = np.linspace(0.0, final_time, intervals + 1)
     still = np.zeros((intervals, 1))
-    start = np.array([*environment.entry_state(inputs), bank])
+    start = np.array([*environment.entry_state(mission), bank])
     return Guess(simulate(declared, start, still, time, relative_tolerance=1e-7), still, final_time)
 
 
-def search(inputs, intervals, begun):
+def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, intervals, begun):
     """Solve from every start of a list of bank angles and final times.
 
     Returns:
         List with a `Solution` for every start, or the error with which it ended.
     """
-    program = Program(problem(inputs), intervals, inputs.scheme)
+    program = Program(problem(planet, vehicle, mission, guidance.final_time_bounds), intervals, guidance.scheme)
     ends = []
     for bank, final_time in begun:
         try:
-            guess = constant_bank(inputs, program.problem, intervals, bank, final_time)
-            ends.append(program.solve(guess, tolerance=inputs.nominal_tolerance, iterations=inputs.nominal_iterations))
+            guess = constant_bank(mission, program.problem, intervals, bank, final_time)
+            ends.append(
+                program.solve(guess, tolerance=guidance.nominal_tolerance, iterations=guidance.nominal_iterations)
+            )
         except RuntimeError as error:  # a guess that cannot be flown, or a solve that does not converge
             ends.append(error)
     return ends
@@ -116,24 +120,25 @@ def search(inputs, intervals, begun):
 
 
 @stage()
-def compute(inputs) -> Nominal:
+def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
-    ends = search(inputs, inputs.intervals, starts(inputs)[: 1 if inputs.nominal_choice == "guess" else None])
+    begun = starts(guidance)[: 1 if guidance.nominal_choice == "guess" else None]
+    ends = search(planet, vehicle, mission, guidance, guidance.intervals, begun)
     found, _ = distinct(ends)
     if not found:
         raise _failure(ends)
-    return described(inputs, found[0])
+    return described(planet, vehicle, found[0])
 
 
 @stage(claimed_in=("corrected",))
-def optima(inputs) -> Optima:
+def optima(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, studies: Studies) -> Optima:
     """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
-    grid, rows, leads = starts(inputs), [], []
-    for intervals in (int(number) for number in inputs.studied_intervals):
-        found, numbers = distinct(search(inputs, intervals, grid))
+    grid, rows, leads = starts(guidance), [], []
+    for intervals in (int(number) for number in studies.studied_intervals):
+        found, numbers = distinct(search(planet, vehicle, mission, guidance, intervals, grid))
         leads.append(numbers)
         for number, one in enumerate(found):
-            peak, time = peak_heat_rate(inputs, one)
+            peak, time = peak_heat_rate(planet, vehicle, one)
             velocity, position = one.state("velocity")[-1], time / one.final_time * intervals
             reached = np.count_nonzero(numbers == number)
             rows.append((intervals, one.objective * DEGREE**2, one.final_time, velocity, peak, position, reached))
@@ -156,30 +161,37 @@ def distinct(ends):
     """The different solutions among some ends of solves, by ascending cost, and the number of each.
 
     Returns:
-        Tuple of the list of optima and the number (from 0) of every end among them, -1 for one that is no solution.
+        Tuple of the list of solutions and the number (from 0) of every end among them, -1 for one that is no solution.
     """
-    optima = []
+    solutions = []
     for solution in sorted((end for end in ends if isinstance(end, Solution)), key=lambda end: end.objective):
-        if not (optima and _same(optima[-1], solution)):
-            optima.append(solution)
-    numbers = [next((i for i, one in enumerate(optima) if isinstance(e, Solution) and _same(one, e)), -1) for e in ends]
-    return optima, np.array(numbers)
+        if not (solutions and _same(solutions[-1], solution)):
+            solutions.append(solution)
+    numbers = [_number(end, solutions) for end in ends]
+    return solutions, np.array(numbers)
+
+
+def _number(end, solutions):
+    """Number of an end of a solve among the solutions, -1 for one that is none."""
+    if not isinstance(end, Solution):
+        return -1
+    return next((number for number, solution in enumerate(solutions) if _same(solution, end)), -1)
 
 
 def _same(one, other):
     return abs(one.objective - other.objective) <= SAME * max(abs(other.objective), NOTHING)
 
 
-def described(inputs, solution) -> Nominal:
+def described(planet: Planet, vehicle: Vehicle, solution) -> Nominal:
     """A solution as an artifact."""
-    state, (peak, time) = solution.states[:, : len(STATES)], peak_heat_rate(inputs, solution)
+    state, (peak, time) = solution.states[:, : len(STATES)], peak_heat_rate(planet, vehicle, solution)
     return Nominal(
         time=solution.time,
         state=state,
         bank=solution.state("bank"),
         bank_rate=solution.controls[:, 0],
         cost=float(solution.objective * DEGREE**2),
-        heat_rate=environment.heat_rate(inputs, state[:, 0], state[:, 3]),
+        heat_rate=environment.heat_rate(vehicle, environment.undisturbed_air(planet), state[:, 0], state[:, 3]),
         peak_heat_rate=peak,
         peak_time=time,
         miss=(resimulate(solution) - solution.states)[-1, : len(STATES)],
@@ -189,19 +201,20 @@ def described(inputs, solution) -> Nominal:
     )
 
 
-def peak_heat_rate(inputs, solution):
+def peak_heat_rate(planet: Planet, vehicle: Vehicle, solution):
     """Largest heat rate of a solution, flown on a fine grid, and its time: (W/m^2, s).
 
     The logarithm of the heat rate is taken as a parabola through the largest of the grid and its neighbours.
     """
-    motion, bank = environment.entry_rates(inputs), solution.state("bank")
+    air = environment.undisturbed_air(planet)
+    motion, bank = environment.entry_rates(planet, vehicle, air), solution.state("bank")
     flown, _ = reference_on_half_steps(
         lambda state, control: motion(None, state, control, (0.0, 0.0)),
         np.linspace(0.0, solution.final_time, (len(bank) - 1) * FINE + 1),
         lambda time: np.interp(time, solution.time, bank)[:, np.newaxis],
         solution.states[0, : len(STATES)],
     )
-    heat = np.log(environment.heat_rate(inputs, flown[:, 0], flown[:, 3]))
+    heat = np.log(environment.heat_rate(vehicle, air, flown[:, 0], flown[:, 3]))
     spacing = solution.final_time / (len(flown) - 1)
     top = int(np.clip(np.argmax(heat), 1, len(heat) - 2))
     before, at, after = heat[top - 1 : top + 2]

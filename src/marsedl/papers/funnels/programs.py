@@ -14,24 +14,25 @@ from marsedl.methods.sos.multiplier_program import polynomial_coefficients
 from marsedl.methods.sos.sampled_program import rank_one
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
+from marsedl.papers.funnels.inputs import Recursion
 from marsedl.papers.funnels.records import Gains
 
 FIT = 13  # stream of random numbers of the fits, keyed by that of the design
 
 
-def samples(inputs, spheres=SPHERES, degree=BASIS_DEGREE):
+def samples(recursion: Recursion, spheres=SPHERES, degree=BASIS_DEGREE):
     """Well chosen samples of the slice and the boundary of the disturbances."""
-    return well_chosen_design(spheres, inputs.design_seed, degree)
+    return well_chosen_design(spheres, recursion.design_seed, degree)
 
 
-def solver(inputs):
+def solver(recursion: Recursion):
     """Solver of the programs as the funnel takes it."""
-    return partial(rank_one, tolerance=inputs.program_tolerance)
+    return partial(rank_one, tolerance=recursion.program_tolerance)
 
 
-def stage_at(inputs, loop, gains: Gains, number, level, spacing=None, **options):
+def stage_at(recursion: Recursion, loop, gains: Gains, number, level, spacing, **options):
     """A stage of any level; number: of its slice, from 1; spacing: fine steps to the next slice."""
-    first, last = (int(step) for step in environment.slices(inputs, spacing)[number - 1 : number + 1])
+    first, last = (int(step) for step in environment.slices(loop, spacing)[number - 1 : number + 1])
     return FunnelStage(
         loop,
         first,
@@ -39,22 +40,22 @@ def stage_at(inputs, loop, gains: Gains, number, level, spacing=None, **options)
         gains.shape[first],
         gains.shape[last],
         float(level),
-        **{"order": int(inputs.taylor_order)} | options,
+        **{"order": int(recursion.taylor_order)} | options,
     )
 
 
-def fitted(inputs, stage):
+def fitted(recursion: Recursion, stage):
     """Coefficients of the polynomial of a stage, and the error of their fit."""
     return polynomial_coefficients(
-        stage.values, SPHERES.variables, 2 * BASIS_DEGREE, (inputs.design_seed, FIT), points=1000
+        stage.values, SPHERES.variables, 2 * BASIS_DEGREE, (recursion.design_seed, FIT), points=1000
     )
 
 
-def propagate(inputs, loop, gains: Gains, design, spacing, first_level=None, **options):
+def propagate(recursion: Recursion, loop, gains: Gains, design, spacing, first_level=None, **options):
     """Levels of a funnel, NaN from where it ends, and how it ended.
 
     Args:
-        inputs: program tolerance, Taylor order and largest level.
+        recursion: program tolerance, Taylor order and largest level.
         loop: closed loop.
         gains: shapes and first level.
         design: samples.
@@ -65,17 +66,19 @@ def propagate(inputs, loop, gains: Gains, design, spacing, first_level=None, **o
     Returns:
         (levels of all slices, "complete" or a message).
     """
-    steps = environment.slices(inputs, int(spacing))
+    steps = environment.slices(loop, spacing)
     levels = np.full(len(steps), np.nan)
     levels[0] = gains.initial_level if first_level is None else first_level
 
     def note(number, level):
         levels[number - 1] = level
 
-    rule = StageRule(**{"solver": solver(inputs), "order": int(inputs.taylor_order)} | options)
+    rule = StageRule(**{"solver": solver(recursion), "order": int(recursion.taylor_order)} | options)
     try:
         with np.errstate(all="ignore"):  # a funnel that diverges leaves the range of the equations
-            forward(loop, gains.shape[steps], steps, levels[0], design, rule, limit=inputs.largest_level, progress=note)
+            forward(
+                loop, gains.shape[steps], steps, levels[0], design, rule, limit=recursion.largest_level, progress=note
+            )
     except FunnelError as error:
         return levels, str(error)
     return levels, COMPLETE

@@ -8,6 +8,7 @@ from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, half_widths
 from marsedl.papers.funnels.funnel import largest_heat_rate
+from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, Linearization, Proven
 from marsedl.replication.catalogue import stage
 
@@ -17,12 +18,23 @@ NO_ADDITIVE = "disturbances that are added to the rates are bounded for linear d
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization, gains: Gains) -> Proven:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    uncertainty: Uncertainty,
+    recursion: Recursion,
+    linearization: Linearization,
+    gains: Gains,
+) -> Proven:
     """Propagate the level from the initial set by proven bounds, until the end or until one does not exist."""
-    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    design = well_chosen_design(covering_spheres(loop), inputs.design_seed, BASIS_DEGREE)
-    steps = environment.slices(inputs)
-    stages, outcome = propagate(inputs, loop, gains, design, steps)
+    air = environment.disturbed_air(planet, uncertainty)
+    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    design = well_chosen_design(covering_spheres(loop), recursion.design_seed, BASIS_DEGREE)
+    steps = environment.slices(loop, recursion.steps_per_slice)
+    if uncertainty.additive:
+        stages, outcome = [], NO_ADDITIVE
+    else:
+        stages, outcome = propagate(loop, gains, design, steps, recursion.taylor_order)
     level = np.full(len(linearization.time), np.nan)
     level[0] = gains.initial_level
     for proof in stages:
@@ -46,7 +58,7 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Proven:
         node_nominal_heat_rate=linearization.heat_rate[::2],
         node_heat_rate=np.array(
             [
-                largest_heat_rate(inputs, state, shape, rho)
+                largest_heat_rate(vehicle, air, state, shape, rho)
                 for state, shape, rho in zip(linearization.state[::2], gains.shape, level, strict=True)
             ]
         ),
@@ -58,16 +70,12 @@ def compute(inputs, linearization: Linearization, gains: Gains) -> Proven:
     )
 
 
-def propagate(inputs, loop, gains: Gains, design, steps):
+def propagate(loop, gains: Gains, design, steps, order):
     """Proven stages up to the end or to the first that is not proven, and the outcome, a text."""
-    if inputs.additive:
-        return [], NO_ADDITIVE
     stages = []
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # enclosures of too large slices
-            for stage in proven_stages(
-                loop, gains.shape, steps, gains.initial_level, design, inputs.taylor_order, MODEL_ORDER
-            ):
+            for stage in proven_stages(loop, gains.shape, steps, gains.initial_level, design, order, MODEL_ORDER):
                 stages.append(stage)
     except FunnelError as error:
         return stages, str(error)

@@ -27,6 +27,8 @@ from marsedl.methods.sos.verification import verify
 from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, finite
+from marsedl.papers.funnels.environment import Air
+from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
 from marsedl.replication.catalogue import stage
@@ -51,40 +53,51 @@ DIFFERENCE = 1e-4  # of disturbances
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization, gains: Gains) -> StageStudy:
+def compute(
+    planet: Planet,
+    vehicle: Vehicle,
+    guidance: Guidance,
+    uncertainty: Uncertainty,
+    recursion: Recursion,
+    studies: Studies,
+    linearization: Linearization,
+    gains: Gains,
+) -> StageStudy:
     """Study the stage of the configuration."""
-    loop = environment.closed_loop(inputs, linearization, gains.half_gain)
-    design = samples(inputs)
-    stage = stage_at(inputs, loop, gains, inputs.benchmark_slice, inputs.benchmark_level)
+    air = environment.disturbed_air(planet, uncertainty)
+    loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
+    design, scale = samples(recursion), environment.state_scale(planet, guidance)
+    spacing = recursion.steps_per_slice
+    stage = stage_at(recursion, loop, gains, studies.benchmark_slice, studies.benchmark_level, spacing)
     return StageStudy(
-        **counts(inputs),
-        **forms(inputs, stage, design),
-        **linear_stages(inputs, loop, gains, design),
-        **undersampled(inputs, stage, design),
-        **exponents(inputs, stage, design),
-        **conditions(inputs, stage, design),
-        **invariances(inputs, stage, design),
-        **stationary(inputs, loop, gains),
+        **counts(recursion),
+        **forms(recursion, stage, design),
+        **linear_stages(recursion, studies, loop, gains, design),
+        **undersampled(recursion, studies.studied_samples, stage, design),
+        **exponents(recursion, stage, design, scale),
+        **conditions(recursion, stage, design, scale),
+        **invariances(recursion, stage, design),
+        **stationary(recursion, studies, air, loop, gains),
     )
 
 
-def random(inputs, stream):
+def random(recursion: Recursion, stream):
     """Generator of one of the streams of this study."""
-    return np.random.Generator(np.random.Philox((inputs.design_seed, stream)))
+    return np.random.Generator(np.random.Philox((recursion.design_seed, stream)))
 
 
-def solved(inputs, values, basis):
+def solved(recursion: Recursion, values, basis):
     """Certificate as the funnel takes it."""
-    return solver(inputs)(values, basis)
+    return solver(recursion)(values, basis)
 
 
 # ---- counts ----------------------------------------------------------------------------------------------------------
 
 
-def counts(inputs):
+def counts(recursion: Recursion):
     """Dimensions by formula, and ranks by numbers (robust entry funnels, Eqs. 2 and 24)."""
     varieties = [Spheres(dimensions) for dimensions in VARIETIES]
-    generator = random(inputs, RANKS)
+    generator = random(recursion, RANKS)
     ranks = [_ranks(spheres, generator) for spheres in varieties]
     basis = np.array([spheres.basis_dimension(BASIS_DEGREE) for spheres in varieties])
     return {
@@ -98,7 +111,7 @@ def counts(inputs):
         "basis_rank": np.array([of_basis for of_basis, _ in ranks]),
         "product_rank": np.array([of_products for _, of_products in ranks]),
         "exponent": np.array(EXPONENTS),
-        "exponent_degree": 2 * np.array(EXPONENTS) + int(inputs.taylor_order) + 1,
+        "exponent_degree": 2 * np.array(EXPONENTS) + int(recursion.taylor_order) + 1,
         "gram_degree": 2 * BASIS_DEGREE,
     }
 
@@ -117,11 +130,11 @@ def _ranks(spheres, generator):
 # ---- forms of the program --------------------------------------------------------------------------------------------
 
 
-def forms(inputs, stage, design):
+def forms(recursion: Recursion, stage, design):
     """The bound by samples and by multipliers, on the boundary of the disturbances and in their whole disc."""
     values = stage.values(design.points)
-    coefficients, fit_error = fitted(inputs, stage)
-    certificates = {"samples, rank one": solved(inputs, values, design.basis)}
+    coefficients, fit_error = fitted(recursion, stage)
+    certificates = {"samples, rank one": solved(recursion, values, design.basis)}
     for name, tolerance in CONIC_TOLERANCE.items():
         certificates[f"samples, {name}"] = conic(values, design.basis, name, tolerance)
     for form, full in (("multipliers", False), ("multipliers for the disc", True)):
@@ -129,14 +142,14 @@ def forms(inputs, stage, design):
             program = MultiplierProgram(SPHERES.dimensions, full, solver=name)
             certificates[f"{form}, {name}"] = program.solve(coefficients)
     found = list(certificates.values())
-    check = verify(design, found[0], stage.values, (inputs.design_seed, CHECKS), inputs.check_points)
+    check = verify(design, found[0], stage.values, (recursion.design_seed, CHECKS), recursion.check_points)
     search = partial(
         maximize,
         dimensions=SPHERES.dimensions,
-        seed=(inputs.design_seed, MAXIMA),
-        starts=inputs.tightness_starts,
-        polished=min(MORE * inputs.tightness_polished, inputs.tightness_starts),
-        iterations=inputs.tightness_iterations,
+        seed=(recursion.design_seed, MAXIMA),
+        starts=recursion.tightness_starts,
+        polished=min(MORE * recursion.tightness_polished, recursion.tightness_starts),
+        iterations=recursion.tightness_iterations,
     )
     polynomial_maximum = search(stage.values)[0]
     return {
@@ -158,28 +171,28 @@ def forms(inputs, stage, design):
     }
 
 
-def linear_stages(inputs, loop, gains: Gains, design):
+def linear_stages(recursion: Recursion, studies: Studies, loop, gains: Gains, design):
     """Stages with linear motion, whose largest value is known otherwise (robust entry funnels, Eq. 22)."""
-    small, still = (samples(inputs, spheres, 1) for spheres in (SPHERES, SLICE))
+    small, still = (samples(recursion, spheres, 1) for spheres in (SPHERES, SLICE))
     rows = []
-    for number, level in zip(inputs.studied_slices.astype(int), inputs.studied_levels, strict=True):
-        stage = stage_at(inputs, loop, gains, number, level, order=1)
+    for number, level in zip(studies.studied_slices.astype(int), studies.studied_levels, strict=True):
+        stage = stage_at(recursion, loop, gains, number, level, recursion.steps_per_slice, order=1)
         shapes = np.array([stage.shape, stage.next_shape])
         transitions, responses, _ = slice_jacobians(loop, [stage.first, stage.last])
         alone = np.hstack([still.points, np.zeros((len(still.points), environment.DISTURBANCES))])
         rows.append(
             (
-                solved(inputs, stage.values(small.points), small.basis).safe_bound,
-                solved(inputs, stage.values(design.points), design.basis).safe_bound,
+                solved(recursion, stage.values(small.points), small.basis).safe_bound,
+                solved(recursion, stage.values(design.points), design.basis).safe_bound,
                 linear_exact(transitions, responses, shapes, level)[1] / level,
-                solved(inputs, stage.values(alone), still.basis).safe_bound,
+                solved(recursion, stage.values(alone), still.basis).safe_bound,
                 np.linalg.norm(whitened_step(transitions[0], responses[0], *shapes)[0], 2) ** 2,
             )
         )
     small_bound, large_bound, exact, still_bound, still_exact = np.transpose(rows)
     return {
-        "linear_slice": inputs.studied_slices.astype(int),
-        "linear_level": inputs.studied_levels,
+        "linear_slice": studies.studied_slices.astype(int),
+        "linear_level": studies.studied_levels,
         "linear_small_bound": small_bound,
         "linear_large_bound": large_bound,
         "linear_exact": exact,
@@ -193,19 +206,19 @@ def linear_stages(inputs, loop, gains: Gains, design):
 # ---- samples, exponents and bases ------------------------------------------------------------------------------------
 
 
-def undersampled(inputs, stage, design):
+def undersampled(recursion: Recursion, numbers, stage, design):
     """Bounds from fewer samples than needed, which solve as well and are too small."""
-    fresh = SPHERES.random_points(inputs.check_points, random(inputs, CHECKS))
+    fresh = SPHERES.random_points(recursion.check_points, random(recursion, CHECKS))
     fresh_values, rows = stage.values(fresh), []
-    for count in inputs.studied_samples.astype(int):
-        few = random_design(SPHERES, count, (inputs.design_seed, SAMPLES), BASIS_DEGREE, allow_deficient=True)
-        certificate, basis = solved(inputs, stage.values(few.points), few.basis), few.evaluate(fresh)
+    for count in numbers.astype(int):
+        few = random_design(SPHERES, count, (recursion.design_seed, SAMPLES), BASIS_DEGREE, allow_deficient=True)
+        certificate, basis = solved(recursion, stage.values(few.points), few.basis), few.evaluate(fresh)
         excess = certificate.bound - fresh_values
         error = np.abs(excess - np.einsum("mi,mi->m", basis @ certificate.gram, basis)).max()
         rows.append((few.rank, certificate.bound, excess.min(), error))
     rank, bound, least, error = np.transpose(rows)
     return {
-        "few_samples": inputs.studied_samples.astype(int),
+        "few_samples": numbers.astype(int),
         "few_rank": rank.astype(int),
         "few_bound": bound,
         "few_least_value": least,
@@ -213,29 +226,30 @@ def undersampled(inputs, stage, design):
     }
 
 
-def random_designs(inputs):
+def random_designs(recursion: Recursion):
     """As many random samples as are needed, several times."""
     return [
-        random_design(SPHERES, SPHERES.sample_count(BASIS_DEGREE), (inputs.design_seed, SAMPLES, number), BASIS_DEGREE)
+        random_design(
+            SPHERES, SPHERES.sample_count(BASIS_DEGREE), (recursion.design_seed, SAMPLES, number), BASIS_DEGREE
+        )
         for number in range(FEW_DESIGNS)
     ]
 
 
-def exponents(inputs, stage, design):
+def exponents(recursion: Recursion, stage, design, scale):
     """Bounds with the factor (x'x)^d (robust entry funnels, Eq. 24), whitened and not.
 
     c (s - b) = n'Q n with c = (x'x)^d at a sample is s - b = m'Q m with m = n / sqrt(c). Without whitening the left
     side has degree 2 d + 4 on the slice and the samples do not determine it: the bound depends on them.
     """
-    scale = environment.state_scale(inputs)
 
     def certificate(samples, factor, exponent):
-        return solved(inputs, stage.values(samples.points), samples.basis / factor[:, np.newaxis] ** (exponent / 2))
+        return solved(recursion, stage.values(samples.points), samples.basis / factor[:, np.newaxis] ** (exponent / 2))
 
     def length(samples):
         return np.sum((stage.deviations(samples.points) / scale) ** 2, axis=1)
 
-    designs = [design, *random_designs(inputs)]
+    designs = [design, *random_designs(recursion)]
     unit = np.sum(design.points[:, : SLICE.variables] ** 2, axis=1)
     raw = [[certificate(samples, length(samples), d) for samples in designs] for d in EXPONENTS]
     return {
@@ -245,7 +259,7 @@ def exponents(inputs, stage, design):
     }
 
 
-def conditions(inputs, stage, design):
+def conditions(recursion: Recursion, stage, design, scale):
     """Condition numbers of bases in several coordinates, and of samples."""
     exponents, rank = SPHERES.monomials(BASIS_DEGREE), SPHERES.basis_dimension(BASIS_DEGREE)
     points, states = design.points, SLICE.variables
@@ -258,26 +272,26 @@ def conditions(inputs, stage, design):
     bases = {
         "monomials, m, m/s and rad": monomials(np.ones(states)),
         "monomials, km, km/s and rad": monomials(STATES_IN_KILOMETRES),
-        "monomials, scales of the regulator": monomials(environment.state_scale(inputs)),
+        "monomials, scales of the regulator": monomials(scale),
         "monomials, whitened": SPHERES.evaluate(exponents, points),
         "Hermite, whitened": hermite_values(exponents, points),
         "Hermite, whitened with variance one": hermite_values(exponents, points, spread),
         "orthonormal": design.basis,
     }
     highest = SPHERES.quotient_monomials(2 * BASIS_DEGREE)
-    designs = [design, *random_designs(inputs)]
+    designs = [design, *random_designs(recursion)]
     return {
         "basis": np.array(list(bases)),
         "basis_condition": np.array([condition_number(values, rank) for values in bases.values()]),
         "design": np.array(["well chosen", *(f"random {number + 1}" for number in range(FEW_DESIGNS))]),
         "design_condition": np.array([condition_number(SPHERES.evaluate(highest, d.points)) for d in designs]),
-        "design_bound": np.array([solved(inputs, stage.values(d.points), d.basis).bound for d in designs]),
+        "design_bound": np.array([solved(recursion, stage.values(d.points), d.basis).bound for d in designs]),
     }
 
 
-def invariances(inputs, stage, design):
+def invariances(recursion: Recursion, stage, design):
     """The bound after changes that must not change it."""
-    turn = np.linalg.qr(random(inputs, ROTATION).standard_normal((SPHERES.variables, SPHERES.variables)))[0]
+    turn = np.linalg.qr(random(recursion, ROTATION).standard_normal((SPHERES.variables, SPHERES.variables)))[0]
     turned = SLICE.variables
     rotation = np.linalg.qr(turn[:turned, :turned])[0]
     rotated = np.hstack([design.points[:, :turned] @ rotation, design.points[:, turned:]])
@@ -288,14 +302,15 @@ def invariances(inputs, stage, design):
         rho=LEVEL_FACTOR * stage.rho,
     )
     others = [
-        well_chosen_design(SPHERES, inputs.design_seed, BASIS_DEGREE, basis=basis) for basis in ("monomial", "hermite")
+        well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE, basis=basis)
+        for basis in ("monomial", "hermite")
     ]
     bounds = {
-        "none": solved(inputs, stage.values(design.points), design.basis),
-        "rotation of the slice": solved(inputs, stage.values(rotated), design.basis),
-        "shapes and level times seven": solved(inputs, larger.values(design.points), design.basis),
-        "monomial basis": solved(inputs, stage.values(others[0].points), others[0].basis),
-        "Hermite basis": solved(inputs, stage.values(others[1].points), others[1].basis),
+        "none": solved(recursion, stage.values(design.points), design.basis),
+        "rotation of the slice": solved(recursion, stage.values(rotated), design.basis),
+        "shapes and level times seven": solved(recursion, larger.values(design.points), design.basis),
+        "monomial basis": solved(recursion, stage.values(others[0].points), others[0].basis),
+        "Hermite basis": solved(recursion, stage.values(others[1].points), others[1].basis),
     }
     return {
         "invariance": np.array(list(bounds)),
@@ -306,15 +321,23 @@ def invariances(inputs, stage, design):
 # ---- stationary disturbances -----------------------------------------------------------------------------------------
 
 
-def stationary(inputs, loop, gains: Gains):
+def stationary(recursion: Recursion, studies: Studies, air: Air, loop, gains: Gains):
     """Disturbances in which the rate of V is stationary (robust entry funnels, Eqs. 31-35), of the polynomial.
 
     The rates themselves have none: w acts through the density alone, in which they are affine, so that the gradient of
     V' by w is that of the density times a number, and a Hessian of rank one comes with it.
     """
-    stage = stage_at(inputs, loop, gains, inputs.stationary_slice, inputs.stationary_level, condition="euler")
-    generator = random(inputs, DISTURBANCES)
-    points = SPHERES.random_points(int(inputs.stationary_points), generator)
+    stage = stage_at(
+        recursion,
+        loop,
+        gains,
+        studies.stationary_slice,
+        studies.stationary_level,
+        recursion.steps_per_slice,
+        condition="euler",
+    )
+    generator = random(recursion, DISTURBANCES)
+    points = SPHERES.random_points(int(studies.stationary_points), generator)
     polynomial = in_disturbances(stage, points[:, : SLICE.variables])
     w, gradient, start = newton(polynomial)
     converged = np.linalg.norm(gradient, axis=1) < CONVERGED * np.linalg.norm(start, axis=1)
@@ -332,7 +355,7 @@ def stationary(inputs, loop, gains: Gains):
         "stationary_value": float(polynomial(w)[0][converged].max()) if len(norm) else np.nan,
         "boundary_value": float(boundary.max()),
         "interior_better": int(np.count_nonzero(interior.max(axis=0) > boundary.max(axis=0))),
-        **_own_derivatives(inputs, loop, stage, points),
+        **_own_derivatives(air, loop, stage, points),
     }
 
 
@@ -390,7 +413,7 @@ def newton(polynomial):
     return w, gradient, start
 
 
-def _own_derivatives(inputs, loop, stage, points):
+def _own_derivatives(air: Air, loop, stage, points):
     """Gradient and Hessian by w of the rates themselves, not expanded, at random points (m, 8)."""
     deviations, w = stage.deviations(points), points[:, SLICE.variables :]
     weights = deviations @ stage.shape
@@ -415,7 +438,7 @@ def _own_derivatives(inputs, loop, stage, points):
     ]
     differences = np.stack([moved[0] - moved[1], moved[2] - moved[3]], axis=1) / (2.0 * DIFFERENCE)
     altitude = loop.states[2 * stage.first, 0] + deviations[:, 0]
-    density = np.stack([np.full(len(w), inputs.density_amplitude), inputs.density_slope_amplitude * altitude], axis=1)
+    density = np.stack([np.full(len(w), air.density_amplitude), air.density_slope_amplitude * altitude], axis=1)
     crossed = gradient[:, 0] * density[:, 1] - gradient[:, 1] * density[:, 0]
     size = np.linalg.norm(gradient, axis=1)
     return {

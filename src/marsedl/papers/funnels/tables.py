@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.papers.funnels.basics import COMPLETE, DEGREE, KILOMETRE, LEVEL, STATES_IN_KILOMETRES, WATT_PER_CM2
 from marsedl.papers.funnels.claims import flown_levels, largest, over_flown, peaks
+from marsedl.papers.funnels.inputs import Car, FunnelsInputs, Guidance, Mission, Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
@@ -48,9 +49,8 @@ def _yes(value):
     return "yes" if value else "no"
 
 
-def _ground(inputs, widths):
+def _ground(radius, widths):
     """Half widths of the six states in km, km, km, m/s, deg and deg."""
-    radius = inputs.planet_radius
     units = np.array([1.0 / KILOMETRE, radius / KILOMETRE, radius / KILOMETRE, 1.0, 1.0 / DEGREE, 1.0 / DEGREE])
     return widths * units
 
@@ -58,7 +58,15 @@ def _ground(inputs, widths):
 # ---- inputs ----------------------------------------------------------------------------------------------------------
 
 
-def withheld(inputs):
+def withheld(
+    planet: Planet,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    uncertainty: Uncertainty,
+    recursion: Recursion,
+    car: Car,
+):
     """What the paper needs and does not print: what is used here, and where it is from."""
 
     def lengths(values):
@@ -67,63 +75,72 @@ def withheld(inputs):
     def degrees(values):
         return _list(np.asarray(values) / DEGREE, "g")
 
-    scale_height = -1.0 / inputs.log_density_slope / KILOMETRE
-    initial = (lengths(inputs.initial_lengths), f"{inputs.initial_velocity:g}", degrees(inputs.initial_angles))
-    scales = (lengths(inputs.scale_lengths), f"{inputs.scale_velocity:g}", degrees(inputs.scale_angles))
-    entry = [inputs.entry_flight_path_angle, inputs.entry_heading]
-    times = [inputs.state_cost_time, inputs.control_cost_time]
-    slices = inputs.fine_steps // inputs.steps_per_slice + 1
+    scale_height = -1.0 / planet.log_density_slope / KILOMETRE
+    initial = (
+        lengths(uncertainty.initial_lengths),
+        f"{uncertainty.initial_velocity:g}",
+        degrees(uncertainty.initial_angles),
+    )
+    scales = (lengths(guidance.scale_lengths), f"{guidance.scale_velocity:g}", degrees(guidance.scale_angles))
+    entry = [mission.entry_flight_path_angle, mission.entry_heading]
+    times = [guidance.state_cost_time, guidance.control_cost_time]
+    slices = guidance.fine_steps // recursion.steps_per_slice + 1
     return [
         ("input", "here", "unit", "source"),
-        ("ballistic coefficient", f"{inputs.ballistic_coefficient:g}", "kg/m^2", OTHER_PAPER),
-        ("lift over drag", f"{inputs.lift_to_drag:g}", "1", OTHER_PAPER),
+        ("ballistic coefficient", f"{vehicle.ballistic_coefficient:g}", "kg/m^2", OTHER_PAPER),
+        ("lift over drag", f"{vehicle.lift_to_drag:g}", "1", OTHER_PAPER),
         (
             "density at altitude zero",
-            f"{np.exp(inputs.log_density_at_surface):.6g}",
+            f"{np.exp(planet.log_density_at_surface):.6g}",
             "kg/m^3",
             "line through one",
         ),
         ("its scale height", f"{scale_height:.6g}", "km", "line through one"),
-        ("nose radius", f"{inputs.nose_radius:g}", "m", NOT_PRINTED),
-        ("altitude at entry", f"{inputs.entry_altitude / KILOMETRE:g}", "km", OTHER_PAPER),
-        ("velocity at entry", f"{inputs.entry_velocity:g}", "m/s", OTHER_PAPER),
+        ("nose radius", f"{vehicle.nose_radius:g}", "m", NOT_PRINTED),
+        ("altitude at entry", f"{mission.entry_altitude / KILOMETRE:g}", "km", OTHER_PAPER),
+        ("velocity at entry", f"{mission.entry_velocity:g}", "m/s", OTHER_PAPER),
         ("flight path angle, heading at entry", degrees(entry), "deg", OTHER_PAPER),
-        ("downrange", f"{inputs.final_downrange / KILOMETRE:g}", "km", NOT_PRINTED),
-        ("final velocity, between", _list(inputs.final_velocity_bounds, "g"), "m/s", NOT_PRINTED),
-        ("bank angle, between", degrees(inputs.bank_bounds), "deg", NOT_PRINTED),
+        ("downrange", f"{mission.final_downrange / KILOMETRE:g}", "km", NOT_PRINTED),
+        ("final velocity, between", _list(mission.final_velocity_bounds, "g"), "m/s", NOT_PRINTED),
+        ("bank angle, between", degrees(mission.bank_bounds), "deg", NOT_PRINTED),
         ("cost of the nominal", "integral of the squared bank rate", "", NOT_PRINTED),
-        ("limit of the heat rate", f"{inputs.heat_rate_limit / WATT_PER_CM2:g}", "W/cm^2", NOT_PRINTED),
+        ("limit of the heat rate", f"{mission.heat_rate_limit / WATT_PER_CM2:g}", "W/cm^2", NOT_PRINTED),
         ("weights of the regulator: equal deviations", "; ".join(scales), "km, m/s, deg", NOT_PRINTED),
-        ("bank angle that costs as much", degrees(inputs.scale_bank), "deg", NOT_PRINTED),
+        ("bank angle that costs as much", degrees(guidance.scale_bank), "deg", NOT_PRINTED),
         ("times of running costs of state and bank angle", _list(times, "g"), "s", NOT_PRINTED),
-        ("weight at the end", f"{inputs.terminal_weight:g}", "1", NOT_PRINTED),
+        ("weight at the end", f"{guidance.terminal_weight:g}", "1", NOT_PRINTED),
         ("number of slices", f"{slices}", "1", NOT_PRINTED),
         ("initial set: semi-axes", "; ".join(initial), "km, m/s, deg", NOT_PRINTED),
-        ("disturbance of ln density at altitude zero", f"{inputs.density_amplitude:g}", "1", "not printed; MarsGRAM"),
+        (
+            "disturbance of ln density at altitude zero",
+            f"{uncertainty.density_amplitude:g}",
+            "1",
+            "not printed; MarsGRAM",
+        ),
         (
             "disturbance of its slope",
-            f"{inputs.density_slope_amplitude * KILOMETRE:g}",
+            f"{uncertainty.density_slope_amplitude * KILOMETRE:g}",
             "1/km",
             "not printed; MarsGRAM",
         ),
         (
             "disturbances added to the rates, where there are any",
-            f"{_list(inputs.additive_velocities, 'g')}; {inputs.additive_acceleration:g}; "
-            f"{_list(inputs.additive_turn_rates, 'g')}",
+            f"{_list(uncertainty.additive_velocities, 'g')}; {uncertainty.additive_acceleration:g}; "
+            f"{_list(uncertainty.additive_turn_rates, 'g')}",
             "m/s, m/s^2, rad/s",
             NOT_PRINTED,
         ),
-        ("order of the expansion", f"{inputs.taylor_order}", "1", "what 45 rows represent"),
+        ("order of the expansion", f"{recursion.taylor_order}", "1", "what 45 rows represent"),
         ("laws of start and disturbance of the flights", "uniform on their boundaries", "", NOT_PRINTED),
-        ("goal: half widths downrange and crossrange", lengths(inputs.goal_lengths), "km", "not defined"),
-        ("Dubins car: speed", f"{inputs.dubins_speed:g}", "m/s", NOT_PRINTED),
-        ("Dubins car: largest turn rate", f"{inputs.dubins_turn_rate:g}", "rad/s", NOT_PRINTED),
-        ("Dubins car: first level", f"{inputs.dubins_level:g}", "1", NOT_PRINTED),
-        ("Dubins car: wind", f"{inputs.dubins_wind:g}", "m/s", NOT_PRINTED),
+        ("goal: half widths downrange and crossrange", lengths(mission.goal_lengths), "km", "not defined"),
+        ("Dubins car: speed", f"{car.dubins_speed:g}", "m/s", NOT_PRINTED),
+        ("Dubins car: largest turn rate", f"{car.dubins_turn_rate:g}", "rad/s", NOT_PRINTED),
+        ("Dubins car: first level", f"{car.dubins_level:g}", "1", NOT_PRINTED),
+        ("Dubins car: wind", f"{car.dubins_wind:g}", "m/s", NOT_PRINTED),
     ]
 
 
-def optima(inputs, optima: Optima):
+def optima(optima: Optima):
     """Local optima of the nominal problem, by mesh and cost."""
     rows = [
         (
@@ -155,7 +172,6 @@ def optima(inputs, optima: Optima):
 
 
 def levels(
-    inputs,
     funnel: Funnel,
     linear_bounds: LinearBounds,
     constant: FlightEnsemble,
@@ -195,7 +211,7 @@ def levels(
     ]
 
 
-def half_widths(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble):
+def half_widths(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble):
     """Largest deviations of the states at the first slice, at that of the largest level, and at the last."""
     names = ("altitude (km)", "downrange (km)", "crossrange (km)", "velocity (m/s)")
     rows = [("slice", "of", *names, "flight path angle (deg)", "heading (deg)", "bank angle of the feedback (deg)")]
@@ -211,13 +227,13 @@ def half_widths(inputs, funnel: Funnel, linear_bounds: LinearBounds, constant: F
         if k == len(funnel.level) - 1:
             sets.append((f"{len(flown):,} flights", [largest(column) for column in flown.T], None))
         for what, widths, feedback in sets:
-            cells = [_number(value, ".4g") for value in _ground(inputs, np.asarray(widths))]
+            cells = [_number(value, ".4g") for value in _ground(planet.planet_radius, np.asarray(widths))]
             bank = "" if feedback is None else _number(feedback / DEGREE, ".4g")
             rows.append((at, what, *cells, bank))
     return rows
 
 
-def verification(inputs, funnel: Funnel):
+def verification(funnel: Funnel):
     """Every stage: its program, the checks of its certificate, and what the motion itself does."""
     rows = [
         (
@@ -253,7 +269,7 @@ def verification(inputs, funnel: Funnel):
     return rows
 
 
-def conditions(inputs, gains: Gains):
+def conditions(gains: Gains):
     """Regulator and shape at a few times."""
     rows = [
         (
@@ -279,7 +295,7 @@ def conditions(inputs, gains: Gains):
 # ---- studies ---------------------------------------------------------------------------------------------------------
 
 
-def forms(inputs, stage_study: StageStudy):
+def forms(stage_study: StageStudy):
     """The benchmark stage in all forms of its program."""
     study, reference = stage_study, stage_study.form_bound[0]
     rows = [
@@ -310,7 +326,7 @@ def forms(inputs, stage_study: StageStudy):
     return rows
 
 
-def counts(inputs, stage_study: StageStudy):
+def counts(stage_study: StageStudy):
     """Monomials, rows of the Gram matrix and samples, by formula and by rank."""
     study = stage_study
     rows = [
@@ -336,7 +352,7 @@ def counts(inputs, stage_study: StageStudy):
     return rows
 
 
-def samples_and_bases(inputs, stage_study: StageStudy):
+def samples_and_bases(stage_study: StageStudy):
     """Bounds of the benchmark stage by too few samples, exponents, bases and designs."""
     study = stage_study
     rows = [("what", "which", "bound over rho", "rank or condition number", "least distance to fresh points")]
@@ -357,7 +373,7 @@ def samples_and_bases(inputs, stage_study: StageStudy):
     return rows
 
 
-def numbers_of_slices(inputs, discretization: Discretization):
+def numbers_of_slices(discretization: Discretization):
     """Funnels with fewer and more slices by both conditions, and what the Euler step leaves out."""
     found = discretization
     rows = [
@@ -391,7 +407,7 @@ def numbers_of_slices(inputs, discretization: Discretization):
     return rows
 
 
-def variants(inputs, coarse_funnels: CoarseFunnels):
+def variants(coarse_funnels: CoarseFunnels):
     """Funnels with coarse slices by other programs, orders and directions."""
     found = coarse_funnels
     shown = np.unique(np.linspace(0, found.variant_level.shape[1] - 1, 7).round().astype(int))
@@ -401,7 +417,7 @@ def variants(inputs, coarse_funnels: CoarseFunnels):
     return rows
 
 
-def divergence(inputs, divergence: Divergence):
+def divergence(divergence: Divergence):
     """Whether funnels still exist with other weights, disturbances and initial sets, and where flights stay."""
     found = divergence
     rows = [
@@ -426,7 +442,7 @@ def divergence(inputs, divergence: Divergence):
     return rows
 
 
-def proof(inputs, funnel: Funnel, proven: Proven):
+def proof(funnel: Funnel, proven: Proven):
     """Proven levels beside those by samples, and what their bounds consist of."""
     rows = [
         (
@@ -453,7 +469,6 @@ def proof(inputs, funnel: Funnel, proven: Proven):
 
 
 def dubins_levels(
-    inputs,
     dubins: Dubins,
     dubins_study: DubinsStudy,
     dubins_calm: FlightEnsemble,
@@ -487,8 +502,8 @@ def dubins_levels(
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
-def readings(artifacts, published):
-    """What each reading gives; artifacts: by reading, the inputs and the artifacts by name."""
+def readings(readings, published):
+    """What each reading gives; readings: inputs and `Records` by reading."""
     rows = [
         (
             *("reading", "inputs that differ from corrected (SI)", "first rho", "largest rho", "at (s)", "last rho"),
@@ -500,10 +515,10 @@ def readings(artifacts, published):
             *("certificates sound", "samples on the slices", "outcome"),
         )
     ]
-    default = artifacts["corrected"][0]
-    for name, (inputs, records) in artifacts.items():
+    default = readings["corrected"][0]
+    for name, (inputs, records) in readings.items():
         funnel, constant = records.funnel, records.constant
-        laws = [getattr(records, law) for law in ("constant", "redrawn", "adversarial")]
+        laws = (constant, records.redrawn, records.adversarial)
         ratio = over_flown(funnel, constant)
         top = int(np.argmax(np.where(np.isfinite(funnel.level), funnel.level, -np.inf)))
         exceeded = np.count_nonzero(funnel.true_maximum > funnel.growth)
@@ -518,7 +533,7 @@ def readings(artifacts, published):
                 _number(funnel.time[top], ".0f"),
                 _number(funnel.level[-1], ".5g"),
                 _list(funnel.time[found], ".0f") if found.size else "none",
-                _list(_ground(inputs, funnel.half_width[-1])[1:3], ".4g"),
+                _list(_ground(inputs.planet.planet_radius, funnel.half_width[-1])[1:3], ".4g"),
                 *(_number(value, ".3g") for value in (np.median(ratio), np.max(ratio))),
                 f"{outside}",
                 f"{sum(len(law.outcome) for law in laws):,}",
@@ -527,18 +542,19 @@ def readings(artifacts, published):
                 _number(largest(funnel.heat_rate) / WATT_PER_CM2, ".4g"),
                 _number(largest(funnel.feedback) / DEGREE, ".4g"),
                 _yes(funnel.stage_sound.all()),
-                _yes(inputs.sampling == "whitened"),
+                _yes(inputs.recursion.sampling == "whitened"),
                 "complete" if funnel.outcome == COMPLETE else funnel.outcome,
             )
         )
     return rows
 
 
-def _differences(inputs, default):
+def _differences(inputs: FunnelsInputs, default: FunnelsInputs):
     """Inputs that differ from the default reading's, with their values where these are short."""
     told = []
-    for name, value in vars(inputs).items():
-        if name in _SIZES or np.array_equal(value, getattr(default, name)):
+    for name, key in sorted((key.partition(".")[2], key) for key in inputs.names()):
+        value = inputs.get(key)
+        if name in _SIZES or np.array_equal(value, default.get(key)):
             continue
         short = not isinstance(value, np.ndarray)
         text = "any" if value is None else value if isinstance(value, str) else f"{value:.6g}" if short else ""
