@@ -205,15 +205,16 @@ def _of_another_reading(paper: Paper) -> list[str]:
 def stages(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> Result:
     """Every stage of the catalogue has a rule and a function."""
     findings = []
-    for name in paper.stages:
+    for name, stage in paper.stages.items():
         rule = f"{paper.slug}_{name}"
         if rule not in planned.rules:
             findings.append(
                 f"workflow/rules/stages.smk: no rule {rule} for the stage {name}; mend its loop over stages"
             )
-        if not has_function(paper.entry(name)):
-            module, _, function = paper.entry(name).partition(":")
-            findings.append(f"{module}: no function {function}, which the stage {name} names; write it")
+        for entry in stage.entries:
+            if not has_function(entry):
+                module, _, function = entry.partition(":")
+                findings.append(f"{module}: no function {function}, which the stage {name} names; write it")
     return Result("stages, each with a rule and a function", paper.slug, len(paper.stages), tuple(findings))
 
 
@@ -236,9 +237,9 @@ def inputs(subject: Subject) -> Result:
     for reading in study.readings.values():
         written += len(reading.differences())
         findings += [
-            f"{reading.origin}: readings.{reading.name}.inputs.{name}: no source; say where the value comes from, or "
+            f"{reading.origin}: readings.{reading.name}.{name}: no source; say where the value comes from, or "
             "'assumed: why'"
-            for name in type(reading.inputs).model_fields
+            for name in reading.inputs.names()
             if name not in reading.sources or not reading.sources[name].source.strip()
         ]
     return Result("inputs as written, each with a source", study.paper, written, tuple(findings))

@@ -18,6 +18,7 @@ from marsedl.replication.claims import write_text
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import NUMERIC_ENVIRONMENT
 from marsedl.replication.libraries import library_versions
+from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import built_files
 
@@ -47,7 +48,7 @@ _FORMATS = {
 }
 
 
-def write_crate(root: Path, papers: Mapping[str, Paper], *config: str) -> Path:
+def write_crate(root: Path, papers: Mapping[str, Paper], shared: Mapping[str, Shared], *config: str) -> Path:
     """Describe a build that is whole and up to date in the project's folder, which becomes a crate.
 
     The description has the same bytes for the same files. Its date is `SOURCE_DATE_EPOCH`, and the fixed date of all
@@ -56,6 +57,7 @@ def write_crate(root: Path, papers: Mapping[str, Paper], *config: str) -> Path:
     Args:
         root: the project's folder.
         papers: the catalogues by slug.
+        shared: whose file each artifact is, by slug, of the size that is described.
         config: what was given with `--config` if it is not the plain full-size build.
 
     Returns:
@@ -91,7 +93,7 @@ def write_crate(root: Path, papers: Mapping[str, Paper], *config: str) -> Path:
                 "actionStatus": "http://schema.org/CompletedActionStatus",
             },
         ),
-        *_steps(crate, workflow, papers, inputs, results),
+        *_steps(crate, workflow, papers, shared, inputs, results),
     ]
     crate.root_dataset["mentions"] = actions
     (_, content), *_ = crate.metadata.stream()
@@ -160,7 +162,12 @@ def _add_workflow(crate: Any, root: Path, inputs: Mapping[str, Any], results: Ma
 
 
 def _steps(
-    crate: Any, workflow: Any, papers: Mapping[str, Paper], inputs: Mapping[str, Any], results: Mapping[str, Any]
+    crate: Any,
+    workflow: Any,
+    papers: Mapping[str, Paper],
+    shared: Mapping[str, Shared],
+    inputs: Mapping[str, Any],
+    results: Mapping[str, Any],
 ) -> list:
     """One action for every artifact, figure and table of a paper; what made them becomes part of the workflow."""
     tools, actions = {}, []
@@ -176,7 +183,7 @@ def _steps(
                 "SoftwareApplication",
                 {"name": tool, "description": meaning, "softwareVersion": VERSION},
             )
-        sources = [f"data/cache/{slug}/{reading}/{need}.h5" for need in needs]
+        sources = [shared[slug].file(reading, need) for need in needs if shared[slug].has(reading, need)]
         used = [inputs[f"configs/{slug}.yaml"], *(results[source] for source in sources if source in results)]
         properties = {
             "name": f"{tool.split('/')[1]} of {slug}, reading {reading}",
@@ -202,7 +209,8 @@ def _made(name: str, papers: Mapping[str, Paper]) -> tuple[str, str, str, str, t
         stage = paper.stages[stem.split(".")[0]]
         return slug, reading, f"{slug}/{stem.split('.')[0]}", stage.meaning, stage.needs
     if folder == "figures" and stem in {**paper.figures, **paper.tables}:
-        return slug, reading, f"{slug}/{stem}", paper.product(stem).caption, paper.product(stem).needs
+        product = paper.product(stem)
+        return slug, reading, f"{slug}/{stem}", product.caption, product.needs + product.optional
     return None  # what is made of all readings or all papers
 
 

@@ -19,6 +19,7 @@ from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.jobs import UNPINNED, pretended_machine
+from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import FULL, build_folder, size_of
 from marsedl.replication.terminal import columns, printable
 
@@ -141,11 +142,11 @@ def build_twice(root: Path) -> bool:
     return not unequal
 
 
-def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dict | str]:
+def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str, dict | str]:
     """Reduce a full build of a paper to what is compared, by name.
 
     Of every claim what the paper prints, the verdicts by reading, and the values as numbers; of the artifacts, moments
-    of every field.
+    of every field. cached: files of artifacts by "reading/artifact"; several readings may share one.
     """
     from marsedl.replication.artifacts import opened
 
@@ -156,11 +157,13 @@ def fingerprints(root: Path, slug: str, cached: Iterable[Path]) -> dict[str, dic
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
                 found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
-    for artifact in filter(Path.exists, cached):
-        with opened(artifact) as file:
-            for name, dataset in sorted(file.items()):
-                if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub":
-                    found[f"{artifact.parent.name}/{artifact.stem}/{name}"] = _reduced(np.array(dataset))
+    reduced: dict[Path, dict[str, dict]] = {}
+    for artifact, path in cached.items():
+        if path not in reduced and path.exists():
+            with opened(path) as file:
+                numbers = {n: d for n, d in sorted(file.items()) if hasattr(d, "dtype") and d.dtype.kind in "fiub"}
+                reduced[path] = {name: _reduced(np.array(dataset)) for name, dataset in numbers.items()}
+        found |= {f"{artifact}/{name}": numbers for name, numbers in reduced.get(path, {}).items()}
     return found
 
 
@@ -381,23 +384,24 @@ def _reference(root: Path, slug: str) -> Path:
 
 def compare_reference(
     root: Path,
-    slugs: Iterable[str],
+    papers: Mapping[str, Shared],
     noise: Mapping[str, Sequence[str]] | None = None,
     readings: Mapping[str, Iterable[str]] | None = None,
     size: str = FULL,
 ) -> bool:
     """Compare a build with the committed numbers; prints the changes and the worst margin of every paper.
 
+    papers: whose file each artifact is, by paper; an artifact that readings share is compared with the numbers of each.
     noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
     all of them if not given. size: of the build; its numbers of trials have to be the full ones. False, too, if a
     verdict is not explained.
     """
     agree, build = True, build_folder(root, size)
-    for slug in slugs:
+    for slug, shared in papers.items():
         reference = read_reference(root, slug)
         if readings is not None:
             reference = _of_readings(reference, set(readings[slug]))
-        found = fingerprints(build, slug, _artifacts_of(build, slug, reference))
+        found = fingerprints(build, slug, _artifacts_of(build, reference, shared))
         comparison = compare(reference, found, (noise or {}).get(slug, ()))
         names = _unexplained(build, slug)
         _print_comparison(slug, comparison, names)
@@ -420,11 +424,16 @@ def _of_readings(reference: Mapping[str, dict | str], built: set[str]) -> dict[s
     return kept
 
 
-def _artifacts_of(root: Path, slug: str, reference: Iterable[str]) -> list[Path]:
-    """The files of the artifacts that a reference holds numbers of."""
+def _artifacts_of(build: Path, reference: Iterable[str], shared: Shared) -> dict[str, Path]:
+    """The files of the artifacts that a reference holds numbers of, by "reading/artifact"."""
     others = ("claims/", _PUBLISHED, _VERDICTS)
-    stems = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
-    return [root / "data" / "cache" / slug / f"{stem}.h5" for stem in sorted(stems)]
+    names = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
+    of_readings = [(name, *name.split("/")) for name in sorted(names)]
+    return {
+        name: build / shared.file(reading, artifact)
+        for name, reading, artifact in of_readings
+        if shared.has(reading, artifact)
+    }
 
 
 def _unexplained(root: Path, slug: str) -> list[str]:
@@ -509,12 +518,14 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     return path
 
 
-def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Sequence[str]] | None = None) -> list[Path]:
+def accept_reference(
+    root: Path, papers: Mapping[str, Shared], noise: Mapping[str, Sequence[str]] | None = None
+) -> list[Path]:
     """Make the numbers of a full build the committed ones; prints what changes, as `compare_reference` does.
 
     Numbers within tolerance keep their committed digits, so that the files show what moved and nothing else.
 
-    noise: as for `compare_reference`.
+    papers, noise: as for `compare_reference`.
 
     Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, if a verdict is
     not explained, or if this machine pretends to be another one.
@@ -523,8 +534,8 @@ def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Seque
         raise MarsedlError(
             f"the committed numbers are those of the pinned instruction sets; unset {UNPINNED} ({machine})"
         )
-    artifacts, accepted = built_artifacts(root), {}
-    for slug in slugs:
+    built, accepted = set(built_artifacts(root)), {}
+    for slug, shared in papers.items():
         if names := _unexplained(root, slug):
             raise MarsedlError(
                 f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {names[0]} differs or fails without a "
@@ -532,7 +543,13 @@ def accept_reference(root: Path, slugs: Iterable[str], noise: Mapping[str, Seque
             )
         path = _reference(root, slug)
         reference = read_reference(root, slug) if path.exists() else {}
-        found = fingerprints(root, slug, [root / name for name in artifacts if name.startswith(f"data/cache/{slug}/")])
+        claimed = {
+            f"{reading}/{name}": root / file
+            for reading in shared.readings
+            for name, file in shared.claimed(reading).items()
+            if file in built
+        }
+        found = fingerprints(root, slug, claimed)
         comparison = compare(reference, found, (noise or {}).get(slug, ()))
         _print_comparison(slug, comparison, ())
         kept = {name for name, value in comparison.margins.items() if value <= 1}
