@@ -10,9 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-from marsedl.papers import input_model
+from marsedl.papers import catalogue, input_model
+from marsedl.replication.graph import Memory, Run
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import given
 from marsedl.replication.verification import snakemake
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,10 +52,19 @@ def say(text):
     print(f"{text} ...", file=sys.stderr, flush=True)
 
 
-def stage_inputs(paper, stage):
-    """Inputs of a stage in the corrected reading."""
-    study = load_study(paper.slug, input_model(paper.slug), ROOT / "configs" / f"{paper.slug}.yaml")
-    return Slice(study.readings["corrected"].slice(paper.stages[stage].inputs))
+def inputs_of(slug):
+    """Inputs of a paper's corrected reading."""
+    return load_study(slug, input_model(slug), ROOT / "configs" / f"{slug}.yaml").readings["corrected"].inputs
+
+
+def run(slug):
+    """The paper in this process, with the inputs of the corrected reading; it remembers nothing of other runs."""
+    return Run.of(catalogue(slug), inputs_of(slug), Memory())
+
+
+def sections(slug, function):
+    """The sections of the corrected reading that a function takes, by their names."""
+    return given(function, inputs_of(slug).plain(), lambda name, kind: None)
 
 
 def interleaved(functions, repetitions=REPETITIONS):

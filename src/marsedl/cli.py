@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.sizes import FULL, build_folder
+from marsedl.replication.sizes import FULL, build_folder, size_of
 from marsedl.replication.terminal import columns, printable_lines
 
 TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
@@ -163,11 +163,11 @@ def _project(size: str | None = None, config_file: Path | None = None) -> _Proje
     return _Project(root, str(config.get("size", FULL)), studies, options)
 
 
-def _shared(project) -> dict:
-    """Whose file each artifact of every paper is."""
+def _shared(size: str | None = None) -> dict:
+    """Whose file each artifact is, of all papers, in a size."""
     from marsedl.replication.sharing import Shared
 
-    return {slug: Shared(_paper(slug), study) for slug, study in project.studies.items()}
+    return {slug: Shared(_paper(slug), study) for slug, study in _project(size).studies.items()}
 
 
 def _paper(slug):
@@ -260,8 +260,8 @@ def _rows(project, paper, kind) -> list[tuple[str, ...]]:
     if kind == "cases":
         model = type(next(iter(study.readings.values())).inputs)
         return [
-            (case, f"{_trials(study, field)} trials", f"input {field}: {model.meaning(field)}")
-            for case, field in model.CASES.items()
+            (case, f"{_trials(study, name)} trials", f"input {name}: {model.meaning(name)}")
+            for case, name in model.CASES.items()
         ]
     verdicts = {row["id"]: row["verdict"] for row in project.claims(paper.slug) or []}
     return [
@@ -270,10 +270,10 @@ def _rows(project, paper, kind) -> list[tuple[str, ...]]:
     ]
 
 
-def _trials(study, field) -> str:
+def _trials(study, name) -> str:
     """The number of trials of a case: that of `corrected` if there is such a reading, else of the first."""
     reading = study.readings.get("corrected") or next(iter(study.readings.values()))
-    return f"{reading.inputs.get(field):,}"
+    return f"{reading.inputs.get(name):,}"
 
 
 def _first_sentence(caption) -> str:
@@ -282,6 +282,7 @@ def _first_sentence(caption) -> str:
 
 
 def _explain(options) -> int:
+    from marsedl.replication.catalogue import FLIGHTS
     from marsedl.replication.code_digest import reached
     from marsedl.replication.errors import nearest
     from marsedl.replication.sharing import Shared
@@ -301,13 +302,14 @@ def _explain(options) -> int:
         return 0
     if name in paper.figures or name in paper.tables:
         item, kind = paper.product(name), "figures" if name in paper.figures else "tables"
-        entry = f"marsedl.papers.{paper.slug}.{kind}:{name}"
+        entries = (f"marsedl.papers.{paper.slug}.{kind}:{name}",)
         folder = f"figures/{paper.slug}" + ("" if reading.name == "corrected" else f"/{reading.name}")
         target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}{project.options}"
         _say(f"{kind[:-1]} {name} of {paper.slug}, reading {reading.name}\n  {item.caption}")
         _say(f"  snakemake {target}")
     elif name in paper.stages:
-        item, entry = paper.stages[name], paper.stages[name].entries[0]
+        item = paper.stages[name]
+        entries = item.entries
         _say(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
     else:
         known = [*paper.figures, *paper.tables, *paper.stages, *claims]
@@ -315,46 +317,52 @@ def _explain(options) -> int:
     namesakes = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)][1:]
     if namesakes:
         _say(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
-    stages, names = _behind(paper, item, reading.inputs.CASES)
-    if name == "montecarlo":  # of which every case is one artifact
-        names.update(reading.inputs.CASES.values())
-    _say("\nartifacts, in the order in which they are made")
+    made, names = _behind(paper, item)
+    own = [name] if name in paper.stages and item is paper.stages[name] else []
+    if FLIGHTS in own:  # of which every case is one artifact
+        own = [f"{FLIGHTS}.{case}" for case in reading.flown()]
+    names.update(reading.inputs.CASES[case] for case in (n.partition(".")[2] for n in [*made, *own]) if case)
     shared = Shared(paper, study)
-    owned = [(stage, _whose(shared, reading, stage), paper.stages[stage].meaning) for stage in stages]
-    _say(columns(owned, 2))
+    _say("\nartifacts, in the order in which they are made")
+    _say(columns([_artifact(paper, shared, reading, name) for name in dict.fromkeys([*made, *own])], 2))
     _say("\ninputs that it depends on")
-    fields = [field for field in reading.inputs.names() if field in names]
-    unlimited, values = _unlimited(project, options, paper.slug, reading), reading.inputs.plain()
-    rows = []
-    for field in fields:
-        source, value = reading.sources[field], values[field]
-        limited = "" if value == unlimited[field] else f" (size {project.size}: {value})"
-        section = field.partition(".")[0]
-        rows.append((f"{section}.{source.key}", f"{source.written}{limited}", _unit(reading, field), source.source))
-    _say(columns(rows, 2))
+    _say_inputs(project, options, paper.slug, reading, names)
     _say("\ncode that draws or computes it")
-    for symbol in reached(entry, project.root / "src"):
+    for symbol in dict.fromkeys(symbol for entry in entries for symbol in reached(entry, project.root / "src")):
         if "(at import)" not in symbol:
             _say(f"  {symbol}")
     return 0
 
 
+def _artifact(paper, shared, reading, name) -> tuple[str, str]:
+    """The name and the meaning of an artifact, and whose it is if another reading owns its file."""
+    stage = name.partition(".")[0]
+    meaning = paper.stages[stage].meaning
+    if not shared.has(reading.name, name):
+        return name, f"{meaning} (flies no trials in this reading)"
+    owner = shared.owner(reading.name, name)
+    return name, meaning if owner == reading.name else f"{meaning} (shared: that of the reading {owner})"
+
+
+def _say_inputs(project, options, slug, reading, names) -> None:
+    """Show inputs by section, with their values as they are written and their sources."""
+    unlimited = _unlimited(project, options, slug, reading).plain()
+    values = reading.inputs.plain()
+    for section, of in reading.inputs.sections().items():
+        rows = []
+        for name in (f"{section}.{field}" for field in of.model_fields if f"{section}.{field}" in names):
+            source = reading.sources[name]
+            limited = "" if values[name] == unlimited[name] else f" (size {project.size}: {values[name]})"
+            rows.append((source.key, f"{source.written}{limited}", _unit(reading, name), source.source))
+        if rows:
+            _say(f"  {section}\n{columns(rows, 4)}")
+
+
 def _unlimited(project, options, slug, reading):
     """The inputs of a reading at full size, where no size limits them."""
     if project.size == FULL:
-        return reading.inputs.plain()
-    return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs.plain()
-
-
-def _whose(shared, reading, stage) -> str:
-    """Which reading's artifact a stage's is, if it is another's; of flights, those of each case that is."""
-    cases = [f"{stage}.{case}" for case in reading.flown()] if stage == "montecarlo" else [stage]
-    owners = {name: shared.owner(reading.name, name) for name in cases}
-    return ", ".join(
-        f"that of {owner}" if name == stage else f"{name.partition('.')[2]}: that of {owner}"
-        for name, owner in owners.items()
-        if owner != reading.name
-    )
+        return reading.inputs
+    return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs
 
 
 def _explain_paper(project, paper, study, reading) -> int:
@@ -382,42 +390,37 @@ def _explain_paper(project, paper, study, reading) -> int:
 
 def _differing(study, reading) -> list[tuple[str, str, str, str]]:
     """Inputs that have another value in some reading: name, value in the given one, unit, values in the others."""
-    rows, values = [], {r.name: r.inputs.plain() for r in study.readings.values()}
-    for field in reading.inputs.names():
-        others = [r for r in study.readings.values() if values[r.name][field] != values[reading.name][field]]
+    rows, values = [], {name: other.inputs.plain() for name, other in study.readings.items()}
+    for name, mine in values[reading.name].items():
+        others = [other for other in study.readings.values() if values[other.name][name] != mine]
         if others:
-            source = reading.sources[field]
-            written = "; ".join(f"{r.name} {r.sources[field].written}" for r in others)
-            name = f"{field.partition('.')[0]}.{source.key}"
-            rows.append((name, str(source.written), _unit(reading, field), written))
+            source = reading.sources[name]
+            written = "; ".join(f"{other.name} {other.sources[name].written}" for other in others)
+            key = f"{name.partition('.')[0]}.{source.key}"
+            rows.append((key, str(source.written), _unit(reading, name), written))
     return rows
 
 
-def _unit(reading, field) -> str:
-    """Return the unit in which an input is written."""
-    suffix = reading.sources[field].key.removeprefix(field.partition(".")[2]).removeprefix("_")
-    return suffix.replace("_", "/") or reading.inputs.unit(field)
+def _unit(reading, name) -> str:
+    """Return the unit in which an input "section.name" is written."""
+    suffix = reading.sources[name].key.removeprefix(name.partition(".")[2]).removeprefix("_")
+    return suffix.replace("_", "/") or reading.inputs.unit(name)
 
 
-def _behind(paper, item, cases) -> tuple[list[str], set[str]]:
-    """All stages behind an item, first things first, and all inputs that they and the item use.
-
-    cases: the Monte Carlo cases of the paper, each with the input that holds its number of trials.
-    """
-    stages, names, seen = [], set(item.inputs), set()
+def _behind(paper, item) -> tuple[list[str], set[str]]:
+    """All artifacts behind an item, first things first, and all inputs that they and the item read."""
+    made, names = [], set(item.inputs)
 
     def visit(needed):
         for need in needed:
-            stage, _, case = need.partition(".")
-            names.update({cases[case]} if case in cases else ())
-            if stage not in seen:
-                seen.add(stage)
-                visit(paper.stages[stage].needs)
-                stages.append(stage)
-                names.update(paper.stages[stage].inputs)
+            if need not in made:
+                stage = paper.stages[need.partition(".")[0]]
+                visit(stage.needs)
+                made.append(need)
+                names.update(stage.inputs)
 
-    visit(item.needs)
-    return stages, names
+    visit((*item.needs, *getattr(item, "optional", ())))
+    return made, names
 
 
 def _say_verdict(project, slug, claim) -> None:
@@ -457,7 +460,7 @@ def _trial(options) -> int:
     reading = _reading(study, options.reading)
     if not reading.inputs.CASES:
         raise InputError(f"{paper.slug} has no Monte Carlo flights; 'marsedl list --cases' shows which do")
-    trial = (options.case or next(iter(reading.inputs.CASES)), options.number)
+    trial = options.case or next(iter(reading.inputs.CASES)), options.number
     module = import_module(f"marsedl.papers.{paper.slug}.montecarlo")
     _say(jobs.replay(project.folder, paper, study, reading.name, trial, module, project.options))
     return 0
@@ -480,13 +483,12 @@ def _completion(options) -> int:
 
 
 def _verify(options) -> int:
-    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.papers import rounding_noise
     from marsedl.replication import verification
 
     root = project_root()
     agree = True if options.no_rebuild else verification.build_twice(root)
-    same = verification.compare_reference(root, SLUGS, rounding_noise(), shared=_shared(_project()))
-    return 0 if same and agree else 1
+    return 0 if verification.compare_reference(root, _shared(), rounding_noise()) and agree else 1
 
 
 def _machines(options) -> int:
@@ -502,11 +504,11 @@ def _machines(options) -> int:
 
 
 def _accept(options) -> int:
-    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.papers import rounding_noise
     from marsedl.replication import audit, verification
 
     root = project_root()
-    for path in verification.accept_reference(root, SLUGS, rounding_noise(), _shared(_project())):
+    for path in verification.accept_reference(root, _shared(), rounding_noise()):
         _say(f"wrote {path}")
     _say(f"wrote {verification.accept_inputs(root, _project().studies)}")
     results = _audited(root)
@@ -533,7 +535,7 @@ def _crate(options) -> int:
     from marsedl.replication.crate import write_crate
 
     papers = {slug: catalogue(slug) for slug in SLUGS}
-    _say(f"wrote {write_crate(project_root(), papers, _shared(_project()), *options.config)}")
+    _say(f"wrote {write_crate(project_root(), papers, _shared(size_of(options.config)), *options.config)}")
     return 0
 
 
@@ -552,7 +554,7 @@ def _audited(root) -> list:
     """The audit of the project, all of its papers and comparisons."""
     from importlib import import_module
 
-    from marsedl.comparison import COMPARISONS
+    from marsedl.comparison import comparisons
     from marsedl.papers import catalogue
     from marsedl.replication import audit
 
@@ -565,7 +567,7 @@ def _audited(root) -> list:
         )
         for slug, study in _project().studies.items()
     ]
-    return audit.audit(root, subjects, COMPARISONS, TARGETS)
+    return audit.audit(root, subjects, comparisons(), TARGETS)
 
 
 _COMMANDS = {

@@ -44,7 +44,10 @@ def results():
 def paper():
     """A paper of one figure, one table over all readings, and one stage."""
     erratum = Erratum("E1", "a slip", "the evidence", "what is used")
-    stages, figures = {"nominal": Stage((), meaning="the path")}, {"fig01": Product("A figure.", ())}
+    stages, figures = (
+        {"nominal": Stage(("marsedl.papers.p.nominal:compute",), (), (), "the path")},
+        {"fig01": Product("A figure.")},
+    )
     whole = catalogue(SLUG)
     return replace(whole, stages=stages, figures=figures, tables={}, summaries={"readings": "All."}, errata=(erratum,))
 
@@ -167,10 +170,10 @@ def test_inputs_without_source_are_found(subject):
     assert result.count == sum(len(reading.differences()) for reading in readings.values())
     assert not result.findings
     printed = readings["printed"]
-    silent = {**printed.sources, "gravity": replace(printed.sources["gravity"], source=" ")}
+    silent = {**printed.sources, "planet.gravity": replace(printed.sources["planet.gravity"], source=" ")}
     study = replace(subject.study, readings={**readings, "printed": replace(printed, sources=silent)})
     (finding,) = audit.inputs(replace(subject, study=study)).findings
-    assert "configs/powered_descent.yaml: readings.printed.inputs.gravity: no source" in finding
+    assert "configs/powered_descent.yaml: readings.printed.planet.gravity: no source" in finding
 
 
 def test_errata_that_nothing_names_are_found(subject, paper):

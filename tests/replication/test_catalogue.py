@@ -7,10 +7,13 @@ import shutil
 import subprocess
 from importlib import import_module
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication.inputs import load_study
+from marsedl.replication.sections import Section
 
 ROOT = Path(__file__).parents[2]
 RULES = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
@@ -30,7 +33,8 @@ def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
     products = {"figures.py": paper.figures, "tables.py": {**paper.tables, **paper.summaries}}
     products["closeups.py"] = paper.closeups
     asked = FILES_OF_EVERY_PAPER | {name for name, stems in products.items() if stems}
-    asked |= {f"{paper.entry(stage).split(':')[0].rpartition('.')[2]}.py" for stage in paper.stages}
+    entries = [entry for stage in paper.stages.values() for entry in stage.entries]
+    asked |= {f"{entry.split(':')[0].rpartition('.')[2]}.py" for entry in entries}
     present = {path.name for path in folder.glob("*.py")}
     assert present >= asked
     assert not present & (products.keys() - asked), "the catalogue names nothing of this file"
@@ -41,27 +45,23 @@ def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_stages_products_and_functions_belong_together(slug):
-    paper, fields = catalogue(slug), set(input_model(slug).model_fields)
-    for name, stage in paper.stages.items():
-        module, function = paper.entry(name).split(":")
-        assert {need.split(".")[-1] for need in stage.needs} <= parameters(getattr(import_module(module), function))
-        assert set(stage.inputs) <= fields
-        assert {need.split(".")[0] for need in stage.needs} <= set(paper.stages)
+    paper, model = catalogue(slug), input_model(slug)
+    records = {*paper.stages, *model.CASES}
+    for stage in paper.stages.values():
+        *_, last = (getattr(import_module(m), f) for m, f in (entry.split(":") for entry in stage.entries))
+        assert get_type_hints(last)["return"].__name__ in vars(import_module(last.__module__))
+        assert set(stage.inputs) <= set(model.names())
         assert stage.meaning
-    for kind, products in (("figures", paper.figures), ("tables", paper.tables)):
-        for stem, product in products.items():
-            function = getattr(import_module(f"marsedl.papers.{slug}.{kind}"), stem)
-            assert {need.split(".")[-1] for need in product.needs} <= parameters(function)
-            assert set(product.inputs) <= fields
-            assert product.caption
-    for stem, needs in paper.closeups.items():
-        function = getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)
-        assert {need.split(".")[-1] for need in needs} == parameters(function)
-        assert {need.split(".")[0] for need in needs} <= set(paper.stages)
+        assert set(stage.claimed_in) <= set(load_study(slug, model, ROOT / "configs" / f"{slug}.yaml").readings)
+    for stem in (*paper.figures, *paper.tables):
+        assert paper.product(stem).caption
+        assert set(paper.product(stem).inputs) <= set(model.names())
+    for stem in paper.closeups:
+        assert parameters(getattr(import_module(f"marsedl.papers.{slug}.closeups"), stem)) <= records
     assert set(paper.described) == {stem for stem, figure in paper.figures.items() if not figure.beyond}
     assert all(text.endswith(".") for text in paper.described.values())
     assert not set(paper.figures) & {*paper.tables, *paper.summaries, "claims"}, "a name in the report stands once"
-    assert set(input_model(slug).CASES.values()) <= fields
+    assert set(model.CASES.values()) <= set(model.names())
     assert len({erratum.id for erratum in paper.errata}) == len(paper.errata)
 
 
@@ -114,8 +114,9 @@ def test_every_rule_has_a_log_and_none_runs_python_itself(path):
 
 
 def test_rules_are_found():
-    stages = {"stages 0", "stages 1"}  # of a paper, and of each of its stages; the audit asks for them by name
-    assert {"figure", "default_figure", "verify", *stages} <= {name for path in RULES for name in rules_of(path)}
+    assert {"figure", "products 1", "verify", "stages 0", "stages 1", "stages 2"} <= {
+        name for path in RULES for name in rules_of(path)
+    }
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
@@ -138,3 +139,75 @@ def test_imports_keep_to_the_layers():
     done = subprocess.run([command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     assert "0 broken" in done.stdout
+
+
+# ------------------------------------------------------------------------------------- what functions read of sections
+
+READERS = sorted(path for part in ("papers", "comparison") for path in (ROOT / "src" / "marsedl" / part).rglob("*.py"))
+SECTIONS = {
+    of.__name__: name for slug in SLUGS for name, of in input_model(slug).sections().items() if name != "inputs"
+}
+
+
+def functions_of(path) -> list[ast.FunctionDef]:
+    return [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.FunctionDef)]
+
+
+def sections_taken(function) -> dict[str, str]:
+    """The parameters of a function that are annotated as sections, with the names of these."""
+    taken = {}
+    for argument in (*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs):
+        annotated = ast.unparse(argument.annotation).rpartition(".")[2] if argument.annotation else ""
+        if annotated in SECTIONS:
+            taken[argument.arg] = SECTIONS[annotated]
+    return taken
+
+
+@pytest.mark.parametrize("path", READERS, ids=lambda path: "/".join(path.parts[-2:]))
+def test_what_is_read_of_a_section_can_be_followed(path):
+    """A parameter that is a section has its name, and is used as `name.field` or as an argument alone."""
+    for function in functions_of(path):
+        taken = sections_taken(function)
+        assert taken == {name: name for name in taken}, f"{function.name}: a section under another name"
+        followed = set()
+        for node in ast.walk(function):
+            if isinstance(node, ast.Attribute):
+                followed.add(id(node.value))
+            if isinstance(node, ast.Call) and ast.unparse(node.func) not in ("getattr", "vars", "hasattr"):
+                followed |= {id(a) for a in (*node.args, *(keyword.value for keyword in node.keywords))}
+        lost = [n for n in ast.walk(function) if isinstance(n, ast.Name) and n.id in taken and id(n) not in followed]
+        assert not lost, f"{function.name}, line {lost[0].lineno}: {lost[0].id} is passed on where nothing follows it"
+
+
+def test_sections_hold_inputs_alone():
+    """A property would hide what is read of a section."""
+    for slug in SLUGS:
+        for of in input_model(slug).sections().values():
+            own = {name for kind in of.__mro__ if kind not in Section.__mro__ for name in vars(kind)}
+            own = {name for name in own if not name.startswith("_") and name not in of.model_fields}
+            assert not own - {"model_config", "model_fields", "model_computed_fields", "CASES"}, (
+                f"{slug}: {of.__name__}"
+            )
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_no_class_but_the_section_has_its_name(slug):
+    """What is read of a parameter is found by the name of its annotation."""
+    names = {of.__name__ for name, of in input_model(slug).sections().items() if name != "inputs"}
+    for path in (ROOT / "src" / "marsedl" / "papers" / slug).glob("*.py"):
+        defined = {n.name for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.ClassDef)}
+        assert path.name == "inputs.py" or not defined & names, path.name
+
+
+MOST_PARAMETERS = 10
+
+
+def test_no_function_takes_more_parameters_than_a_reader_can_keep_apart():
+    long = []
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        for function in functions_of(path):
+            a = function.args
+            number = len([*a.posonlyargs, *a.args, *a.kwonlyargs]) + bool(a.vararg) + bool(a.kwarg)
+            if number > MOST_PARAMETERS and function.name != "__init__":
+                long.append(f"{path.relative_to(ROOT)}: {function.name} takes {number}")
+    assert not long, "\n".join(long)

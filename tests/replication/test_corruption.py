@@ -10,9 +10,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-import typing
 from dataclasses import dataclass, fields, make_dataclass
-from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -23,6 +21,7 @@ from marsedl.papers import SLUGS, catalogue
 from marsedl.replication import artifacts
 from marsedl.replication.artifacts import load, quantities, quantity, save
 from marsedl.replication.errors import ArtifactError
+from marsedl.replication.jobs import record_type
 
 FOREIGN = 32_999  # a number of the range for filters that nobody has registered
 REMEDY = "delete it and run snakemake again"
@@ -44,9 +43,8 @@ def kinds() -> list[Kind]:
     found = {}
     for slug in SLUGS:
         paper = catalogue(slug)
-        for name in paper.stages:
-            module, function = paper.entry(name).split(":")
-            returned = typing.get_type_hints(getattr(import_module(module), function))["return"]
+        for stage in paper.stages.values():
+            returned = record_type(stage.entries)
             found.setdefault((slug, returned), Kind(slug, returned))
     return list(found.values())
 

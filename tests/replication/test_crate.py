@@ -10,13 +10,22 @@ from rocrate.rocrate import ROCrate
 from rocrate_validator import models, services
 from rocrate_validator.utils.http import HttpRequester
 
-from marsedl.papers import SLUGS, catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import crate
 from marsedl.replication.errors import MarsedlError
+from marsedl.replication.inputs import load_study
+from marsedl.replication.sharing import Shared
 
 CONTEXT = "https://w3id.org/ro/crate/1.1/context"
 PROFILE = "provenance-run-crate"
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
+CONFIGS = Path(__file__).parents[2] / "configs"
+SHARED = {
+    "powered_descent": Shared(
+        PAPERS["powered_descent"],
+        load_study("powered_descent", input_model("powered_descent"), CONFIGS / "powered_descent.yaml"),
+    )
+}
 PRODUCTS = (
     *crate.RESULTS,
     "report/claims/powered_descent.json",
@@ -106,7 +115,7 @@ def names(entity, key):
 
 
 def test_every_product_is_there_with_its_digest(project):
-    found = graph(crate.write_crate(project, PAPERS).parent)
+    found = graph(crate.write_crate(project, PAPERS, SHARED).parent)
     for name in (*PRODUCTS, "Snakefile", "requirements.lock", "configs/powered_descent.yaml"):
         assert found[name]["sha256"] == hashlib.sha256(name.encode()).hexdigest()
         assert found[name]["contentSize"] == str(len(name))
@@ -116,7 +125,7 @@ def test_every_product_is_there_with_its_digest(project):
 
 
 def test_products_of_one_reading_say_what_they_were_made_from(project):
-    found = graph(crate.write_crate(project, PAPERS).parent)
+    found = graph(crate.write_crate(project, PAPERS, SHARED).parent)
     folder = "data/cache/powered_descent/corrected"
     flown = found[f"#run-{folder}/montecarlo.closed_loop.h5"]
     assert names(flown, "object") == {
@@ -136,7 +145,7 @@ def test_products_of_one_reading_say_what_they_were_made_from(project):
 
 
 def test_licence_software_and_citation(project):
-    found = graph(crate.write_crate(project, PAPERS, "chunks=2").parent)
+    found = graph(crate.write_crate(project, PAPERS, SHARED, "chunks=2").parent)
     assert names(found["./"], "license") == {"https://spdx.org/licenses/MIT"}
     software = {found[name]["name"] for name in names(found["Snakefile"], "softwareRequirements")}
     assert software >= {"python", "snakemake", "numpy", "numba", "casadi", "clarabel"}
@@ -147,20 +156,22 @@ def test_licence_software_and_citation(project):
 
 def test_the_bytes_are_the_same_and_no_clock_is_read(project, monkeypatch):
     monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
-    first = crate.write_crate(project, PAPERS).read_bytes()
-    assert crate.write_crate(project, PAPERS).read_bytes() == first
+    first = crate.write_crate(project, PAPERS, SHARED).read_bytes()
+    assert crate.write_crate(project, PAPERS, SHARED).read_bytes() == first
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000")
-    assert graph(crate.write_crate(project, PAPERS).parent)["./"]["datePublished"] == "2001-09-09T01:46:40+00:00"
+    assert (
+        graph(crate.write_crate(project, PAPERS, SHARED).parent)["./"]["datePublished"] == "2001-09-09T01:46:40+00:00"
+    )
 
 
 def test_a_valid_crate_of_the_profile(project, validate):
-    crate.write_crate(project, PAPERS)
+    crate.write_crate(project, PAPERS, SHARED)
     assert validate(project) == []
     assert ROCrate(project).mainEntity.id == "Snakefile"
 
 
 def test_the_validator_sees_a_file_that_is_gone(project, validate):
-    crate.write_crate(project, PAPERS)
+    crate.write_crate(project, PAPERS, SHARED)
     (project / "figures/powered_descent/fig07.png").unlink()
     assert any("figures/powered_descent/fig07.png" in message for message in validate(project))
 
@@ -180,11 +191,11 @@ def test_a_build_that_is_not_up_to_date_is_not_described(project, monkeypatch):
 
     monkeypatch.setattr(crate, "built_files", refuse)
     with pytest.raises(MarsedlError, match="older"):
-        crate.write_crate(project, PAPERS)
+        crate.write_crate(project, PAPERS, SHARED)
     assert not (project / crate.NAME).exists()
 
 
 def test_a_missing_library_ends_in_a_message(project, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "rocrate.rocrate", None)
     with pytest.raises(MarsedlError, match="'rocrate' is not installed; install the extra 'crate'"):
-        crate.write_crate(project, PAPERS)
+        crate.write_crate(project, PAPERS, SHARED)

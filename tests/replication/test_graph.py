@@ -8,12 +8,25 @@ import numpy as np
 import pytest
 
 from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Paper, Product, Stage
+from marsedl.replication.catalogue import Flown, Paper, Product, Stage
 from marsedl.replication.errors import ArtifactError, InputError
 from marsedl.replication.graph import Memory, Run
+from marsedl.replication.sections import Number, Section, given
 
-VALUES = {"mass": 2.0, "speed": -3.0, "colour": "red", "trials": 4, "unflown": 0}
-CASES = {"windy": "trials", "calm": "unflown"}
+VALUES = {"vehicle.mass": 2.0, "vehicle.speed": -3.0, "drawing.colour": "red"}
+
+
+class Vehicle(Section):
+    """What flies."""
+
+    mass: Number = given("kg", "mass")
+    speed: Number = given("m/s", "speed")
+
+
+class Drawing(Section):
+    """What is drawn."""
+
+    colour: str = given("1", "colour of the curve")
 
 
 @dataclass(frozen=True)
@@ -37,42 +50,58 @@ class Flights:
     energy: np.ndarray = artifacts.quantity("J", ("trial",), "energy")
 
 
-def nominal(inputs) -> Nominal:
-    return Nominal(np.array([abs(inputs.speed)]))
+def nominal(vehicle: Vehicle) -> Nominal:
+    return Nominal(np.array([abs(vehicle.speed)]))
 
 
-def gains(inputs, nominal: Nominal) -> Gains:
-    return Gains(0.5 * inputs.mass * float(nominal.speed[0]) ** 2)
+def gains(vehicle: Vehicle, nominal: Nominal) -> Gains:
+    return Gains(0.5 * vehicle.mass * float(nominal.speed[0]) ** 2)
 
 
-def flights(inputs, gains: Gains, *, case, trials, block_size) -> Flights:
-    return Flights(gains.energy * np.arange(trials))
+def simulate(gains: Gains, *, flown: Flown) -> Flights:
+    return Flights(gains.energy * np.arange(flown.trials))
 
 
-def evaluate(inputs, gains: Gains, windy: Flights, calm: Flights | None = None):
-    return {"energy": gains.energy, "largest": windy.energy.max(), "calm": calm, "colour": inputs.colour}
+def gather(chunks: list[Flights]) -> Flights:
+    return Flights(np.concatenate([chunk.energy for chunk in chunks]))
 
 
-def tab1(inputs, published, gains: Gains):
+def evaluate(drawing: Drawing, gains: Gains, windy: Flights, calm: Flights | None = None):
+    return {"energy": gains.energy, "largest": windy.energy.max(), "calm": calm, "colour": drawing.colour}
+
+
+def tab1(published, gains: Gains):
     return [[published["energy"], gains.energy]]
 
 
 @pytest.fixture
 def run(monkeypatch):
     """Return a run of a toy paper with some inputs changed; all runs of a test share a memory unless one is given."""
-    for name, functions in {"stages": (nominal, gains, flights), "claims": (evaluate,), "tables": (tab1,)}.items():
+    for name, functions in {
+        "stages": (nominal, gains, simulate, gather),
+        "claims": (evaluate,),
+        "tables": (tab1,),
+    }.items():
         module = ModuleType(name)
         vars(module).update({function.__name__: function for function in functions})
         monkeypatch.setitem(sys.modules, f"marsedl.papers.toy.{name}", module)
     monkeypatch.setitem(sys.modules, "marsedl.papers.toy", ModuleType("toy"))
+    where = "marsedl.papers.toy.stages"
+    flights = f"{where}:simulate", f"{where}:gather"
     stages = {
-        "nominal": Stage(("speed",), (), "stages:nominal"),
-        "gains": Stage(("mass",), ("nominal",), "stages:gains"),
-        "montecarlo": Stage((), ("gains",), "stages:flights"),
+        "nominal": Stage((f"{where}:nominal",), ("vehicle.speed",), (), "speed"),
+        "gains": Stage((f"{where}:gains",), ("vehicle.mass",), ("nominal",), "energy"),
+        "montecarlo": Stage(flights, (), ("gains",), "flights"),
     }
-    paper = Paper("toy", "", "", "", stages, {}, {"tab1": Product("", ("gains",))})
+    paper = Paper("toy", "", "", "", {}, {"tab1": Product("", needs=("gains",))}, stages=stages)
     shared = Memory()
-    return lambda memory=shared, **changed: Run(paper, CASES, {**VALUES, **changed}, memory)
+
+    def of(memory=shared, trials=4, **changed):
+        values = {**VALUES, **{f"vehicle.{name}": value for name, value in changed.items() if name != "colour"}}
+        values["drawing.colour"] = changed.get("colour", "red")
+        return Run(paper, values, memory, {"windy": trials})
+
+    return of
 
 
 def computed(run):
@@ -125,10 +154,12 @@ def test_records_are_those_that_a_job_would_load(run, tmp_path):
         record.speed[0] = 1.0
 
 
-def test_an_input_that_a_stage_does_not_declare_is_an_error(run, monkeypatch):
-    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", lambda inputs: inputs.mass)
-    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"].nominal, "__annotations__", {"return": Nominal})
-    with pytest.raises(AttributeError, match="'mass' is not declared"):
+def test_an_input_that_a_stage_was_not_given_is_an_error(run, monkeypatch):
+    def heavy(vehicle: Vehicle) -> Nominal:
+        return Nominal(np.array([vehicle.mass]))
+
+    monkeypatch.setattr(sys.modules["marsedl.papers.toy.stages"], "nominal", heavy)
+    with pytest.raises(AttributeError, match=r"'mass' was not given: .* reads as 'vehicle\.mass'"):
         run().record("nominal")
 
 

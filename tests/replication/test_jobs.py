@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from marsedl.replication import artifacts, jobs
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.errors import MarsedlError, SolverError
 from marsedl.replication.libraries import versions_used
 from marsedl.replication.recipes import recipe_digest
+from marsedl.replication.sections import Number, Section, given, vector
 
 SOURCE = Path(__file__).parents[2] / "src"
 LIBRARIES = versions_used(frozenset({"numpy"}))
@@ -121,37 +123,70 @@ def test_a_machine_that_pretends_keeps_its_instruction_sets_and_nothing_else(mon
 # ------------------------------------------------------------------------------------------------- inputs and artifacts
 
 
-def test_a_slice_holds_declared_inputs_only():
-    inputs = jobs.Slice({"covariance": [[1, 0], [0, 1]], "speed": 3.0, "scheme": "rk4", "nothing": None})
-    np.testing.assert_array_equal(inputs.covariance, np.eye(2))
-    assert inputs.covariance.dtype == float
-    assert (inputs.speed, inputs.scheme, inputs.nothing) == (3.0, "rk4", None)
-    with pytest.raises(AttributeError, match="'gravity' is not declared for this stage"):
-        _ = inputs.gravity
+class Plant(Section):
+    """A test section."""
+
+    covariance: vector(2) = given("m^2", "two variances")
+    speed: Number = given("m/s", "speed")
+
+
+def test_a_section_has_the_inputs_that_were_given_and_no_others():
+    def stage(plant: Plant):
+        """Only its annotations are read."""
+
+    taken = jobs.given(stage, {"plant.covariance": [1, 2]}, None)["plant"]
+    np.testing.assert_array_equal(taken.covariance, [1.0, 2.0])
+    assert taken.covariance.dtype == float
+    with pytest.raises(AttributeError, match=r"the input 'speed' was not given: .* reads as 'plant\.speed'"):
+        _ = taken.speed
+
+
+def artifacts_of(*paths):
+    """Params of a job that is given these files."""
+    return {"size": "full", "artifacts": {str(path): ("p", "r", {}) for path in paths}}
 
 
 def test_arguments_are_loaded_by_annotation(tmp_path):
-    def stage(inputs, one: Thing, many: list[Thing], maybe: Thing | None = None):
+    def stage(one: Thing, chunks: list[Thing], maybe: Thing | None = None):
         """Only its annotations are read."""
 
-    snakemake = job_of(tmp_path)
-    snakemake.input = Named(
-        one=saved(tmp_path / "one.h5"), many=[saved(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3)]
-    )
-    loaded = jobs.Job(snakemake).arguments(stage)
-    assert set(loaded) == {"one", "many"}
+    files = [saved(tmp_path / "one.h5"), *(saved(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
+    snakemake = job_of(tmp_path, build=artifacts_of(*files))
+    snakemake.input = Named(one=files[0], chunks=files[1:])
+    loaded = jobs.Job(snakemake).given(stage)
+    assert set(loaded) == {"one", "chunks"}
     np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])
-    assert [thing.value[0] for thing in loaded["many"]] == [0.0, 1.0, 2.0]
+    assert [thing.value[0] for thing in loaded["chunks"]] == [0.0, 1.0, 2.0]
+
+
+def test_many_artifacts_come_as_one_dataclass(tmp_path):
+    @dataclass(frozen=True)
+    class Records(Artifacts):
+        one: Thing
+        maybe: Thing | None = None
+
+    def evaluate(records: Records):
+        """Only its annotations are read."""
+
+    evaluate.__annotations__["records"] = Records
+    Records.__annotations__.update(one=Thing, maybe=Thing | None)
+    path = saved(tmp_path / "one.h5")
+    snakemake = job_of(tmp_path, build=artifacts_of(path))
+    snakemake.input = Named(one=path)
+    records = jobs.Job(snakemake).given(evaluate)["records"]
+    np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
+    assert records.maybe is None
 
 
 def test_an_artifact_of_another_reading_is_refused(tmp_path):
-    def stage(inputs, one: Thing):
+    def stage(one: Thing):
         """Only its annotations are read."""
 
-    snakemake = job_of(tmp_path)
-    snakemake.input = Named(one=saved(tmp_path / "one.h5", reading="other"))
+    path = saved(tmp_path / "one.h5", reading="other")
+    snakemake = job_of(tmp_path, build=artifacts_of(path))
+    snakemake.input = Named(one=path)
     with pytest.raises(artifacts.ArtifactError, match=r"one\.h5.*other"):
-        jobs.Job(snakemake).arguments(stage)
+        jobs.Job(snakemake).given(stage)
 
 
 def test_saving_keeps_where_a_result_comes_from(tmp_path):

@@ -16,9 +16,9 @@ from marsedl.replication.libraries import COMPANIONS, DISTRIBUTIONS, library_ver
 ROOT = Path(__file__).parents[2]
 STAGE = script_libraries(ROOT / "workflow" / "scripts" / "stage.py")
 USED = {
-    f"{slug}/{name}": frozenset([*STAGE, *libraries(catalogue(slug).entry(name))])
+    f"{slug}/{name}": frozenset([*STAGE, *(used for entry in stage.entries for used in libraries(entry))])
     for slug in SLUGS
-    for name in catalogue(slug).stages
+    for name, stage in catalogue(slug).stages.items()
 }
 # Which stages solve a cone program, and so depend on the version of its solver, which no code imports.
 CONE_PROGRAMS = {

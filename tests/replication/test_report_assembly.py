@@ -72,14 +72,18 @@ def test_a_paper_without_solvers_has_no_rows(tmp_path):
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
     path = saved(tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], seed=7)
     bare = saved(tmp_path / "corrected" / "nominal.h5", ["optimal"], [3])
-    stages = {"nominal": Stage(()), "gains": Stage(()), "montecarlo": Stage((), ("gains", "nominal"))}
+    stages = {
+        "nominal": Stage((), (), (), "path"),
+        "gains": Stage((), (), (), "gains"),
+        "montecarlo": Stage((), (), ("gains", "nominal"), "flights"),
+    }
     _, gains, nominal = assembly.provenance_rows({"gains": path, "nominal": bare}, stages, "9")
     assert gains == ["gains", "A program and a search.", "a, b", "7", "abc def"]
     assert nominal == ["nominal", "A program and a search.", "inputs alone", "–", "abc def"]
 
 
 def test_provenance_of_trials_does_not_tell_how_they_were_scattered(tmp_path):
-    stages = {"gains": Stage(()), "montecarlo": Stage((), ("gains",))}
+    stages = {"gains": Stage((), (), (), "gains"), "montecarlo": Stage((), (), ("gains",), "flights")}
     rows = []
     for chunks in (1, 3):
         made_from = [f"case.{k}of{chunks}.h5" for k in range(chunks)]

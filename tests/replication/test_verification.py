@@ -31,6 +31,24 @@ SLUG = "powered_descent"
 ARTIFACT = f"data/cache/{SLUG}/corrected/nominal.h5"
 
 
+class Owned:
+    """Stands for `Shared`: every reading owns its file, but for `copy`, whose nominal is that of `corrected`."""
+
+    readings = ("corrected", "copy")
+
+    def has(self, reading, name):
+        return name == "nominal"
+
+    def file(self, reading, name):
+        return f"data/cache/{SLUG}/{'corrected' if reading == 'copy' else reading}/{name}.h5"
+
+    def claimed(self, reading):
+        return {"nominal": self.file(reading, "nominal")}
+
+
+PAPERS = {SLUG: Owned()}
+
+
 @dataclass(frozen=True)
 class Thing:
     """A test artifact."""
@@ -48,10 +66,11 @@ def project(tmp_path, monkeypatch):
     store(tmp_path)
     claim(tmp_path, 1349.4)
     summarised(monkeypatch)
-    verification.accept_reference(tmp_path, [SLUG])
+    verification.accept_reference(tmp_path, PAPERS)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
     monkeypatch.setattr(cli, "_audited", lambda root: [])
     monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}))
+    monkeypatch.setattr(cli, "_shared", lambda: PAPERS)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -141,7 +160,7 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 
 
 def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
-    found = verification.fingerprints(project, SLUG, project.glob("data/cache/*/*/*.h5"))
+    found = verification.fingerprints(project, SLUG, {"corrected/nominal": project / ARTIFACT})
     assert set(found) == {
         "verdicts/final_mass",
         "published/final_mass",
@@ -282,8 +301,8 @@ def test_readings_that_are_not_built_are_left_out(project):
     both = {"corrected": "differs", "printed": "fails"}
     whole = {**reference(project), "verdicts/final_mass": both, "printed/nominal/mass": reduced(1.0)}
     (project / "data" / "reference" / f"{SLUG}.json").write_text(json.dumps(whole), encoding="utf-8")
-    assert not verification.compare_reference(project, [SLUG])
-    assert verification.compare_reference(project, [SLUG], readings={SLUG: ["corrected"]})
+    assert not verification.compare_reference(project, PAPERS)
+    assert verification.compare_reference(project, PAPERS, readings={SLUG: ["corrected"]})
 
 
 def test_a_table_shows_all_verdicts_and_as_many_numbers_as_one_looks_at():
@@ -337,19 +356,28 @@ def test_numbers_within_tolerance_keep_their_digits(project):
     path = project / "data" / "reference" / f"{SLUG}.json"
     before = path.read_text(encoding="utf-8")
     store(project, scale=1 + 1e-9)
-    verification.accept_reference(project, [SLUG])
+    verification.accept_reference(project, PAPERS)
     assert path.read_text(encoding="utf-8") == before
     store(project, scale=1 + 1e-9, iterations=200)
-    verification.accept_reference(project, [SLUG])
+    verification.accept_reference(project, PAPERS)
     now = path.read_text(encoding="utf-8")
     changed = set(now.splitlines()) ^ set(before.splitlines())
-    assert {line.split('"')[1] for line in changed} == {"corrected/nominal/iterations"}
+    assert {line.split('"')[1] for line in changed} == {"corrected/nominal/iterations", "copy/nominal/iterations"}
+
+
+def test_an_artifact_that_readings_share_is_compared_with_the_numbers_of_each(project):
+    names = {name.rpartition("/")[0] for name in reference(project)}
+    assert {"corrected/nominal", "copy/nominal"} <= names
+    whole = {**reference(project), "copy/nominal/mass": reduced(1.0)}
+    (project / "data" / "reference" / f"{SLUG}.json").write_text(json.dumps(whole), encoding="utf-8")
+    assert not verification.compare_reference(project, PAPERS)
+    assert verification.compare_reference(project, PAPERS, readings={SLUG: ["corrected"]})
 
 
 def test_artifacts_that_are_not_of_this_build_are_left_out(project):
     thing = Thing(np.ones(3), 1, "x")
     artifacts.save(project / f"data/cache/{SLUG}/mine/nominal.h5", thing, paper=SLUG, reading="mine", provenance={})
-    verification.accept_reference(project, [SLUG])
+    verification.accept_reference(project, PAPERS)
     assert not [name for name in reference(project) if name.startswith("mine")]
 
 
@@ -512,11 +540,11 @@ def test_numbers_whose_squares_overflow_are_reduced_too():
 
 def test_what_rounding_decides_is_compared_by_shape(project, capsys):
     store(project, scale=1.1)
-    assert not verification.compare_reference(project, [SLUG])
-    assert verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/ma*",)})
+    assert not verification.compare_reference(project, PAPERS)
+    assert verification.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/ma*",)})
     assert "1 that rounding decides compared by shape" in capsys.readouterr().out
-    assert not verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/iterations",)})
+    assert not verification.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/iterations",)})
     path = project / "data" / "cache" / SLUG / "corrected" / "nominal.h5"
     shorter = Thing(np.linspace(1500.0, 1349.4, 49), 100, "x")
     artifacts.save(path, shorter, paper=SLUG, reading="corrected", provenance={})
-    assert not verification.compare_reference(project, [SLUG], {SLUG: ("corrected/nominal/mass",)})
+    assert not verification.compare_reference(project, PAPERS, {SLUG: ("corrected/nominal/mass",)})

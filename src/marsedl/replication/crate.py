@@ -57,7 +57,7 @@ def write_crate(root: Path, papers: Mapping[str, Paper], shared: Mapping[str, Sh
     Args:
         root: the project's folder.
         papers: the catalogues by slug.
-        shared: whose file each artifact is, by slug.
+        shared: whose file each artifact is, by slug, of the size that is described.
         config: what was given with `--config` if it is not the plain full-size build.
 
     Returns:
@@ -93,7 +93,7 @@ def write_crate(root: Path, papers: Mapping[str, Paper], shared: Mapping[str, Sh
                 "actionStatus": "http://schema.org/CompletedActionStatus",
             },
         ),
-        *_steps(crate, workflow, shared, inputs, results),
+        *_steps(crate, workflow, papers, shared, inputs, results),
     ]
     crate.root_dataset["mentions"] = actions
     (_, content), *_ = crate.metadata.stream()
@@ -162,12 +162,17 @@ def _add_workflow(crate: Any, root: Path, inputs: Mapping[str, Any], results: Ma
 
 
 def _steps(
-    crate: Any, workflow: Any, shared: Mapping[str, Shared], inputs: Mapping[str, Any], results: Mapping[str, Any]
+    crate: Any,
+    workflow: Any,
+    papers: Mapping[str, Paper],
+    shared: Mapping[str, Shared],
+    inputs: Mapping[str, Any],
+    results: Mapping[str, Any],
 ) -> list:
     """One action for every artifact, figure and table of a paper; what made them becomes part of the workflow."""
     tools, actions = {}, []
     for name, file in results.items():
-        found = _made(name, {slug: of.paper for slug, of in shared.items()})
+        found = _made(name, papers)
         if found is None:
             continue
         slug, reading, tool, meaning, needs = found
@@ -178,7 +183,7 @@ def _steps(
                 "SoftwareApplication",
                 {"name": tool, "description": meaning, "softwareVersion": VERSION},
             )
-        sources = [shared[slug].file(reading, need) for need in needs]
+        sources = [shared[slug].file(reading, need) for need in needs if shared[slug].has(reading, need)]
         used = [inputs[f"configs/{slug}.yaml"], *(results[source] for source in sources if source in results)]
         properties = {
             "name": f"{tool.split('/')[1]} of {slug}, reading {reading}",
@@ -204,7 +209,8 @@ def _made(name: str, papers: Mapping[str, Paper]) -> tuple[str, str, str, str, t
         stage = paper.stages[stem.split(".")[0]]
         return slug, reading, f"{slug}/{stem.split('.')[0]}", stage.meaning, stage.needs
     if folder == "figures" and stem in {**paper.figures, **paper.tables}:
-        return slug, reading, f"{slug}/{stem}", paper.product(stem).caption, paper.product(stem).needs
+        product = paper.product(stem)
+        return slug, reading, f"{slug}/{stem}", product.caption, product.needs + product.optional
     return None  # what is made of all readings or all papers
 
 

@@ -136,12 +136,13 @@ def build(root: Path, folder: Path, slugs: Iterable[str], machine: Machine = _PI
 
 def compared(pinned: Path, folder: Path, slug: str, noise: Sequence[str] = ()) -> Comparison:
     """Compare the verdicts and numbers of one paper in two builds; noise as for `verification.compare`."""
-    builds, pattern = [build_folder(root, "smoke") for root in (pinned, folder)], f"data/cache/{slug}/*/*.h5"
-    found = [
-        fingerprints(build, slug, {f"{path.parent.name}/{path.stem}": path for path in sorted(build.glob(pattern))})
-        for build in builds
-    ]
-    return compare(*found, noise)
+    builds = [build_folder(root, "smoke") for root in (pinned, folder)]
+    return compare(*(fingerprints(build, slug, _artifacts(build, slug)) for build in builds), noise)
+
+
+def _artifacts(build: Path, slug: str) -> dict[str, Path]:
+    """The files of a build's artifacts by "reading/artifact", of the readings that own them."""
+    return {f"{path.parent.name}/{path.stem}": path for path in sorted(build.glob(f"data/cache/{slug}/*/*.h5"))}
 
 
 def rows(machine: str, setting: str, slug: str, comparison: Comparison, verdicts: int) -> list[tuple[str, ...]]:

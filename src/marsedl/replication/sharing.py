@@ -53,6 +53,21 @@ class Shared:
             return case in self._flown.get(reading, ())
         return reading in self._flown and not case and stage in self.paper.stages
 
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """The readings in which claims are evaluated."""
+        return self._study.compared
+
+    def claimed(self, reading: str) -> dict[str, str]:
+        """Return the files of all artifacts that a reading's claims use, by name."""
+        stages = [
+            name
+            for name, stage in self._paper.stages.items()
+            if not name.startswith(FLIGHTS) and reading in (stage.claimed_in or [reading])
+        ]
+        flights = [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
+        return {name: self.file(reading, name) for name in stages + flights}
+
     def file(self, reading: str, name: str) -> str:
         """Return the path of an artifact, from the folder of the build on."""
         return f"data/cache/{self.paper.slug}/{self.owner(reading, name)}/{name}.h5"

@@ -146,7 +146,7 @@ def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str,
     """Reduce a full build of a paper to what is compared, by name.
 
     Of every claim what the paper prints, the verdicts by reading, and the values as numbers; of the artifacts, moments
-    of every field. cached: files of artifacts by "reading/name"; those that are not there are left out.
+    of every field. cached: files of artifacts by "reading/artifact"; several readings may share one.
     """
     from marsedl.replication.artifacts import opened
 
@@ -161,12 +161,9 @@ def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str,
     for artifact, path in cached.items():
         if path not in reduced and path.exists():
             with opened(path) as file:
-                reduced[path] = {
-                    name: _reduced(np.array(dataset))
-                    for name, dataset in sorted(file.items())
-                    if hasattr(dataset, "dtype") and dataset.dtype.kind in "fiub"
-                }
-        found |= {f"{artifact}/{name}": entry for name, entry in reduced.get(path, {}).items()}
+                numbers = {n: d for n, d in sorted(file.items()) if hasattr(d, "dtype") and d.dtype.kind in "fiub"}
+                reduced[path] = {name: _reduced(np.array(dataset)) for name, dataset in numbers.items()}
+        found |= {f"{artifact}/{name}": numbers for name, numbers in reduced.get(path, {}).items()}
     return found
 
 
@@ -387,24 +384,24 @@ def _reference(root: Path, slug: str) -> Path:
 
 def compare_reference(
     root: Path,
-    slugs: Iterable[str],
+    papers: Mapping[str, Shared],
     noise: Mapping[str, Sequence[str]] | None = None,
     readings: Mapping[str, Iterable[str]] | None = None,
     size: str = FULL,
-    shared: Mapping[str, Shared] | None = None,
 ) -> bool:
     """Compare a build with the committed numbers; prints the changes and the worst margin of every paper.
 
+    papers: whose file each artifact is, by paper; an artifact that readings share is compared with the numbers of each.
     noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
-    all of them if not given. size: of the build; its numbers of trials have to be the full ones. shared: whose file an
-    artifact is, by paper; each reading's own if not given. False, too, if a verdict is not explained.
+    all of them if not given. size: of the build; its numbers of trials have to be the full ones. False, too, if a
+    verdict is not explained.
     """
     agree, build = True, build_folder(root, size)
-    for slug in slugs:
+    for slug, shared in papers.items():
         reference = read_reference(root, slug)
         if readings is not None:
             reference = _of_readings(reference, set(readings[slug]))
-        found = fingerprints(build, slug, _artifacts_of(build, slug, reference, (shared or {}).get(slug)))
+        found = fingerprints(build, slug, _artifacts_of(build, reference, shared))
         comparison = compare(reference, found, (noise or {}).get(slug, ()))
         names = _unexplained(build, slug)
         _print_comparison(slug, comparison, names)
@@ -427,20 +424,16 @@ def _of_readings(reference: Mapping[str, dict | str], built: set[str]) -> dict[s
     return kept
 
 
-def _artifacts_of(root: Path, slug: str, reference: Iterable[str], shared: Shared | None) -> dict[str, Path]:
-    """The files of the artifacts that a reference holds numbers of, by "reading/name"."""
+def _artifacts_of(build: Path, reference: Iterable[str], shared: Shared) -> dict[str, Path]:
+    """The files of the artifacts that a reference holds numbers of, by "reading/artifact"."""
     others = ("claims/", _PUBLISHED, _VERDICTS)
-    files = {}
-    for artifact in sorted({name.rpartition("/")[0] for name in reference if not name.startswith(others)}):
-        reading, name = artifact.split("/")
-        known = shared is not None and shared.has(reading, name)
-        files[artifact] = root / (shared.file(reading, name) if known else f"data/cache/{slug}/{artifact}.h5")
-    return files
-
-
-def paper_of(artifact: str) -> str:
-    """Return the paper that an artifact is of, from its path below the folder of a build."""
-    return artifact.split("/")[2]
+    names = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
+    of_readings = [(name, *name.split("/")) for name in sorted(names)]
+    return {
+        name: build / shared.file(reading, artifact)
+        for name, reading, artifact in of_readings
+        if shared.has(reading, artifact)
+    }
 
 
 def _unexplained(root: Path, slug: str) -> list[str]:
@@ -526,16 +519,13 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
 
 
 def accept_reference(
-    root: Path,
-    slugs: Iterable[str],
-    noise: Mapping[str, Sequence[str]] | None = None,
-    shared: Mapping[str, Shared] | None = None,
+    root: Path, papers: Mapping[str, Shared], noise: Mapping[str, Sequence[str]] | None = None
 ) -> list[Path]:
     """Make the numbers of a full build the committed ones; prints what changes, as `compare_reference` does.
 
     Numbers within tolerance keep their committed digits, so that the files show what moved and nothing else.
 
-    noise, shared: as for `compare_reference`.
+    papers, noise: as for `compare_reference`.
 
     Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, if a verdict is
     not explained, or if this machine pretends to be another one.
@@ -544,8 +534,8 @@ def accept_reference(
         raise MarsedlError(
             f"the committed numbers are those of the pinned instruction sets; unset {UNPINNED} ({machine})"
         )
-    artifacts, accepted = built_artifacts(root), {}
-    for slug in slugs:
+    built, accepted = set(built_artifacts(root)), {}
+    for slug, shared in papers.items():
         if names := _unexplained(root, slug):
             raise MarsedlError(
                 f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {names[0]} differs or fails without a "
@@ -553,9 +543,13 @@ def accept_reference(
             )
         path = _reference(root, slug)
         reference = read_reference(root, slug) if path.exists() else {}
-        own = {name.split("/", 3)[3].removesuffix(".h5"): name for name in artifacts if paper_of(name) == slug}
-        files = shared[slug].compared() if shared else own
-        found = fingerprints(root, slug, {name: root / path for name, path in files.items()})
+        claimed = {
+            f"{reading}/{name}": root / file
+            for reading in shared.readings
+            for name, file in shared.claimed(reading).items()
+            if file in built
+        }
+        found = fingerprints(root, slug, claimed)
         comparison = compare(reference, found, (noise or {}).get(slug, ()))
         _print_comparison(slug, comparison, ())
         kept = {name for name, value in comparison.margins.items() if value <= 1}
