@@ -110,7 +110,10 @@ def claimed(paper, reading):
 
 def cache(paper):
     """All artifacts of a paper that its claims use."""
-    return sorted(set(SHARED[paper].compared().values()))
+    shared = SHARED[paper]
+    return sorted(
+        {p for reading in shared.readings for p in shared.claimed(reading).values()}
+    )
 
 
 def number_of_chunks(paper, reading, case):

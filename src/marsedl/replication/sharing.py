@@ -42,10 +42,6 @@ class Shared:
         ]
         return {name: self.file(reading, name) for name in names}
 
-    def compared(self) -> dict[str, str]:
-        """Return the paths of the artifacts that the claims of all compared readings use, by "reading/name"."""
-        return {f"{r}/{name}": path for r in self._study.compared for name, path in self.claimed(r).items()}
-
     def has(self, reading: str, name: str) -> bool:
         """Whether a reading has an artifact of this name."""
         stage, _, case = name.partition(".")
@@ -57,16 +53,6 @@ class Shared:
     def readings(self) -> tuple[str, ...]:
         """The readings in which claims are evaluated."""
         return self._study.compared
-
-    def claimed(self, reading: str) -> dict[str, str]:
-        """Return the files of all artifacts that a reading's claims use, by name."""
-        stages = [
-            name
-            for name, stage in self._paper.stages.items()
-            if not name.startswith(FLIGHTS) and reading in (stage.claimed_in or [reading])
-        ]
-        flights = [f"{FLIGHTS}.{case}" for case in self._flown[reading]]
-        return {name: self.file(reading, name) for name in stages + flights}
 
     def file(self, reading: str, name: str) -> str:
         """Return the path of an artifact, from the folder of the build on."""
