@@ -19,6 +19,7 @@ from marsedl.papers.random_field import environment as random_field_environment
 from marsedl.papers.random_field import inputs as random_field_inputs
 from marsedl.papers.random_field.records import Nominal as RandomFieldNominal
 from marsedl.papers.stochastic_entry import environment as stochastic_entry_environment
+from marsedl.papers.stochastic_entry import inputs as stochastic_entry_inputs
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import new_figure
 
@@ -98,15 +99,15 @@ def funnels(
     )
 
 
-def stochastic_entry(inputs, nominal: StochasticEntryNominal) -> Density:
+def stochastic_entry(air: stochastic_entry_inputs.Air, nominal: StochasticEntryNominal) -> Density:
     """A Markov process of altitude."""
     return Density(
         _range(nominal.altitude),
-        PROFILES[inputs.density_profile],
-        f"Gaussian Markov process of altitude, decay {inputs.decay_factor:g} in a scale height",
+        PROFILES[air.density_profile],
+        f"Gaussian Markov process of altitude, decay {air.decay_factor:g} in a scale height",
         "one standard deviation",
-        profile(inputs)(ALTITUDE)[0],
-        _about_one(np.sqrt(stochastic_entry_environment.variance(inputs, ALTITUDE))),
+        profile(air)(ALTITUDE)[0],
+        _about_one(np.sqrt(stochastic_entry_environment.variance(air, ALTITUDE))),
         "--",
     )
 

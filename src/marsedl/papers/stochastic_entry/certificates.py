@@ -10,6 +10,7 @@ from marsedl.methods.covariance_steering.lqg_dual import (
 )
 from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import problem, solved
+from marsedl.papers.stochastic_entry.inputs import Design, Guidance
 from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Certificates, Gains, Linearization
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
@@ -19,14 +20,14 @@ PERTURBATION = 0.05  # relative, of the gains
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization, gains: Gains) -> Certificates:
+def compute(guidance: Guidance, design: Design, linearization: Linearization, gains: Gains) -> Certificates:
     """Solve the design on a coarse partition by three ways, and test Theorem III.1 on the reading's own partition."""
-    rows = [_trigger(inputs, linearization, gains, trigger) for trigger in range(len(TRIGGERS))]
+    rows = [_trigger(guidance, design, linearization, gains, trigger) for trigger in range(len(TRIGGERS))]
     return Certificates(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
 
 
-def _trigger(inputs, linearization, gains, trigger):
-    coarse = problem(inputs, linearization, trigger, interval=COARSE)
+def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
+    coarse = problem(guidance, design, linearization, trigger, interval=COARSE)
     where = f"the {TRIGGERS[trigger]} trigger on intervals of {COARSE:g} s"
     try:
         reference = solved(coarse)
@@ -37,7 +38,7 @@ def _trigger(inputs, linearization, gains, trigger):
         ) from None
     searches = [solve_over_weights(coarse), solve_over_weights(coarse, _small_start(coarse))]
 
-    own = problem(inputs, linearization, trigger)
+    own = problem(guidance, design, linearization, trigger)
     weight = np.outer(own.objective, own.objective)
     for direction, multiplier in zip(own.final_directions, gains.final_multiplier[trigger], strict=True):
         weight += multiplier * np.outer(direction, direction)

@@ -18,6 +18,7 @@ from marsedl.montecarlo.streaming import (
     outcome_count,
 )
 from marsedl.papers.stochastic_entry import dispersions, environment
+from marsedl.papers.stochastic_entry.inputs import Mission, Planet, StochasticEntryInputs
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL, final_weights, per_metre
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
@@ -38,7 +39,6 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
     Tradeoff,
-    by_case,
     errors,
 )
 from marsedl.replication.catalogue import Artifacts
@@ -98,26 +98,29 @@ class Records(Artifacts):
     tradeoff: Tradeoff | None = None
     error_budget: ErrorBudget | None = None
 
+    def flights(self) -> dict[str, FlightEnsemble]:
+        """Return the four Monte Carlo ensembles by the name of their case."""
+        return {case: getattr(self, case) for case in CASES}
 
-def evaluate(inputs, records: Records) -> dict[str, Evaluation | None]:
+
+def evaluate(inputs: StochasticEntryInputs, records: Records) -> dict[str, Evaluation | None]:
     """Evaluate every claim in one reading.
 
     Numbers come from all trials of the reading. Claims that rest on a study which is not done for the reading are None.
     Trials that are not finite are counted in the evidence and left out of percentiles; without any finite trial or
     gain a number is NaN and a statement is not met.
     """
-    flights = by_case(
-        records.apollo_time, records.apollo_velocity, records.stochastic_time, records.stochastic_velocity
-    )
+    nominal, linearization, gains = records.nominal, records.linearization, records.gains
+    flights = records.flights()
     tails = {case: final_percentiles(ensemble) for case, ensemble in flights.items()}
     return {
-        **_stated_inputs(inputs, records.gains),
-        **_density_claims(inputs, records.nominal, records.linearization, records.apollo_time),
-        **_design_claims(inputs, records.linearization, records.gains, records.certificates, records.tradeoff),
-        **_control_claims(inputs, records.linearization, records.gains),
-        **_dispersion_claims(inputs, records.nominal, records.linearization, records.gains, flights),
-        **_correlation_claims(records.gains, flights),
-        **_trigger_claims(inputs, records.nominal, records.linearization, records.gains, flights),
+        **_stated_inputs(inputs, gains),
+        **_density_claims(inputs, nominal, linearization, records.apollo_time),
+        **_design_claims(inputs, linearization, gains, records.certificates, records.tradeoff),
+        **_control_claims(inputs, linearization, gains),
+        **_dispersion_claims(inputs, nominal, linearization, gains, flights),
+        **_correlation_claims(gains, flights),
+        **_trigger_claims(inputs, nominal, linearization, gains, flights),
         **_table_4(inputs, flights, tails),
         **_headline_claims(inputs, flights, tails, records.error_budget),
     }
@@ -208,70 +211,72 @@ def _bounds(gains):
 # ---- stated inputs ---------------------------------------------------------------------------------------------------
 
 
-def crossrange_of_azimuth(inputs):
+def crossrange_of_azimuth(planet: Planet, mission: Mission):
     """Arc from entry to target (rad), and the crossrange (m) of the azimuth's offset from it over that arc."""
-    step = inputs.target_longitude - inputs.entry_longitude
-    sines = np.sin(inputs.entry_latitude), np.sin(inputs.target_latitude)
-    cosines = np.cos(inputs.entry_latitude), np.cos(inputs.target_latitude)
+    step = mission.target_longitude - mission.entry_longitude
+    sines = np.sin(mission.entry_latitude), np.sin(mission.target_latitude)
+    cosines = np.cos(mission.entry_latitude), np.cos(mission.target_latitude)
     east, north = np.sin(step) * cosines[1], cosines[0] * sines[1] - sines[0] * cosines[1] * np.cos(step)
     arc = np.arctan2(np.hypot(east, north), sines[0] * sines[1] + cosines[0] * cosines[1] * np.cos(step))
-    return float(arc), float(inputs.planet_radius * arc * (inputs.entry_azimuth - np.arctan2(east, north)))
+    return float(arc), float(planet.planet_radius * arc * (mission.entry_azimuth - np.arctan2(east, north)))
 
 
-def _stated_inputs(inputs, gains):
+def _stated_inputs(inputs: StochasticEntryInputs, gains):
     degrees = np.degrees
-    arc, crossrange = crossrange_of_azimuth(inputs)
+    planet, vehicle, mission = inputs.planet, inputs.vehicle, inputs.mission
+    guidance, design = inputs.guidance, inputs.design
+    arc, crossrange = crossrange_of_azimuth(planet, mission)
     example = EXAMPLE_LIMIT / chance_factor(1.0 - EXAMPLE_PROBABILITY)
     unit = np.eye(STATES)
     values = {
-        "ou_lambda": inputs.decay_factor,
-        "ou_phi_factor": inputs.diffusion_factor,
+        "ou_lambda": inputs.air.decay_factor,
+        "ou_phi_factor": inputs.air.diffusion_factor,
         "fig2_limits": DENSITY_SIGMAS,
         "decision_dimension_gains": gains.stochastic_gain.shape[-1],
-        "mu": inputs.gravitational_parameter,
-        "omega": inputs.rotation_rate,
-        "h_atm": inputs.atmosphere_altitude / 1e3,
-        "end_velocity": inputs.end_velocity,
+        "mu": planet.gravitational_parameter,
+        "omega": planet.rotation_rate,
+        "h_atm": planet.atmosphere_altitude / 1e3,
+        "end_velocity": mission.end_velocity,
         "trigger_nu": TRIGGER_NORMAL,
-        "ha_velocity": inputs.heading_alignment_velocity / 1e3,
-        "ha_gain": inputs.heading_alignment_gain,
-        "ha_limit_high": degrees(inputs.heading_alignment_limits[0]),
-        "ha_limit_low": degrees(inputs.heading_alignment_limits[1]),
-        "ha_limit_velocity": inputs.heading_alignment_limit_velocity / 1e3,
-        "target_position": [degrees(inputs.target_longitude), degrees(inputs.target_latitude)],
-        "ei_position": [degrees(inputs.entry_longitude), degrees(inputs.entry_latitude)],
-        "trim_alpha_interval": degrees(inputs.trim_interval),
-        "guidance_period": inputs.guidance_period,
-        "bank_rate_limit": degrees(inputs.bank_rate_limit),
-        "nominal_bank_fast": degrees(inputs.nominal_bank_fast),
-        "nominal_bank_slow": degrees(inputs.nominal_bank_slow),
-        "nominal_ramp_velocities": inputs.ramp_velocities / 1e3,
-        "apollo_overcontrol": inputs.overcontrol,
-        "mc_trials": inputs.paper_trials,
-        "fig9_plotted_trials": inputs.drawn_trials,
-        "tab1_mass": inputs.mass,
-        "tab1_area": inputs.reference_diameter,
-        "tab1_alpha": degrees(inputs.trim_angle_of_attack),
-        "tab1_ld": inputs.lift_to_drag,
-        "tab1_bc": inputs.ballistic_coefficient,
+        "ha_velocity": guidance.heading_alignment_velocity / 1e3,
+        "ha_gain": guidance.heading_alignment_gain,
+        "ha_limit_high": degrees(guidance.heading_alignment_limits[0]),
+        "ha_limit_low": degrees(guidance.heading_alignment_limits[1]),
+        "ha_limit_velocity": guidance.heading_alignment_limit_velocity / 1e3,
+        "target_position": [degrees(mission.target_longitude), degrees(mission.target_latitude)],
+        "ei_position": [degrees(mission.entry_longitude), degrees(mission.entry_latitude)],
+        "trim_alpha_interval": degrees(vehicle.trim_interval),
+        "guidance_period": guidance.guidance_period,
+        "bank_rate_limit": degrees(guidance.bank_rate_limit),
+        "nominal_bank_fast": degrees(guidance.nominal_bank_fast),
+        "nominal_bank_slow": degrees(guidance.nominal_bank_slow),
+        "nominal_ramp_velocities": guidance.ramp_velocities / 1e3,
+        "apollo_overcontrol": design.overcontrol,
+        "mc_trials": inputs.simulation.paper_trials,
+        "fig9_plotted_trials": inputs.simulation.drawn_trials,
+        "tab1_mass": vehicle.mass,
+        "tab1_area": vehicle.reference_diameter,
+        "tab1_alpha": degrees(vehicle.trim_angle_of_attack),
+        "tab1_ld": vehicle.lift_to_drag,
+        "tab1_bc": vehicle.ballistic_coefficient,
         "tab2_altitude": [
-            inputs.atmosphere_altitude / 1e3,
-            SIGMAS * dispersions.entry_deviations(inputs)[dispersions.RADIUS],
+            planet.atmosphere_altitude / 1e3,
+            SIGMAS * dispersions.entry_deviations(planet, mission)[dispersions.RADIUS],
         ],
-        "tab2_velocity": [inputs.entry_velocity / 1e3, inputs.entry_velocity_three_sigma],
-        "tab2_gamma": degrees([inputs.entry_flight_path_angle, inputs.entry_flight_path_angle_three_sigma]),
-        "tab2_azimuth": degrees([inputs.entry_azimuth, inputs.entry_azimuth_three_sigma]),
-        "tab2_downrange": [0.0, inputs.entry_downrange_three_sigma / 1e3],
-        "tab3_aero": [abs(inputs.lift_dispersion), abs(inputs.drag_dispersion)],
-        "af_time": inputs.final_weight,
-        "rk": inputs.control_weight,
-        "u_limit": inputs.control_limit,
-        "chance_level": inputs.chance_level,
-        "altitude_limit": inputs.altitude_limit / 1e3,
-        "gamma_limit": degrees(inputs.flight_path_angle_limit),
+        "tab2_velocity": [mission.entry_velocity / 1e3, mission.entry_velocity_three_sigma],
+        "tab2_gamma": degrees([mission.entry_flight_path_angle, mission.entry_flight_path_angle_three_sigma]),
+        "tab2_azimuth": degrees([mission.entry_azimuth, mission.entry_azimuth_three_sigma]),
+        "tab2_downrange": [0.0, mission.entry_downrange_three_sigma / 1e3],
+        "tab3_aero": [abs(vehicle.lift_dispersion), abs(vehicle.drag_dispersion)],
+        "af_time": design.final_weight,
+        "rk": design.control_weight,
+        "u_limit": design.control_limit,
+        "chance_level": design.chance_level,
+        "altitude_limit": design.altitude_limit / 1e3,
+        "gamma_limit": degrees(design.flight_path_angle_limit),
         "altitude_direction": unit[ALTITUDE],
         "gamma_direction": unit[FLIGHT_PATH_ANGLE],
-        "fig13_probability": 100.0 * inputs.chance_level,
+        "fig13_probability": 100.0 * design.chance_level,
     }
     return {
         **{name: Evaluation(value) for name, value in values.items()},
@@ -280,13 +285,13 @@ def _stated_inputs(inputs, gains):
             evidence=f"an illustration that no result uses: a standard deviation of {example / 1e3:.2f} km",
         ),
         "tab2_crossrange": Evaluation(
-            [round(crossrange / 1e3, 2), inputs.entry_crossrange_three_sigma / 1e3],
+            [round(crossrange / 1e3, 2), mission.entry_crossrange_three_sigma / 1e3],
             evidence=f"the azimuth's offset over the arc of {degrees(arc):.3f} deg makes {crossrange / 1e3:.4f} km "
             "relative to the planet, rounded as printed; the mean latitude is an input of its own",
         ),
         "chance_sigmas": Evaluation(
-            float(chance_factor(inputs.chance_level)),
-            evidence=f"sqrt(2) times the inverse error function of {inputs.chance_level:g}",
+            float(chance_factor(design.chance_level)),
+            evidence=f"sqrt(2) times the inverse error function of {design.chance_level:g}",
         ),
     }
 
@@ -294,15 +299,15 @@ def _stated_inputs(inputs, gains):
 # ---- density (Sec. II) -----------------------------------------------------------------------------------------------
 
 
-def _density_claims(inputs, nominal, linearization, ensemble):
+def _density_claims(inputs: StochasticEntryInputs, nominal, linearization, ensemble):
     # Constant coefficients: twenty scale heights below the top nothing is left of the start.
     depth, scale_height = np.linspace(0.0, 20.0, 2001), 1.0
-    decay = density_variation.decay_rate(1.0 / scale_height, inputs.decay_factor)
+    decay = density_variation.decay_rate(1.0 / scale_height, inputs.air.decay_factor)
     marched = density_variation.process_variance(depth, decay, 1.0, 0.0)[0]
 
-    altitude = np.arange(nominal.altitude.min(), inputs.atmosphere_altitude, inputs.density_grid_interval)
-    wanted, decay = environment.variance(inputs, altitude), environment.decay_rate(inputs, altitude)
-    noise = environment.diffusion(inputs, altitude)
+    altitude = np.arange(nominal.altitude.min(), inputs.planet.atmosphere_altitude, inputs.air.density_grid_interval)
+    wanted, decay = environment.variance(inputs.air, altitude), environment.decay_rate(inputs.air, altitude)
+    noise = environment.diffusion(inputs.air, altitude)
     bias = np.sqrt(density_variation.process_variance(altitude, decay, noise, wanted[-1]) / wanted) - 1.0
 
     slope, spread = _sink_rate_exponent(inputs, linearization)
@@ -315,9 +320,9 @@ def _density_claims(inputs, nominal, linearization, ensemble):
     vehicle = np.ix_([VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE], [VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE])
     deviance = wishart_deviance(entry[vehicle], trials, linearization.initial_covariance[vehicle])
     mean = linearization.state[0].copy()
-    mean[0] -= inputs.planet_radius
+    mean[0] -= inputs.planet.planet_radius
     miss = np.abs(ensemble.mean[0, 1:4] - mean[1:4]) / np.sqrt(np.diag(entry)[1:4] / trials)
-    middle = environment.variance(inputs, np.array([40e3, 80e3]))
+    middle = environment.variance(inputs.air, np.array([40e3, 80e3]))
     gram = density_variation.mars_gram_2010_deviation(np.array([40e3, 80e3]))
     samples = (
         f"our samples have deviations of {100 * np.sqrt(middle[0]):.1f} and {100 * np.sqrt(middle[1]):.1f} % at 40 and "
@@ -327,7 +332,7 @@ def _density_claims(inputs, nominal, linearization, ensemble):
         "ou_limit_variance": Evaluation(
             float(marched),
             evidence=f"variance 20 scale heights below the top {marched:.6f}, Eq. 10 in closed form "
-            f"{density_variation.stationary_variance(1.0, inputs.decay_factor):.6f}",
+            f"{density_variation.stationary_variance(1.0, inputs.air.decay_factor):.6f}",
         ),
         "ou_variance_matches_profile": Evaluation(
             bool(np.abs(bias).max() < PROFILE),
@@ -366,18 +371,18 @@ def _density_claims(inputs, nominal, linearization, ensemble):
     }
 
 
-def _sink_rate_exponent(inputs, linearization):
+def _sink_rate_exponent(inputs: StochasticEntryInputs, linearization):
     """Exponent of the sink rate in the density noise, and its distance from the process of Eq. 8 in altitude.
 
     The noise of a second is scaled by density, profile and scale height, and by what the process forgets in that
     second, so that Eq. 24 leaves the sink rate's root. The second figure is the largest relative difference of the
     deviations that a second of descent adds.
     """
-    altitude = linearization.state[:, 0] - inputs.planet_radius
+    altitude = linearization.state[:, 0] - inputs.planet.planet_radius
     steps = np.flatnonzero(np.diff(altitude) < -1.0)  # m; the slope of less is rounding
     noise = linearization.noise[steps, 4, 4] / linearization.state[steps + 1, 4] ** 2
-    decay = environment.decay_rate(inputs, altitude)
-    diffusion = environment.diffusion(inputs, altitude)
+    decay = environment.decay_rate(inputs.air, altitude)
+    diffusion = environment.diffusion(inputs.air, altitude)
     added = np.array(
         [
             density_variation.innovation_variance(altitude[[k + 1, k]], decay[[k + 1, k]], diffusion[[k + 1, k]])[0]
@@ -396,14 +401,14 @@ def _sink_rate_exponent(inputs, linearization):
 # ---- design (Secs. III.C, IV, V.A) -----------------------------------------------------------------------------------
 
 
-def _design_claims(inputs, linearization, gains, certificates, tradeoff):
+def _design_claims(inputs: StochasticEntryInputs, linearization, gains, certificates, tradeoff):
     system_size = STATES * (STATES + 1) // 2 + len(gains.partition_start)
     free = len(np.triu_indices(STATES)[0]) + gains.control_multiplier.shape[1]
     entries = STATES * len(gains.partition_start)
     projection = linearization.trigger_projection
     identity = np.delete(projection - np.eye(STATES), VELOCITY, axis=1)
-    units = np.array([inputs.weight_length, 1.0, 1.0, inputs.weight_length, 1.0])
-    weight = final_weights(inputs, linearization)[1] * per_metre(inputs)
+    units = np.array([inputs.design.weight_length, 1.0, 1.0, inputs.design.weight_length, 1.0])
+    weight = final_weights(inputs.design, linearization)[1] * per_metre(inputs.design)
     limits = SIGMAS * np.sqrt(np.diagonal(gains.stochastic_covariance[:, -1], axis1=1, axis2=2))
     altitude = limits[0, ALTITUDE] / 1e3
     return {
@@ -499,7 +504,7 @@ def _tradeoff_claim(tradeoff):
 # ---- control (Fig. 8) ------------------------------------------------------------------------------------------------
 
 
-def _control_claims(inputs, linearization, gains):
+def _control_claims(inputs: StochasticEntryInputs, linearization, gains):
     guided = linearization.control.any(axis=1)
     guided[: np.flatnonzero(guided)[-1]] = True  # from entry on
     time, cosine = linearization.time[:-1][guided], linearization.bank_cosine[:-1][guided]
@@ -522,9 +527,9 @@ def _control_claims(inputs, linearization, gains):
 
     outside = (np.abs(cosine) + apollo > 1.0).sum() / len(time)
     early = stochastic[:, time < SILENT_TIME].max()
-    thin = drag < inputs.apollo_least_drag
+    thin = drag < inputs.guidance.apollo_least_drag
     thin &= np.arange(len(thin)) < np.argmax(pressure)
-    faint = stochastic[:, thin].max() / inputs.control_limit if thin.any() else np.nan
+    faint = stochastic[:, thin].max() / inputs.design.control_limit if thin.any() else np.nan
     high = pressure > HALF_PEAK * pressure.max()
     stronger = (stochastic > apollo)[:, high].mean(axis=1)
     stronger_timed = 100 * (stochastic > timed[0])[:, high].mean(axis=1)
@@ -532,8 +537,8 @@ def _control_claims(inputs, linearization, gains):
     return {
         "lqg_no_feedback_low_q": Evaluation(
             bool(faint < NEGLIGIBLE),
-            evidence=f"before the drag exceeds {inputs.apollo_least_drag:g} m/s^2, three sigma of the correction is at "
-            f"most {100 * faint:.1f} % of the control limit; negligible is {100 * NEGLIGIBLE:g} %{failed}",
+            evidence=f"before the drag exceeds {inputs.guidance.apollo_least_drag:g} m/s^2, three sigma of the correction "
+            f"is at most {100 * faint:.1f} % of the control limit; negligible is {100 * NEGLIGIBLE:g} %{failed}",
         ),
         "fig8_apollo_similar": Evaluation(
             bool(distance("apollo") < SAME_BOUND),
@@ -582,7 +587,7 @@ def _control_claims(inputs, linearization, gains):
 _STATES = ("altitude", "velocity", "flight path angle", "range")  # in the order of history and linear model
 
 
-def _dispersion_claims(inputs, nominal, linearization, gains, flights):
+def _dispersion_claims(inputs: StochasticEntryInputs, nominal, linearization, gains, flights):
     time = gains.time
     law = {name: _LawDispersion(gains, name, flights[f"{name}_time"]) for name in LAWS}
     apollo, stochastic = law["apollo"], law["stochastic"]
@@ -613,7 +618,7 @@ def _dispersion_claims(inputs, nominal, linearization, gains, flights):
     )
     changes = [np.nanmax(observed_maxima(ensemble, BANK_CHANGE), initial=0.0) for ensemble in flights.values()]
     steps = np.abs(np.diff(nominal.bank)).max()
-    allowed = inputs.bank_rate_limit * inputs.guidance_period
+    allowed = inputs.guidance.bank_rate_limit * inputs.guidance.guidance_period
     excluded = flights["stochastic_time"].excluded
     failed = f"; {excluded:,} stochastic trials are not finite" if excluded else ""
 
@@ -773,7 +778,7 @@ def _correlation_claims(gains, flights):
 # ---- triggers (Sec. IV) ----------------------------------------------------------------------------------------------
 
 
-def _carried(inputs, linearization, ensemble):
+def _carried(inputs: StochasticEntryInputs, linearization, ensemble):
     """Mean deviation and covariance at t_f of flights that end earlier or later, and the time from which they are made.
 
     Flights to a trigger do not all pass t_f. Their moments at the last command at which all but a thousandth still fly
@@ -783,14 +788,14 @@ def _carried(inputs, linearization, ensemble):
     flying = ensemble.flying[nodes] >= ALL_FLYING * max(ensemble.count, 1)
     last = int(nodes[flying].max()) if ensemble.count > 1 else 0
     reference = linearization.state[last].copy()
-    reference[0] -= inputs.planet_radius
+    reference[0] -= inputs.planet.planet_radius
     mean, covariance = ensemble.mean[last, :STATES] - reference, ensemble.covariance[last, :STATES, :STATES]
     for transition, noise in zip(linearization.transition[last:], linearization.noise[last:], strict=True):
         mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
     return mean, covariance, linearization.time[last]
 
 
-def _trigger_claims(inputs, nominal, linearization, gains, flights):
+def _trigger_claims(inputs: StochasticEntryInputs, nominal, linearization, gains, flights):
     from scipy.special import ndtr
 
     projection, rates = linearization.trigger_projection, linearization.final_rates
@@ -855,7 +860,7 @@ def _trigger_claims(inputs, nominal, linearization, gains, flights):
 # ---- Table 4 and the headline ----------------------------------------------------------------------------------------
 
 
-def _table_4(inputs, flights, tails):
+def _table_4(inputs: StochasticEntryInputs, flights, tails):
     found = {}
     for case in CASES:
         ensemble = flights[case]
@@ -885,12 +890,12 @@ def _table_4(inputs, flights, tails):
     return found
 
 
-def _velocity_errors(inputs, ensemble):
+def _velocity_errors(inputs: StochasticEntryInputs, ensemble):
     """Distances from the velocity of the trigger of all finite trials, or the largest; empty without any."""
     if is_streamed(ensemble):
         ends = final_extremes(ensemble, VELOCITY)
-        return np.abs(ends[np.isfinite(ends)] - inputs.end_velocity)
-    return np.abs(ensemble.final_state[finite(ensemble), VELOCITY] - inputs.end_velocity)
+        return np.abs(ends[np.isfinite(ends)] - inputs.mission.end_velocity)
+    return np.abs(ensemble.final_state[finite(ensemble), VELOCITY] - inputs.mission.end_velocity)
 
 
 def _middle(ensemble, state, factor):
@@ -925,7 +930,7 @@ def _alone(error_budget):
     return found
 
 
-def _headline_claims(inputs, flights, tails, error_budget):
+def _headline_claims(inputs: StochasticEntryInputs, flights, tails, error_budget):
     ranges = {case: tails[case][DOWNRANGE] for case in CASES}
     widths = {case: width(ranges[case]) for case in CASES}
     saved, error = reduction(ranges["stochastic_velocity"], ranges["apollo_velocity"])

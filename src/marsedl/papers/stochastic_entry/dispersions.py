@@ -1,53 +1,84 @@
 """The vehicle and its state at entry: means and dispersions of Tables 1 to 3, and the streams that draw them."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marsedl.models.dynamics.entry import aerodynamic_coefficients, aerodynamic_factor, reference_area
+from marsedl.papers.stochastic_entry.inputs import Mission, Planet, Vehicle
 
 ENTRY_STREAM, DENSITY_STREAM, AERODYNAMICS_STREAM, PROCESS_STREAM = range(4)  # of random numbers; the last is Fig. 2's
 
 RADIUS, LONGITUDE, LATITUDE, SPEED, PATH_ANGLE, AZIMUTH = range(6)  # of the state that flights integrate
 
 
-def coefficients(inputs):
-    """Drag and lift coefficient of the trimmed vehicle, from ballistic coefficient and lift-to-drag ratio."""
-    return aerodynamic_coefficients(
-        inputs.mass, reference_area(inputs.reference_diameter), inputs.ballistic_coefficient, inputs.lift_to_drag
+class Body(NamedTuple):
+    """The trimmed vehicle without errors."""
+
+    mass: float  # kg
+    area: float  # m^2
+    drag_coefficient: float
+    lift_coefficient: float
+
+
+class Dispersions(NamedTuple):
+    """What trials are drawn from."""
+
+    entry_mean: np.ndarray  # (6,): radius, longitude, latitude, velocity, path angle, azimuth
+    entry_deviations: np.ndarray  # (6,), standard deviations
+    body: Body
+    drag_error: float  # of the drag coefficient, at one end of the trim interval
+    lift_error: float  # of the lift coefficient, at the same end
+
+
+def dispersions_of(planet: Planet, vehicle: Vehicle, mission: Mission) -> Dispersions:
+    """Return the distribution of entry states and vehicles."""
+    return Dispersions(
+        entry_mean(planet, mission),
+        entry_deviations(planet, mission),
+        body_of(vehicle),
+        vehicle.drag_dispersion,
+        vehicle.lift_dispersion,
     )
 
 
-def factors(inputs, drag_error=0.0, lift_error=0.0):
+def body_of(vehicle: Vehicle) -> Body:
+    """Return the trimmed vehicle, its coefficients from ballistic coefficient and lift-to-drag ratio."""
+    area = reference_area(vehicle.reference_diameter)
+    coefficients = aerodynamic_coefficients(vehicle.mass, area, vehicle.ballistic_coefficient, vehicle.lift_to_drag)
+    return Body(vehicle.mass, area, *coefficients)
+
+
+def factors(body: Body, drag_error=0.0, lift_error=0.0):
     """Drag and lift factor A C / (2 m), m^2/kg, with errors of the coefficients."""
-    area = reference_area(inputs.reference_diameter)
-    drag, lift = coefficients(inputs)
     return (
-        aerodynamic_factor(drag + drag_error, area, inputs.mass),
-        aerodynamic_factor(lift + lift_error, area, inputs.mass),
+        aerodynamic_factor(body.drag_coefficient + drag_error, body.area, body.mass),
+        aerodynamic_factor(body.lift_coefficient + lift_error, body.area, body.mass),
     )
 
 
-def entry_deviations(inputs):
+def entry_deviations(planet: Planet, mission: Mission):
     """Standard deviations of the entry state (Table 2): downrange on the longitude, crossrange on the latitude."""
     three_sigma = (
         0.0,
-        inputs.entry_downrange_three_sigma / inputs.planet_radius,
-        inputs.entry_crossrange_three_sigma / inputs.planet_radius,
-        inputs.entry_velocity_three_sigma,
-        inputs.entry_flight_path_angle_three_sigma,
-        inputs.entry_azimuth_three_sigma,
+        mission.entry_downrange_three_sigma / planet.planet_radius,
+        mission.entry_crossrange_three_sigma / planet.planet_radius,
+        mission.entry_velocity_three_sigma,
+        mission.entry_flight_path_angle_three_sigma,
+        mission.entry_azimuth_three_sigma,
     )
     return np.array(three_sigma) / 3.0
 
 
-def entry_mean(inputs):
+def entry_mean(planet: Planet, mission: Mission):
     """Mean entry state (Table 2, Eq. 70)."""
     return np.array(
         (
-            inputs.planet_radius + inputs.atmosphere_altitude,
-            inputs.entry_longitude,
-            inputs.entry_latitude,
-            inputs.entry_velocity,
-            inputs.entry_flight_path_angle,
-            inputs.entry_azimuth,
+            planet.planet_radius + planet.atmosphere_altitude,
+            mission.entry_longitude,
+            mission.entry_latitude,
+            mission.entry_velocity,
+            mission.entry_flight_path_angle,
+            mission.entry_azimuth,
         )
     )

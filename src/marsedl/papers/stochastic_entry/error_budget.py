@@ -3,9 +3,11 @@
 import numpy as np
 
 from marsedl.methods.lincov import propagate
-from marsedl.papers.stochastic_entry import dispersions
+from marsedl.papers.stochastic_entry import dispersions, environment, flight
+from marsedl.papers.stochastic_entry.gains import law
+from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.linearization import system
-from marsedl.papers.stochastic_entry.montecarlo import block_simulator, nominal_final
+from marsedl.papers.stochastic_entry.montecarlo import end_of, nominal_final, simulator_of
 from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     STATES,
@@ -29,24 +31,26 @@ LAWS = ("apollo", "stochastic", "nominal")
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains) -> ErrorBudget:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
+    linearization: Linearization,
+    gains: Gains,
+) -> ErrorBudget:
     """Fly the same trials with one source of uncertainty at a time, and with all."""
     shape = len(LAWS), len(TRIGGERS), len(SOURCES)
     deviation, mean, largest, missed = np.empty(shape), np.empty(shape), np.empty(shape), np.zeros(shape, np.int64)
     reference = nominal_final(nominal)[DOWNRANGE]
+    plant = flight.plant_of(planet, air, vehicle, mission, guidance)
     for index in np.ndindex(shape):
-        law, trigger, source = LAWS[index[0]], TRIGGERS[index[1]], SOURCES[index[2]]
-        simulate = block_simulator(
-            inputs,
-            nominal,
-            linearization,
-            gains,
-            f"{law}_{trigger}",
-            deviations=_deviations(inputs, source),
-            aerodynamics=float(source in ("aerodynamics", "all")),
-            varied=source in ("density", "all"),
-        )
-        flown = simulate(0, inputs.source_trials)
+        case, source = f"{LAWS[index[0]]}_{TRIGGERS[index[1]]}", SOURCES[index[2]]
+        flown_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
+        flown = simulator_of(_only(plant, source), flown_law, end, simulation)(0, simulation.source_trials)
         error = flown.final_state[DOWNRANGE] - reference
         deviation[index], mean[index], largest[index] = error.std(ddof=1), error.mean(), np.abs(error).max()
         missed[index] = np.count_nonzero(flown.outcome)
@@ -57,20 +61,23 @@ def compute(inputs, nominal: Nominal, linearization: Linearization, gains: Gains
         mean=mean,
         largest=largest,
         missed=missed,
-        trials=inputs.source_trials,
+        trials=simulation.source_trials,
         floor=_floor(linearization),
     )
 
 
-def _deviations(inputs, source):
-    """Standard deviations of the entry state with one source alone."""
-    deviations = dispersions.entry_deviations(inputs)
+def _only(plant: flight.Plant, source: str) -> flight.Plant:
+    """The plant with one source of uncertainty alone."""
     if source == "all":
-        return deviations
-    only = np.zeros_like(deviations)
+        return plant
+    deviations = np.zeros_like(plant.dispersions.entry_deviations)
     if source in _COMPONENTS:
-        only[_COMPONENTS[source]] = deviations[_COMPONENTS[source]]
-    return only
+        deviations[_COMPONENTS[source]] = plant.dispersions.entry_deviations[_COMPONENTS[source]]
+    varied = plant.dispersions._replace(entry_deviations=deviations)
+    if source != "aerodynamics":
+        varied = varied._replace(drag_error=0.0, lift_error=0.0)
+    atmosphere = plant.atmosphere if source == "density" else environment.undisturbed(plant.atmosphere)
+    return plant._replace(atmosphere=atmosphere, dispersions=varied)
 
 
 def _floor(linearization):

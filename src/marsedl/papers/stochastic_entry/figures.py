@@ -11,6 +11,7 @@ from marsedl.montecarlo.statistics import variance_standard_error
 from marsedl.montecarlo.streaming import FinalMoments, is_streamed
 from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
+from marsedl.papers.stochastic_entry.inputs import Air, Design, Drawing, Planet, Simulation
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
@@ -62,7 +63,7 @@ BANK_COSINES = (-1.6, 2.1)  # shown in Fig. 8; at the velocity's peak the law fl
 BEFORE_END = 15.0  # s that Fig. 12 shows before the first trial ends
 
 
-def fig01(inputs) -> Figure:
+def fig01() -> Figure:
     """Rear view of the vehicle with its lift vector, rolled by the bank angle."""
     figure, axes = new_figure(4.2, 4.2)
     bank, length, corner = 40 * DEGREE, 1.0, np.array([0.0, 0.0])
@@ -93,25 +94,25 @@ def fig01(inputs) -> Figure:
     return figure
 
 
-def fig02(inputs) -> Figure:
+def fig02(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) -> Figure:
     """Density variation against altitude: the process of the design beside that of the flights."""
     figure, both = new_figure(7.2, 4.2, ncols=2, sharex=True, sharey=True)
-    air = environment.air(inputs)
-    count, nodes = inputs.drawn_densities, len(air.altitude)
+    atmosphere = environment.atmosphere(air)
+    count, nodes = drawing.drawn_densities, len(atmosphere.altitude)
     from marsedl.montecarlo.streams import normals  # here, as it imports numba
 
-    drawn = normals(inputs.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
-    decay = environment.decay_rate(inputs, air.altitude)
-    intensity = environment.diffusion(inputs, air.altitude)
-    innovation = np.sqrt(density_variation.innovation_variance(air.altitude, decay, intensity))
-    top = air.deviation[-1]
-    process = density_variation.sample_process(drawn[:count], air.retention, innovation, top)
-    process_deviation = np.sqrt(density_variation.process_variance(air.altitude, decay, intensity, top**2))
-    surrogate = density_variation.sample_exact(drawn[count:], air.retention, air.deviation)
-    _densities(both[0], inputs, air, process, BLUE)
+    drawn = normals(simulation.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
+    decay = environment.decay_rate(air, atmosphere.altitude)
+    intensity = environment.diffusion(air, atmosphere.altitude)
+    innovation = np.sqrt(density_variation.innovation_variance(atmosphere.altitude, decay, intensity))
+    top = atmosphere.deviation[-1]
+    process = density_variation.sample_process(drawn[:count], atmosphere.retention, innovation, top)
+    process_deviation = np.sqrt(density_variation.process_variance(atmosphere.altitude, decay, intensity, top**2))
+    surrogate = density_variation.sample_exact(drawn[count:], atmosphere.retention, atmosphere.deviation)
+    _densities(both[0], planet.atmosphere_altitude, atmosphere, process, BLUE)
     for sign in (-1, 1):
-        both[0].plot(sign * 2 * process_deviation, air.altitude / KM, color=BLACK, linewidth=0.8, linestyle=":")
-    _densities(both[1], inputs, air, surrogate, VERMILION)
+        both[0].plot(sign * 2 * process_deviation, atmosphere.altitude / KM, color=BLACK, linewidth=0.8, linestyle=":")
+    _densities(both[1], planet.atmosphere_altitude, atmosphere, surrogate, VERMILION)
     both[0].set(title="process of Eq. 8, diffusion of Eq. 11", ylabel="altitude (km)")
     both[1].set_title("surrogate of Mars-GRAM samples (not Mars-GRAM)")
     both[0].plot([], [], color=BLUE, linewidth=0.6, label=f"{count} samples")
@@ -124,7 +125,7 @@ def fig02(inputs) -> Figure:
     return figure
 
 
-def fig03(inputs) -> Figure:
+def fig03() -> Figure:
     """Downrange-to-go and crossrange angle of a target, and the frames in which they are found."""
     figure, axes = new_figure(5.6, 5.4)
     # Exaggerated: in the flight, the crossrange is a thousandth of the range to go.
@@ -197,19 +198,20 @@ def fig03(inputs) -> Figure:
     return figure
 
 
-def fig04(inputs) -> Figure:
+def fig04(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) -> Figure:
     """Density variations that the first Monte Carlo trials fly through."""
     figure, axes = new_figure(4.8, 4.4)
-    air = environment.air(inputs)
-    _densities(axes, inputs, air, flown_variations(inputs, air, np.arange(inputs.drawn_densities)), BLUE)
+    atmosphere = environment.atmosphere(air)
+    variations = flown_variations(simulation.seed, atmosphere, np.arange(drawing.drawn_densities))
+    _densities(axes, planet.atmosphere_altitude, atmosphere, variations, BLUE)
     axes.set(ylabel="altitude (km)", title="surrogate of Mars-GRAM samples (not Mars-GRAM)")
-    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"trials 0 to {inputs.drawn_densities - 1}")
+    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"trials 0 to {drawing.drawn_densities - 1}")
     axes.plot([], [], color=BLACK, linestyle="--", label=r"$\pm 2 \sigma$")
     axes.legend(loc="lower right")
     return figure
 
 
-def fig05(inputs, nominal: Nominal) -> Figure:
+def fig05(nominal: Nominal) -> Figure:
     """Crossrange of the nominal flight in its deadband, with the bank reversals."""
     figure, axes = new_figure(6.4, 3.6)
     ruled = nominal.guidance_time <= nominal.alignment_time  # the deadband rules range control only
@@ -230,7 +232,7 @@ def fig05(inputs, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig06(inputs, nominal: Nominal) -> Figure:
+def fig06(nominal: Nominal) -> Figure:
     """Bank angle and dynamic pressure of the nominal flight."""
     figure, axes = new_figure(6.8, 3.6)
     pressure = axes.twinx()
@@ -252,7 +254,7 @@ def fig06(inputs, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig07(inputs, nominal: Nominal) -> Figure:
+def fig07(nominal: Nominal) -> Figure:
     """Altitude, velocity, flight path angle and downrange of the nominal flight."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
     curves = (
@@ -271,7 +273,7 @@ def fig07(inputs, nominal: Nominal) -> Figure:
     return figure
 
 
-def fig08(inputs, linearization: Linearization, gains: Gains, nominal: Nominal) -> Figure:
+def fig08(linearization: Linearization, gains: Gains, nominal: Nominal) -> Figure:
     """Bank cosine in range control: nominal, and three standard deviations that the linear model predicts."""
     figure, axes = new_figure(7.2, 4.2)
     time, mean = gains.time[:-1], linearization.bank_cosine[:-1]
@@ -306,12 +308,14 @@ def fig08(inputs, linearization: Linearization, gains: Gains, nominal: Nominal) 
     return figure
 
 
-def fig09(inputs, nominal: Nominal, gains: Gains, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble):
+def fig09(
+    drawing: Drawing, nominal: Nominal, gains: Gains, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble
+):
     """Errors over time with the fixed final time: trials, and three standard deviations measured and predicted."""
-    return _errors_over_time(inputs, nominal, gains, 0, (apollo_time, stochastic_time))
+    return _errors_over_time(drawing, nominal, gains, 0, (apollo_time, stochastic_time))
 
 
-def fig10(inputs, nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble) -> Figure:
+def fig10(nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble) -> Figure:
     """Bank angle of the same trials."""
     figure, panels = new_figure(7.2, 5.0, nrows=2, sharex=True, sharey=True)
     for axes, law, ensemble in zip(panels, LAWS, (apollo_time, stochastic_time), strict=True):
@@ -331,13 +335,18 @@ def fig10(inputs, nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time
     return figure
 
 
-def fig11(inputs, nominal: Nominal, gains: Gains, apollo_velocity: FlightEnsemble, stochastic_velocity: FlightEnsemble):
+def fig11(
+    drawing: Drawing,
+    nominal: Nominal,
+    gains: Gains,
+    apollo_velocity: FlightEnsemble,
+    stochastic_velocity: FlightEnsemble,
+):
     """Errors over time until the velocity trigger, as long as enough trials fly."""
-    return _errors_over_time(inputs, nominal, gains, 1, (apollo_velocity, stochastic_velocity))
+    return _errors_over_time(drawing, nominal, gains, 1, (apollo_velocity, stochastic_velocity))
 
 
 def fig12(
-    inputs,
     nominal: Nominal,
     linearization: Linearization,
     gains: Gains,
@@ -405,7 +414,7 @@ def fig12(
     return figure
 
 
-def fig13(inputs, linearization: Linearization, gains: Gains) -> Figure:
+def fig13(linearization: Linearization, gains: Gains) -> Figure:
     """Ellipses of range and velocity error at the nominal final time, by linear covariance."""
     figure, axes = new_figure(6.4, 4.6)
     radius = np.sqrt(-2 * np.log(1 - ELLIPSE_PROBABILITY))
@@ -445,7 +454,7 @@ def fig13(inputs, linearization: Linearization, gains: Gains) -> Figure:
     return figure
 
 
-def partition(inputs, tradeoff: Tradeoff) -> Figure:
+def partition(design: Design, tradeoff: Tradeoff) -> Figure:
     """Range deviation and early control of the stochastic law against the interval of its partition."""
     figure, (axes, early) = new_figure(7.2, 3.6, ncols=2)
     for number, trigger in enumerate(TRIGGERS):
@@ -454,9 +463,9 @@ def partition(inputs, tradeoff: Tradeoff) -> Figure:
         axes.axhline(tradeoff.floor[number], color=curve["color"], linewidth=0.9, linestyle=":")
         early.loglog(tradeoff.interval, tradeoff.early_control[number], **curve)
     axes.plot([], [], color=GREY, linestyle=":", label="floor: noise after the last control")
-    early.axhline(inputs.control_limit, color=BLACK, linewidth=0.9, linestyle="--", label="limit of the control")
+    early.axhline(design.control_limit, color=BLACK, linewidth=0.9, linestyle="--", label="limit of the control")
     for panel in (axes, early):
-        panel.axvline(inputs.partition_interval, color=GREY, linewidth=0.8, label="this reading's partition")
+        panel.axvline(design.partition_interval, color=GREY, linewidth=0.8, label="this reading's partition")
         panel.set_xticks(tradeoff.interval, [f"{interval:g}" for interval in tradeoff.interval], fontsize=7)
         panel.xaxis.set_minor_locator(NullLocator())
         panel.set_xlabel("interval of the partition (s)")
@@ -466,7 +475,7 @@ def partition(inputs, tradeoff: Tradeoff) -> Figure:
     return figure
 
 
-def altitude_tradeoff(inputs, tradeoff: Tradeoff) -> Figure:
+def altitude_tradeoff(design: Design, tradeoff: Tradeoff) -> Figure:
     """Range deviation of the stochastic law against the limit of the final altitude error."""
     figure, axes = new_figure(6.4, 3.8)
     for row, (interval, style, marker) in enumerate(
@@ -485,7 +494,7 @@ def altitude_tradeoff(inputs, tradeoff: Tradeoff) -> Figure:
     for number, trigger in enumerate(TRIGGERS):
         axes.axhline(tradeoff.floor[number], color=CASE_COLOR[f"stochastic_{trigger}"], linewidth=0.9, linestyle=":")
     axes.plot([], [], color=GREY, linestyle=":", label="floor: noise after the last control")
-    axes.axvline(inputs.altitude_limit / KM, color=GREY, linewidth=0.8, label="limit of this reading")
+    axes.axvline(design.altitude_limit / KM, color=GREY, linewidth=0.8, label="limit of this reading")
     missing = np.isnan(tradeoff.limited_deviation).sum()
     axes.set(
         xlabel="limit of the final altitude error (km), held with three standard deviations",
@@ -496,7 +505,7 @@ def altitude_tradeoff(inputs, tradeoff: Tradeoff) -> Figure:
     return figure
 
 
-def error_budget(inputs, error_budget: ErrorBudget) -> Figure:
+def error_budget(error_budget: ErrorBudget) -> Figure:
     """Share of every source of uncertainty in the variance of the final range error."""
     figure, panels = new_figure(7.4, 6.2, nrows=2, sharex=True, sharey=True)
     sources = [str(source) for source in error_budget.source]
@@ -531,7 +540,6 @@ def error_budget(inputs, error_budget: ErrorBudget) -> Figure:
 
 
 def floor(
-    inputs,
     linearization: Linearization,
     gains: Gains,
     apollo_time: FlightEnsemble,
@@ -597,7 +605,6 @@ def floor(
 
 
 def reversals(
-    inputs,
     apollo_time: FlightEnsemble,
     apollo_velocity: FlightEnsemble,
     stochastic_time: FlightEnsemble,
@@ -649,32 +656,32 @@ def reversals(
     return figure
 
 
-def flown_variations(inputs, air, trials):
-    """Density variations of Monte Carlo trials at the nodes of the flight's tables, (trials, nodes)."""
+def flown_variations(seed, atmosphere, trials):
+    """Density variations of Monte Carlo trials at the nodes of the flight's atmosphere, (trials, nodes)."""
     from marsedl.montecarlo.streams import normals  # here, as it imports numba
 
-    drawn = normals(inputs.seed, DENSITY_STREAM, trials, len(air.altitude))[:, ::-1]
-    variation = density_variation.sample_exact(drawn, air.retention, air.deviation)
+    drawn = normals(seed, DENSITY_STREAM, trials, len(atmosphere.altitude))[:, ::-1]
+    variation = density_variation.sample_exact(drawn, atmosphere.retention, atmosphere.deviation)
     return density_variation.density_factor(variation) - 1.0
 
 
-def _densities(axes, inputs, air, variations, color):
-    """Samples against altitude up to the edge of the atmosphere, with twice the deviation that is aimed at."""
-    shown = (air.altitude >= 0) & (air.altitude <= inputs.atmosphere_altitude)
+def _densities(axes, edge, atmosphere, variations, color):
+    """Samples against altitude up to the edge of the atmosphere (m), with twice the deviation that is aimed at."""
+    shown = (atmosphere.altitude >= 0) & (atmosphere.altitude <= edge)
     for sample in variations:
-        axes.plot(sample[shown], air.altitude[shown] / KM, color=color, linewidth=0.5, alpha=0.6)
+        axes.plot(sample[shown], atmosphere.altitude[shown] / KM, color=color, linewidth=0.5, alpha=0.6)
     for sign in (-1, 1):
-        axes.plot(sign * 2 * air.deviation[shown], air.altitude[shown] / KM, color=BLACK, linestyle="--")
-    axes.set(xlabel="density variation, relative to the mean (1)", ylim=(0, inputs.atmosphere_altitude / KM))
+        axes.plot(sign * 2 * atmosphere.deviation[shown], atmosphere.altitude[shown] / KM, color=BLACK, linestyle="--")
+    axes.set(xlabel="density variation, relative to the mean (1)", ylim=(0, edge / KM))
 
 
-def _errors_over_time(inputs, nominal, gains, number, ensembles):
+def _errors_over_time(drawing: Drawing, nominal, gains, number, ensembles):
     """Five rows of errors against time, a column for each law."""
     figure, panels = new_figure(7.4, 9.2, nrows=len(COMPONENTS), ncols=2, sharex=True, sharey="row")
     names = ("altitude", "velocity", "flight_path_angle", "downrange", "crossrange")
     for column, law, ensemble in zip(panels.T, LAWS, ensembles, strict=True):
         color = LAW_COLOR[law]
-        enough = ensemble.flying >= inputs.fewest_flying
+        enough = ensemble.flying >= drawing.fewest_flying
         predicted = getattr(gains, f"{law}_covariance")[number]
         for row, (axes, name, (component, unit, _)) in enumerate(zip(column, names, COMPONENTS, strict=True)):
             # The nominal has no state after its end, and so no error has a meaning there.

@@ -26,6 +26,7 @@ from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals, normals, uniforms
+from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import (
     AERODYNAMICS_STREAM,
     AZIMUTH,
@@ -36,10 +37,11 @@ from marsedl.papers.stochastic_entry.dispersions import (
     PATH_ANGLE,
     RADIUS,
     SPEED,
-    entry_deviations,
-    entry_mean,
+    Dispersions,
+    dispersions_of,
     factors,
 )
+from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
@@ -134,53 +136,65 @@ class Vehicles(NamedTuple):
     lift_factor: np.ndarray  # (trials,), A C_L / (2 m), m^2/kg
 
 
+class Plant(NamedTuple):
+    """What the trials of a reading fly in and with."""
+
+    settings: np.ndarray  # see `settings`
+    atmosphere: environment.Atmosphere
+    dispersions: Dispersions
+
+
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
-def settings(inputs, air):
+def settings(planet: Planet, mission: Mission, guidance: Guidance, atmosphere):
     """The constants of a flight as a record that compiled code reads by name."""
     values = {
-        "gravitational_parameter": inputs.gravitational_parameter,
-        "rotation_rate": inputs.rotation_rate,
-        "planet_radius": inputs.planet_radius,
-        "target_longitude": inputs.target_longitude,
-        "sin_target_latitude": np.sin(inputs.target_latitude),
-        "cos_target_latitude": np.cos(inputs.target_latitude),
-        "heading_sign": 1.0 if inputs.heading_rate_form == "corrected" else -1.0,
-        "bottom": air.altitude[0],
-        "nodes_per_metre": (len(air.altitude) - 1) / (air.altitude[-1] - air.altitude[0]),
-        "period": inputs.guidance_period,
-        "largest_bank_change": inputs.bank_rate_limit * inputs.guidance_period,
-        "fast_velocity": inputs.ramp_velocities[0],
-        "slow_velocity": inputs.ramp_velocities[1],
-        "fast_cosine": np.cos(inputs.nominal_bank_fast),
-        "slow_cosine": np.cos(inputs.nominal_bank_slow),
-        "deadband_start": inputs.deadband_times[0],
-        "deadband_start_width": inputs.deadband_widths[0],
-        "deadband_end": inputs.deadband_times[1],
-        "deadband_end_width": inputs.deadband_widths[1],
-        "initial_direction": inputs.initial_bank_direction,
-        "alignment_velocity": inputs.heading_alignment_velocity,
-        "alignment_gain": inputs.heading_alignment_gain,
-        "alignment_limit_velocity": inputs.heading_alignment_limit_velocity,
-        "alignment_first_limit": inputs.heading_alignment_limits[0],
-        "alignment_last_limit": inputs.heading_alignment_limits[1],
-        "end_velocity": inputs.end_velocity,
-        "alignment_form": HEADING_FORMS[inputs.heading_alignment_form],
-        "limit_as_printed": int(inputs.rate_limit_form == "printed"),
+        "gravitational_parameter": planet.gravitational_parameter,
+        "rotation_rate": planet.rotation_rate,
+        "planet_radius": planet.planet_radius,
+        "target_longitude": mission.target_longitude,
+        "sin_target_latitude": np.sin(mission.target_latitude),
+        "cos_target_latitude": np.cos(mission.target_latitude),
+        "heading_sign": 1.0 if planet.heading_rate_form == "corrected" else -1.0,
+        "bottom": atmosphere.altitude[0],
+        "nodes_per_metre": (len(atmosphere.altitude) - 1) / (atmosphere.altitude[-1] - atmosphere.altitude[0]),
+        "period": guidance.guidance_period,
+        "largest_bank_change": guidance.bank_rate_limit * guidance.guidance_period,
+        "fast_velocity": guidance.ramp_velocities[0],
+        "slow_velocity": guidance.ramp_velocities[1],
+        "fast_cosine": np.cos(guidance.nominal_bank_fast),
+        "slow_cosine": np.cos(guidance.nominal_bank_slow),
+        "deadband_start": guidance.deadband_times[0],
+        "deadband_start_width": guidance.deadband_widths[0],
+        "deadband_end": guidance.deadband_times[1],
+        "deadband_end_width": guidance.deadband_widths[1],
+        "initial_direction": guidance.initial_bank_direction,
+        "alignment_velocity": guidance.heading_alignment_velocity,
+        "alignment_gain": guidance.heading_alignment_gain,
+        "alignment_limit_velocity": guidance.heading_alignment_limit_velocity,
+        "alignment_first_limit": guidance.heading_alignment_limits[0],
+        "alignment_last_limit": guidance.heading_alignment_limits[1],
+        "end_velocity": mission.end_velocity,
+        "alignment_form": HEADING_FORMS[guidance.heading_alignment_form],
+        "limit_as_printed": int(guidance.rate_limit_form == "printed"),
     }
     return np.array([tuple(values[name] for name in _SETTINGS.names)], dtype=_SETTINGS)
 
 
-def vehicles(inputs, trials, deviations=None, aerodynamics=1.0) -> Vehicles:
-    """The dispersed entry states and aerodynamics of the given trials (Tables 2 and 3).
+def plant_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Plant:
+    """Return what the trials of a reading fly in and with."""
+    atmosphere = environment.atmosphere(air)
+    constants = settings(planet, mission, guidance, atmosphere)
+    return Plant(constants, atmosphere, dispersions_of(planet, vehicle, mission))
 
-    deviations: standard deviations of the entry state, those of the inputs unless given. aerodynamics: 0 for none.
-    """
-    deviations = entry_deviations(inputs) if deviations is None else deviations
-    states = entry_mean(inputs) + normals(inputs.seed, ENTRY_STREAM, trials, STATES) * deviations
-    error = aerodynamics * (2.0 * uniforms(inputs.seed, AERODYNAMICS_STREAM, trials, 1)[:, 0] - 1.0)
-    return Vehicles(states, *factors(inputs, inputs.drag_dispersion * error, inputs.lift_dispersion * error))
+
+def vehicles(dispersions: Dispersions, seed, trials) -> Vehicles:
+    """The dispersed entry states and aerodynamics of the given trials (Tables 2 and 3)."""
+    normal = normals(seed, ENTRY_STREAM, trials, STATES)
+    states = dispersions.entry_mean + normal * dispersions.entry_deviations
+    error = 2.0 * uniforms(seed, AERODYNAMICS_STREAM, trials, 1)[:, 0] - 1.0
+    return Vehicles(states, *factors(dispersions.body, dispersions.drag_error * error, dispersions.lift_error * error))
 
 
 # ---- the kernel ------------------------------------------------------------------------------------------------------
@@ -570,13 +584,15 @@ def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_tria
         length[lanes] = group.length
 
 
-def fly(settings, air, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, every=None) -> Trajectories:
+def fly(
+    settings, atmosphere, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, every=None
+) -> Trajectories:
     """Fly consecutive trials to their end.
 
-    settings: see `settings`. air: `Air`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time" or "velocity".
-    end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration steps per
-    guidance period. seed, first_trial: key of the density variations and the number of the first trial. every:
-    integration steps between stored states; one guidance period unless given.
+    settings: see `settings`. atmosphere: `Atmosphere`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time"
+    or "velocity". end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration
+    steps per guidance period. seed, first_trial: key of the density variations and the number of the first trial.
+    every: integration steps between stored states; one guidance period unless given.
 
     Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
     the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
@@ -603,10 +619,10 @@ def fly(settings, air, law, vehicles, *, trigger, end_time, substeps, seed, firs
     _fly(
         settings,
         Tables(
-            air.log_density,
-            np.append(np.diff(air.log_density), 0.0),
-            air.deviation,
-            air.retention,
+            atmosphere.log_density,
+            np.append(np.diff(atmosphere.log_density), 0.0),
+            atmosphere.deviation,
+            atmosphere.retention,
         ),
         # Copies, as loaded arrays are read-only, for which the kernel would be compiled once more.
         Law(law.kind, *(np.array(part) for part in law[1:5]), law.least_drag),

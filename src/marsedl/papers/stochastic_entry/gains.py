@@ -14,6 +14,7 @@ from marsedl.methods.guidance.apollo import adjoint_gains, drag_form
 from marsedl.methods.lincov import compose, propagate
 from marsedl.methods.state_trigger import velocity_indexed_gain
 from marsedl.papers.stochastic_entry import flight
+from marsedl.papers.stochastic_entry.inputs import Design, Guidance
 from marsedl.papers.stochastic_entry.linearization import system
 from marsedl.papers.stochastic_entry.objective import final_weights, per_metre
 from marsedl.papers.stochastic_entry.records import (
@@ -32,26 +33,28 @@ from marsedl.replication.errors import MarsedlError
 STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
 
 
-def partition_starts(inputs, intervals, interval=None):
+def partition_starts(guidance: Guidance, design: Design, intervals, interval=None):
     """Guidance periods with which the control intervals of the design begin."""
-    every = round((inputs.partition_interval if interval is None else interval) / inputs.guidance_period)
+    every = round((design.partition_interval if interval is None else interval) / guidance.guidance_period)
     return np.arange(0, intervals, every)
 
 
-def problem(inputs, linearization, trigger, interval=None, altitude_limit=None) -> ChanceConstrainedProblem:
+def problem(
+    guidance: Guidance, design: Design, linearization, trigger, interval=None, altitude_limit=None
+) -> ChanceConstrainedProblem:
     """Problem 1 for a trigger (0: time, 1: velocity), on the reading's partition or one of another interval (s)."""
     cosine = linearization.bank_cosine[:-1]
-    starts = partition_starts(inputs, len(cosine), interval)
-    deviation = np.minimum(inputs.control_limit, np.minimum(1.0 - cosine, 1.0 + cosine))  # Eq. 73
-    altitude_limit = inputs.altitude_limit if altitude_limit is None else altitude_limit
-    sigmas = chance_factor(inputs.chance_level)
+    starts = partition_starts(guidance, design, len(cosine), interval)
+    deviation = np.minimum(design.control_limit, np.minimum(1.0 - cosine, 1.0 + cosine))  # Eq. 73
+    altitude_limit = design.altitude_limit if altitude_limit is None else altitude_limit
+    sigmas = chance_factor(design.chance_level)
     return ChanceConstrainedProblem(
         system=compose(system(linearization), starts),
         initial_covariance=linearization.initial_covariance,
-        objective=final_weights(inputs, linearization)[trigger],
-        control_weight=np.full(len(starts), inputs.control_weight / per_metre(inputs) ** 2),
+        objective=final_weights(design, linearization)[trigger],
+        control_weight=np.full(len(starts), design.control_weight / per_metre(design) ** 2),
         final_directions=np.eye(STATES)[[ALTITUDE, FLIGHT_PATH_ANGLE]],
-        final_limits=np.array([altitude_limit, inputs.flight_path_angle_limit]) / sigmas,
+        final_limits=np.array([altitude_limit, design.flight_path_angle_limit]) / sigmas,
         control_limits=np.minimum.reduceat(deviation, starts) / sigmas,
         state_scale=STATE_SCALE,
     )
@@ -92,18 +95,18 @@ def held_covariance(fine, starts, gain, initial_covariance):
 
 
 @stage()
-def compute(inputs, linearization: Linearization) -> Gains:
+def compute(guidance: Guidance, design: Design, linearization: Linearization) -> Gains:
     """Design both laws for both triggers.
 
     Raises MarsedlError if a chance constraint cannot be met, saying which one and by how much.
     """
-    stochastic = [_stochastic(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
-    apollo = [_apollo(inputs, linearization, trigger) for trigger in range(len(TRIGGERS))]
-    rows, posed = _table_rows(linearization), problem(inputs, linearization, 0)
+    stochastic = [_stochastic(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
+    apollo = [_apollo(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
+    rows, posed = _table_rows(linearization), problem(guidance, design, linearization, 0)
     return Gains(
         time=linearization.time,
-        partition_start=partition_starts(inputs, len(linearization.control)),
-        control_weight=inputs.control_weight / per_metre(inputs) ** 2,
+        partition_start=partition_starts(guidance, design, len(linearization.control)),
+        control_weight=design.control_weight / per_metre(design) ** 2,
         control_limit=posed.control_limits,
         final_limit=posed.final_limits,
         table_velocity=linearization.state[rows, 1],
@@ -118,13 +121,13 @@ def _interval_of(starts, periods):
     return np.searchsorted(starts, np.arange(periods), side="right") - 1
 
 
-def _stochastic(inputs, linearization, trigger):
+def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
     """Gains of Problem 1 by its Lagrange dual, or by Eq. 55a as printed, which solves no problem."""
-    posed, fine = problem(inputs, linearization, trigger), system(linearization)
-    starts = partition_starts(inputs, len(fine.control))
+    posed, fine = problem(guidance, design, linearization, trigger), system(linearization)
+    starts = partition_starts(guidance, design, len(fine.control))
     floor = noise_floor(fine, posed.objective)
-    if inputs.gain_equation == "printed":
-        return _as_printed(inputs, linearization, trigger, posed, floor)
+    if design.gain_equation == "printed":
+        return _as_printed(guidance, design, linearization, trigger, posed, floor)
     try:
         found = solved(posed)
     except InfeasibleProblem as error:
@@ -152,11 +155,11 @@ def _stochastic(inputs, linearization, trigger):
     }
 
 
-def _as_printed(inputs, linearization, trigger, posed, floor):
+def _as_printed(guidance: Guidance, design: Design, linearization, trigger, posed, floor):
     """Eq. 55a as printed, in SI and with the paper's weights: nothing of it is finite."""
-    weight = final_weights(inputs, linearization)[trigger] * per_metre(inputs)
+    weight = final_weights(design, linearization)[trigger] * per_metre(design)
     gain, _ = lqg_gains_as_printed(
-        posed.system, np.outer(weight, weight), np.full(len(posed.control_weight), inputs.control_weight)
+        posed.system, np.outer(weight, weight), np.full(len(posed.control_weight), design.control_weight)
     )
     finite = np.isfinite(gain).all(axis=1)
     fine, limits = len(linearization.control), len(posed.control_limits)
@@ -169,7 +172,7 @@ def _as_printed(inputs, linearization, trigger, posed, floor):
         "final_multiplier": (2,),
         **dict.fromkeys(("cost", "dual_value", "gap", "gap_above_floor", "complementarity"), ()),
     }
-    held = _interval_of(partition_starts(inputs, fine), fine)
+    held = _interval_of(partition_starts(guidance, design, fine), fine)
     return {
         "stochastic_gain": np.where(finite[:, np.newaxis], gain, np.nan)[held],
         **{name: np.full(shape, np.nan) for name, shape in nothing.items()},
@@ -179,22 +182,22 @@ def _as_printed(inputs, linearization, trigger, posed, floor):
     }
 
 
-def _apollo(inputs, linearization, trigger):
+def _apollo(guidance: Guidance, design: Design, linearization, trigger):
     """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances."""
     fine = system(linearization)
-    aim = TRIGGERS.index(inputs.apollo_time_adjoint) if trigger == 0 else 1
+    aim = TRIGGERS.index(design.apollo_time_adjoint) if trigger == 0 else 1
     downrange = np.eye(STATES)[DOWNRANGE]
     final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
-    found = adjoint_gains(fine.transition, fine.control, final_adjoint, inputs.overcontrol)
+    found = adjoint_gains(fine.transition, fine.control, final_adjoint, design.overcontrol)
     timed, equivalent, table = found.gain, found.gain, np.zeros((len(found.gain), flight.FEATURES))
-    if inputs.apollo_form == "density_blind":
+    if design.apollo_form == "density_blind":
         # The final adjoint without density: the trigger's projection has none of it in its downrange row.
         slaved = adjoint_gains(
-            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], inputs.overcontrol
+            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], design.overcontrol
         )
         equivalent = np.column_stack([slaved.gain, np.zeros(len(slaved.gain))])
         timed = equivalent
-    if inputs.apollo_form == "drag":
+    if design.apollo_form == "drag":
         state = linearization.state[:-1]
         drag, cosine = linearization.drag[:-1], np.cos(state[:, 2])
         gains = drag_form(
@@ -208,7 +211,7 @@ def _apollo(inputs, linearization, trigger):
         )
     else:
         table[:, :STATES] = equivalent
-    fed_back = _fed_back(inputs, linearization)[:-1]
+    fed_back = _fed_back(guidance, linearization)[:-1]
     effective = velocity_indexed_gain(
         np.where(fed_back[:, np.newaxis], equivalent, 0.0),
         linearization.slope[:-1],
@@ -239,11 +242,11 @@ def _features(linearization):
     return np.column_stack([state, linearization.drag, state[:, 1] * np.sin(state[:, 2])])
 
 
-def _fed_back(inputs, linearization):
+def _fed_back(guidance: Guidance, linearization):
     """Nodes at which the Apollo law corrects: after the velocity's peak, with enough drag."""
     velocity = linearization.state[:, 1]
     after = np.arange(len(velocity)) >= np.argmax(velocity)
-    return after & (linearization.drag >= inputs.apollo_least_drag)
+    return after & (linearization.drag >= guidance.apollo_least_drag)
 
 
 def _table_rows(linearization):
@@ -253,7 +256,7 @@ def _table_rows(linearization):
     return np.arange(last, peak - 1, -1)
 
 
-def law(inputs, linearization, gains, case):
+def law(guidance: Guidance, linearization, gains, case):
     """The law of a Monte Carlo case as the flight takes it."""
     name, trigger = case.split("_")
     number = TRIGGERS.index(trigger)
@@ -266,7 +269,7 @@ def law(inputs, linearization, gains, case):
             gains.table_gain[number],
             gains.table_reference,
             np.zeros(len(gains.table_velocity)),
-            inputs.apollo_least_drag,
+            guidance.apollo_least_drag,
         )
     count = len(gains.stochastic_gain[number]) + 1
     gain = np.zeros((count, flight.FEATURES))

@@ -10,14 +10,15 @@ from marsedl.replication.sections import (
     Count,
     Drawn,
     Fraction,
+    Inputs,
     NonNegative,
     Number,
     Positive,
+    Section,
     Seed,
     Sign,
     StudyTrials,
     at_most,
-    flat,
     given,
     vector,
 )
@@ -27,25 +28,31 @@ LARGEST_ALTITUDE_COUNT = 100_000
 Substeps = at_most(1000, "a flight with steps so short loses more to rounding than it gains")
 
 
-class StochasticEntryInputs(DensityInputs):
-    """Everything that the entry-guidance results depend on."""
+class Planet(Section):
+    """The planet, and the equations of motion that its rotation enters."""
 
-    CASES: ClassVar[dict[str, str]] = {
-        "apollo_time": "trials",
-        "apollo_velocity": "trials",
-        "stochastic_time": "trials",
-        "stochastic_velocity": "trials",
-    }
-
-    # The planet and the target.
     gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
     planet_radius: Positive = given("m", "radius of Mars, from which altitude and distances on the ground are measured")
     atmosphere_altitude: Positive = given("m", "altitude of the edge of the atmosphere, where entry begins")
-    target_longitude: Number = given("rad", "longitude of the target")
-    target_latitude: Number = given("rad", "latitude of the target")
+    heading_rate_form: Literal["corrected", "printed"] = given("1", "signs of the inertial terms of the heading rate")
 
-    # The vehicle.
+
+class Air(DensityInputs):
+    """The mean density and the process that varies it."""
+
+    density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
+    variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
+    variance_at_top: Positive = given("1", "of exponential: variance at and above the top altitude")
+    variance_top_altitude: Positive = given("m", "of exponential: altitude above which the variance is constant")
+    variance_growth_length: Positive = given("m", "of exponential: altitude over which the variance grows by e")
+    decay_factor: Positive = given("1", "decay rate of the density variation in inverse scale heights")
+    diffusion_factor: Positive = given("1", "diffusion of the density variation in variances per scale height")
+
+
+class Vehicle(Section):
+    """The vehicle, its aerodynamics and their dispersion."""
+
     mass: Positive = given("kg", "vehicle mass")
     reference_diameter: Positive = given("m", "diameter of the reference area")
     trim_angle_of_attack: Number = given("rad", "trimmed angle of attack; shown only, as coefficients are inputs")
@@ -55,7 +62,10 @@ class StochasticEntryInputs(DensityInputs):
     lift_dispersion: Number = given("1", "change of the lift coefficient at one end of the trim interval")
     drag_dispersion: Number = given("1", "change of the drag coefficient at the same end")
 
-    # The entry state and its dispersion.
+
+class Mission(Section):
+    """Where entry begins, with its dispersion, and where the flight has to end."""
+
     entry_longitude: Number = given("rad", "mean longitude at entry")
     entry_latitude: Number = given("rad", "mean latitude at entry")
     entry_velocity: Positive = given("m/s", "mean planet-relative velocity at entry")
@@ -66,27 +76,24 @@ class StochasticEntryInputs(DensityInputs):
     entry_azimuth_three_sigma: NonNegative = given("rad", "three standard deviations of the azimuth")
     entry_downrange_three_sigma: NonNegative = given("m", "three standard deviations of the downrange, on longitude")
     entry_crossrange_three_sigma: NonNegative = given("m", "three standard deviations of the crossrange, on latitude")
+    target_longitude: Number = given("rad", "longitude of the target")
+    target_latitude: Number = given("rad", "latitude of the target")
+    end_velocity: Positive = given("m/s", "velocity at which the nominal flight ends, and that of the trigger")
+    time_limit: Positive = given("s", "time at which a flight ends that has not reached the trigger")
 
-    # The atmosphere.
-    density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
-    variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
-    variance_at_top: Positive = given("1", "of exponential: variance at and above the top altitude")
-    variance_top_altitude: Positive = given("m", "of exponential: altitude above which the variance is constant")
-    variance_growth_length: Positive = given("m", "of exponential: altitude over which the variance grows by e")
-    decay_factor: Positive = given("1", "decay rate of the density variation in inverse scale heights")
-    diffusion_factor: Positive = given("1", "diffusion of the density variation in variances per scale height")
 
-    # The nominal flight and what all laws share.
+class Guidance(Section):
+    """The nominal flight and what all laws share on board."""
+
+    guidance_period: Positive = given("s", "time between bank commands")
     nominal_bank_fast: Number = given("rad", "nominal bank angle above the ramp's velocities")
     nominal_bank_slow: Number = given("rad", "nominal bank angle below the ramp's velocities")
     ramp_velocities: vector(2, Positive) = given("m/s", "velocities between which the bank's cosine ramps linearly")
-    guidance_period: Positive = given("s", "time between bank commands")
     bank_rate_limit: Positive = given("rad/s", "largest bank rate")
     rate_limit_form: Literal["corrected", "printed"] = given("1", "form of the rate limit: both signs, or as printed")
     deadband_times: vector(2) = given("s", "times between which the crossrange deadband narrows linearly")
     deadband_widths: vector(2, Positive) = given("m", "half widths of the deadband before and after")
     initial_bank_direction: Sign = given("1", "direction of the first bank")
-    heading_rate_form: Literal["corrected", "printed"] = given("1", "signs of the inertial terms of the heading rate")
     heading_alignment_form: Literal["corrected", "sign_only", "printed"] = given(
         "1", "form of the heading alignment law: corrected, with only its sign mended, or as printed"
     )
@@ -96,16 +103,23 @@ class StochasticEntryInputs(DensityInputs):
         "rad", "largest bank of the heading alignment, first and then"
     )
     heading_alignment_limit_velocity: Positive = given("m/s", "velocity at which that limit changes")
-    end_velocity: Positive = given("m/s", "velocity at which the nominal flight ends, and that of the trigger")
-    time_limit: Positive = given("s", "time at which a flight ends that has not reached the trigger")
+    apollo_least_drag: NonNegative = given("m/s^2", "drag acceleration below which the Apollo law makes no correction")
 
-    # The Apollo law.
+    @model_validator(mode="after")
+    def _in_order(self):
+        for earlier, later in (("deadband_times", 1), ("ramp_velocities", -1)):
+            first, second = getattr(self, earlier)
+            if (second - first) * later <= 0:
+                raise ValueError(f"{earlier}: {first:g} and {second:g} stand in the wrong order")
+        return self
+
+
+class Design(Section):
+    """How the gains of both laws are computed, and the studies of that design."""
+
     overcontrol: Positive = given("1", "overcontrol gain of the Apollo law")
     apollo_form: Literal["five_state", "drag", "density_blind"] = given("1", "what the Apollo law feeds back")
     apollo_time_adjoint: Literal["time", "velocity"] = given("1", "what the adjoint of the time-triggered law aims at")
-    apollo_least_drag: NonNegative = given("m/s^2", "drag acceleration below which the Apollo law makes no correction")
-
-    # The stochastic law.
     final_weight: vector(5) = given("1", "weight of the final state (radius, velocity, path angle, downrange, density)")
     weight_length: Positive = given("m", "unit of length in which the final weight is stated")
     control_weight: Positive = given("1", "weight of the control variance")
@@ -115,53 +129,93 @@ class StochasticEntryInputs(DensityInputs):
     flight_path_angle_limit: Positive = given("rad", "largest final flight path angle error")
     partition_interval: Positive = given("s", "time over which a control correction is held in the design")
     gain_equation: Literal["corrected", "printed"] = given("1", "feedback gain: with the inverse, or as printed")
+    partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
+    altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
 
-    # Numbers that the paper leaves open.
+
+class Simulation(Section):
+    """How flights are integrated, and how many trials are flown from which random numbers."""
+
     nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight")
     flight_substeps: Substeps = given("1", "integration steps per guidance period of the Monte Carlo flights")
     seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "Monte Carlo trials of each law and trigger")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
-    drawn_trials: Drawn = given("1", "trials drawn in the figures")
-    drawn_densities: Drawn = given("1", "density samples drawn in the figures")
-    fewest_flying: Count = given("1", "trials that must still fly for statistics over time to be shown")
-    partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
-    altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
     source_trials: StudyTrials = given("1", "trials of each single source of uncertainty")
+    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
     @model_validator(mode="after")
-    def _consistent(self):
-        cycles = self.time_limit / self.guidance_period
-        if cycles > LARGEST_CYCLE_COUNT:
-            raise ValueError(
-                f"time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}: lower it, or raise "
-                "guidance_period"
-            )
-        for name in ("guidance_period", "partition_interval"):
-            if getattr(self, name) > self.time_limit:
-                raise ValueError(
-                    f"{name} ({getattr(self, name):g} s) is longer than time_limit ({self.time_limit:g} s): lower it"
-                )
-        altitudes = self.atmosphere_altitude / self.density_grid_interval
-        if not 1 <= altitudes <= LARGEST_ALTITUDE_COUNT:
-            raise ValueError(
-                f"density_grid_interval makes {altitudes:.3g} altitudes up to atmosphere_altitude; give one that makes "
-                f"1 to {LARGEST_ALTITUDE_COUNT}"
-            )
-        intervals = (self.partition_interval, *self.partition_study)
-        multiples = (interval / self.guidance_period for interval in intervals)
-        if not all(
-            math.isfinite(number) and round(number) * self.guidance_period == interval
-            for number, interval in zip(multiples, intervals, strict=True)
-        ):
-            raise ValueError("partition_interval and partition_study must be multiples of guidance_period")
-        for earlier, later in (("deadband_times", 1), ("ramp_velocities", -1)):
-            first, second = getattr(self, earlier)
-            if (second - first) * later <= 0:
-                raise ValueError(f"{earlier}: {first:g} and {second:g} stand in the wrong order")
+    def _as_many_as_the_paper(self):
         if not self.trials >= self.paper_trials:
             raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
         return self
 
 
-MODEL = flat(StochasticEntryInputs)
+class Drawing(Section):
+    """What figures show."""
+
+    drawn_densities: Drawn = given("1", "density samples drawn in the figures")
+    fewest_flying: Count = given("1", "trials that must still fly for statistics over time to be shown")
+
+
+def check_altitudes(planet: Planet, air: Air) -> None:
+    """Refuse a grid of densities that is too coarse or too fine for the atmosphere."""
+    altitudes = planet.atmosphere_altitude / air.density_grid_interval
+    if not 1 <= altitudes <= LARGEST_ALTITUDE_COUNT:
+        raise ValueError(
+            f"air.density_grid_interval makes {altitudes:.3g} altitudes up to planet.atmosphere_altitude; give one "
+            f"that makes 1 to {LARGEST_ALTITUDE_COUNT}"
+        )
+
+
+def check_periods(mission: Mission, guidance: Guidance, design: Design) -> None:
+    """Refuse intervals that are longer than a flight may last, or too many in one."""
+    cycles = mission.time_limit / guidance.guidance_period
+    if cycles > LARGEST_CYCLE_COUNT:
+        raise ValueError(
+            f"mission.time_limit makes {cycles:.3g} guidance periods, more than {LARGEST_CYCLE_COUNT}: lower it, or "
+            "raise guidance.guidance_period"
+        )
+    intervals = {
+        "guidance.guidance_period": guidance.guidance_period,
+        "design.partition_interval": design.partition_interval,
+    }
+    for name, interval in intervals.items():
+        if interval > mission.time_limit:
+            raise ValueError(
+                f"{name} ({interval:g} s) is longer than mission.time_limit ({mission.time_limit:g} s): lower it"
+            )
+
+
+def check_partitions(guidance: Guidance, design: Design) -> None:
+    """Refuse partitions of the design whose intervals do not begin with a guidance period."""
+    intervals = (design.partition_interval, *design.partition_study)
+    multiples = (interval / guidance.guidance_period for interval in intervals)
+    if not all(
+        math.isfinite(number) and round(number) * guidance.guidance_period == interval
+        for number, interval in zip(multiples, intervals, strict=True)
+    ):
+        raise ValueError(
+            "design.partition_interval and design.partition_study must be multiples of guidance.guidance_period"
+        )
+
+
+class StochasticEntryInputs(Inputs):
+    """Everything that the entry-guidance results depend on."""
+
+    CASES: ClassVar = dict.fromkeys(
+        ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity"), "simulation.trials"
+    )
+    CHECKS: ClassVar = (check_altitudes, check_periods, check_partitions)
+
+    planet: Planet
+    air: Air
+    vehicle: Vehicle
+    mission: Mission
+    guidance: Guidance
+    design: Design
+    simulation: Simulation
+    drawing: Drawing
+
+
+MODEL = StochasticEntryInputs

@@ -9,6 +9,7 @@ from marsedl.methods.lincov import DiscreteSystem, discretize
 from marsedl.methods.state_trigger import trigger_projection
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
 from marsedl.papers.stochastic_entry import dispersions, environment
+from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.objective import TRIGGER_NORMAL
 from marsedl.papers.stochastic_entry.records import STATES, Linearization, Nominal
 from marsedl.replication.catalogue import stage
@@ -20,35 +21,43 @@ def system(linearization) -> DiscreteSystem:
 
 
 @stage()
-def compute(inputs, nominal: Nominal) -> Linearization:
+def compute(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
+) -> Linearization:
     """Linearise at the midpoints of pairs of integration steps, and discretise over the guidance periods."""
-    steps = inputs.nominal_substeps
+    steps = simulation.nominal_substeps
     bounds = np.append(np.arange(0, len(nominal.time) - 1, steps), len(nominal.time) - 1)
     middles = bounds[:-1, np.newaxis] + np.arange(1, steps, 2)
     states = np.column_stack(
         [
-            nominal.altitude + inputs.planet_radius,
+            nominal.altitude + planet.planet_radius,
             nominal.velocity,
             nominal.flight_path_angle,
             nominal.downrange,
             nominal.density,
         ]
     )
-    _, slope, curvature = environment.profile(inputs)(nominal.altitude)
-    profile = (*inputs.ramp_velocities, np.cos(inputs.nominal_bank_fast), np.cos(inputs.nominal_bank_slow))
+    _, slope, curvature = environment.profile(air)(nominal.altitude)
+    profile = (*guidance.ramp_velocities, np.cos(guidance.nominal_bank_fast), np.cos(guidance.nominal_bank_slow))
     ramp = ramped_bank_cosine(nominal.velocity, *profile)
     aligned = nominal.time >= nominal.alignment_time
     cosine = np.where(aligned, np.cos(nominal.bank), ramp)
-    drag_factor, lift_factor = dispersions.factors(inputs)
-    constants = (drag_factor, lift_factor, inputs.gravitational_parameter)
+    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(vehicle))
+    constants = (drag_factor, lift_factor, planet.gravitational_parameter)
 
     at = middles.ravel()
     state_matrix, control_matrix = linear_model(
-        states[at], cosine[at], nominal.density[at], -slope[at], -curvature[at], inputs.decay_factor, *constants
+        states[at], cosine[at], nominal.density[at], -slope[at], -curvature[at], air.decay_factor, *constants
     )
     control_matrix[aligned[at]] = 0.0
     radius_rate = nominal.velocity[at] * np.sin(nominal.flight_path_angle[at])
-    diffusion = environment.diffusion(inputs, nominal.altitude[at])
+    diffusion = environment.diffusion(air, nominal.altitude[at])
     intensity = np.zeros((len(at), STATES, STATES))
     intensity[:, -1, -1] = density_noise_intensity(nominal.density[at], diffusion, radius_rate)
     span = np.diff(nominal.time[bounds])
@@ -64,16 +73,16 @@ def compute(inputs, nominal: Nominal) -> Linearization:
         slaved.reshape(*shape, 4, 4), control_matrix[:, :4].reshape(*shape, 4), np.zeros((*shape, 4, 4)), span
     )
 
-    mean = nominal.density[-1], -slope[-1], -inputs.decay_factor * slope[-1]
+    mean = nominal.density[-1], -slope[-1], -air.decay_factor * slope[-1]
     final_rates = np.array(longitudinal_entry_rates(tuple(states[-1]), cosine[-1], *mean, *constants))
-    deviations = dispersions.entry_deviations(inputs)
+    deviations = dispersions.entry_deviations(planet, mission)
     initial = np.array(
         [
             0.0,
             deviations[dispersions.SPEED],
             deviations[dispersions.PATH_ANGLE],
-            deviations[dispersions.LONGITUDE] * inputs.planet_radius,
-            nominal.density[0] * np.sqrt(environment.variance(inputs, nominal.altitude[0])),
+            deviations[dispersions.LONGITUDE] * planet.planet_radius,
+            nominal.density[0] * np.sqrt(environment.variance(air, nominal.altitude[0])),
         ]
     )
     return Linearization(

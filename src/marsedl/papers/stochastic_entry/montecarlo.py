@@ -1,12 +1,15 @@
 """Monte Carlo flights of both laws to both triggers, scattered in chunks and gathered (Sec. V, Tables 3 and 4)."""
 
+from collections.abc import Callable
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
-from marsedl.papers.stochastic_entry import environment, flight
+from marsedl.papers.stochastic_entry import flight
 from marsedl.papers.stochastic_entry.gains import law
+from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     END_TIME,
     OUTCOMES,
@@ -24,9 +27,21 @@ from marsedl.replication.catalogue import Flown, Trial, stage
 BANK_BINS = 72
 
 
+class End(NamedTuple):
+    """What ends a flight."""
+
+    trigger: str  # "time" or "velocity"
+    time: float  # s, the fixed final time, or the time limit of the velocity trigger
+
+
 @stage()
 def simulate(
-    inputs,
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
     nominal: Nominal,
     linearization: Linearization,
     gains: Gains,
@@ -35,67 +50,77 @@ def simulate(
 ) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 
-    case: law and trigger, such as "apollo_velocity". trials: of the whole case. chunk, chunks: number of this chunk and
-    of all. block_size: trials in a block.
+    The case is law and trigger, such as "apollo_velocity".
     """
-    case, trials, block_size, chunk, chunks = flown
-    first, last = ensembles.chunk_bounds(trials, chunks, block_size)[chunk]
+    first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
+    simulate_block = block_simulator(
+        planet, air, vehicle, mission, guidance, simulation, nominal, linearization, gains, flown.case
+    )
     reduced = ensembles.run_blocks(
-        block_simulator(inputs, nominal, linearization, gains, case),
+        simulate_block,
         first,
         last,
-        block_size=block_size,
+        block_size=flown.block_size,
         histogram_edges=np.array([edges, edges]),
-        kept=min(inputs.drawn_trials, trials),
-        trials=trials,
+        kept=min(simulation.drawn_trials, flown.trials),
+        trials=flown.trials,
         # Percentiles are those of errors; the end time varies about the nominal's, counts are best resolved at zero.
         centre=np.concatenate([nominal_final(nominal), [nominal.end_time, 0.0, 0.0]]),
     )
+    end = end_of(mission, nominal, flown.case)
     kind = StreamedFlightChunk if isinstance(reduced, ensembles.StreamedChunk) else FlightChunk
     return kind(
-        time=flight.outputs(*_end(inputs, nominal, case)),
+        time=flight.outputs(end.time, guidance.guidance_period, end.trigger),
         nominal_final=nominal_final(nominal),
         **{field.name: ensembles.without_infinities(getattr(reduced, field.name)) for field in fields(reduced)},
     )
 
 
-def block_simulator(inputs, nominal, linearization, gains, case, **changes):
-    """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials.
+def block_simulator(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
+    linearization: Linearization,
+    gains: Gains,
+    case: str,
+) -> Callable:
+    """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
+    plant = flight.plant_of(planet, air, vehicle, mission, guidance)
+    return simulator_of(plant, law(guidance, linearization, gains, case), end_of(mission, nominal, case), simulation)
 
-    changes: further arguments of `flight.vehicles`, and `varied`, False for the mean density.
-    """
-    air = environment.air(inputs)
-    constants = flight.settings(inputs, air)
-    flown_law = law(inputs, linearization, gains, case)
-    if not changes.pop("varied", True):
-        air = environment.undisturbed(air)
-    end_time, _, trigger = _end(inputs, nominal, case)
+
+def simulator_of(plant: flight.Plant, flown_law: flight.Law, end: End, simulation: Simulation) -> Callable:
+    """Return the function `simulate_block(first, last)` of any plant, law and end of the flight."""
 
     def simulate_block(first, last):
         return flight.fly(
-            constants,
-            air,
+            plant.settings,
+            plant.atmosphere,
             flown_law,
-            flight.vehicles(inputs, np.arange(first, last), **changes),
-            trigger=trigger,
-            end_time=end_time,
-            substeps=inputs.flight_substeps,
-            seed=inputs.seed,
+            flight.vehicles(plant.dispersions, simulation.seed, np.arange(first, last)),
+            trigger=end.trigger,
+            end_time=end.time,
+            substeps=simulation.flight_substeps,
+            seed=simulation.seed,
             first_trial=first,
         )
 
     return simulate_block
 
 
-def _end(inputs, nominal, case):
-    """End time (s; of the velocity trigger: the time limit), guidance period and trigger of a Monte Carlo case."""
+def end_of(mission: Mission, nominal: Nominal, case: str) -> End:
+    """What ends the flights of a Monte Carlo case: the nominal's end time, or the velocity within the time limit."""
     trigger = case.split("_")[1]
-    return nominal.end_time if trigger == "time" else inputs.time_limit, inputs.guidance_period, trigger
+    return End(trigger, nominal.end_time if trigger == "time" else mission.time_limit)
 
 
 @stage()
-def gather(inputs, chunks: list[FlightChunk]) -> FlightEnsemble:
+def gather(chunks: list[FlightChunk]) -> FlightEnsemble:
     """Join the chunks of a case in the order of their trials."""
     large = isinstance(chunks[0], StreamedFlightChunk)
     kind = ensembles.StreamedChunk if large else ensembles.Chunk
@@ -114,16 +139,23 @@ def nominal_final(nominal):
 
 
 def replay(
-    inputs,
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
     nominal: Nominal,
     linearization: Linearization,
     gains: Gains,
     *,
     trial: Trial,
 ) -> str:
-    """Fly one trial again and describe it, with its difference from the ensemble's if that is given."""
-    case, number, ensemble = trial
-    trial = ensembles.replay(block_simulator(inputs, nominal, linearization, gains, case), number)
+    """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
+    simulate_block = block_simulator(
+        planet, air, vehicle, mission, guidance, simulation, nominal, linearization, gains, trial.case
+    )
+    flown = ensembles.replay(simulate_block, trial.number)
     names = (
         "altitude (m)",
         "velocity (m/s)",
@@ -132,12 +164,12 @@ def replay(
         "density (kg/m^3)",
         "crossrange (m)",
     )
-    lines = [f"trial {number} of {case}: {OUTCOMES[int(trial.outcome[0])]}"]
-    start, end = trial.history[0, :, 0], trial.final_state[:, 0]
+    lines = [f"trial {trial.number} of {trial.case}: {OUTCOMES[int(flown.outcome[0])]}"]
+    start, end = flown.history[0, :, 0], flown.final_state[:, 0]
     lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start[:6], end[:6], strict=True)]
     lines.append(f"  end time                  {end[END_TIME]:18.9f} s, {int(end[REVERSALS])} bank reversals")
-    if ensemble is not None:
-        same = np.array_equal(end, ensemble.final_state[number], equal_nan=True)
+    if trial.stored is not None:
+        same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)
         lines.append(
             "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
         )

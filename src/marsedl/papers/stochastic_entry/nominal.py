@@ -6,6 +6,7 @@ from marsedl.methods.guidance.lateral import bank_direction, deadband
 from marsedl.methods.guidance.targeting import require_target_ahead, targeting
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.papers.stochastic_entry import dispersions, environment, flight
+from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
@@ -23,65 +24,67 @@ from marsedl.replication.errors import MarsedlError
 
 
 @stage()
-def compute(inputs) -> Nominal:
+def compute(
+    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance, simulation: Simulation
+) -> Nominal:
     """Fly until the end velocity, then again to that time, so that every guidance period has equal steps.
 
     Raises MarsedlError if the target lies behind the entry point or the end velocity is not reached in the time limit.
     """
-    air = environment.undisturbed(environment.air(inputs))
-    constants = flight.settings(inputs, air)
-    drag_factor, lift_factor = dispersions.factors(inputs)
-    mean = dispersions.entry_mean(inputs)
+    atmosphere = environment.undisturbed(environment.atmosphere(air))
+    constants = flight.settings(planet, mission, guidance, atmosphere)
+    drag_factor, lift_factor = dispersions.factors(dispersions.body_of(vehicle))
+    mean = dispersions.entry_mean(planet, mission)
     state = dict(
         zip(("radius", "longitude", "latitude", "velocity", "flight_path_angle", "azimuth"), mean, strict=True)
     )
     entry_range, _ = targeting(
         **state,
-        rotation_rate=inputs.rotation_rate,
-        target_longitude=inputs.target_longitude,
-        target_latitude=inputs.target_latitude,
+        rotation_rate=planet.rotation_rate,
+        target_longitude=mission.target_longitude,
+        target_latitude=mission.target_latitude,
     )
     try:
         require_target_ahead(entry_range)
     except ValueError as error:
         raise MarsedlError(f"entry_longitude, entry_azimuth, target_longitude: {error}") from None
-    vehicle = flight.Vehicles(mean[np.newaxis], np.array([drag_factor]), np.array([lift_factor]))
+    flown_vehicle = flight.Vehicles(mean[np.newaxis], np.array([drag_factor]), np.array([lift_factor]))
 
     def fly(trigger, end_time, every):
         return flight.fly(
             constants,
-            air,
+            atmosphere,
             flight.NOMINAL_LAW,
-            vehicle,
+            flown_vehicle,
             trigger=trigger,
             end_time=end_time,
-            substeps=inputs.nominal_substeps,
-            seed=inputs.seed,
+            substeps=simulation.nominal_substeps,
+            seed=0,  # of which still air draws nothing
             every=every,
         )
 
-    first = fly("velocity", inputs.time_limit, inputs.nominal_substeps)
+    first = fly("velocity", mission.time_limit, simulation.nominal_substeps)
     if first.outcome[0] == ESCAPED:
         raise MarsedlError(
-            f"the nominal flight still has {first.final_state[VELOCITY, 0]:.0f} m/s after {inputs.time_limit:g} "
+            f"the nominal flight still has {first.final_state[VELOCITY, 0]:.0f} m/s after {mission.time_limit:g} "
             "s; it must slow down to end_velocity: raise time_limit, or check density_profile and ballistic_coefficient"
         )
     end_time = float(first.final_state[END_TIME, 0])
     flown = fly("time", end_time, 1)
     history, observed = flown.history[..., 0], flown.observed[..., 0]
-    time = fine_times(end_time, inputs)
-    cycles = np.arange(0, len(time) - 1, inputs.nominal_substeps)
-    aligned = cycles[np.argmax(history[cycles, VELOCITY] <= inputs.heading_alignment_velocity)]
+    time = fine_times(end_time, guidance, simulation)
+    cycles = np.arange(0, len(time) - 1, simulation.nominal_substeps)
+    aligned = cycles[np.argmax(history[cycles, VELOCITY] <= guidance.heading_alignment_velocity)]
     guided = cycles[cycles < aligned]
     width = deadband(
         time[cycles],
-        inputs.deadband_times[0],
-        inputs.deadband_widths[0],
-        inputs.deadband_times[1],
-        inputs.deadband_widths[1],
+        guidance.deadband_times[0],
+        guidance.deadband_widths[0],
+        guidance.deadband_times[1],
+        guidance.deadband_widths[1],
     )
     reversals, margin = _decisions(
-        inputs.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
+        guidance.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
     )
     return Nominal(
         time=time,
@@ -103,10 +106,10 @@ def compute(inputs) -> Nominal:
     )
 
 
-def fine_times(end_time, inputs):
+def fine_times(end_time, guidance: Guidance, simulation: Simulation):
     """Times of all integration steps: equal ones in every guidance period, the last period being shorter."""
-    starts = flight.outputs(end_time, inputs.guidance_period, "time")
-    steps = np.arange(inputs.nominal_substeps) / inputs.nominal_substeps
+    starts = flight.outputs(end_time, guidance.guidance_period, "time")
+    steps = np.arange(simulation.nominal_substeps) / simulation.nominal_substeps
     return np.append((starts[:-1, np.newaxis] + np.diff(starts)[:, np.newaxis] * steps).ravel(), end_time)
 
 

@@ -22,6 +22,16 @@ from marsedl.papers.stochastic_entry.claims import (
     outcomes,
     reduction,
 )
+from marsedl.papers.stochastic_entry.inputs import (
+    Air,
+    Design,
+    Guidance,
+    Mission,
+    Planet,
+    Simulation,
+    StochasticEntryInputs,
+    Vehicle,
+)
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     CASES,
@@ -56,69 +66,69 @@ def _number(value, form):
     return f"{value:{form}}" if np.isfinite(value) else NO_VALUE
 
 
-def tab01(inputs):
+def tab01(vehicle: Vehicle):
     """Table 1 from the inputs."""
-    drag, lift = dispersions.coefficients(inputs)
-    area = f"{np.pi * inputs.reference_diameter**2 / 4:.3f} (pi {inputs.reference_diameter:g}^2 / 4)"
+    body = dispersions.body_of(vehicle)
+    area = f"{np.pi * vehicle.reference_diameter**2 / 4:.3f} (pi {vehicle.reference_diameter:g}^2 / 4)"
     return [
         ("property", "value", "unit"),
-        ("mass", f"{inputs.mass:g}", "kg"),
+        ("mass", f"{vehicle.mass:g}", "kg"),
         ("reference area", area, "m^2"),
-        ("trimmed angle of attack", f"{np.degrees(inputs.trim_angle_of_attack):g}", "deg"),
-        ("lift over drag", f"{inputs.lift_to_drag:g}", "1"),
-        ("ballistic coefficient", f"{inputs.ballistic_coefficient:g}", "kg/m^2"),
-        ("drag coefficient that follows", f"{drag:.4f}", "1"),
-        ("lift coefficient that follows", f"{lift:.4f}", "1"),
+        ("trimmed angle of attack", f"{np.degrees(vehicle.trim_angle_of_attack):g}", "deg"),
+        ("lift over drag", f"{vehicle.lift_to_drag:g}", "1"),
+        ("ballistic coefficient", f"{vehicle.ballistic_coefficient:g}", "kg/m^2"),
+        ("drag coefficient that follows", f"{body.drag_coefficient:.4f}", "1"),
+        ("lift coefficient that follows", f"{body.lift_coefficient:.4f}", "1"),
     ]
 
 
-def tab02(inputs):
+def tab02(planet: Planet, mission: Mission):
     """Table 2 from the inputs."""
 
     def angles(value, deviation):
         return f"{np.degrees(value):g}", f"{np.degrees(deviation):g}"
 
-    _, crossrange = crossrange_of_azimuth(inputs)
-    velocity = f"{inputs.entry_velocity / 1e3:g} km/s", f"{inputs.entry_velocity_three_sigma:g} m/s"
+    _, crossrange = crossrange_of_azimuth(planet, mission)
+    velocity = f"{mission.entry_velocity / 1e3:g} km/s", f"{mission.entry_velocity_three_sigma:g} m/s"
     return [
         ("state", "nominal", "three sigma", "unit"),
-        ("altitude", f"{inputs.atmosphere_altitude / 1e3:g}", "0", "km"),
+        ("altitude", f"{planet.atmosphere_altitude / 1e3:g}", "0", "km"),
         ("velocity", *velocity, ""),
         (
             "flight path angle",
-            *angles(inputs.entry_flight_path_angle, inputs.entry_flight_path_angle_three_sigma),
+            *angles(mission.entry_flight_path_angle, mission.entry_flight_path_angle_three_sigma),
             "deg",
         ),
-        ("heading azimuth", *angles(inputs.entry_azimuth, inputs.entry_azimuth_three_sigma), "deg"),
-        ("downrange", "0", f"{inputs.entry_downrange_three_sigma / 1e3:g}", "km"),
-        ("crossrange", _km(crossrange), f"{inputs.entry_crossrange_three_sigma / 1e3:g}", "km"),
+        ("heading azimuth", *angles(mission.entry_azimuth, mission.entry_azimuth_three_sigma), "deg"),
+        ("downrange", "0", f"{mission.entry_downrange_three_sigma / 1e3:g}", "km"),
+        ("crossrange", _km(crossrange), f"{mission.entry_crossrange_three_sigma / 1e3:g}", "km"),
     ]
 
 
-def tab03(inputs):
+def tab03(air: Air, vehicle: Vehicle):
     """Table 3 from the inputs, with the surrogate of the density samples."""
-    low, high = np.degrees(inputs.trim_interval)
+    low, high = np.degrees(vehicle.trim_interval)
+    lift, drag = vehicle.lift_dispersion, vehicle.drag_dispersion
     return [
         ("source of uncertainty", "in the paper", "here"),
         ("state at entry", "Gaussian (Table 2)", "Gaussian (Table 2)"),
         (
             "density of the atmosphere",
             "Mars-GRAM samples",
-            f"Ornstein-Uhlenbeck surrogate about the mean density `{inputs.density_profile}`, with exactly the "
-            f"variance `{inputs.variance_profile}`",
+            f"Ornstein-Uhlenbeck surrogate about the mean density `{air.density_profile}`, with exactly the "
+            f"variance `{air.variance_profile}`",
         ),
         (
             "aerodynamics",
             "trim angle of attack uniform, about 0.15 in C_L and 0.02 in C_D",
-            f"uniform between {low:g} and {high:g} deg, from {-inputs.lift_dispersion:+g} to "
-            f"{inputs.lift_dispersion:+g} in C_L and from {-inputs.drag_dispersion:+g} to {inputs.drag_dispersion:+g} "
-            "in C_D",
+            f"uniform between {low:g} and {high:g} deg, from {-lift:+g} to {lift:+g} in C_L and from {-drag:+g} to "
+            f"{drag:+g} in C_D",
         ),
     ]
 
 
 def tab04(
-    inputs,
+    simulation: Simulation,
     published,
     apollo_time: FlightEnsemble,
     apollo_velocity: FlightEnsemble,
@@ -127,7 +137,7 @@ def tab04(
 ):
     """Percentiles of the final errors beside Table 4, from the paper's number of trials and from all."""
     flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
-    size = int(inputs.paper_trials)
+    size = int(simulation.paper_trials)
     rows = [
         (
             "final error",
@@ -180,11 +190,11 @@ def tab04(
     return rows
 
 
-def zf(inputs, published, linearization: Linearization):
+def zf(air: Air, published, linearization: Linearization):
     """Z_f element by element beside Eq. 77."""
     claim = published["zf_column_velocity"]
     states = ("radius", "velocity", "flight path angle", "range", "density")
-    fitted = inputs.density_profile == "log_quadratic"
+    fitted = air.density_profile == "log_quadratic"
     rows = [("row", "column", "in the paper", "here", "difference", "within the printed rounding")]
     for i, j in np.ndindex(linearization.trigger_projection.shape):
         value = linearization.trigger_projection[i, j]
@@ -198,7 +208,7 @@ def zf(inputs, published, linearization: Linearization):
     return rows
 
 
-def certificates(inputs, gains: Gains, certificates: Certificates):
+def certificates(gains: Gains, certificates: Certificates):
     """The stochastic law against independent formulations, by trigger."""
 
     def both(values, form=".1e"):
@@ -245,7 +255,7 @@ def certificates(inputs, gains: Gains, certificates: Certificates):
     return rows
 
 
-def sources(inputs, error_budget: ErrorBudget):
+def sources(error_budget: ErrorBudget):
     """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
     budget = error_budget
     sources = [str(source) for source in budget.source]
@@ -283,7 +293,6 @@ def sources(inputs, error_budget: ErrorBudget):
 
 
 def reversal_split(
-    inputs,
     apollo_time: FlightEnsemble,
     apollo_velocity: FlightEnsemble,
     stochastic_time: FlightEnsemble,
@@ -317,8 +326,11 @@ def reversal_split(
     return rows
 
 
-def readings(artifacts, published):
-    """What each reading reproduces; artifacts: by reading, the inputs and the artifacts by name."""
+def readings(readings, published):
+    """What each reading reproduces: the nominal's end, Z_f, and range errors with bank reversals of all cases.
+
+    readings: inputs and `Records` by reading. published: claims by id. Returns rows of text.
+    """
     header = ["reading", "end short of the target (km)", "Z_f: range (m per m/s)", "Z_f: radius (m per m/s)"]
     for case in CASES:
         header += [f"{_case(case)}: 1st / 99th percentile of the range error (km)", f"{_case(case)}: bank reversals"]
@@ -337,19 +349,19 @@ def readings(artifacts, published):
             f"{published['mc_trials'].printed:,}",
         )
     )
-    for name, (inputs, records) in artifacts.items():
+    for name, (inputs, records) in readings.items():
+        flights = records.flights()
         projection = records.linearization.trigger_projection[:, VELOCITY]
         cells = [_km(-records.nominal.downrange[-1]), f"{projection[DOWNRANGE]:.2f}", f"{projection[ALTITUDE]:.2f}"]
         for case in CASES:
-            cells += [_interval(getattr(records, case)), _mean_reversals(getattr(records, case))]
-        label = f"{name} (hypothesis)" if hypothesis(inputs) else name
-        trials = getattr(records, CASES[0]).count + getattr(records, CASES[0]).excluded
-        rows.append((label, *cells, f"{trials:,}"))
+            cells += [_interval(flights[case]), _mean_reversals(flights[case])]
+        trials = flights[CASES[0]].count + flights[CASES[0]].excluded
+        rows.append((label_of(name, inputs), *cells, f"{trials:,}"))
     return rows
 
 
-def headline(artifacts, published):
-    """The headline in each reading, with a verdict computed from the numbers."""
+def headline(readings, published):
+    """The headline in each reading, with a verdict computed from the numbers; arguments as of `readings`."""
     rows = [
         (
             "reading",
@@ -364,9 +376,10 @@ def headline(artifacts, published):
     ]
     paper = {case: (np.array(published[f"tab4_downrange_{case}"].printed), np.zeros(2)) for case in CASES}
     rows.append(("in the paper", *_headline_row(paper)))
-    for name, (inputs, records) in artifacts.items():
-        tails = {case: final_percentiles(getattr(records, case), index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
-        rows.append((f"{name} (hypothesis)" if hypothesis(inputs) else name, *_headline_row(tails)))
+    for name, (inputs, records) in readings.items():
+        flights = records.flights()
+        tails = {case: final_percentiles(flights[case], index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
+        rows.append((label_of(name, inputs), *_headline_row(tails)))
     return rows
 
 
@@ -396,10 +409,15 @@ def _headline_row(tails):
     return (*cells, verdict)
 
 
-def hypothesis(inputs):
+def label_of(reading, inputs: StochasticEntryInputs):
+    """The name of a reading, with a remark if it is a hypothesis."""
+    return f"{reading} (hypothesis)" if hypothesis(inputs.guidance, inputs.design) else reading
+
+
+def hypothesis(guidance: Guidance, design: Design):
     """Whether a reading assumes something of the laws that the paper does not print."""
-    own = inputs.partition_interval == inputs.guidance_period
-    return not (own and inputs.apollo_form == "five_state" and inputs.apollo_time_adjoint == "time")
+    own = design.partition_interval == guidance.guidance_period
+    return not (own and design.apollo_form == "five_state" and design.apollo_time_adjoint == "time")
 
 
 def _interval(ensemble):

@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.lqg_dual import InfeasibleProblem, noise_floor
 from marsedl.papers.stochastic_entry.gains import problem, solved
+from marsedl.papers.stochastic_entry.inputs import Design, Guidance
 from marsedl.papers.stochastic_entry.objective import final_weights
 from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Linearization, Tradeoff
 from marsedl.replication.catalogue import stage
@@ -11,36 +12,41 @@ from marsedl.replication.errors import MarsedlError
 
 
 @stage(claimed_in=("corrected",))
-def compute(inputs, linearization: Linearization) -> Tradeoff:
+def compute(guidance: Guidance, design: Design, linearization: Linearization) -> Tradeoff:
     """Solve Problem 1 on every partition and with every altitude limit."""
     triggers = range(len(TRIGGERS))
-    found = [[_solved(inputs, linearization, t, interval) for interval in inputs.partition_study] for t in triggers]
-    limited = (inputs.partition_interval, COARSE)
+    found = [
+        [_solved(guidance, design, linearization, t, interval) for interval in design.partition_study] for t in triggers
+    ]
+    limited = (design.partition_interval, COARSE)
     return Tradeoff(
-        interval=inputs.partition_study,
-        range_deviation=np.sqrt([[_range_variance(inputs, linearization, t, s) for s in found[t]] for t in triggers]),
+        interval=design.partition_study,
+        range_deviation=np.sqrt([[_range_variance(design, linearization, t, s) for s in found[t]] for t in triggers]),
         early_control=np.array([[3.0 * np.sqrt(s.control_variance[0]) for s in found[t]] for t in triggers]),
         gap=np.array([[s.gap for s in found[t]] for t in triggers]),
-        altitude_limit=inputs.altitude_limit_study,
+        altitude_limit=design.altitude_limit_study,
         limited_interval=np.array(limited),
         limited_deviation=np.array(
             [
-                [[_limited(inputs, linearization, t, i, a) for a in inputs.altitude_limit_study] for t in triggers]
+                [
+                    [_limited(guidance, design, linearization, t, i, a) for a in design.altitude_limit_study]
+                    for t in triggers
+                ]
                 for i in limited
             ]
         ),
         floor=np.sqrt(
             [
                 noise_floor(p.system, p.objective)
-                for p in (problem(inputs, linearization, t, inputs.guidance_period) for t in triggers)
+                for p in (problem(guidance, design, linearization, t, guidance.guidance_period) for t in triggers)
             ]
         ),
     )
 
 
-def _solved(inputs, linearization, trigger, interval):
+def _solved(guidance: Guidance, design: Design, linearization, trigger, interval):
     try:
-        return solved(problem(inputs, linearization, trigger, interval=interval))
+        return solved(problem(guidance, design, linearization, trigger, interval=interval))
     except InfeasibleProblem as error:
         raise MarsedlError(
             f"partition_study: the {TRIGGERS[trigger]} trigger on intervals of {interval:g} s: {error}; leave it out, "
@@ -48,14 +54,14 @@ def _solved(inputs, linearization, trigger, interval):
         ) from None
 
 
-def _range_variance(inputs, linearization, trigger, solution):
-    objective = final_weights(inputs, linearization)[trigger]
+def _range_variance(design: Design, linearization, trigger, solution):
+    objective = final_weights(design, linearization)[trigger]
     return objective @ solution.covariance[-1] @ objective
 
 
-def _limited(inputs, linearization, trigger, interval, altitude_limit):
+def _limited(guidance: Guidance, design: Design, linearization, trigger, interval, altitude_limit):
     try:
-        solution = solved(problem(inputs, linearization, trigger, interval, altitude_limit))
+        solution = solved(problem(guidance, design, linearization, trigger, interval, altitude_limit))
     except InfeasibleProblem:
         return np.nan
-    return np.sqrt(_range_variance(inputs, linearization, trigger, solution))
+    return np.sqrt(_range_variance(design, linearization, trigger, solution))
