@@ -13,7 +13,7 @@ from marsedl.papers import catalogue, input_model
 from marsedl.replication.catalogue import Flown
 from marsedl.replication.claims import load_published
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import computed, given
 from marsedl.replication.sections import by_section
 
 ROOT = Path(__file__).parents[2]
@@ -177,6 +177,15 @@ class Pipeline:
             needed["gains"] = gains
         inputs = self.stage_inputs(reading, "montecarlo_gather", **changes)
         return inputs.call(self.montecarlo.gather, **needed, chunks=chunks_flown)
+
+    def whole(self, inputs, artifacts, case, trials, block_size):
+        """A Monte Carlo case in one go, as a job flies it, under any artifacts."""
+
+        def give(function, **others):
+            return given(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
+
+        options = {"case": case, "trials": trials, "block_size": block_size}
+        return computed(self.paper.stages["montecarlo"].entries, give, options)
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""

@@ -235,7 +235,7 @@ def test_matrices_are_the_derivatives_of_a_second_of_flight(entry, reading):
     """Deviations d' = f(nominal + d, u + v) - f(nominal, u) over a guidance period, by central differences."""
     inputs = entry.stage_inputs(reading, "linearization")
     nominal, model = entry.nominal(reading), entry.linearization(reading)
-    profile = environment.profile(inputs)
+    profile = inputs.call(environment.profile)
     states = np.column_stack(
         [
             nominal.altitude + RADIUS,
@@ -276,17 +276,17 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
     """
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20)
-    model, air = entry.linearization(), environment.undisturbed(environment.air(inputs))
-    constants = flight.settings(inputs, air)
+    model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.air))
+    constants = inputs.call(flight.settings, air)
     seconds = 65  # before the first reversal
-    mean = dispersions.entry_mean(inputs)
+    mean = inputs.call(dispersions.entry_mean)
 
     def history(deviation, cosine_change=0.0, second=0):
         cosine = model.bank_cosine.copy()
         cosine[second] += cosine_change
         zero = np.zeros((len(cosine), flight.FEATURES))
         law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
-        factors = (np.array([factor]) for factor in dispersions.factors(inputs))
+        factors = (np.array([factor]) for factor in inputs.call(dispersions.factors))
         flown = flight.fly(
             constants,
             air,
@@ -343,7 +343,7 @@ def test_density_noise_is_that_of_the_sink_rate_and_none_while_climbing(entry):
             for name in ("altitude", "velocity", "flight_path_angle", "density")
         )
         variance = 0.148 * np.exp((min(altitude, 120e3) - 120e3) / 20e3)
-        slope = environment.profile(entry.stage_inputs("corrected", "linearization"))(altitude)[1]
+        slope = entry.stage_inputs("corrected", "linearization").call(environment.profile)(altitude)[1]
         intensity = density**2 * 4 * variance * -slope * -velocity * np.sin(angle)  # per second, Eqs. 11, 24
         # What came earlier in the second has grown with the density since.
         assert model.noise[k, 4, 4] == pytest.approx(intensity, rel=0.3)
@@ -511,7 +511,7 @@ def test_coarse_partitions_in_the_time_case(entry, reading, interval, stopped, w
 
     Known values are those without any control in that interval.
     """
-    posed = problem(entry.stage_inputs("corrected", "gains"), entry.linearization(), 0, interval=interval)
+    posed = entry.stage_inputs("corrected", "gains").call(problem, entry.linearization(), 0, interval=interval)
     control = posed.system.control.copy()
     control[np.flatnonzero(control.any(axis=1))[-1]] = 0.0
     without = solve(posed._replace(system=posed.system._replace(control=control)))
@@ -539,8 +539,8 @@ def test_refining_the_partition_never_raises_the_optimum(entry, trigger):
     inputs, model = entry.stage_inputs("corrected", "gains"), entry.linearization()
     costs = []
     for interval in (1.0, 2.0, 4.0):
-        posed = problem(inputs, model, trigger, interval=interval)
-        starts = gains.partition_starts(inputs, len(model.control), interval)
+        posed = inputs.call(problem, model, trigger, interval=interval)
+        starts = inputs.call(gains.partition_starts, len(model.control), interval)
         lengths = np.diff(np.append(starts, len(model.control)))
         found = solve(posed._replace(control_weight=posed.control_weight * lengths))
         assert abs(found.gap) < 1e-5
@@ -670,15 +670,15 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     model, made = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
-    mean, air = dispersions.entry_mean(inputs), environment.undisturbed(environment.air(inputs))
+    mean, air = inputs.call(dispersions.entry_mean), environment.undisturbed(inputs.call(environment.air))
     size = {dispersions.SPEED: 0.02, dispersions.PATH_ANGLE: 1e-6}[component]
     starts = np.tile(mean, (2, 1))
     starts[:, component] += [size, -size]
-    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in dispersions.factors(inputs)))
+    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in inputs.call(dispersions.factors)))
     flown = flight.fly(
-        flight.settings(inputs, air),
+        inputs.call(flight.settings, air),
         air,
-        gains.law(inputs, model, made, case),
+        inputs.call(gains.law, model, made, case),
         vehicles,
         trigger="time",
         end_time=140.0,
@@ -721,7 +721,7 @@ def test_predicted_dispersions_of_the_apollo_law(entry, reading, kind, trigger, 
 )
 def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_the_apollo_law(entry, trigger, expected):
     inputs, made, model = entry.all_inputs("corrected"), entry.gains(), entry.linearization()
-    drag_factor, lift_factor = dispersions.factors(inputs)
+    drag_factor, lift_factor = inputs.call(dispersions.factors)
     inverse = model.inverse_scale_height
     slopes = np.stack(
         longitudinal_entry_rates(
@@ -828,7 +828,7 @@ def test_partition_of_the_reading_against_those_of_the_study(entry):
     for reading, interval in (("partition_24", 10.0), ("partition_20", 12.0)):
         inputs = entry.stage_inputs("corrected", "gains")
         for trigger in range(2):
-            alone = solve(problem(inputs, entry.linearization(), trigger, interval=interval))
+            alone = solve(inputs.call(problem, entry.linearization(), trigger, interval=interval))
             np.testing.assert_allclose(alone.cost, entry.gains(reading).cost[trigger], rtol=1e-9)
 
 

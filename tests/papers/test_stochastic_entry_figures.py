@@ -10,13 +10,16 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.stochastic_entry import PAPER, dispersions, environment, figures, records
+from marsedl.papers import catalogue
+from marsedl.papers.stochastic_entry import dispersions, environment, figures, records
 from marsedl.papers.stochastic_entry.records import errors
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
 SKETCHES = ("fig01", "fig03")
 FLOWN = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
+
+PAPER = catalogue("stochastic_entry")
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +36,11 @@ def draw(entry):
         }
 
     def draw_once(stem, reading="corrected", artifacts=None, **changes):
-        function = getattr(figures, stem)
-        inputs = entry.inputs(reading, PAPER.figures[stem].inputs, **changes)
         if artifacts or changes:
-            return function(inputs, **made_of(stem, reading) | (artifacts or {}))
+            made = made_of(stem, reading) | (artifacts or {})
+            return entry.inputs(reading, PAPER.figures[stem].inputs, **changes).call(getattr(figures, stem), **made)
         if (stem, reading) not in drawn:
-            drawn[stem, reading] = function(inputs, **made_of(stem, reading))
+            drawn[stem, reading] = entry.product("figures", stem, reading, made_of(stem, reading))
         return drawn[stem, reading]
 
     return draw_once
@@ -135,7 +137,7 @@ def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
     inputs = density_inputs(entry, reading)
     left, right = draw("fig02", reading).axes
     assert "surrogate" in right.get_title() and "not Mars-GRAM" in right.get_title()
-    air = environment.air(inputs)
+    air = inputs.call(environment.air)
     shown = (air.altitude >= 0) & (air.altitude <= 125e3)
     for axes, color in ((left, BLUE), (right, VERMILION)):
         assert len(curves(axes, color)) == inputs.drawn_densities
@@ -143,7 +145,7 @@ def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
             np.testing.assert_allclose(line.get_xdata(), sign * 2 * air.deviation[shown])
             np.testing.assert_allclose(line.get_ydata(), air.altitude[shown] / 1e3)
     # Eq. 8 step by step: decay 2/H, diffusion 4 zeta/H.
-    inverse_height = -environment.profile(inputs)(air.altitude)[1]
+    inverse_height = -inputs.call(environment.profile)(air.altitude)[1]
     drawn = normals(inputs.seed, dispersions.PROCESS_STREAM, [3], len(air.altitude))[0]
     variation = air.deviation[-1] * drawn[0]
     expected = [variation]
@@ -178,7 +180,7 @@ def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
     samples = curves(axes, BLUE)
     inputs = density_inputs(entry)
     assert len(samples) == inputs.drawn_densities >= DRAWN
-    air = environment.air(inputs)
+    air = inputs.call(environment.air)
     for line, trial in zip(samples, entry.ensemble("corrected", case).kept_history, strict=False):
         altitude, density = trial[np.isfinite(trial[:, 0])][:, [records.ALTITUDE, records.DENSITY]].T
         inside = altitude < 125e3  # dispersed entries are all at the edge itself
@@ -190,7 +192,7 @@ def test_fig04_samples_are_those_that_the_trials_fly_through(draw, entry, case):
 
 def test_fig04_never_shows_a_negative_density(draw, entry):
     inputs = density_inputs(entry)
-    variation = figures.flown_variations(inputs, environment.air(inputs), np.arange(300))
+    variation = inputs.call(figures.flown_variations, inputs.call(environment.air), np.arange(300))
     assert variation.min() == -1.0  # 2.6 standard deviations at the top
 
 

@@ -12,6 +12,7 @@ from marsedl.montecarlo.statistics import percentile
 from marsedl.papers.stochastic_entry import environment, flight, montecarlo, records
 from marsedl.papers.stochastic_entry.montecarlo import nominal_final
 from marsedl.replication import artifacts
+from marsedl.replication.catalogue import Flown, Trial
 
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 RADIUS = 3397e3
@@ -34,7 +35,7 @@ def assert_identical(first, second):
 def test_entry_states_are_those_of_table_2(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     trials = 20_000
-    states = flight.vehicles(inputs, np.arange(trials)).entry_state
+    states = inputs.call(flight.vehicles, np.arange(trials)).entry_state
     np.testing.assert_array_equal(states[:, 0], RADIUS + 125e3)
     mean = [*np.radians([125.973, 0.0]), 5800.0, *np.radians([-15.5, 90.05])]
     sigma = np.array([5e3 / RADIUS, 0.5e3 / RADIUS, 20.0, np.radians(0.5), np.radians(0.01)]) / 3.0
@@ -46,7 +47,7 @@ def test_entry_states_are_those_of_table_2(entry):
 
 @pytest.mark.parametrize(("reading", "lift", "drag"), [("corrected", 0.015, -0.02), ("printed", 0.15, 0.02)])
 def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift, drag):
-    vehicles = flight.vehicles(entry.stage_inputs(reading, "montecarlo_chunk"), np.arange(5000))
+    vehicles = entry.stage_inputs(reading, "montecarlo_chunk").call(flight.vehicles, np.arange(5000))
     area = np.pi * 4.5**2 / 4
     drag_coefficient = 2 * 3200 * vehicles.drag_factor / area
     error = (drag_coefficient - 3200 / (135 * area)) / drag
@@ -168,9 +169,8 @@ def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
     options = {"case": case, "trials": 700, "block_size": 100}
     whole, parts = (entry.fly("corrected", entry.gains(), chunks=number, **options) for number in (1, chunks))
     assert_identical(whole, parts)
-    made = montecarlo.compute(
-        entry.stage_inputs("corrected", "montecarlo"), **entry.needed("montecarlo", "corrected"), **options
-    )
+    inputs = entry.stage_inputs("corrected", "montecarlo")
+    made = entry.whole(inputs, entry.needed("montecarlo", "corrected"), **options)
     assert_identical(whole, made)
 
 
@@ -205,12 +205,12 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     ensemble = entry.ensemble("corrected", case)
     alone = entry.simulator(case)(number, number + 1)
     np.testing.assert_array_equal(alone.final_state[:, 0], ensemble.final_state[number])
-    arguments = {"inputs": entry.stage_inputs("corrected", "montecarlo"), **entry.needed("montecarlo", "corrected")}
-    said = montecarlo.replay(**arguments, case=case, number=number, ensemble=ensemble)
+    inputs, needed = entry.stage_inputs("corrected", "montecarlo"), entry.needed("montecarlo", "corrected")
+    said = inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
     assert f"trial {number} of {case}: completed" in said and "the same to the last bit" in said
     assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in said
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in montecarlo.replay(**arguments, case=case, number=number, ensemble=other)
+    assert "DIFFERS" in inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, other))
 
 
 def test_another_seed_gives_other_trials(entry):
@@ -233,10 +233,10 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     ensemble = entry.fly("corrected", entry.gains(), "apollo_velocity", trials=200, time_limit=400.0)
     ends = np.sort(ensemble.final_state[:, records.END_TIME])
     limit = np.floor(ends[60])  # about 60 trials in time
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk", time_limit=limit)
+    inputs = entry.stage_inputs("corrected", "montecarlo", time_limit=limit)
     needed = entry.needed("montecarlo_chunk", "corrected")
     options = {"case": "apollo_velocity", "trials": 200, "block_size": 100}
-    cut = montecarlo.compute(inputs, **needed, **options)
+    cut = entry.whole(inputs, needed, **options)
     late = ensemble.final_state[:, records.END_TIME] > limit
     assert 100 < late.sum() < 190
     np.testing.assert_array_equal(cut.outcome == ESCAPED, late)
@@ -246,20 +246,18 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     np.testing.assert_array_equal(cut.final_state[late, records.END_TIME], limit)
     assert (cut.final_state[late, records.VELOCITY] > 500.0).all()
     number = int(np.flatnonzero(late)[0])
-    said = montecarlo.replay(inputs, **needed, case="apollo_velocity", number=number)
+    said = inputs.call(montecarlo.replay, **needed, trial=Trial("apollo_velocity", number))
     assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in said
 
 
 def test_crashes_are_counted_and_not_dropped(entry):
     """Flown on for another 140 s, every vehicle is under the ground; the last ones get there around 350 s."""
     needed = entry.needed("montecarlo_chunk", "corrected")
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
+    inputs = entry.stage_inputs("corrected", "montecarlo")
     options = {"case": "stochastic_time", "trials": 200, "block_size": 100}
 
     def until(end_time):
-        return montecarlo.compute(
-            inputs, **needed | {"nominal": replace(needed["nominal"], end_time=end_time)}, **options
-        )
+        return entry.whole(inputs, needed | {"nominal": replace(needed["nominal"], end_time=end_time)}, **options)
 
     late = until(330.0)
     below = late.final_state[:, records.ALTITUDE] < 0.0
@@ -267,11 +265,10 @@ def test_crashes_are_counted_and_not_dropped(entry):
     np.testing.assert_array_equal(late.outcome == CRASHED, below)
     all_down = until(380.0)
     assert (all_down.outcome == CRASHED).all() and all_down.count == 200
-    said = montecarlo.replay(
-        inputs,
+    said = inputs.call(
+        montecarlo.replay,
         **needed | {"nominal": replace(needed["nominal"], end_time=380.0)},
-        case="stochastic_time",
-        number=7,
+        trial=Trial("stochastic_time", 7),
     )
     assert "trial 7 of stochastic_time: below the ground" in said
 
@@ -289,18 +286,20 @@ def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path)
         assert_identical(
             ensemble, artifacts.load(tmp_path / "case.h5", kind, paper="stochastic_entry", reading="printed")
         )
-    arguments = {"inputs": entry.stage_inputs("printed", "montecarlo"), **entry.needed("montecarlo", "printed")}
-    assert "not finite" in montecarlo.replay(**arguments, case="stochastic_time", number=3)
+    inputs, needed = entry.stage_inputs("printed", "montecarlo"), entry.needed("montecarlo", "printed")
+    assert "not finite" in inputs.call(montecarlo.replay, **needed, trial=Trial("stochastic_time", 3))
 
 
 def test_finite_and_other_trials_are_kept_apart(entry):
     gains, needed = entry.gains(), entry.needed("montecarlo_chunk", "corrected")
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     bad = needed | {"gains": replace(gains, stochastic_gain=np.full_like(gains.stochastic_gain, np.nan))}
-    options = {"case": "stochastic_velocity", "trials": 200, "chunks": 2, "block_size": 100}
-    chunks = [montecarlo.simulate(inputs, **which, chunk=k, **options) for k, which in enumerate((needed, bad))]
-    both = montecarlo.gather(
-        entry.stage_inputs("corrected", "montecarlo_gather"),
+    chunks = [
+        inputs.call(montecarlo.simulate, **which, flown=Flown("stochastic_velocity", 200, 100, k, 2))
+        for k, which in enumerate((needed, bad))
+    ]
+    both = entry.stage_inputs("corrected", "montecarlo_gather").call(
+        montecarlo.gather,
         **entry.needed("montecarlo_gather", "corrected"),
         chunks=chunks,
     )
@@ -370,11 +369,11 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     altitude = np.array([-10e3, 127e3])
     air = environment.Air(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.ones(1))
-    vehicles = flight.vehicles(inputs, np.arange(64))
+    vehicles = inputs.call(flight.vehicles, np.arange(64))
 
     def final(substeps):
         return flight.fly(
-            flight.settings(inputs, air),
+            inputs.call(flight.settings, air),
             air,
             flight.NOMINAL_LAW,
             vehicles,

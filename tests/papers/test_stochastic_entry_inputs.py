@@ -9,7 +9,7 @@ import pytest
 from marsedl.papers.stochastic_entry import environment, nominal
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import given
 
 CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
 
@@ -17,7 +17,10 @@ CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
 def reading_of(entry, **inputs):
     """A user's own reading, based on corrected."""
     own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "inputs": own}}}
+    of = {key: section for section, inputs in entry.model.sections().items() for key in dict(inputs.keys())}
+    overlay = {"readings": {"mine": {"based_on": "corrected"}}}
+    for name, body in own.items():
+        overlay["readings"]["mine"].setdefault(of[name], {})[name] = body
     study = load_study("stochastic_entry", entry.model, CONFIG, overlay=overlay, overlay_name="mine.yaml")
     return study.readings["mine"]
 
@@ -99,8 +102,8 @@ def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     rows = [f"{h:.1f},{density:.17e}" for h, density in zip(altitude, np.exp(log_density), strict=True)]
     path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
     mine = reading_of(entry, density_profile="table", density_table=str(path))
-    assert np.shape(mine.inputs.density_table) == (len(altitude), 2)  # the numbers, not the path
-    flown = nominal.compute(Slice(mine.slice(entry.paper.stages["nominal"].inputs)))
+    assert np.shape(mine.inputs.air.density_table) == (len(altitude), 2)  # the numbers, not the path
+    flown = nominal.compute(**given(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
     assert flown.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
     assert flown.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
 

@@ -47,9 +47,9 @@ class Oracle:
         self.law, self.trigger = case.split("_")
         self.number = TRIGGERS.index(self.trigger)
         self.trials = np.arange(len(trials))
-        self.air = environment.air(inputs)
+        self.air = inputs.call(environment.air)
         self.factor, _ = density_factors(inputs, self.air, trials)
-        self.vehicles = flight.vehicles(inputs, trials)
+        self.vehicles = inputs.call(flight.vehicles, trials)
         self.rotation = np.array([[0.0], [0.0], [inputs.rotation_rate]])
         if self.law == "apollo":
             self.table = self.tabulate()
@@ -248,14 +248,14 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, reading, case):
 
 def density_over_mean(entry, flown):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
-    air = environment.air(entry.stage_inputs("corrected", "montecarlo_chunk"))
+    air = entry.stage_inputs("corrected", "montecarlo_chunk").call(environment.air)
     mean = np.exp(np.interp(flown.history[:, records.ALTITUDE], air.altitude, air.log_density))
     return flown.history[:, records.DENSITY] / mean
 
 
 def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    air, trials = environment.air(inputs), np.arange(100, 300)
+    air, trials = inputs.call(environment.air), np.arange(100, 300)
     factor, _ = density_factors(inputs, air, trials)
     flown = entry.simulator("apollo_time")(100, 300)
     altitude = flown.history[:, records.ALTITUDE]
@@ -265,7 +265,7 @@ def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
 
 def test_negative_densities_are_set_to_zero_and_counted(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    air = environment.air(inputs)
+    air = inputs.call(environment.air)
     _, negative = density_factors(inputs, air, np.arange(1000))
     flown = entry.simulator("apollo_time")(0, 1000)
     np.testing.assert_array_equal(flown.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
@@ -289,7 +289,7 @@ def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     error = 4 * np.sqrt(2 / trials)
     variance = process[20:].var(axis=1, ddof=1)  # before 20 s negative densities are cut off
     assert variance.max() < 1 + error and variance.min() > 1 - error - 0.014
-    log_density = environment.profile(inputs)
+    log_density = inputs.call(environment.profile)
     for first, last in ((22, 23), (22, 24), (40, 42), (60, 64), (70, 90)):
         # lambda = 2/H, and ln density is the integral of 1/H.
         kept = np.exp(2 * (log_density(altitude[first].mean())[0] - log_density(altitude[last].mean())[0]))

@@ -537,8 +537,9 @@ def _control_claims(inputs: StochasticEntryInputs, linearization, gains):
     return {
         "lqg_no_feedback_low_q": Evaluation(
             bool(faint < NEGLIGIBLE),
-            evidence=f"before the drag exceeds {inputs.guidance.apollo_least_drag:g} m/s^2, three sigma of the correction "
-            f"is at most {100 * faint:.1f} % of the control limit; negligible is {100 * NEGLIGIBLE:g} %{failed}",
+            evidence=f"before the drag exceeds {inputs.guidance.apollo_least_drag:g} m/s^2, three sigma of the "
+            f"correction is at most {100 * faint:.1f} % of the control limit; negligible is {100 * NEGLIGIBLE:g} %"
+            f"{failed}",
         ),
         "fig8_apollo_similar": Evaluation(
             bool(distance("apollo") < SAME_BOUND),
