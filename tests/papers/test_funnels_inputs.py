@@ -73,7 +73,7 @@ def reading_of(based_on="corrected", **inputs):
         ({"trials": 0}, ["trials", "greater than 0"]),
         ({"guess_bank": 1.1}, ["needs its unit in its name", "guess_bank_deg"]),
         ({"initial_lengths_deg": [1.0, 1.0, 1.0]}, ["wrong unit suffix '_deg'"]),
-        ({"entry_azimuth_deg": 90.0}, ["unknown key 'entry_azimuth_deg'"]),
+        ({"entry_azimuth_deg": 90.0}, ["entry_azimuth_deg: unknown key"]),
     ],
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
@@ -81,7 +81,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: funnels.readings.mine") and "\n" not in said
     for fragment in fragments:
         assert fragment in said
 
