@@ -45,7 +45,10 @@ def reading_of(based_on="corrected", **inputs):
         ({"studied_intervals": [100, 150]}, ["studied_intervals", "multiple"]),
         ({"steps_per_slice": 7}, ["guidance.fine_steps (240) is not a multiple of recursion.steps_per_slice (7)"]),
         ({"redraw_steps": 9}, ["guidance.fine_steps (240) is not a multiple of ensemble.redraw_steps (9)"]),
-        ({"backward_steps_per_slice": 7}, ["guidance.fine_steps (240) is not a multiple of studies.backward_steps_per_slice (7)"]),
+        (
+            {"backward_steps_per_slice": 7},
+            ["guidance.fine_steps (240) is not a multiple of studies.backward_steps_per_slice (7)"],
+        ),
         ({"dubins_steps_per_slice": 7}, ["dubins_fine_steps (400) is not a multiple of dubins_steps_per_slice (7)"]),
         ({"fine_steps": 1}, ["fine_steps", "greater than or equal to 2"]),
         ({"initial_lengths_km": [0.15, 0.0, 0.25]}, ["initial_lengths", "greater than 0"]),
@@ -99,8 +102,7 @@ def test_readings_differ_from_each_other_where_they_should():
     assert differences.pop("printed") == set(MODEL.names())
     assert differences == {
         "corrected": {
-            f"recursion.{name}"
-            for name in ("condition", "sampling", "exponent_d", "largest_level", "largest_feedback")
+            f"recursion.{name}" for name in ("condition", "sampling", "exponent_d", "largest_level", "largest_feedback")
         },
         "euler": {"recursion.condition"},
         "best_nominal": {"guidance.nominal_choice"},
