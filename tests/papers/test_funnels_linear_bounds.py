@@ -184,7 +184,7 @@ def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
     own = changed.call(gains.compute, reference)
     bounds = changed.call(linear_bounds.compute, reference, own)
     assert bounds.exact_level == pytest.approx(bounds.reachable_level, rel=1e-6)
-    steps = environment.slices(changed)
+    steps = bounds.slice_step
     assert bounds.exact_half_width == pytest.approx(
         bounds.reachable_half_width[steps] * np.sqrt(bounds.exact_level)[:, None], rel=1e-6
     )
@@ -194,10 +194,10 @@ def test_other_readings_of_the_same_sets_have_the_same_bounds(funnels, inputs):
     """As nothing that the stages may use differs."""
     for stage in ("nominal", "linearization", "gains", "linear_bounds"):
         names = funnels.paper.stages[stage].inputs
-        known = STUDY.readings["corrected"].slice(names)
+        known = funnels.study.readings["corrected"].slice(names)
         for reading in ("printed", "euler", "inflated", "additive"):
-            assert STUDY.readings[reading].slice(names) == known, (stage, reading)
-        assert (STUDY.readings["minkowski_shape"].slice(names) == known) == (stage != "gains")
+            assert funnels.study.readings[reading].slice(names) == known, (stage, reading)
+        assert (funnels.study.readings["minkowski_shape"].slice(names) == known) == (stage != "gains")
 
 
 def test_artifact_survives_its_file(bounds, tmp_path):
