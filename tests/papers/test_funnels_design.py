@@ -149,7 +149,7 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inp
     errors = []
     for intervals in (25, 50, 100):
         free = inputs(heat_rate_limit=1e9, intervals=intervals, **ONE_START)
-        solution = nominal.search(free, intervals, nominal.starts(free))[0]
+        solution = free.call(nominal.search, intervals, nominal.starts(free.guidance))[0]
         assert solution.objective < 1e-15
         errors.append([solution.state("bank")[-1] - bank, solution.final_time - final_time])
     errors = np.array(errors)
@@ -198,7 +198,7 @@ def test_finer_nodes_let_the_heat_rate_rise_less_between_them(inputs, trajectory
 def test_optima_without_cost_are_one(inputs):
     """Where a constant bank angle does, costs are rounding."""
     free = inputs(heat_rate_limit=1e9)
-    optima, numbers = nominal.distinct(nominal.search(free, 25, nominal.starts(free)))
+    optima, numbers = nominal.distinct(free.call(nominal.search, 25, nominal.starts(free.guidance)))
     assert len(optima) == 1 and list(numbers) == [0, 0, 0, 0]
 
 
@@ -210,7 +210,7 @@ def test_best_of_starts_is_the_cheapest(inputs, trajectory, found):
 
 def test_the_guess_is_a_start_and_none_stands_twice(inputs):
     grid = inputs(start_banks=np.radians([35.0, 63.0]), start_final_times=np.array([240.0, 280.0]))
-    assert [(round(bank / DEGREE), time) for bank, time in nominal.starts(grid)] == [
+    assert [(round(bank / DEGREE), time) for bank, time in nominal.starts(grid.guidance)] == [
         (63, 240.0),
         (35, 240.0),
         (35, 280.0),
@@ -356,8 +356,7 @@ def test_closed_loop_is_the_one_designed(inputs, model, regulator):
         [1.0, 2.0 / 3389.5e3, 2.0 / 3389.5e3, 5e-3, 5e-6, 5e-6]
     )
     assert (
-        list(environment.slices(loop_of(inputs(), model, regulator), 4)[[0, 1, -1]]) == [0, 4, 240]
-        and len(environment.slices(loop_of(inputs(), model, regulator), 4)) == 61
+        list(environment.slices(loop_of(inputs(), model, regulator), 4)[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
     )
 
 

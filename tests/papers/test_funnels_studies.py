@@ -19,7 +19,6 @@ from marsedl.papers.funnels import (
     divergence,
     environment,
     equations_of_motion,
-    funnel,
     gains,
     monotonicity,
     programs,
@@ -32,7 +31,6 @@ from marsedl.papers.funnels.records import StageStudy
 from marsedl.replication import artifacts
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
 
 CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
 READINGS = load_study("funnels", MODEL, CONFIG).readings
@@ -249,8 +247,8 @@ def test_equations_of_motion_are_those_of_inertial_flight(inputs, monkeypatch):
     assert found.position_rate_deviation < 1e-14 and found.velocity_rate_deviation < 1e-13
     rates = environment.entry_rates
 
-    def banked_left(given):
-        return lambda half, state, control, w: rates(given)(half, state, [-control[0]], w)
+    def banked_left(*given):
+        return lambda half, state, control, w: rates(*given)(half, state, [-control[0]], w)
 
     monkeypatch.setattr(environment, "entry_rates", banked_left)
     assert inputs().call(equations_of_motion.compute).velocity_rate_deviation > 0.1
@@ -304,20 +302,26 @@ def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
 
 
 @pytest.fixture(scope="module")
-def small(inputs):
-    """Inputs for the part of the flight between two nodes, in two slices or four."""
-    return inputs(
-        fine_steps=16,
-        steps_per_slice=4,
-        backward_steps_per_slice=8,
-        studied_spacings=np.array([8.0, 4.0]),
-        studied_slices=np.array([2.0]),
-        studied_levels=np.array([0.4]),
-        studied_bank_factors=np.array([0.5]),
-        studied_density_factors=np.array([1.5]),
-        studied_initial_factors=np.array([2.0]),
-        backward_level=5.0,
-    )
+def small_of(inputs):
+    """Function that returns inputs for the part of the flight between two nodes, in two slices or four."""
+    few = {
+        "fine_steps": 16,
+        "steps_per_slice": 4,
+        "backward_steps_per_slice": 8,
+        "studied_spacings": np.array([8.0, 4.0]),
+        "studied_slices": np.array([2.0]),
+        "studied_levels": np.array([0.4]),
+        "studied_bank_factors": np.array([0.5]),
+        "studied_density_factors": np.array([1.5]),
+        "studied_initial_factors": np.array([2.0]),
+        "backward_level": 5.0,
+    }
+    return lambda **changes: inputs(**(few | changes))
+
+
+@pytest.fixture(scope="module")
+def small(small_of):
+    return small_of()
 
 
 @pytest.fixture(scope="module")
@@ -348,17 +352,25 @@ def variant(study, name):
     return study.variant_level[list(study.variant).index(name)]
 
 
-def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small, part, spacings):
-    few = {"ascent_starts": 4, "ascent_polished": 1, "ascent_iterations": 0, "check_points": 50}
-    loop, design = environment.closed_loop(small, part[0], part[1].half_gain), programs.samples(small)
-    levels, outcome = funnel.propagate(Slice(vars(small) | few), loop, part[1], design)
-    np.testing.assert_array_equal(levels.rho, spacings.level[0, 1])
-    made = SimpleNamespace(level=levels.rho, outcome=outcome)
-    taken = discretization.of_motion(small, None, None, None, 4, made)
-    assert taken[0] is levels.rho and taken[1] == spacings.outcome[0, 1]
+def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part, spacings, monkeypatch):
+    made, propagated, propagate = (
+        SimpleNamespace(level=spacings.level[0, 1], outcome="complete"),
+        [],
+        programs.propagate,
+    )
+
+    def recorded(recursion, loop, gains, design, spacing, **options):
+        propagated.append((int(spacing), options.get("condition", "flow")))
+        return propagate(recursion, loop, gains, design, spacing, **options)
+
+    monkeypatch.setattr(discretization, "propagate", recorded)
+    found = small_of().call(discretization.compute, *part, made)
+    np.testing.assert_array_equal(found.level, spacings.level)
+    assert (4, "flow") not in propagated
     for other in ({"condition": "euler"}, {"sampling": "raw"}, {"inflated": True}, {"additive": True}):
-        computed = discretization.of_motion(Slice(vars(small) | other), loop, part[1], design, 4, made)
-        assert computed[0] is not levels.rho
+        propagated.clear()
+        small_of(**other).call(discretization.compute, *part, made)
+        assert (4, "flow") in propagated
 
 
 def test_multipliers_and_samples_give_one_funnel(coarse):

@@ -281,7 +281,11 @@ def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
     assert row["outcome"] == "the funnel diverges"
 
 
-def test_numbers_have_no_more_digits_than_can_be_read():
+def test_numbers_have_no_more_digits_than_can_be_read(funnels):
     assert tables._number(-0.0001, ".2f") == "0.00"
     assert tables._number(6.5e9, ".2f") == "6.5e+09" and tables._number(np.inf, ".2f") == DASH
-    assert tables._differences(SimpleNamespace(a=1.0, trials=5), SimpleNamespace(a=2.0, trials=7)) == "a 1"
+    changed, default = (
+        funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)
+        for number, radius in ((5, 1.0), (7, 2.0))
+    )
+    assert tables._differences(changed, default) == "nose_radius 1"
