@@ -22,6 +22,7 @@ from marsedl.papers.funnels.records import (
     Proven,
     StageStudy,
 )
+from marsedl.replication.catalogue import Flown
 from marsedl.replication.claims import collect, judge, write_claims
 
 READINGS = ("corrected", "printed", "euler")
@@ -121,7 +122,8 @@ def flown(funnels, coarse_funnel):
         inputs = funnels.stage_inputs(reading, "montecarlo")
         needed = [(made | found)[name] for name in ("linearization", "gains", "funnel")]
         for case, trials in TRIALS.items():
-            found[case] = montecarlo.compute(inputs, *needed, case=case, trials=trials, block_size=1000)
+            chunk = inputs.call(montecarlo.simulate, *needed, flown=Flown(case, trials, 1000))
+            found[case] = montecarlo.gather([chunk])
         return made | found
 
     return {reading: of(reading) for reading in READINGS}
@@ -133,9 +135,10 @@ def evaluate(funnels, flown, few_slices):
 
     def of(reading="corrected", inputs=None, **replaced):
         changes = {"trials": 10_000} | (few_slices if reading != "corrected" else {}) | (inputs or {})
-        changed = funnels.inputs(reading, funnels.model.model_fields, **changes)
         studies = stand_ins(flown[reading]["funnel"]) if reading == "corrected" else {}
-        return claims.evaluate(changed, **({"measured": TIMES} | flown[reading] | studies | replaced))
+        made = {"measured": TIMES} | flown[reading] | studies | replaced
+        measured = made.pop("measured")
+        return claims.evaluate(funnels.all_inputs(reading, **changes), claims.Records(**made), measured)
 
     return of
 
@@ -376,8 +379,9 @@ def test_linear_reach_is_what_small_flights_reach(funnels, flown, factor):
     """The two worst starts, made a thousand times smaller, with the disturbance that is worst for each."""
     inputs, made = funnels.all_inputs("corrected"), flown["corrected"]
     gains, half_gain = made["gains"], factor * made["gains"].half_gain
-    loop = environment.closed_loop(inputs, made["linearization"], half_gain)
-    transition, response, _ = loop.flow_jacobians(0, inputs.fine_steps)
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
+    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, made["linearization"], half_gain)
+    transition, response, _ = loop.flow_jacobians(0, loop.steps)
     spread = 1e-3 * np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
     rows_of = [1, 2]
     starts = (transition @ spread)[rows_of]
@@ -385,7 +389,7 @@ def test_linear_reach_is_what_small_flights_reach(funnels, flown, factor):
     pushed = 1e-3 * response[rows_of] / np.linalg.norm(response[rows_of], axis=1, keepdims=True)
     final = []
     fly(loop, gains.shape, starts, pushed, observer=lambda node, at, _: final.append(at.copy()))
-    reached = 1e3 * inputs.planet_radius * np.diag(final[-1][rows_of])
+    reached = 1e3 * inputs.planet.planet_radius * np.diag(final[-1][rows_of])
     found = claims.linear_reach(inputs, made["linearization"], gains, half_gain)
     np.testing.assert_allclose(reached, found, rtol=2e-3)
 

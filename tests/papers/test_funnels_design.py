@@ -17,7 +17,6 @@ from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
 from marsedl.replication.errors import MarsedlError, SolverError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
 
 CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
 READINGS = load_study("funnels", MODEL, CONFIG).readings
@@ -28,8 +27,20 @@ FEW_STARTS = {"start_banks": np.radians([63.0]), "start_final_times": np.array([
 ONE_START = {"start_banks": np.radians([63.0]), "start_final_times": np.array([240.0])}
 
 
-def inputs(reading="corrected", **changes):
-    return Slice(READINGS[reading].slice(MODEL.model_fields) | FEW_STARTS | changes)
+@pytest.fixture(scope="module")
+def inputs(funnels):
+    """Function that returns inputs, with few starts and some of them changed."""
+    return lambda reading="corrected", **changes: funnels.inputs(reading, **(FEW_STARTS | changes))
+
+
+def air_of(given):
+    """The air and its disturbances."""
+    return environment.disturbed_air(given.planet, given.uncertainty)
+
+
+def loop_of(given, model, designed):
+    """The closed loop under a regulator."""
+    return environment.closed_loop(given.planet, given.vehicle, air_of(given), model, designed.half_gain)
 
 
 def motion(x, bank, w=(0.0, 0.0)):
@@ -120,7 +131,7 @@ def test_solution_flies_to_its_end(trajectory):
     assert miss == pytest.approx(trajectory.miss, abs=1e-7)
 
 
-def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting():
+def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inputs):
     """A bank rate of zero costs nothing; bank and time then solve two equations, which it meets to h^4."""
 
     def miss(unknown):
@@ -138,7 +149,7 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting():
     errors = []
     for intervals in (25, 50, 100):
         free = inputs(heat_rate_limit=1e9, intervals=intervals, **ONE_START)
-        solution = nominal.search(free, intervals, nominal.starts(free))[0]
+        solution = free.call(nominal.search, intervals, nominal.starts(free.guidance))[0]
         assert solution.objective < 1e-15
         errors.append([solution.state("bank")[-1] - bank, solution.final_time - final_time])
     errors = np.array(errors)
@@ -147,8 +158,8 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting():
 
 
 @pytest.fixture(scope="module")
-def found():
-    return nominal.optima(inputs(studied_intervals=[25, 100]))
+def found(inputs):
+    return inputs(studied_intervals=[25, 100]).call(nominal.optima)
 
 
 def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, found):
@@ -173,8 +184,8 @@ def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, found):
     assert trajectory.peak_time == pytest.approx(30.5 * trajectory.time[1], abs=1e-2)
 
 
-def test_finer_nodes_let_the_heat_rate_rise_less_between_them(trajectory):
-    finer = nominal.optima(inputs(studied_intervals=[200], **ONE_START))
+def test_finer_nodes_let_the_heat_rate_rise_less_between_them(inputs, trajectory):
+    finer = inputs(studied_intervals=[200], **ONE_START).call(nominal.optima)
     assert list(finer.intervals) == [200] and list(finer.starts) == [1]
     assert finer.peak_position[0] % 1.0 == pytest.approx(0.5, abs=2e-3)
     # The rise is quadratic in the distance of the nodes.
@@ -184,22 +195,22 @@ def test_finer_nodes_let_the_heat_rate_rise_less_between_them(trajectory):
     assert finer.cost[0] > trajectory.cost  # less is left to gain
 
 
-def test_optima_without_cost_are_one():
+def test_optima_without_cost_are_one(inputs):
     """Where a constant bank angle does, costs are rounding."""
     free = inputs(heat_rate_limit=1e9)
-    optima, numbers = nominal.distinct(nominal.search(free, 25, nominal.starts(free)))
+    optima, numbers = nominal.distinct(free.call(nominal.search, 25, nominal.starts(free.guidance)))
     assert len(optima) == 1 and list(numbers) == [0, 0, 0, 0]
 
 
-def test_best_of_starts_is_the_cheapest(trajectory, found):
-    best = nominal.compute(inputs("best_nominal", start_final_times=np.array([200.0])))
+def test_best_of_starts_is_the_cheapest(inputs, trajectory, found):
+    best = inputs("best_nominal", start_final_times=np.array([200.0])).call(nominal.compute)
     assert best.cost == pytest.approx(found.cost[found.intervals == 100].min(), rel=1e-9)
     assert best.cost < trajectory.cost
 
 
-def test_the_guess_is_a_start_and_none_stands_twice():
+def test_the_guess_is_a_start_and_none_stands_twice(inputs):
     grid = inputs(start_banks=np.radians([35.0, 63.0]), start_final_times=np.array([240.0, 280.0]))
-    assert [(round(bank / DEGREE), time) for bank, time in nominal.starts(grid)] == [
+    assert [(round(bank / DEGREE), time) for bank, time in nominal.starts(grid.guidance)] == [
         (63, 240.0),
         (35, 240.0),
         (35, 280.0),
@@ -207,16 +218,16 @@ def test_the_guess_is_a_start_and_none_stands_twice():
     ]
 
 
-def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed():
+def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed(inputs):
     deep = {"start_banks": np.radians([105.0]), "start_final_times": np.array([500.0])}
-    found = nominal.optima(inputs(studied_intervals=[25], **deep))
+    found = inputs(studied_intervals=[25], **deep).call(nominal.optima)
     assert list(found.start_optimum[0]) == [0, -1] and list(found.starts) == [1]
     with pytest.raises(MarsedlError, match=r"nominal: the guess leads to no solution; .* give another guess_bank"):
-        nominal.compute(inputs(intervals=25, guess_bank=105.0 * DEGREE, guess_final_time=500.0))
+        inputs(intervals=25, guess_bank=105.0 * DEGREE, guess_final_time=500.0).call(nominal.compute)
     with pytest.raises(
         SolverError, match=r"none of 4 starts .* Maximum_Iterations_Exceeded after 3 .* heat_rate_limit"
     ) as e:
-        nominal.compute(inputs("best_nominal", intervals=25, nominal_iterations=3))
+        inputs("best_nominal", intervals=25, nominal_iterations=3).call(nominal.compute)
     assert set(environment.STATES) < set(e.value.iterate)
 
 
@@ -254,12 +265,12 @@ def test_jacobians_are_those_of_the_equations(model):
             assert found == pytest.approx(expected, rel=1e-10, abs=1e-15)
 
 
-def test_heat_rate_is_sutton_graves(model):
+def test_heat_rate_is_sutton_graves(inputs, model):
     altitude, velocity = model.state[150, [0, 3]]
     density = np.exp(-4.2589552921 - 0.0967828019e-3 * altitude)
     expected = 1.9027e-4 * np.sqrt(density / 1.125) * velocity**3
     assert model.heat_rate[150] == pytest.approx(expected, rel=1e-13)
-    worse = environment.heat_rate(inputs(), altitude, velocity, (0.6, 0.8))
+    worse = environment.heat_rate(inputs().vehicle, air_of(inputs()), altitude, velocity, (0.6, 0.8))
     assert worse / expected == pytest.approx(np.exp(0.5 * (0.05 * 0.6 + 1e-6 * 0.8 * altitude)), rel=1e-13)
 
 
@@ -299,10 +310,10 @@ def test_regulator_is_the_same_in_other_units(model, regulator):
     assert regulator.half_gain[101] == pytest.approx((regulator.gain[50] + regulator.gain[51]) / 2)
 
 
-def test_first_slice_holds_the_initial_set_and_touches_it(regulator):
-    semi_axes = environment.initial_semi_axes(inputs())
+def test_first_slice_holds_the_initial_set_and_touches_it(inputs, regulator):
+    semi_axes = inputs().call(environment.initial_semi_axes)
     assert semi_axes == pytest.approx([150.0, 250.0 / 3389.5e3, 250.0 / 3389.5e3, 1.5, *[0.015 * DEGREE] * 2])
-    m = environment.initial_set(inputs()) * np.outer(semi_axes, semi_axes)
+    m = environment.initial_set(inputs().call(environment.initial_semi_axes)) * np.outer(semi_axes, semi_axes)
     assert m == pytest.approx(2.0 * np.eye(6))  # so that 1/2 x'M x = 1 at the end of a semi-axis
     p = regulator.shape[0] * np.outer(semi_axes, semi_axes)
     assert np.linalg.eigvalsh(m - p / regulator.initial_level)[0] == pytest.approx(0.0, abs=1e-12)
@@ -311,17 +322,17 @@ def test_first_slice_holds_the_initial_set_and_touches_it(regulator):
     assert (np.einsum("ki,ij,kj->k", points, p, points) / 2).max() <= regulator.initial_level
 
 
-def test_shapes_of_least_trace_start_at_the_initial_set(model, regulator):
+def test_shapes_of_least_trace_start_at_the_initial_set(inputs, model, regulator):
     """Every other disturbance of the linear model stays inside at rho = 1, also one that turns at every step."""
-    other = gains.compute(inputs("minkowski_shape"), model)
-    first = environment.initial_set(inputs())
-    scale = environment.state_scale(inputs())
+    other = inputs("minkowski_shape").call(gains.compute, model)
+    first = environment.initial_set(inputs().call(environment.initial_semi_axes))
+    scale = inputs().call(environment.state_scale)
     assert other.initial_level == pytest.approx(1.0, rel=1e-12)
     assert other.shape[0] * np.outer(scale, scale) == pytest.approx(first * np.outer(scale, scale), rel=1e-9, abs=1e-9)
     assert np.array_equal(other.gain, regulator.gain) and np.array_equal(other.value_matrix, regulator.value_matrix)
-    loop = environment.closed_loop(inputs(), model, other.half_gain)
+    loop = loop_of(inputs(), model, other)
     random = np.random.Generator(np.random.Philox(8))
-    states = environment.initial_semi_axes(inputs())[:, None] * random.standard_normal((6, 500))
+    states = inputs().call(environment.initial_semi_axes)[:, None] * random.standard_normal((6, 500))
     states /= np.sqrt(np.einsum("ik,ij,jk->k", states, first, states) / 2)
     largest = 0.0
     for k in range(100):
@@ -332,19 +343,21 @@ def test_shapes_of_least_trace_start_at_the_initial_set(model, regulator):
     assert 0.5 < largest <= 1.0 + 1e-9
 
 
-def test_closed_loop_is_the_one_designed(model, regulator):
+def test_closed_loop_is_the_one_designed(inputs, model, regulator):
     """A small deviation moves as the other copy of the equations says, under the feedback."""
-    loop = environment.closed_loop(inputs(), model, regulator.half_gain)
+    loop = loop_of(inputs(), model, regulator)
     deviation, w, k = np.array([300.0, 1e-4, -2e-4, 10.0, 2e-3, -1e-3]), (0.3, -0.7), 130
     bank = model.bank[2 * k] + regulator.gain[k] @ deviation
     expected = motion((model.state[2 * k] + deviation) / KM, bank, w) - motion(
         model.state[2 * k] / KM, model.bank[2 * k]
     )
     assert np.array(loop.error_rates(2 * k, deviation, w)) / KM == pytest.approx(expected, rel=1e-9)
-    assert environment.additive_amplitudes(inputs()) == pytest.approx(
+    assert inputs("additive").call(environment.additive_amplitudes) == pytest.approx(
         [1.0, 2.0 / 3389.5e3, 2.0 / 3389.5e3, 5e-3, 5e-6, 5e-6]
     )
-    assert list(environment.slices(inputs())[[0, 1, -1]]) == [0, 4, 240] and len(environment.slices(inputs())) == 61
+    assert (
+        list(environment.slices(loop_of(inputs(), model, regulator), 4)[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
+    )
 
 
 def test_artifacts_can_be_kept(tmp_path, trajectory, model, regulator):

@@ -10,6 +10,7 @@ from marsedl.replication import artifacts
 from marsedl.replication.errors import SolverError
 
 FLOW, EULER, WIND = range(3)
+SPEED, STRONGEST = 1.0, 0.03  # m/s, of the car and of the wind
 # A fifth of the path, in stages of the same length and as many fine steps each.
 SHORT = {"dubins_duration": 0.8, "dubins_fine_steps": 80}
 
@@ -31,13 +32,13 @@ def car(funnels):
 
 
 @pytest.fixture(scope="module")
-def short():
-    return dubins.compute(inputs_of("corrected", **SHORT))
+def short(inputs_of):
+    return inputs_of("corrected", **SHORT).call(dubins.compute)
 
 
 @pytest.fixture(scope="module")
-def study(short):
-    return dubins.study(inputs_of("corrected", **SHORT), short)
+def study(inputs_of, short):
+    return inputs_of("corrected", **SHORT).call(dubins.dubins_study, short)
 
 
 def generator(seed=3):
@@ -81,8 +82,8 @@ def test_regulator_is_that_of_the_continuous_path(car):
     assert car.gain[200] == pytest.approx(-middle[2], rel=0.02)
 
 
-def test_wind_blows_and_leaves_the_rest_alone(inputs, car):
-    still, windy = dubins.closed_loop(inputs, car), dubins.closed_loop(inputs, car, wind=True)
+def test_wind_blows_and_leaves_the_rest_alone(car):
+    still, windy = dubins.closed_loop(car, SPEED), dubins.closed_loop(car, SPEED, STRONGEST)
     assert (still.disturbances, windy.disturbances) == (0, 2)
     deviation = [0.1, -0.2, 0.05]
     calm, blown = (np.array(windy.error_rates(77, deviation, wind)) for wind in ([0.0, 0.0], [0.6, -0.8]))
@@ -125,7 +126,7 @@ def test_programs_are_sound_and_have_the_samples_that_they_need(car):
 
 
 @pytest.mark.parametrize("number", [0, 25])
-def test_a_stage_bounds_the_car_itself_and_hardly_more(inputs, car, number):
+def test_a_stage_bounds_the_car_itself_and_hardly_more(car, number):
     """The car, not its deviation, from points all over the slice: an oracle without error rates, series or programs."""
     first, last = car.slice_step[number : number + 2]
     directions = uniform_directions(generator(), 20_000, 3)
@@ -159,8 +160,8 @@ def _integral(values, times):
 
 
 @pytest.mark.parametrize(("number", "wind"), [(FLOW, False), (WIND, True)])
-def test_flights_stay_inside_and_come_near(inputs, car, number, wind):
-    loop, draw = dubins.closed_loop(inputs, car, wind), generator()
+def test_flights_stay_inside_and_come_near(car, number, wind):
+    loop, draw = dubins.closed_loop(car, SPEED, STRONGEST if wind else None), generator()
     start = boundary_deviations(car.shape[0], car.level[number, 0], uniform_directions(draw, 1000, 3))
     values = fly(loop, car.shape, start, uniform_directions(draw, 1000, 2) if wind else np.zeros((1000, 0)))
     largest = values.max(axis=1)
@@ -169,15 +170,15 @@ def test_flights_stay_inside_and_come_near(inputs, car, number, wind):
     assert 0.75 < largest[-1] / level[-1] < 0.9
 
 
-def test_levels_do_not_depend_on_the_reading(short):
-    other = dubins.compute(inputs_of("printed", **SHORT))
+def test_levels_do_not_depend_on_the_reading(inputs_of, short):
+    other = inputs_of("printed", **SHORT).call(dubins.compute)
     for name in artifacts.quantities(dubins.Dubins):
         assert np.array_equal(getattr(other, name), getattr(short, name)), name
 
 
-def test_a_funnel_that_does_not_exist_says_so():
+def test_a_funnel_that_does_not_exist_says_so(inputs_of):
     with pytest.raises(SolverError, match=r"dubins, funnel 'flow': .*slice 2 of 9.*lower dubins_level"):
-        dubins.compute(inputs_of("corrected", **SHORT, dubins_level=1e9))
+        inputs_of("corrected", **SHORT, dubins_level=1e9).call(dubins.compute)
 
 
 # ---- the study -------------------------------------------------------------------------------------------------------
@@ -195,7 +196,7 @@ def test_motion_stays_below_the_flow_condition(study):
 
 
 def test_euler_step_is_too_small_on_a_part_of_the_path(inputs, car):
-    excess = dubins.largest_values(inputs, car, EULER) / car.bound[EULER] - 1
+    excess = dubins.largest_values(inputs.recursion, inputs.car, car, EULER) / car.bound[EULER] - 1
     assert 5 < np.count_nonzero(excess > 0) < 35
     assert excess.max() == pytest.approx(1.4e-3, abs=5e-5)
 
@@ -206,7 +207,7 @@ def test_linear_levels_are_lower_and_so_no_bound(short, study):
     for number in (FLOW, WIND):
         assert (study.linear_level[number, 1:] < short.level[number, 1:]).all()
         assert study.linear_level[number] == pytest.approx(short.level[number], rel=0.02)
-    loop = dubins.closed_loop(inputs_of("corrected", **SHORT), short)
+    loop = dubins.closed_loop(short, SPEED)
     small = boundary_deviations(short.shape[0], 1e-10, uniform_directions(generator(), 20_000, 3))
     grown = fly(loop, short.shape, small, np.zeros((len(small), 0)))[short.slice_step[1]].max() / 1e-10
     assert study.linear_level[FLOW, 1] / study.linear_level[FLOW, 0] == pytest.approx(grown, rel=5e-4)
@@ -228,7 +229,7 @@ def test_proven_levels_hold_the_whole_slice_and_cost_little(short, study):
         assert (level[1:] > short.level[number, 1:]).all()
         assert level == pytest.approx(short.level[number], rel=0.02)
         assert (added > 0).all() and added.max() < 2e-3
-        loop, draw = dubins.closed_loop(inputs_of("corrected", **SHORT), short, wind), generator(row)
+        loop, draw = dubins.closed_loop(short, SPEED, STRONGEST if wind else None), generator(row)
         start = boundary_deviations(short.shape[0], level[0], uniform_directions(draw, 2000, 3))
         start *= draw.random((2000, 1)) ** (1 / 3)  # from the inside too
         pushed = uniform_directions(draw, 2000, 2) * draw.random((2000, 1)) if wind else np.zeros((2000, 0))

@@ -17,6 +17,7 @@ from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d import Axes3D
 
 from marsedl.papers.funnels import figures
+from marsedl.papers.funnels.inputs import MODEL
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
@@ -34,20 +35,18 @@ from marsedl.papers.funnels.records import (
 )
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_figure
 from marsedl.replication import artifacts
-from marsedl.replication.jobs import Slice
+from marsedl.replication.jobs import given
 
 KM, DEGREE = 1e3, np.pi / 180
 SLICES, FINE, FLIGHTS = 7, 12, 50
-INPUTS = Slice(
-    {
-        "planet_radius": 3.4e6,
-        "entry_longitude": 0.5,
-        "fig4_slice": 3,
-        "fig4_coordinates": np.array([2.0, 5.0]),
-        "heat_rate_limit": 1.3e4,
-        "bank_bounds": np.array([0.2, 1.9]),
-    }
-)
+INPUTS = {
+    "planet_radius": 3.4e6,
+    "entry_longitude": 0.5,
+    "fig4_slice": 3,
+    "fig4_coordinates": np.array([2.0, 5.0]),
+    "heat_rate_limit": 1.3e4,
+    "bank_bounds": np.array([0.2, 1.9]),
+}
 STEMS = (
     *("fig01", "fig02", "fig03", "fig04", "bands", "conditioning", "dubins_rho", "euler", "fragility", "heating"),
     *("linear_bounds", "nominal", "proven", "stage_forms", "undersampling"),
@@ -182,10 +181,10 @@ def made():
 def draw(made):
     """Draw a figure, from changed artifacts on demand."""
 
-    def drawn(stem, inputs=INPUTS, **changed):
+    def drawn(stem, **changed):
+        values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
         function = getattr(figures, stem)
-        needed = list(inspect.signature(function).parameters)[1:]
-        return function(inputs, **{name: changed.get(name, made[name]) for name in needed})
+        return function(**given(function, values, lambda name, kind: changed.get(name, made[name])))
 
     return drawn
 
@@ -220,7 +219,8 @@ def test_every_figure_takes_artifacts_of_the_types_it_names(made):
     for stem in STEMS:
         hints = get_type_hints(getattr(figures, stem))
         assert hints.pop("return") is Figure
-        assert hints and all(isinstance(made[name], kind) for name, kind in hints.items())
+        artifacts_of = {name: kind for name, kind in hints.items() if name not in MODEL.sections()}
+        assert artifacts_of and all(isinstance(made[name], kind) for name, kind in artifacts_of.items())
 
 
 @pytest.mark.parametrize("stem", STEMS)

@@ -5,6 +5,7 @@ otherwise.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +20,11 @@ DEGREE = np.pi / 180.0
 RADIUS = 3389.5e3
 
 
+def air_of(inputs):
+    """The air and its disturbances."""
+    return environment.disturbed_air(inputs.planet, inputs.uncertainty)
+
+
 @pytest.fixture(scope="module")
 def corrected(funnels):
     return funnels.funnel("corrected")
@@ -27,7 +33,8 @@ def corrected(funnels):
 @pytest.fixture(scope="module")
 def loop(funnels):
     inputs = funnels.stage_inputs("corrected", "funnel")
-    return environment.closed_loop(inputs, funnels.linearization(), funnels.gains().half_gain)
+    reference, gain = funnels.linearization(), funnels.gains().half_gain
+    return environment.closed_loop(inputs.planet, inputs.vehicle, air_of(inputs), reference, gain)
 
 
 def shape_rate(funnels, step):
@@ -66,7 +73,7 @@ def test_bounds_of_single_stages(corrected):
 
 
 def test_the_first_slice_touches_the_initial_set(funnels, corrected):
-    semi_axes = environment.initial_semi_axes(funnels.stage_inputs("corrected", "gains"))
+    semi_axes = funnels.stage_inputs("corrected", "gains").call(environment.initial_semi_axes)
     shape = corrected.shape[0] * np.outer(semi_axes, semi_axes) / 2.0
     assert np.linalg.eigvalsh(shape)[-1] == pytest.approx(corrected.level[0], rel=1e-12)
 
@@ -171,11 +178,12 @@ def test_the_largest_feedback_is_reached(corrected, funnels):
 def test_the_largest_heat_rate_is_that_of_a_search_over_states_and_disturbances(corrected, funnels):
     """By sequential quadratic programming over the slice and the disc; the other study has 68.4 W/cm^2 by samples."""
     inputs, k = funnels.stage_inputs("corrected", "funnel"), int(corrected.heat_rate.argmax())
+    heat_rate = partial(environment.heat_rate, inputs.vehicle, air_of(inputs))
     state = funnels.linearization().state[2 * corrected.step[k]]
 
     def negative(point):
         deviation = deviations_of(corrected, k, point[None, :6])[0]
-        return -environment.heat_rate(inputs, state[0] + deviation[0], state[3] + deviation[3], point[6:]) / 1e4
+        return -heat_rate(state[0] + deviation[0], state[3] + deviation[3], point[6:]) / 1e4
 
     inside = [
         {"type": "ineq", "fun": lambda point, b=block: 1.0 - point[b] @ point[b]} for block in (slice(6), slice(6, 8))
@@ -199,7 +207,7 @@ def test_the_worst_disturbance_of_the_density_is_at_an_end_of_its_diameter(corre
         points = on_sphere(3, 20, 6) * uniforms(1, 4, np.arange(20), 1)
         step, rate = corrected.step[k], shape_rate(funnels, corrected.step[k])
         arguments = (corrected.shape[k], rate)
-        found = funnel.lyapunov_rates(inputs, loop, step, *arguments, corrected.level[k], points)
+        found = funnel.lyapunov_rates(air_of(inputs), loop, step, *arguments, corrected.level[k], points)
         for point, (still, worst) in zip(deviations_of(corrected, k, points), found.T, strict=True):
             values = lyapunov_rate(loop, 2 * step, *arguments, np.tile(point, (len(net), 1)), net)
             scale = np.ptp(values)
@@ -214,7 +222,7 @@ def test_rates_are_those_of_the_flown_level(corrected, funnels, loop):
     step, gains = corrected.step[k], funnels.gains()
     points = on_sphere(5, 30, 6)
     still, _ = funnel.lyapunov_rates(
-        inputs, loop, step, corrected.shape[k], shape_rate(funnels, step), corrected.level[k], points
+        air_of(inputs), loop, step, corrected.shape[k], shape_rate(funnels, step), corrected.level[k], points
     )
     deviation = deviations_of(corrected, k, points).T
 
@@ -288,7 +296,7 @@ def test_as_printed_the_levels_have_no_memory(funnels, loop, coarse_funnel, few_
     assert (found.level[1:] > 1e6).all() and (found.level[1:] < 1e11).all()
     inputs = funnels.stage_inputs("printed", "funnel", **few_slices)
     design = funnel.well_chosen_design(funnel.SPHERES, inputs.design_seed, funnel.BASIS_DEGREE)
-    larger, _ = funnel.propagate(inputs, loop, replace(funnels.gains(), initial_level=1.8), design)
+    larger, _ = funnel.propagate(inputs.recursion, loop, replace(funnels.gains(), initial_level=1.8), design)
     assert larger.rho[0] == 1.8
     np.testing.assert_allclose(larger.rho[1:], found.level[1:], rtol=1e-6)
     assert abs(found.memory) < 1e-6 and 8.9 < corrected.memory < 9.1

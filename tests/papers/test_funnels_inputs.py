@@ -45,7 +45,10 @@ def reading_of(based_on="corrected", **inputs):
         ({"studied_intervals": [100, 150]}, ["studied_intervals", "multiple"]),
         ({"steps_per_slice": 7}, ["guidance.fine_steps (240) is not a multiple of recursion.steps_per_slice (7)"]),
         ({"redraw_steps": 9}, ["guidance.fine_steps (240) is not a multiple of ensemble.redraw_steps (9)"]),
-        ({"backward_steps_per_slice": 7}, ["(240) is not a multiple of studies.backward_steps_per_slice (7)"]),
+        (
+            {"backward_steps_per_slice": 7},
+            ["guidance.fine_steps (240) is not a multiple of studies.backward_steps_per_slice (7)"],
+        ),
         ({"dubins_steps_per_slice": 7}, ["dubins_fine_steps (400) is not a multiple of dubins_steps_per_slice (7)"]),
         ({"fine_steps": 1}, ["fine_steps", "greater than or equal to 2"]),
         ({"initial_lengths_km": [0.15, 0.0, 0.25]}, ["initial_lengths", "greater than 0"]),
@@ -73,7 +76,7 @@ def reading_of(based_on="corrected", **inputs):
         ({"trials": 0}, ["trials", "greater than 0"]),
         ({"guess_bank": 1.1}, ["needs its unit in its name", "guess_bank_deg"]),
         ({"initial_lengths_deg": [1.0, 1.0, 1.0]}, ["wrong unit suffix '_deg'"]),
-        ({"entry_azimuth_deg": 90.0}, ["unknown key 'entry_azimuth_deg'"]),
+        ({"entry_azimuth_deg": 90.0}, ["entry_azimuth_deg: unknown key"]),
     ],
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
@@ -81,7 +84,7 @@ def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: funnels.readings.mine") and "\n" not in said
     for fragment in fragments:
         assert fragment in said
 

@@ -1,7 +1,5 @@
 """Linear comparisons of the entry funnel: against closed forms, other recursions and flights."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -9,21 +7,29 @@ from scipy.stats import kstest
 from marsedl.methods.funnels.linear import slice_jacobians, whitened_step
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, uniform_directions
 from marsedl.papers.funnels import environment, gains, linear_bounds
-from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
-from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
-
-STUDY = load_study("funnels", MODEL, Path(__file__).parents[2] / "configs" / "funnels.yaml")
-
-
-def inputs_of(reading="corrected", **changes):
-    return Slice(STUDY.readings[reading].slice(tuple(MODEL.model_fields)) | changes)
 
 
 @pytest.fixture(scope="module")
-def inputs():
-    return inputs_of()
+def inputs_of(funnels):
+    """Inputs of a reading, some of them changed."""
+    return funnels.inputs
+
+
+@pytest.fixture(scope="module")
+def inputs(inputs_of):
+    return inputs_of("corrected")
+
+
+@pytest.fixture(scope="module")
+def loop(inputs, reference, design):
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
+    return environment.closed_loop(inputs.planet, inputs.vehicle, air, reference, design.half_gain)
+
+
+@pytest.fixture(scope="module")
+def semi_axes(inputs):
+    return environment.initial_semi_axes(inputs.planet, inputs.uncertainty)
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +44,12 @@ def design(funnels):
 
 @pytest.fixture(scope="module")
 def bounds(inputs, reference, design):
-    return linear_bounds.compute(inputs, reference, design)
+    return inputs.call(linear_bounds.compute, reference, design)
 
 
 @pytest.fixture(scope="module")
-def jacobians(inputs, reference, design):
+def jacobians(loop):
     """(Phi, Gamma) of every fine step."""
-    loop = environment.closed_loop(inputs, reference, design.half_gain)
     return slice_jacobians(loop, np.arange(len(loop.time)))[:2]
 
 
@@ -72,11 +77,10 @@ def test_levels_are_in_order_and_fall_without_disturbance(bounds):
     assert (np.diff(bounds.undisturbed_level) < 0).all()
 
 
-def test_jacobians_between_slices_are_those_of_the_flow(inputs, reference, design, jacobians):
-    steps = environment.slices(inputs)
+def test_jacobians_between_slices_are_those_of_the_flow(inputs, reference, design, jacobians, loop):
+    steps = environment.slices(loop, inputs.steps_per_slice)
     across, pushed = linear_bounds.between_slices(*jacobians, steps)
-    loop = environment.closed_loop(inputs, reference, design.half_gain)
-    scale = environment.state_scale(inputs)
+    scale = environment.state_scale(inputs.planet, inputs.guidance)
     for k in (0, 25, 59):
         transition, response, _ = loop.flow_jacobians(steps[k], steps[k + 1])
         assert across[k] * scale / scale[:, None] == pytest.approx(transition * scale / scale[:, None], abs=1e-11)
@@ -84,8 +88,8 @@ def test_jacobians_between_slices_are_those_of_the_flow(inputs, reference, desig
 
 
 @pytest.mark.parametrize("k", [2, 20, 45])
-def test_exact_level_is_reached_by_alternating_ascent(inputs, design, bounds, jacobians, k):
-    steps = environment.slices(inputs)
+def test_exact_level_is_reached_by_alternating_ascent(inputs, design, bounds, jacobians, k, loop):
+    steps = environment.slices(loop, inputs.steps_per_slice)
     across, pushed = linear_bounds.between_slices(*jacobians, steps)
     a, b = whitened_step(across[k], pushed[k], design.shape[steps[k]], design.shape[steps[k + 1]])
     a = np.sqrt(bounds.exact_level[k]) * a
@@ -101,9 +105,9 @@ def test_exact_level_is_reached_by_alternating_ascent(inputs, design, bounds, ja
     assert reached == pytest.approx(bounds.exact_level[k + 1], rel=1e-6)
 
 
-def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, design, bounds, jacobians):
+def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, design, bounds, jacobians, loop):
     """With a disturbance that is drawn again in every slice, which the level allows."""
-    steps, draw = environment.slices(inputs), generator()
+    steps, draw = environment.slices(loop, inputs.steps_per_slice), generator()
     across, pushed = linear_bounds.between_slices(*jacobians, steps)
     deviation = boundary_deviations(design.shape[0], design.initial_level, uniform_directions(draw, 2000, 6)).T
     for k in range(len(across)):
@@ -115,23 +119,23 @@ def test_linear_flights_from_the_boundary_stay_below_the_exact_level(inputs, des
 # ---- the joint ellipsoid ---------------------------------------------------------------------------------------------
 
 
-def test_joint_ellipsoid_is_the_image_of_the_joint_ball(inputs, bounds, jacobians):
+def test_joint_ellipsoid_is_the_image_of_the_joint_ball(inputs, bounds, jacobians, semi_axes):
     for last in (1, 100, 240):
         transition, response = (one[0] for one in linear_bounds.between_slices(*jacobians, np.array([0, last])))
-        spread = np.hstack([transition * environment.initial_semi_axes(inputs), response])
+        spread = np.hstack([transition * semi_axes, response])
         assert bounds.joint_half_width[last] == pytest.approx(np.linalg.norm(spread, axis=1), rel=1e-8)
-    assert bounds.joint_half_width[0] == pytest.approx(environment.initial_semi_axes(inputs), rel=1e-12)
+    assert bounds.joint_half_width[0] == pytest.approx(semi_axes, rel=1e-12)
     downrange = inputs.planet_radius * bounds.joint_half_width[-1, 1]
     assert downrange == pytest.approx(3617.0, abs=2.0)
     assert bounds.joint_condition[0] == pytest.approx(36.0, rel=1e-9)
     assert bounds.joint_condition.max() > 1e4  # far flatter than any slice
 
 
-def test_starts_are_uniform_in_the_initial_set_under_disturbances_at_their_limit(inputs):
-    deviations, disturbances = linear_bounds.starts(inputs)
+def test_starts_are_uniform_in_the_initial_set_under_disturbances_at_their_limit(inputs, semi_axes):
+    deviations, disturbances = linear_bounds.starts(inputs.seed, semi_axes)
     assert np.linalg.norm(disturbances, axis=1) == pytest.approx(np.ones(linear_bounds.FLIGHTS), abs=1e-14)
-    whitened = deviations / environment.initial_semi_axes(inputs)
-    assert 0.5 * np.einsum("mi,ij,mj->m", deviations, environment.initial_set(inputs), deviations).max() < 1
+    whitened = deviations / semi_axes
+    assert 0.5 * np.einsum("mi,ij,mj->m", deviations, environment.initial_set(semi_axes), deviations).max() < 1
     assert kstest(np.linalg.norm(whitened, axis=1) ** 6, "uniform").pvalue > 0.001
     # A coordinate of a uniform point of the six-ball has variance 1/8.
     assert whitened.T @ whitened / len(whitened) == pytest.approx(np.eye(6) / 8, abs=0.012)
@@ -150,13 +154,13 @@ def test_flights_leave_the_joint_ellipsoid_and_what_holds_all_linear_ones(bounds
     assert bounds.flown_half_width[-1, 1] * 3389.5 == pytest.approx(3.80, abs=0.1)
 
 
-def test_flights_of_small_sets_are_linear(inputs, reference, design):
+def test_flights_of_small_sets_are_linear(inputs, reference, design, inputs_of):
     tiny = {"density_amplitude": 5e-5, "density_slope_amplitude": 1e-9, "initial_velocity": 1.5e-3}
     tiny |= {
         "initial_lengths": tuple(0.001 * x for x in inputs.initial_lengths),
         "initial_angles": tuple(0.001 * x for x in inputs.initial_angles),
     }
-    small = linear_bounds.compute(inputs_of(**tiny), reference, design)
+    small = inputs_of("corrected", **tiny).call(linear_bounds.compute, reference, design)
     assert small.largest_value == pytest.approx(small.largest_linear_value, rel=2e-3)
     assert small.share_beyond == 0.0
     assert small.share_outside == pytest.approx(small.linear_share_outside, abs=2 / linear_bounds.FLIGHTS)
@@ -165,35 +169,35 @@ def test_flights_of_small_sets_are_linear(inputs, reference, design):
 # ---- the shape around what is reached --------------------------------------------------------------------------------
 
 
-def test_reachable_ellipsoids_hold_linear_flights_and_little_more(inputs, bounds, jacobians):
-    assert bounds.reachable_half_width[0] == pytest.approx(environment.initial_semi_axes(inputs), rel=1e-9)
+def test_reachable_ellipsoids_hold_linear_flights_and_little_more(inputs, bounds, jacobians, semi_axes):
+    assert bounds.reachable_half_width[0] == pytest.approx(semi_axes, rel=1e-9)
     assert bounds.reachable_level[0] == 1.0 and bounds.reachable_level.max() <= 1 + 1e-9
-    deviation, pushed = (sample.T for sample in linear_bounds.starts(inputs))
+    deviation, pushed = (sample.T for sample in linear_bounds.starts(inputs.seed, semi_axes))
     for k, (transition, response) in enumerate(zip(*jacobians, strict=True)):
         deviation = transition @ deviation + response @ pushed
         assert (np.abs(deviation).max(axis=1) <= bounds.reachable_half_width[k + 1] * (1 + 1e-12)).all()
     assert bounds.reachable_half_width[-1, 1] < 1.5 * np.abs(deviation[1]).max()
 
 
-def test_own_shape_starts_and_stays_at_level_one(reference):
+def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
     changed = inputs_of("minkowski_shape")
-    own = gains.compute(changed, reference)
-    bounds = linear_bounds.compute(changed, reference, own)
+    own = changed.call(gains.compute, reference)
+    bounds = changed.call(linear_bounds.compute, reference, own)
     assert bounds.exact_level == pytest.approx(bounds.reachable_level, rel=1e-6)
-    steps = environment.slices(changed)
+    steps = bounds.slice_step
     assert bounds.exact_half_width == pytest.approx(
         bounds.reachable_half_width[steps] * np.sqrt(bounds.exact_level)[:, None], rel=1e-6
     )
 
 
-def test_other_readings_of_the_same_sets_have_the_same_bounds(funnels):
+def test_other_readings_of_the_same_sets_have_the_same_bounds(funnels, inputs):
     """As nothing that the stages may use differs."""
     for stage in ("nominal", "linearization", "gains", "linear_bounds"):
         names = funnels.paper.stages[stage].inputs
-        known = STUDY.readings["corrected"].slice(names)
+        known = funnels.study.readings["corrected"].slice(names)
         for reading in ("printed", "euler", "inflated", "additive"):
-            assert STUDY.readings[reading].slice(names) == known, (stage, reading)
-        assert (STUDY.readings["minkowski_shape"].slice(names) == known) == (stage != "gains")
+            assert funnels.study.readings[reading].slice(names) == known, (stage, reading)
+        assert (funnels.study.readings["minkowski_shape"].slice(names) == known) == (stage != "gains")
 
 
 def test_artifact_survives_its_file(bounds, tmp_path):
@@ -204,8 +208,8 @@ def test_artifact_survives_its_file(bounds, tmp_path):
         assert np.array_equal(getattr(back, name), getattr(bounds, name)), name
 
 
-def test_flights_that_are_lost_are_counted(inputs, reference, design):
+def test_flights_that_are_lost_are_counted(inputs, reference, design, inputs_of):
     huge = {"initial_lengths": (1.5e6, 2.5e6, 2.5e6), "initial_angles": (1.5, 1.5), "initial_velocity": 5e4}
-    bounds = linear_bounds.compute(inputs_of(**huge), reference, design)
+    bounds = inputs_of("corrected", **huge).call(linear_bounds.compute, reference, design)
     assert 0 < bounds.lost <= bounds.flights
     assert np.isnan(bounds.largest_value[-1]) and np.isfinite(bounds.largest_linear_value).all()

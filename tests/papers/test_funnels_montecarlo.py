@@ -14,6 +14,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.funnels import environment, flight, montecarlo
 from marsedl.papers.funnels.records import Funnel
 from marsedl.replication import artifacts
+from marsedl.replication.catalogue import Flown, Trial
 
 TRIALS = 2000
 FLOWN = {"constant": TRIALS, "redrawn": TRIALS, "adversarial": 300}
@@ -35,14 +36,29 @@ def runs(funnels):
 
 
 def flown(made, case="constant", trials=60, block_size=1000, **changed):
-    """A small case, with other artifacts if any are given."""
-    return montecarlo.compute(
-        **dict(zip(NAMES, made, strict=True)) | changed, case=case, trials=trials, block_size=block_size
-    )
+    """A small case, with other inputs or artifacts if any are given."""
+    needed = dict(zip(NAMES, made, strict=True)) | changed
+    inputs = needed.pop("inputs")
+    chunk = inputs.call(montecarlo.simulate, **needed, flown=Flown(case, trials, block_size))
+    return montecarlo.gather([chunk])
+
+
+def replayed(made, case, number, ensemble=None, **changed):
+    """What is said of a trial."""
+    needed = dict(zip(NAMES, made, strict=True)) | changed
+    return needed.pop("inputs").call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
 
 
 def with_inputs(made, **changes):
-    return type(made[0])(vars(made[0]) | changes)
+    """The inputs, some of them changed."""
+    values = {name: changes.get(name.partition(".")[2], value) for name, value in made[0].values.items()}
+    return type(made[0])(made[0].model, values)
+
+
+def rates_and_air(inputs):
+    """Equations of motion, and the air."""
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
+    return environment.entry_rates(inputs.planet, inputs.vehicle, air), air
 
 
 # --- levels -----------------------------------------------------------------------------------------------------------
@@ -123,7 +139,7 @@ def test_a_flight_by_adaptive_steps(made):
     ensemble, number = flown(made), 5
     drawn = normals(inputs.seed, flight.DISTURBANCE_STREAM, [number], 2)[0]
     w = drawn / np.linalg.norm(drawn)
-    rates = environment.entry_rates(inputs)
+    rates, air = rates_and_air(inputs)
     half = linearization.half_time
     reference, gain = CubicSpline(half, linearization.state), CubicSpline(half, gains.half_gain)
 
@@ -138,15 +154,16 @@ def test_a_flight_by_adaptive_steps(made):
     found = ensemble.kept_history[number, ::40]
     scale = np.abs(found).max(axis=0)
     np.testing.assert_allclose(found / scale, deviation / scale, rtol=0, atol=5e-4)
-    heat = environment.heat_rate(inputs, stepped.y[0, 2], stepped.y[3, 2], w)
+    heat = environment.heat_rate(inputs.vehicle, air, stepped.y[0, 2], stepped.y[3, 2], w)
     assert ensemble.kept_observed[number, 80, 2] == pytest.approx(heat, rel=1e-4)
 
 
 def test_disturbances_of_the_cases(made):
     inputs, trials = made[0], np.arange(200)
-    loop = environment.closed_loop(inputs, made[1], made[2].half_gain)
-    constant = flight.disturbances(inputs, loop, "constant", trials)
-    redrawn = flight.disturbances(inputs, loop, "redrawn", trials)
+    _, air = rates_and_air(inputs)
+    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, made[1], made[2].half_gain)
+    constant = flight.disturbances(flight.Draws(inputs.seed), loop, trials)
+    redrawn = flight.disturbances(flight.Draws(inputs.seed, "redrawn", inputs.redraw_steps), loop, trials)
     assert constant.shape == (1, 200, 2) and redrawn.shape == (30, 200, 2)
     for drawn in (constant, redrawn):
         np.testing.assert_allclose(np.linalg.norm(drawn, axis=-1), 1.0, rtol=1e-14)
@@ -168,11 +185,12 @@ def test_the_adversary_raises_the_level_more_than_any_constant_direction(made):
 
 def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
     inputs = with_inputs(made, additive=True)
-    without, setting = (flight.entry_setting(chosen, *made[1:]) for chosen in (made[0], inputs))
-    amplitudes = environment.additive_amplitudes(inputs)
-    assert flight.additive(made[0], without, "constant", np.arange(9)) is None
+    without, setting = (chosen.call(flight.entry_setting, *made[1:]) for chosen in (made[0], inputs))
+    amplitudes = environment.additive_amplitudes(inputs.planet, inputs.uncertainty)
+    draws = flight.Draws(inputs.seed, redraw_steps=inputs.redraw_steps)
+    assert flight.additive(draws, without, np.arange(9)) is None
     for case, segments in (("constant", 1), ("redrawn", 30)):
-        added = flight.additive(inputs, setting, case, np.arange(9))
+        added = flight.additive(draws._replace(case=case), setting, np.arange(9))
         assert added.shape == (segments, 9, 6)
         np.testing.assert_allclose(np.linalg.norm(added / amplitudes, axis=-1), 1.0, rtol=1e-12)
     largest = [flown(made, "adversarial", inputs=i).maximum_over_trials[:, 0].max() for i in (made[0], inputs)]
@@ -184,10 +202,10 @@ def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
 
 @pytest.mark.parametrize("case", FLOWN)
 def test_results_do_not_depend_on_chunks(made, case):
-    options = {"case": case, "trials": 60, "block_size": 20}
-    whole = flown(made, **options)
-    chunks = [montecarlo.simulate(*made, chunk=chunk, chunks=3, **options) for chunk in (2, 0, 1)]
-    scattered = montecarlo.gather(made[0], chunks)
+    whole = flown(made, case, 60, 20)
+    inputs, *needed = made
+    chunks = [inputs.call(montecarlo.simulate, *needed, flown=Flown(case, 60, 20, chunk, 3)) for chunk in (2, 0, 1)]
+    scattered = montecarlo.gather(chunks)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
     larger = flown(made, case, 100)
@@ -206,16 +224,16 @@ def test_runs_of_the_car_do_not_depend_on_their_number(funnels, runs):
 @pytest.mark.parametrize(("case", "number"), [("constant", 0), ("redrawn", 51), ("adversarial", 33)])
 def test_a_trial_flown_alone_is_that_of_the_ensemble(made, case, number):
     ensemble = flown(made, case)
-    said = montecarlo.replay(*made, case=case, number=number, ensemble=ensemble)
+    said = replayed(made, case, number, ensemble)
     assert said.startswith(f"trial {number}, {case}: flown to the end") and "the same to the last bit" in said
     assert f"{ensemble.final_state[number, 0]:18.9g}" in said
     other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
-    assert "DIFFERS" in montecarlo.replay(*made, case=case, number=number, ensemble=other)
-    assert "bit" not in montecarlo.replay(*made, case=case, number=number)
+    assert "DIFFERS" in replayed(made, case, number, other)
+    assert "bit" not in replayed(made, case, number)
 
 
 def test_chunks_and_ensembles_can_be_stored(made, runs, tmp_path):
-    chunk = montecarlo.simulate(*made, case="redrawn", trials=90, chunk=1, chunks=3, block_size=30)
+    chunk = made[0].call(montecarlo.simulate, *made[1:], flown=Flown("redrawn", 90, 30, 1, 3))
     for name, thing in (("chunk", chunk), ("ensemble", runs["dubins_calm"])):
         path = tmp_path / f"{name}.h5"
         artifacts.save(path, thing, paper="funnels", reading="corrected", provenance={})
@@ -268,6 +286,5 @@ def test_trials_that_diverge_are_counted_and_kept(made, tmp_path):
     assert np.isfinite(ensemble.maximum_over_trials).all()
     artifacts.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
     number = int(np.flatnonzero(lost)[0])
-    needed = dict(zip(NAMES, made, strict=True)) | {"funnel": wide}
-    said = montecarlo.replay(**needed, case="constant", number=number, ensemble=ensemble)
+    said = replayed(made, "constant", number, ensemble, funnel=wide)
     assert f"trial {number}, constant: not finite" in said and "the same to the last bit" in said

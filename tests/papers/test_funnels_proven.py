@@ -19,7 +19,7 @@ FIRST, STEPS, LEVEL = 76, 16, 1.2
 
 @pytest.fixture(scope="module")
 def inputs(funnels):
-    return SimpleNamespace(**{**vars(funnels.stage_inputs("corrected", "proven")), "fine_steps": STEPS})
+    return funnels.stage_inputs("corrected", "proven")
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +36,13 @@ def part(funnels):
 
 @pytest.fixture(scope="module")
 def loop(inputs, part):
-    return environment.closed_loop(inputs, part[0], part[1].half_gain)
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
+    return environment.closed_loop(inputs.planet, inputs.vehicle, air, part[0], part[1].half_gain)
 
 
 @pytest.fixture(scope="module")
 def found(inputs, part):
-    return proven.compute(inputs, *part)
+    return inputs.call(proven.compute, *part)
 
 
 def test_all_stages_are_proven_and_levels_are_products_of_their_bounds(found):
@@ -94,13 +95,15 @@ def greedy_constant(loop, part, starts, directions):
 
 
 def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, found, part):
+    air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
     linearization, gains = part
     random = np.random.Generator(np.random.Philox(8))
     for step in (0, 12, 14):
         level = found.node_level[step]
         deviations = boundary_deviations(gains.shape[step], level, uniform_directions(random, 20_000, 6))
         state = linearization.state[2 * step] + deviations
-        rates = environment.heat_rate(inputs, state[:, 0], state[:, 3], uniform_directions(random, 20_000, 2).T)
+        w = uniform_directions(random, 20_000, 2).T
+        rates = environment.heat_rate(inputs.vehicle, air, state[:, 0], state[:, 3], w)
         assert 0.98 * found.node_heat_rate[step] < rates.max() <= found.node_heat_rate[step]
         assert found.node_heat_rate[step] > found.node_nominal_heat_rate[step]
         if step % 4 == 0:
@@ -111,7 +114,7 @@ def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, found,
 
 def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):
     large = SimpleNamespace(**{**vars(part[1]), "initial_level": 300.0})
-    ended = proven.compute(inputs, part[0], large)
+    ended = inputs.call(proven.compute, part[0], large)
     assert not ended.proven
     assert ended.outcome.startswith("nothing is proven after slice ")
     reached = int(ended.outcome.split("slice ")[1].split(",")[0])
@@ -122,8 +125,8 @@ def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):
     assert artifacts.load(path, proven.Proven).outcome == ended.outcome
 
 
-def test_nothing_is_proven_with_disturbances_of_all_rates(inputs, part):
-    added = proven.compute(SimpleNamespace(**{**vars(inputs), "additive": True}), *part)
+def test_nothing_is_proven_with_disturbances_of_all_rates(funnels, part):
+    added = funnels.stage_inputs("additive", "proven").call(proven.compute, *part)
     assert not added.proven and added.outcome == proven.NO_ADDITIVE
     assert added.level[0] == LEVEL
     for name in ("bound", "polynomial_bound", "truncation", "remainder", "rise"):

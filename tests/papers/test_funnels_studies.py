@@ -19,7 +19,6 @@ from marsedl.papers.funnels import (
     divergence,
     environment,
     equations_of_motion,
-    funnel,
     gains,
     monotonicity,
     programs,
@@ -32,7 +31,6 @@ from marsedl.papers.funnels.records import StageStudy
 from marsedl.replication import artifacts
 from marsedl.replication.errors import InputError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import Slice
 
 CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
 READINGS = load_study("funnels", MODEL, CONFIG).readings
@@ -48,8 +46,10 @@ SMALL = {
 }
 
 
-def inputs(reading="corrected", **changes):
-    return Slice(READINGS[reading].slice(MODEL.model_fields) | SMALL | changes)
+@pytest.fixture(scope="module")
+def inputs(funnels):
+    """Function that returns inputs, small and some of them changed."""
+    return lambda reading="corrected", **changes: funnels.inputs(reading, **(SMALL | changes))
 
 
 @pytest.fixture(scope="module")
@@ -63,29 +63,31 @@ def regulator(funnels):
 
 
 @pytest.fixture(scope="module")
-def loop(model, regulator):
-    return environment.closed_loop(inputs(), model, regulator.half_gain)
+def loop(inputs, model, regulator):
+    given = inputs()
+    air = environment.disturbed_air(given.planet, given.uncertainty)
+    return environment.closed_loop(given.planet, given.vehicle, air, model, regulator.half_gain)
 
 
 @pytest.fixture(scope="module")
-def design(funnels):
-    return programs.samples(inputs())
+def design(inputs, funnels):
+    return programs.samples(inputs().recursion)
 
 
 @pytest.fixture(scope="module")
-def found(model, regulator):
+def found(inputs, model, regulator):
     """The fields of the study of a stage."""
     with pytest.MonkeyPatch.context() as patch:
         # Clarabel takes ten times as long; the tests of the programs compare it.
         patch.setattr(stage_study, "CONIC_TOLERANCE", {"SCS": 1e-6})
         patch.setattr(stage_study, "FEW_DESIGNS", 1)
-        return vars(stage_study.compute(inputs(), model, regulator))
+        return vars(inputs().call(stage_study.compute, model, regulator))
 
 
 # --- one stage --------------------------------------------------------------------------------------------------------
 
 
-def test_counts_are_those_of_formulas_and_of_ranks(found):
+def test_counts_are_those_of_formulas_and_of_ranks(inputs, found):
     rows = {
         name: row
         for name, *row in zip(
@@ -108,7 +110,7 @@ def test_counts_are_those_of_formulas_and_of_ranks(found):
     # d = 1 fits to a Gram matrix of degree 2 only if the motion is linear.
     np.testing.assert_array_equal(found["exponent_degree"], [4, 6, 8])
     assert found["gram_degree"] == 4
-    assert stage_study.counts(inputs(taylor_order=1))["exponent_degree"][1] == found["gram_degree"]
+    assert stage_study.counts(inputs(taylor_order=1).recursion)["exponent_degree"][1] == found["gram_degree"]
 
 
 def test_all_forms_give_one_bound(found):
@@ -167,9 +169,9 @@ def test_the_bound_does_not_depend_on_coordinates(found):
 
 
 @pytest.fixture(scope="module")
-def euler_stage(loop, regulator):
+def euler_stage(inputs, loop, regulator):
     at = inputs().stationary_slice, inputs().stationary_level
-    return programs.stage_at(inputs(), loop, regulator, *at, condition="euler")
+    return programs.stage_at(inputs().recursion, loop, regulator, *at, 4, condition="euler")
 
 
 def test_the_polynomial_in_the_disturbance_is_that_of_the_stage(euler_stage):
@@ -217,7 +219,9 @@ def test_stationary_disturbances_are_saddles_outside_of_the_disc(found):
     assert found["gradient_angle"] < 1e-9 and found["gradient_least"] > 0.0 and found["hessian_rank_one"] < 1e-9
 
 
-def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(loop, regulator, euler_stage):
+def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(
+    inputs, loop, regulator, euler_stage
+):
     points = SPHERES.random_points(50, np.random.Generator(np.random.Philox(8)))
     deviations, first = euler_stage.deviations(points), euler_stage.first
     altitude = loop.states[2 * first, 0] + deviations[:, 0]
@@ -238,27 +242,27 @@ def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_densi
 # --- funnels in other ways --------------------------------------------------------------------------------------------
 
 
-def test_equations_of_motion_are_those_of_inertial_flight(monkeypatch):
-    found = equations_of_motion.compute(inputs())
+def test_equations_of_motion_are_those_of_inertial_flight(inputs, monkeypatch):
+    found = inputs().call(equations_of_motion.compute)
     assert found.position_rate_deviation < 1e-14 and found.velocity_rate_deviation < 1e-13
     rates = environment.entry_rates
 
-    def banked_left(given):
-        return lambda half, state, control, w: rates(given)(half, state, [-control[0]], w)
+    def banked_left(*given):
+        return lambda half, state, control, w: rates(*given)(half, state, [-control[0]], w)
 
     monkeypatch.setattr(environment, "entry_rates", banked_left)
-    assert equations_of_motion.compute(inputs()).velocity_rate_deviation > 0.1
+    assert inputs().call(equations_of_motion.compute).velocity_rate_deviation > 0.1
 
 
-def test_the_euler_step_differs_in_second_order(loop, regulator, design):
+def test_the_euler_step_differs_in_second_order(inputs, loop, regulator, design):
     first, level = 112, 5.235
     size = []
     for spacing in (4, 2, 1):
         k = first // spacing
-        stage = programs.stage_at(inputs(), loop, regulator, k + 1, level, spacing)
+        stage = programs.stage_at(inputs().recursion, loop, regulator, k + 1, level, spacing)
         levels = np.full(240 // spacing + 1, np.nan)
         levels[k : k + 2] = level, level * rank_one(stage.values(design.points), design.basis).safe_bound
-        excess = discretization.euler_excess(inputs(), loop, regulator, design, spacing, levels)
+        excess = discretization.euler_excess(inputs().recursion, loop, regulator, design, spacing, levels)
         assert np.flatnonzero(np.isfinite(excess)).tolist() == [k]
         size.append(excess[k])
     ratio = np.array([coarse / fine for coarse, fine in pairwise(size)])
@@ -266,24 +270,27 @@ def test_the_euler_step_differs_in_second_order(loop, regulator, design):
     assert (np.abs(ratio - 4.0) < 1.2).all()
 
 
-def test_without_disturbance_the_level_never_rises(model, regulator):
-    found = undisturbed_funnel.compute(inputs(steps_per_slice=24), model, regulator)
+def test_without_disturbance_the_level_never_rises(inputs, model, regulator):
+    found = inputs(steps_per_slice=24).call(undisturbed_funnel.compute, model, regulator)
     assert found.undisturbed_outcome == "complete"
     assert (np.diff(found.undisturbed_level) < 0.0).all() and found.undisturbed_level[-1] > 0.0
 
 
-def test_a_larger_slice_reaches_a_larger_one(model, regulator):
-    found = monotonicity.compute(inputs(), model, regulator)
+def test_a_larger_slice_reaches_a_larger_one(inputs, model, regulator):
+    found = inputs().call(monotonicity.compute, model, regulator)
     assert (np.diff(found.reached_level, axis=1) > 0.0).all()
     base = monotonicity.FACTORS.index(1.0)
     assert found.reached_level[0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
 
 
-def test_a_funnel_that_diverges_ends_with_its_message(model):
-    wide = inputs(studied_bank_factors=np.array([]), studied_initial_factors=np.array([1.0]))
-    wide.studied_density_factors = np.array([8.0])
-    wide.backward_steps_per_slice = 24
-    found = divergence.compute(wide, model)
+def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
+    wide = inputs(
+        studied_bank_factors=np.array([]),
+        studied_initial_factors=np.array([1.0]),
+        studied_density_factors=np.array([8.0]),
+        backward_steps_per_slice=24,
+    )
+    found = wide.call(divergence.compute, model)
     assert found.change.tolist() == ["disturbance of the density", "initial set"]
     assert "the funnel diverges" in found.change_outcome[0] and found.change_outcome[1] == "complete"
     diverged, same = found.change_level
@@ -295,20 +302,26 @@ def test_a_funnel_that_diverges_ends_with_its_message(model):
 
 
 @pytest.fixture(scope="module")
-def small():
-    """Inputs for the part of the flight between two nodes, in two slices or four."""
-    return inputs(
-        fine_steps=16,
-        steps_per_slice=4,
-        backward_steps_per_slice=8,
-        studied_spacings=np.array([8.0, 4.0]),
-        studied_slices=np.array([2.0]),
-        studied_levels=np.array([0.4]),
-        studied_bank_factors=np.array([0.5]),
-        studied_density_factors=np.array([1.5]),
-        studied_initial_factors=np.array([2.0]),
-        backward_level=5.0,
-    )
+def small_of(inputs):
+    """Function that returns inputs for the part of the flight between two nodes, in two slices or four."""
+    few = {
+        "fine_steps": 16,
+        "steps_per_slice": 4,
+        "backward_steps_per_slice": 8,
+        "studied_spacings": np.array([8.0, 4.0]),
+        "studied_slices": np.array([2.0]),
+        "studied_levels": np.array([0.4]),
+        "studied_bank_factors": np.array([0.5]),
+        "studied_density_factors": np.array([1.5]),
+        "studied_initial_factors": np.array([2.0]),
+        "backward_level": 5.0,
+    }
+    return lambda **changes: inputs(**(few | changes))
+
+
+@pytest.fixture(scope="module")
+def small(small_of):
+    return small_of()
 
 
 @pytest.fixture(scope="module")
@@ -319,37 +332,45 @@ def part(small, model):
     declared = artifacts.quantities(type(model)).items()
     parts = {name: getattr(model, name)[extents[of.dims[0]]] for name, of in declared if of.dims[0] in extents}
     lines = replace(model, **parts)
-    return lines, gains.compute(small, lines)
+    return lines, small.call(gains.compute, lines)
 
 
 @pytest.fixture(scope="module")
 def spacings(small, part):
     """Funnels with more and fewer slices; the reading has none."""
-    return discretization.compute(small, *part, SimpleNamespace(outcome="the funnel diverges"))
+    return small.call(discretization.compute, *part, SimpleNamespace(outcome="the funnel diverges"))
 
 
 @pytest.fixture(scope="module")
 def coarse(small, part, spacings):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coarse_funnels, "SECOND_SOLVER", "SCS")
-        return coarse_funnels.compute(small, *part, spacings)
+        return small.call(coarse_funnels.compute, *part, spacings)
 
 
 def variant(study, name):
     return study.variant_level[list(study.variant).index(name)]
 
 
-def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small, part, spacings):
-    few = {"ascent_starts": 4, "ascent_polished": 1, "ascent_iterations": 0, "check_points": 50}
-    loop, design = environment.closed_loop(small, part[0], part[1].half_gain), programs.samples(small)
-    levels, outcome = funnel.propagate(Slice(vars(small) | few), loop, part[1], design)
-    np.testing.assert_array_equal(levels.rho, spacings.level[0, 1])
-    made = SimpleNamespace(level=levels.rho, outcome=outcome)
-    taken = discretization.of_motion(small, None, None, None, 4, made)
-    assert taken[0] is levels.rho and taken[1] == spacings.outcome[0, 1]
+def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part, spacings, monkeypatch):
+    made, propagated, propagate = (
+        SimpleNamespace(level=spacings.level[0, 1], outcome="complete"),
+        [],
+        programs.propagate,
+    )
+
+    def recorded(recursion, loop, gains, design, spacing, **options):
+        propagated.append((int(spacing), options.get("condition", "flow")))
+        return propagate(recursion, loop, gains, design, spacing, **options)
+
+    monkeypatch.setattr(discretization, "propagate", recorded)
+    found = small_of().call(discretization.compute, *part, made)
+    np.testing.assert_array_equal(found.level, spacings.level)
+    assert (4, "flow") not in propagated
     for other in ({"condition": "euler"}, {"sampling": "raw"}, {"inflated": True}, {"additive": True}):
-        computed = discretization.of_motion(Slice(vars(small) | other), loop, part[1], design, 4, made)
-        assert computed[0] is not levels.rho
+        propagated.clear()
+        small_of(**other).call(discretization.compute, *part, made)
+        assert (4, "flow") in propagated
 
 
 def test_multipliers_and_samples_give_one_funnel(coarse):
@@ -394,11 +415,11 @@ def test_artifacts_are_kept(made, request, tmp_path):
         np.testing.assert_array_equal(getattr(loaded, field.name), getattr(artifact, field.name))
 
 
-def test_a_stage_is_that_between_the_slices_named(loop, regulator):
-    stage = programs.stage_at(inputs(), loop, regulator, 26, 3.0)
+def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
+    stage = programs.stage_at(inputs().recursion, loop, regulator, 26, 3.0, 4)
     assert (stage.first, stage.last, stage.order, stage.condition) == (100, 104, 3, "flow")
     assert isinstance(stage, FunnelStage)
-    finer = programs.stage_at(inputs(), loop, regulator, 26, 3.0, 2, condition="euler")
+    finer = programs.stage_at(inputs().recursion, loop, regulator, 26, 3.0, 2, condition="euler")
     assert (finer.first, finer.last) == (50, 52)
     np.testing.assert_array_equal(finer.shape, regulator.shape[50])
     assert replace(finer, rho=1.0).rho == 1.0
@@ -407,7 +428,7 @@ def test_a_stage_is_that_between_the_slices_named(loop, regulator):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"studied_spacings": [8, 7]}, "studied_spacings: fine_steps (240) is not a multiple of 7"),
+        ({"studied_spacings": [8, 7]}, "fine_steps (240) is not a multiple of studies.studied_spacings (7)"),
         ({"studied_slices": [16, 26, 61]}, "studied_slices: no stage begins at slice 61, as there are 61"),
         ({"studied_levels": [0.4, 3.0]}, "studied_levels: give one level for each of studied_slices"),
         ({"stationary_slice": 61}, "stationary_slice: no stage begins at slice 61"),
@@ -417,7 +438,7 @@ def test_a_stage_is_that_between_the_slices_named(loop, regulator):
 )
 def test_studies_that_cannot_be_are_refused(changed, said):
     own = {name: {"value": value, "source": "assumed: test"} for name, value in changed.items()}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "inputs": own}}}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": own}}}
     with pytest.raises(InputError) as error:
         load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
     assert said in str(error.value)

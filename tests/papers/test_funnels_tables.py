@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from marsedl.papers import catalogue
 from marsedl.papers.funnels import PAPER, tables
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
@@ -118,9 +119,8 @@ def table(funnels):
     """The rows of a table, some artifacts replaced."""
 
     def rows(name, reading="corrected", **artifacts):
-        product = PAPER.tables[name]
-        needed = {need: MAKERS[need]() for need in (n.split(".")[-1] for n in product.needs)}
-        return getattr(tables, name)(funnels.inputs(reading, product.inputs), {}, **(needed | artifacts))
+        needed = {need.split(".")[-1]: MAKERS[need.split(".")[-1]]() for need in funnels.paper.tables[name].needs}
+        return funnels.product("tables", name, reading, needed | artifacts, published={})
 
     return rows
 
@@ -132,7 +132,7 @@ def readings(funnels):
     def rows(**artifacts):
         items = {name: MAKERS[name]() for name in ("funnel", "constant", "redrawn", "adversarial")}
         made = {
-            name: (funnels.all_inputs(name), items | (artifacts if name == "corrected" else {}))
+            name: (funnels.all_inputs(name), SimpleNamespace(**items | (artifacts if name == "corrected" else {})))
             for name in funnels.study.readings
         }
         return tables.readings(made, {})
@@ -148,9 +148,9 @@ def test_tables_are_those_of_the_catalogue():
     }
     assert set(parameters) == {*PAPER.tables, *PAPER.summaries}
     assert not set(PAPER.tables) & set(PAPER.figures)
-    for name, product in PAPER.tables.items():
+    for name, product in catalogue("funnels").tables.items():
         needs = [need.split(".")[-1] for need in product.needs]
-        assert parameters[name] == ["inputs", "published", *needs], name
+        assert set(needs) <= set(parameters[name]), name
         hints = typing.get_type_hints(getattr(tables, name))
         assert all(isinstance(MAKERS[need](), hints[need]) for need in needs), name
 
@@ -281,7 +281,11 @@ def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
     assert row["outcome"] == "the funnel diverges"
 
 
-def test_numbers_have_no_more_digits_than_can_be_read():
+def test_numbers_have_no_more_digits_than_can_be_read(funnels):
     assert tables._number(-0.0001, ".2f") == "0.00"
     assert tables._number(6.5e9, ".2f") == "6.5e+09" and tables._number(np.inf, ".2f") == DASH
-    assert tables._differences(SimpleNamespace(a=1.0, trials=5), SimpleNamespace(a=2.0, trials=7)) == "a 1"
+    changed, default = (
+        funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)
+        for number, radius in ((5, 1.0), (7, 2.0))
+    )
+    assert tables._differences(changed, default) == "nose_radius 1"

@@ -3,9 +3,10 @@
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, PlainSerializer, Strict, model_validator
 
 from marsedl.replication.sections import (
+    ARRAY,
     Count,
     Drawn,
     Few,
@@ -20,6 +21,9 @@ from marsedl.replication.sections import (
     vector,
 )
 
+# As `ARRAY`, of whole numbers, and written as such.
+WHOLE = (ARRAY[0], PlainSerializer(lambda value: value.astype(int).tolist()))
+
 Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
 FineSteps = Annotated[int, Strict(), Field(ge=2, le=5000)]
 Order = Annotated[int, Strict(), Field(ge=1, le=3)]
@@ -27,12 +31,12 @@ Exponent = Annotated[int, Strict(), Field(ge=0, le=10)]
 Flag = Annotated[bool, Strict()]
 Coordinate = Annotated[int, Strict(), Field(ge=1, le=6)]
 Points = Annotated[int, Strict(), Field(ge=3, le=2001)]
-Starts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50)]
+Starts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
 
-Slices = Annotated[tuple[Few, ...], Field(min_length=1, max_length=10)]
-Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10)]
+Slices = Annotated[tuple[Few, ...], Field(min_length=1, max_length=10), *WHOLE]
+Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10), *ARRAY]
 Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
-Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6)]
+Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6), *ARRAY]
 
 
 def _check_bounds(name, bounds):
@@ -231,20 +235,20 @@ class Car(Section):
 class Studies(Section):
     """Studies of the methods, and the plane of Fig. 4."""
 
-    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6)] = given(
+    studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6), *WHOLE] = given(
         "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
     )
     benchmark_slice: Few = given("1", "slice, counted from 1, whose stage is solved in all forms")
     benchmark_level: Positive = given("1", "level rho of that slice then")
     studied_slices: Slices = given("1", "slices, counted from 1, of stages studied with linear motion and over levels")
     studied_levels: Levels = given("1", "levels rho of these slices then")
-    studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20)] = given(
+    studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20), *WHOLE] = given(
         "1", "numbers of random samples from which that stage is bounded"
     )
     stationary_slice: Few = given("1", "slice, counted from 1, where stationary disturbances are sought")
     stationary_level: Positive = given("1", "level rho of that slice then")
     stationary_points: Few = given("1", "deviations for which they are sought")
-    studied_spacings: Annotated[tuple[Few, ...], Field(min_length=2, max_length=6)] = given(
+    studied_spacings: Annotated[tuple[Few, ...], Field(min_length=2, max_length=6), *WHOLE] = given(
         "1", "fine steps between the slices in the study of their number"
     )
     studied_bank_factors: Factors = given("1", "factors of scale_bank in the study of what makes a funnel diverge")
@@ -254,7 +258,7 @@ class Studies(Section):
     backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
     backward_steps_per_slice: Few = given("1", "fine steps between its slices")
     fig4_slice: Few = given("1", "slice of Fig. 4, counted from 1")
-    fig4_coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2)] = given(
+    fig4_coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2), *WHOLE] = given(
         "1", "whitened coordinates that span its plane, counted from 1"
     )
     fig4_extent: Positive = given("1", "largest coordinate in it; the slice is the unit circle")
