@@ -58,12 +58,12 @@ def fly_numpy(constants, cells, flown, gain, states, substeps):
 # --- measuring --------------------------------------------------------------------------------------------------------
 
 
-def compare_derivatives(row, inputs, name, declared, guess, weight):
+def compare_derivatives(row, solver, name, declared, guess, weight):
     """One solve with exact derivatives of expanded equations, against approximate ones and equations as they stand."""
     kinds = {
-        "exact, expanded": Program(declared, inputs.intervals, inputs.scheme),
-        "limited-memory, expanded": Program(declared, inputs.intervals, inputs.scheme, hessian="limited-memory"),
-        "exact, not expanded": Program(declared, inputs.intervals, inputs.scheme, expand=False),
+        "exact, expanded": Program(declared, solver.intervals, solver.scheme),
+        "limited-memory, expanded": Program(declared, solver.intervals, solver.scheme, hessian="limited-memory"),
+        "exact, not expanded": Program(declared, solver.intervals, solver.scheme, expand=False),
     }
     objectives = {}
 
