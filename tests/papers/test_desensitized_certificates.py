@@ -485,9 +485,13 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
     assert (found[0] == 0.0).all() and np.isnan(found[1]).all()
     vacuum = inputs.changed(density_error=0.5)
     assert np.isnan(
-        vacuum.call(further.under_law, air, along, further.Law(np.zeros(6), True, ""), np.array([-1.0]), [])[
-            "density_flown_error"
-        ]
+        vacuum.call(
+            further.under_law,
+            air,
+            along,
+            further.Law(np.zeros(6), True, ""),
+            further.FlownErrors(np.array([-1.0]), np.empty(0)),
+        )["density_flown_error"]
     ).all()
     steep = inputs.changed(tabulated_error=1e6)
     law = steep.call(further.tuned, along, air, [1e6])
