@@ -4,7 +4,7 @@ import time
 
 import numba
 import numpy as np
-from measuring import CORES, interleaved, say, stage_inputs
+from measuring import CORES, ROOT, interleaved, say
 
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, Program
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
@@ -12,6 +12,8 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import PAPER, components, entry_problem, environment, flight, nominal, tradeoff
 from marsedl.papers.desensitized.entry_problem import WARM, gain_vector
 from marsedl.papers.desensitized.gains import Law, reference
+from marsedl.papers.desensitized.inputs import MODEL
+from marsedl.replication.inputs import load_study
 
 PIPELINE_LIMIT = 480.0  # CPU s
 FIGURE = "fig04"
@@ -58,12 +60,12 @@ def fly_numpy(constants, cells, flown, gain, states, substeps):
 # --- measuring --------------------------------------------------------------------------------------------------------
 
 
-def compare_derivatives(row, inputs, name, declared, guess, weight):
+def compare_derivatives(row, solver, name, declared, guess, weight):
     """One solve with exact derivatives of expanded equations, against approximate ones and equations as they stand."""
     kinds = {
-        "exact, expanded": Program(declared, inputs.intervals, inputs.scheme),
-        "limited-memory, expanded": Program(declared, inputs.intervals, inputs.scheme, hessian="limited-memory"),
-        "exact, not expanded": Program(declared, inputs.intervals, inputs.scheme, expand=False),
+        "exact, expanded": Program(declared, solver.intervals, solver.scheme),
+        "limited-memory, expanded": Program(declared, solver.intervals, solver.scheme, hessian="limited-memory"),
+        "exact, not expanded": Program(declared, solver.intervals, solver.scheme, expand=False),
     }
     objectives = {}
 
@@ -106,44 +108,49 @@ def compare_with_array_code(row, posed, states, substeps):
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
-    inputs = stage_inputs(PAPER, "tradeoff")
+    study = load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml")
+    inputs = study.readings["corrected"].inputs
+    planet, vehicle, mission, solver, design = (
+        *(inputs.planet, inputs.vehicle, inputs.mission),
+        *(inputs.solver, inputs.design),
+    )
     say("desensitized: nominal")
-    found = nominal.compute(stage_inputs(PAPER, "nominal"))
+    found = nominal.compute(planet, vehicle, mission, solver)
 
     say("desensitized: derivatives")
-    plain = entry_problem.problem(inputs)
-    compare_derivatives(row, inputs, "no-DOC solve from its solution", plain, nominal.as_guess(found), 0.0)
-    extended, transcribed = tradeoff.prepared(inputs)
+    plain = entry_problem.problem(planet, vehicle, mission)
+    compare_derivatives(row, solver, "no-DOC solve from its solution", plain, nominal.as_guess(found), 0.0)
+    extended, transcribed = tradeoff.prepared(planet, vehicle, mission, solver, design)
     start = entry_problem.solve(
-        inputs, "no weight", transcribed, extended.guess(nominal.as_guess(found), entry_problem.given()), barrier=WARM
+        solver, "no weight", transcribed, extended.guess(nominal.as_guess(found), entry_problem.given()), barrier=WARM
     )
     (near,) = transcribed.follow(start, "weight", [0.02])[-1:]
     row("iterations of one continuation step", near.iterations, "1")
     last = start
     for weight in (0.2, 1.5, 10.0, WEIGHT):
-        last = entry_problem.solve(inputs, "start", transcribed, last, weight=weight)
+        last = entry_problem.solve(solver, "start", transcribed, last, weight=weight)
     declared = transcribed.problem
-    compare_derivatives(row, inputs, "desensitized solve, one continuation step", declared, last, 1.1 * WEIGHT)
+    compare_derivatives(row, solver, "desensitized solve, one continuation step", declared, last, 1.1 * WEIGHT)
 
     say("desensitized: Table 3")
     start = time.process_time()
-    path = tradeoff.compute(inputs, found)
+    path = tradeoff.compute(planet, vehicle, mission, solver, design, inputs.simulation, found)
     seconds = time.process_time() - start
     row("path and rows of Table 3", seconds, "CPU s")
     row("solves on it", path.solves, "1")
     row("a solve on it", seconds / path.solves, "CPU s")
 
     say("desensitized: kernel against array code")
-    flights = stage_inputs(PAPER, "montecarlo")
+    substeps, seed = inputs.simulation.substeps, inputs.ensemble.seed
     law = Law(found.time, found.state, found.bank_acceleration)
-    gain = gain_vector(stage_inputs(PAPER, "gains"), SCALED_GAIN)
-    posed = (*environment.surroundings(flights), reference(law), gain)
+    gain = gain_vector(planet, design, SCALED_GAIN)
+    posed = (*environment.surroundings(planet, vehicle), reference(law), gain)
 
     def starts(trials):
-        errors = normals(flights.seed, 0, range(trials), 3) * 50.0
-        return environment.displaced(flights, found.state[0], errors)
+        errors = normals(seed, 0, range(trials), 3) * 50.0
+        return environment.displaced(planet, found.state[0], errors)
 
-    compare_with_array_code(row, posed, starts(TRIALS), flights.substeps)
+    compare_with_array_code(row, posed, starts(TRIALS), substeps)
 
     say("desensitized: scaling with threads")
     states = starts(SCALING_TRIALS)
@@ -151,7 +158,7 @@ def measure(row):
     def with_threads(number):
         def run():
             numba.set_num_threads(number)
-            flight.fly(*posed, states, substeps=flights.substeps)
+            flight.fly(*posed, states, substeps=substeps)
 
         return run
 

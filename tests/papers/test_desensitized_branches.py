@@ -148,10 +148,7 @@ def test_no_mirror_without_symmetry(inputs):
 
 
 def test_random_profiles_belong_to_their_start(inputs):
-    few, many = (
-        list(stage.random_profiles(SimpleNamespace(seed=inputs.seed, search_starts=number), 250.0))
-        for number in (3, 200)
-    )
+    few, many = (list(inputs.changed(search_starts=number).call(stage.random_profiles, 250.0)) for number in (3, 200))
     for (banks, times), (same, same_times) in zip(few, many, strict=False):
         np.testing.assert_array_equal(banks, same)
         np.testing.assert_array_equal(times, same_times)

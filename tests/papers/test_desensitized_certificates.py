@@ -333,7 +333,7 @@ def test_flown_errors_approach_the_linear_ones(inputs, best):
             for name in ("density_error", "velocity_error", "path_angle_error", "tabulated_error")
         },
     )
-    whole, part = (further.flown_errors(of, air, along) for of in (inputs, tenth))
+    whole, part = (of.call(further.flown_errors, air, along) for of in (inputs, tenth))
     linear = inputs.call(further.linear_errors, along)
     odd = (part[:, 0] - part[:, 1]) * 5.0
     # The rest is the error of the midpoint rule on this mesh.
@@ -485,9 +485,13 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
     assert (found[0] == 0.0).all() and np.isnan(found[1]).all()
     vacuum = inputs.changed(density_error=0.5)
     assert np.isnan(
-        vacuum.call(further.under_law, air, along, further.Law(np.zeros(6), True, ""), np.array([-1.0]), [])[
-            "density_flown_error"
-        ]
+        vacuum.call(
+            further.under_law,
+            air,
+            along,
+            further.Law(np.zeros(6), True, ""),
+            further.FlownErrors(np.array([-1.0]), np.empty(0)),
+        )["density_flown_error"]
     ).all()
     steep = inputs.changed(tabulated_error=1e6)
     law = steep.call(further.tuned, along, air, [1e6])
@@ -496,7 +500,7 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
 
 def test_density_errors_leave_some_air():
     own = {"density_error": {"value": 0.6, "source": "assumed: test"}}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "inputs": own}}}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": own}}}
     with pytest.raises(InputError, match=r"density_error.*0\.5"):
         load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
 

@@ -57,6 +57,32 @@ class Reference(NamedTuple):
     final_time: float  # s, end of all flights
 
 
+class _Followed(NamedTuple):
+    """What the kernel flies beside: the nominal's start and control, and the gains."""
+
+    initial_state: np.ndarray  # (8,)
+    control: np.ndarray  # (N,), rad/s^2
+    gain: np.ndarray  # (8,)
+
+
+class _Pace(NamedTuple):
+    """How the kernel steps and stores."""
+
+    time_step: float  # s
+    substeps: int  # in an interval
+    every: int  # intervals between stored states
+
+
+class _Outputs(NamedTuple):
+    """Arrays that the kernel fills, see `Trajectories`; `final` holds the initial states before."""
+
+    history: np.ndarray
+    observed: np.ndarray
+    largest: np.ndarray
+    length: np.ndarray
+    final: np.ndarray
+
+
 # ---- set-up ----------------------------------------------------------------------------------------------------------
 
 
@@ -248,12 +274,11 @@ def _finish(lane, state, final):
 
 
 @njit(error_model="numpy")
-def _fly_group(
-    settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor, history, observed,
-    largest, length, final,
-):  # fmt: skip
-    """Fly LANES trials. final: (9, LANES), the initial state, replaced by the final one; the others are filled."""
-    constants = settings[0]
+def _fly_group(constants, cells, followed, pace, density_factor, outputs):
+    """Fly LANES trials. outputs.final: (9, LANES), the initial state, replaced by the final one."""
+    nominal_state, control, gain = followed
+    time_step, substeps, every = pace
+    history, observed, largest, length, final = outputs
     command, flown, log_density, noise = lane_array(1), lane_array(2), lane_array(2), lane_array(0)
     state = lane_array(INTEGRATED)
     for row in range(final.shape[0]):
@@ -294,16 +319,16 @@ def _fly_group(
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly(
-    settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor, history, observed,
-    largest, length, final,
-):  # fmt: skip
+def _fly(settings, cells, followed, pace, density_factor, outputs):
+    # Named tuples are taken apart here: what a parallel loop writes into an array of a tuple is lost.
+    nominal_state, control, gain = followed
+    time_step, substeps, every = pace
+    history, observed, largest, length, final = outputs
     for group in prange(final.shape[1] // LANES):
         lanes = slice(group * LANES, (group + 1) * LANES)
-        _fly_group(
-            settings, cells, nominal_state, control, gain, time_step, substeps, every, density_factor[lanes],
-            history[:, :, lanes], observed[:, :, lanes], largest[:, lanes], length[lanes], final[:, lanes],
-        )  # fmt: skip
+        part = _Outputs(history[:, :, lanes], observed[:, :, lanes], largest[:, lanes], length[lanes], final[:, lanes])
+        followed_here, pace_here = _Followed(nominal_state, control, gain), _Pace(time_step, substeps, every)
+        _fly_group(settings[0], cells, followed_here, pace_here, density_factor[lanes], part)
 
 
 # ---- flights ---------------------------------------------------------------------------------------------------------
@@ -346,10 +371,12 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
     substeps, every = _whole(substeps, "substeps"), _whole(every, "every", len(control))
     start = np.vstack([states.T, np.zeros(len(states))])
     flown = new_trajectories(start, len(control) // every + 1, OBSERVED)
-    _fly(
-        constants, cells, nominal_state, control, gain, final_time / len(control) / substeps, substeps, every,
-        pad_to_groups(factor), flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state,
-    )  # fmt: skip
+    followed, pace = (
+        _Followed(nominal_state, control, gain),
+        _Pace(final_time / len(control) / substeps, substeps, every),
+    )
+    outputs = _Outputs(flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
+    _fly(constants, cells, followed, pace, pad_to_groups(factor), outputs)
     flown = flown.first(len(states))
     flown.outcome[flown.final_state[ALTITUDE] < 0.0] = CRASHED
     finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)

@@ -60,6 +60,13 @@ class Law(NamedTuple):
     ended: str
 
 
+class FlownErrors(NamedTuple):
+    """Errors that are flown under every law, one after the other."""
+
+    density: np.ndarray  # relative
+    radius: np.ndarray  # m
+
+
 @stage(claimed_in=("corrected",))
 def compute(
     planet: Planet,
@@ -80,11 +87,12 @@ def compute(
     )
     plain = Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
     laws = list(density_feedback(planet, vehicle, mission, design, simulation, studies, plain, air))
-    densities = studies.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS)
-    radii = simulation.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS)
+    errors = FlownErrors(
+        studies.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS),
+        simulation.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS),
+    )
     under_laws = [
-        under_law(planet, vehicle, mission, design, simulation, studies, air, plain, law, densities, radii)
-        for law in laws
+        under_law(planet, vehicle, mission, design, simulation, studies, air, plain, law, errors) for law in laws
     ]
     solutions = [point.solution for point in points]
     designed = [trajectory(point.solution) for point in designs]
@@ -123,8 +131,8 @@ def compute(
         gain=np.array([gain_vector(planet, design, law.scaled_gain) for law in laws]),
         converged=np.array([law.converged for law in laws]),
         ended=np.array([law.ended for law in laws]),
-        density_error=densities,
-        radius_error=radii,
+        density_error=errors.density,
+        radius_error=errors.radius,
         **{name: np.array([of_law[name] for of_law in under_laws]) for name in under_laws[0]},
     )
 
@@ -365,19 +373,19 @@ def under_law(
     air,
     along: Trajectory,
     law: Law,
-    densities,
-    radii,
+    errors: FlownErrors,
 ):
     """Linear and flown errors under a law, by field."""
     deviations = (
-        np.concatenate([np.zeros(len(densities)), radii])[:, np.newaxis] * directions(planet, mission)[:, RADIUS]
+        np.concatenate([np.zeros(len(errors.density)), errors.radius])[:, np.newaxis]
+        * directions(planet, mission)[:, RADIUS]
     )
-    factors = np.concatenate([1.0 + densities, np.ones(len(radii))])
+    factors = np.concatenate([1.0 + errors.density, np.ones(len(errors.radius))])
     found = flown(planet, simulation, air, along, gain_vector(planet, design, law.scaled_gain), deviations, factors)
     return {
         "law_linear_error": linear_errors(
             planet, vehicle, mission, design, simulation, studies, along, law.scaled_gain, [DENSITY, RADIUS]
         ),
-        "density_flown_error": found[: len(densities)],
-        "radius_flown_error": found[len(densities) :],
+        "density_flown_error": found[: len(errors.density)],
+        "radius_flown_error": found[len(errors.density) :],
     }
