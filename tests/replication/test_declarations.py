@@ -117,7 +117,7 @@ def test_settings_of_the_decorator_are_kept(read):
 
 def test_a_whole_case_is_its_chunk_gathered(read):
     stages = read().stages
-    assert list(stages)[0] == "nominal"
+    assert next(iter(stages)) == "nominal"
     assert stages["montecarlo_chunk"].inputs == ("ensemble.seed",)
     assert stages["montecarlo_gather"].inputs == ("planet.gravity",)
     assert stages["montecarlo"].inputs == ("ensemble.seed", "planet.gravity")
@@ -144,7 +144,7 @@ def test_a_function_that_is_not_written_is_named(read):
 def test_two_stages_in_a_circle_are_named(read):
     circle = "from marsedl.replication.catalogue import stage\n"
     circle += "".join(f'@stage()\ndef {a}({b}):\n    """Turn."""\n' for a, b in (("one", "two"), ("two", "one")))
-    with pytest.raises(InputError, match="toy: stages need each other in a circle: (one -> two|two -> one)"):
+    with pytest.raises(InputError, match=r"toy: stages need each other in a circle: (one -> two|two -> one)"):
         read(circle=circle)
 
 

@@ -13,9 +13,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from marsedl.papers.powered_descent.inputs import MODEL
-from marsedl.replication import inputs
+from marsedl.replication import inputs, strict_yaml
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import SETTINGS, Reading, load_studies, load_study, read_own_file
+from marsedl.replication.sections import KNOWN_SUFFIXES, Inputs, Number, Positive, Section, vector
+from marsedl.replication.sections import given as declared
 from marsedl.replication.strict_yaml import read_yaml
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -23,12 +25,25 @@ CONFIG = CONFIGS / "powered_descent.yaml"
 SOURCE = "assumed: test"
 
 
+SECTIONS = {key: name for name, of in MODEL.sections().items() for key in (*of.model_fields, *of.keys())}
+
+
+def section_of(key: str) -> str:
+    """The section of an input, also under a wrong suffix; the first one of what is no input."""
+    begins = [SECTIONS[name] for name in sorted(SECTIONS, key=len, reverse=True) if key.startswith(name)]
+    return next(iter([*begins, "planet"]))
+
+
 def own(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
-    """Write a user's file with one reading whose inputs are the given lines of YAML."""
+    """Write a user's file with one reading whose inputs are the given lines of YAML, each in its section."""
     path = tmp_path / "mine.yaml"
-    head = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}", "      inputs:"]
-    body = [f"        {line}" for line in lines] or ["        {}"]
-    path.write_text("\n".join(head + body) + "\n", encoding="utf-8")
+    body = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
+    by_section = {}
+    for line in lines:
+        by_section.setdefault(section_of(line.partition(":")[0]), []).append(f"        {line}")
+    for section, inside in by_section.items():
+        body += [f"      {section}:", *inside]
+    path.write_text("\n".join(body) + "\n", encoding="utf-8")
     return path
 
 
@@ -69,10 +84,10 @@ def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
     line = f"noise_coefficient: {{value: 0.03, source: '{SOURCE}'}}"
     study = load(own(tmp_path, line))
     mine, base = study.readings["mine"], study.readings["corrected"]
-    assert mine.inputs.noise_coefficient == 0.03
-    assert mine.inputs.model_copy(update={"noise_coefficient": 0.02}) == base.inputs
-    assert set(mine.differences()) == {"noise_coefficient"}
-    assert mine.sources["gravity"] == study.readings["printed"].sources["gravity"]
+    assert mine.inputs.noise.noise_coefficient == 0.03
+    assert {**mine.inputs.plain(), "noise.noise_coefficient": 0.02} == base.inputs.plain()
+    assert set(mine.differences()) == {"noise.noise_coefficient"}
+    assert mine.sources["planet.gravity"] == study.readings["printed"].sources["planet.gravity"]
 
 
 def test_suffixes_convert_to_si(tmp_path):
@@ -83,17 +98,23 @@ def test_suffixes_convert_to_si(tmp_path):
         f"initial_position_km: {{value: [0.25, 0.5], source: '{SOURCE}'}}",
     )
     read = load(path).readings["mine"].inputs
-    assert read.initial_velocity_angle == pytest.approx(math.pi / 2, rel=1e-15)
-    assert read.initial_speed == pytest.approx(50.0, rel=1e-15)
-    assert read.initial_position == pytest.approx((250.0, 500.0), rel=1e-15)
+    assert read.entry.initial_velocity_angle == pytest.approx(math.pi / 2, rel=1e-15)
+    assert read.entry.initial_speed == pytest.approx(50.0, rel=1e-15)
+    assert read.entry.initial_position == pytest.approx((250.0, 500.0), rel=1e-15)
 
 
-class Turning(inputs.Inputs):
+class Turn(Section):
     """Inputs in units that must be written with a suffix, one of which may be missing."""
 
-    acceleration_bound: inputs.Positive = inputs.given("rad/s^2", "a bound")
-    acceleration_bounds: inputs.vector(2) = inputs.given("rad/s^2", "two bounds")
-    final_rate: inputs.Number | None = inputs.given("rad/s", "a rate, or none")
+    acceleration_bound: Positive = declared("rad/s^2", "a bound")
+    acceleration_bounds: vector(2) = declared("rad/s^2", "two bounds")
+    final_rate: Number | None = declared("rad/s", "a rate, or none")
+
+
+class Turning(Inputs):
+    """All inputs."""
+
+    turn: Turn
 
 
 def turning(tmp_path, **changed):
@@ -102,15 +123,15 @@ def turning(tmp_path, **changed):
     written |= {"final_rate_deg_s": "null"} | changed
     lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in written.items()]
     path = tmp_path / "turning.yaml"
-    path.write_text("\n".join(["readings:", "  mine:", "    summary: A test.", "    inputs:", *lines, "chunks: {}"]))
+    path.write_text("\n".join(["readings:", "  mine:", "    summary: A test.", "    turn:", *lines, "chunks: {}"]))
     return load_study("turning", Turning, path).readings["mine"]
 
 
 def test_angular_accelerations_are_written_in_degrees(tmp_path):
-    read = turning(tmp_path).inputs
+    read = turning(tmp_path).inputs.turn
     assert read.acceleration_bound == pytest.approx(math.pi / 36, rel=1e-15)
     assert read.acceleration_bounds == pytest.approx((math.pi, -math.pi / 2), rel=1e-15)
-    with pytest.raises(InputError, match=r"inputs\.acceleration_bound_deg_s2: .*number.*None"):
+    with pytest.raises(InputError, match=r"turn\.acceleration_bound_deg_s2: .*number.*None"):
         turning(tmp_path, acceleration_bound_deg_s2="null")
 
 
@@ -132,8 +153,8 @@ def test_an_angular_acceleration_is_taken_for_nothing_else(tmp_path, key, fragme
 
 def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
     mine = turning(tmp_path)
-    assert mine.inputs.final_rate is None and mine.sources["final_rate"].key == "final_rate_deg_s"
-    assert turning(tmp_path, final_rate_deg_s=180.0).inputs.final_rate == pytest.approx(math.pi, rel=1e-15)
+    assert mine.inputs.turn.final_rate is None and mine.sources["turn.final_rate"].key == "final_rate_deg_s"
+    assert turning(tmp_path, final_rate_deg_s=180.0).inputs.turn.final_rate == pytest.approx(math.pi, rel=1e-15)
 
 
 def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
@@ -144,13 +165,13 @@ def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
         f"initial_covariance: {{value: [4, 3, 2, 1], source: '{SOURCE}'}}",
     )
     read = load(path).readings["mine"].inputs
-    np.testing.assert_array_equal(read.final_covariance, yaml.safe_load(whole))
-    np.testing.assert_array_equal(read.initial_covariance, np.diag([4.0, 3, 2, 1]))
+    np.testing.assert_array_equal(read.mission.final_covariance, yaml.safe_load(whole))
+    np.testing.assert_array_equal(read.entry.initial_covariance, np.diag([4.0, 3, 2, 1]))
 
 
 def test_tiny_and_badly_scaled_covariances_are_accepted(tmp_path):
     path = own(tmp_path, f"final_covariance: {{value: [1.0e-14, 1.0e+8, 1.0e-9, 5], source: '{SOURCE}'}}")
-    assert load(path).readings["mine"].inputs.final_covariance[0][0] == 1e-14
+    assert load(path).readings["mine"].inputs.mission.final_covariance[0][0] == 1e-14
 
 
 def test_every_reading_of_the_project_is_complete_and_sourced():
@@ -158,27 +179,28 @@ def test_every_reading_of_the_project_is_complete_and_sourced():
     assert {"printed", "corrected"} <= set(study.readings)
     assert study.readings["printed"].frozen
     for reading in study.readings.values():
-        assert set(reading.sources) == set(MODEL.model_fields)
+        assert set(reading.sources) == set(MODEL.names())
         assert all(source.source.strip() for source in reading.sources.values())
 
 
 def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone():
     full, smoke = (load_study("powered_descent", MODEL, CONFIG, size=size).readings for size in ("full", "smoke"))
-    assert full["corrected"].inputs.trials > smoke["corrected"].inputs.trials == 200
-    assert full["plus_sign"].inputs.large_trials == smoke["plus_sign"].inputs.large_trials == 0
+    assert full["corrected"].inputs.ensemble.trials > smoke["corrected"].inputs.ensemble.trials == 200
+    assert full["plus_sign"].inputs.ensemble.large_trials == smoke["plus_sign"].inputs.ensemble.large_trials == 0
     for name in full:
         assert full[name].sources == smoke[name].sources
-        assert full[name].inputs.gravity == smoke[name].inputs.gravity
+        assert full[name].inputs.planet.gravity == smoke[name].inputs.planet.gravity
 
 
 def test_a_size_limits_every_number_of_a_list(tmp_path):
-    text = CONFIG.read_text(encoding="utf-8").replace("  smoke:\n", "  smoke:\n    final_mean: 0.5\n", 1)
+    text = CONFIG.read_text(encoding="utf-8").replace("  smoke:\n", "  smoke:\n    mission: {final_mean: 0.5}\n", 1)
     (tmp_path / "p.yaml").write_text(text, encoding="utf-8")
     smoke, full = (
         load_study("powered_descent", MODEL, tmp_path / "p.yaml", size=s).readings for s in ("smoke", "full")
     )
-    expected = tuple(min(number, 0.5) for number in full["corrected"].inputs.final_mean)
-    assert smoke["corrected"].inputs.final_mean == expected != full["corrected"].inputs.final_mean
+    given_mean, limited = full["corrected"].inputs.mission.final_mean, smoke["corrected"].inputs.mission.final_mean
+    np.testing.assert_array_equal(limited, np.minimum(given_mean, 0.5))
+    assert limited.max() < given_mean.max()
 
 
 def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tmp_path):
@@ -194,19 +216,19 @@ def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tm
 
 def test_fewer_trials_may_be_flown_than_another_reading_draws(tmp_path):
     read = load(own(tmp_path, f"trials: {{value: 7, source: '{SOURCE}'}}")).readings["mine"].inputs
-    assert read.trials == 7 < read.drawn_trials
+    assert read.ensemble.trials == 7 < read.ensemble.drawn_trials
 
 
 def test_slices_hold_what_is_asked_in_the_order_of_names():
     reading = load_study("powered_descent", MODEL, CONFIG).readings["corrected"]
-    assert reading.slice(["trials", "gravity"]) == {"gravity": 3.71, "trials": 2000}
-    assert list(reading.slice(["trials", "gravity"])) == ["gravity", "trials"]
+    assert reading.slice(["planet.gravity", "ensemble.trials"]) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
+    assert list(reading.slice(["planet.gravity", "ensemble.trials"])) == ["ensemble.trials", "planet.gravity"]
 
 
 def test_inputs_cannot_be_changed_after_validation():
     read = load_study("powered_descent", MODEL, CONFIG).readings["corrected"].inputs
     with pytest.raises(Exception, match="frozen"):
-        read.gravity = 1.0
+        read.planet.gravity = 1.0
 
 
 def test_nearest_names_the_nearest_or_all():
@@ -220,8 +242,8 @@ def test_nearest_names_the_nearest_or_all():
 @pytest.mark.parametrize(
     ("key", "value", "fragments"),
     [
-        ("gravty", "3.7", ["unknown key 'gravty'", "did you mean 'gravity'?"]),
-        ("Gravity", "3.7", ["unknown key 'Gravity'", "did you mean 'gravity'?"]),
+        ("gravty", "3.7", ["planet.gravty: unknown key", "did you mean 'gravity'?"]),
+        ("Gravity", "3.7", ["planet.Gravity: unknown key", "did you mean 'gravity'?"]),
         ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
         ("wet_mass", "0", ["greater than 0"]),
         ("segment_durations", "[26.0, -15.0]", ["greater than 0"]),
@@ -250,7 +272,7 @@ def test_nearest_names_the_nearest_or_all():
         ("seed", "18446744073709551616", ["less than"]),
         ("seed", "-1", ["greater than or equal to 0"]),
         ("thrust_percentile", "95", ["less than 1"]),
-        ("thrust_percentile", ".nan", ["inputs.thrust_percentile"]),
+        ("thrust_percentile", ".nan", ["inputs.drawing.thrust_percentile"]),
         ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
         ("design_interval", "1.0e-29", ["design_interval", "steps in a segment"]),
         ("design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
@@ -280,7 +302,7 @@ def test_nearest_names_the_nearest_or_all():
         ("final_covariance", "[[1, 0], [0, 1]]", ["size 2", "size 4"]),
         ("final_covariance", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]", ["4 variances"]),
         ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
-        ("final_covariance", "[one, two, three, four]", ["inputs.final_covariance"]),
+        ("final_covariance", "[one, two, three, four]", ["inputs.mission.final_covariance"]),
         ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
         ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
         ("wet_mass_lb", "3300.0", ["wrong unit suffix '_lb'", "the unit is kg", "write 'wet_mass'"]),
@@ -292,7 +314,7 @@ def test_nearest_names_the_nearest_or_all():
         ("initial_position_km", "[a, 1.0]", ["must be a number"]),
         ("gravity", "{a: 1, 2: b}", ["number"]),
         ("gravity", "0x" + 900 * "f", ["gravity"]),
-        ("gravity_", "3.0", ["unknown key 'gravity_'", "gravity"]),
+        ("gravity_", "3.0", ["gravity_: unknown key", "gravity"]),
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
@@ -303,18 +325,18 @@ def test_malformed_values_are_refused(tmp_path, key, value, fragments):
 @pytest.mark.parametrize(
     ("line", "fragments"),
     [
-        ("gravity: 3.7", ["inputs.gravity", "write {value: ..., source"]),
-        ("gravity: [3.7]", ["inputs.gravity", "write {value: ..., source"]),
-        ("gravity: null", ["inputs.gravity", "write {value: ..., source"]),
-        ("gravity: {value: 3.7}", ["inputs.gravity", "'source' is missing"]),
-        ("gravity: {source: Eq. 1}", ["inputs.gravity", "'value' is missing"]),
-        ("gravity: {value: 3.7, sorce: Eq. 1}", ["unknown key 'sorce'", "did you mean 'source'?"]),
-        ("gravity: {value: 3.7, source: ''}", ["inputs.gravity.source", "say where"]),
-        ("gravity: {value: 3.7, source: 7}", ["inputs.gravity.source", "say where"]),
-        ("gravity: {value: 3.7, source: assumed}", ["inputs.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, source: 'assumed: '}", ["inputs.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, source: 'assumed:'}", ["inputs.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["inputs.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
+        ("gravity: 3.7", ["inputs.planet.gravity", "write {value: ..., source"]),
+        ("gravity: [3.7]", ["inputs.planet.gravity", "write {value: ..., source"]),
+        ("gravity: null", ["inputs.planet.gravity", "write {value: ..., source"]),
+        ("gravity: {value: 3.7}", ["inputs.planet.gravity", "'source' is missing"]),
+        ("gravity: {source: Eq. 1}", ["inputs.planet.gravity", "'value' is missing"]),
+        ("gravity: {value: 3.7, sorce: Eq. 1}", ["sorce: unknown key", "did you mean 'source'?"]),
+        ("gravity: {value: 3.7, source: ''}", ["inputs.planet.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: 7}", ["inputs.planet.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: assumed}", ["inputs.planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed: '}", ["inputs.planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed:'}", ["inputs.planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["inputs.planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
         ("initial_velocity_angle_deg: {value: 70.0, unit: rad, source: Eq. 1}", ["initial_velocity_angle_deg.unit"]),
         ("7: {value: 3.7, source: Eq. 1}", ["the key 7 must be a name"]),
         ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
@@ -350,12 +372,12 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
         ("readings: {'../mine': {based_on: corrected}}", ["lower case"]),
         ("readings: {m" + 50 * "e" + ": {based_on: corrected}}", ["at most 40"]),
         ("readings: {7: {based_on: corrected}}", ["the key 7 must be a name"]),
-        ("readings: {mine: {base_on: corrected}}", ["unknown key 'base_on'", "did you mean 'based_on'?"]),
+        ("readings: {mine: {base_on: corrected}}", ["base_on: unknown key", "did you mean 'based_on'?"]),
         ("readings: {mine: {based_on: corrected, summary: [a]}}", ["mine.summary", "sentence"]),
         ("readings: {mine: {based_on: corrected, frozen: true}}", ["mine.frozen", "digest"]),
         ("readings: {mine: {based_on: corrected, frozen: abc}}", ["is frozen", "based_on: mine"]),
-        ("readings: {mine: {based_on: corrected, inputs: [a]}}", ["mine.inputs", "keys with values"]),
-        ("readings: {mine: {based_on: corrected, inputs: null}}", ["mine.inputs", "keys with values"]),
+        ("readings: {mine: {based_on: corrected, planet: [a]}}", ["mine.planet", "keys with values"]),
+        ("readings: {mine: {based_on: corrected, planet: null}}", ["mine.planet", "keys with values"]),
         ("readings: {mine: [a]}", ["readings.mine", "keys with values"]),
         ("readings: {mine: null}", ["readings.mine", "keys with values"]),
         ("readings: [mine]", ["readings", "keys with values"]),
@@ -363,7 +385,7 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
         ("[readings]", ["powered_descent", "keys with values"]),
         ("3", ["powered_descent", "keys with values"]),
         ("{}", ["'readings' is missing"]),
-        ("{readings: {}, chunks: 3}", ["unknown key 'chunks'"]),
+        ("{readings: {}, chunks: 3}", ["chunks: unknown key"]),
     ],
 )  # fmt: skip
 def test_malformed_readings_are_refused(tmp_path, text, fragments):
@@ -375,8 +397,8 @@ def test_malformed_readings_are_refused(tmp_path, text, fragments):
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
-        ("powerd_descent: {readings: {}}", ["unknown key 'powerd_descent'", "did you mean 'powered_descent'?"]),
-        ("readings: {}", ["unknown key 'readings'"]),
+        ("powerd_descent: {readings: {}}", ["powerd_descent: unknown key", "did you mean 'powered_descent'?"]),
+        ("readings: {}", ["readings: unknown key"]),
         ("- powered_descent", ["keys with values"]),
         ("chunks: 0", ["chunks", "whole number"]),
         ("chunks: true", ["chunks", "whole number"]),
@@ -459,14 +481,14 @@ def test_a_file_with_a_strange_name_is_named_in_one_line(tmp_path):
 def composed(path, patch) -> int:
     """How many nodes of a file are composed before it is refused or read."""
     number = 0
-    compose = inputs.Composer.compose_node
+    compose = strict_yaml.Composer.compose_node
 
     def counted(*arguments):
         nonlocal number
         number += 1
         return compose(*arguments)
 
-    patch.setattr(inputs.Composer, "compose_node", counted)
+    patch.setattr(strict_yaml.Composer, "compose_node", counted)
     with contextlib.suppress(InputError):
         read_yaml(path)
     return number
@@ -475,10 +497,10 @@ def composed(path, patch) -> int:
 @pytest.mark.parametrize(
     ("content", "most"),
     [
-        ("a: [" + "1," * 100_000 + "1]", inputs.LONGEST_LIST + 3),
-        ("a: " + "[" * 100_000, inputs.DEEPEST + 1),
-        ("\n".join(f"{i}: [1, 2]" for i in range(15_000)), inputs.MOST_VALUES),
-        ("#" * inputs.LARGEST_FILE + "\na: 1", 0),
+        ("a: [" + "1," * 100_000 + "1]", strict_yaml.LONGEST_LIST + 3),
+        ("a: " + "[" * 100_000, strict_yaml.DEEPEST + 1),
+        ("\n".join(f"{i}: [1, 2]" for i in range(15_000)), strict_yaml.MOST_VALUES),
+        ("#" * strict_yaml.LARGEST_FILE + "\na: 1", 0),
     ],
     ids=["list", "depth", "values", "bytes"],
 )
@@ -499,12 +521,12 @@ def test_too_many_readings_are_not_validated(tmp_path, monkeypatch):
 def test_the_largest_file_is_read(tmp_path):
     """As many readings as there may be, filled with as long a list, and the file with comments: some seconds."""
     lines = [
-        f"    r{i}: {{based_on: corrected, summary: A reading., inputs: {{}}}}\n" for i in range(inputs.MOST_READINGS)
+        f"    r{i}: {{based_on: corrected, summary: A reading., planet: {{}}}}\n" for i in range(inputs.MOST_READINGS)
     ]
     text = "powered_descent:\n  readings:\n" + "".join(lines)
     path = tmp_path / "mine.yaml"
-    path.write_text(text + "#" * (inputs.LARGEST_FILE - len(text)), encoding="utf-8")
-    assert path.stat().st_size == inputs.LARGEST_FILE
+    path.write_text(text + "#" * (strict_yaml.LARGEST_FILE - len(text)), encoding="utf-8")
+    assert path.stat().st_size == strict_yaml.LARGEST_FILE
     assert f"r{inputs.MOST_READINGS - 1}" in load(path).readings
 
 
@@ -535,7 +557,7 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
     """Also where no file is read, as with --config."""
     for body, place in (
         ({"summary": f"Mine{unfit}"}, "summary"),
-        ({"inputs": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "inputs.gravity.source"),
+        ({"inputs": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "inputs.planet.gravity.source"),
     ):
         own_config = {"powered_descent": {"readings": {"mine": {"based_on": "corrected", **body}}}}
         with pytest.raises(InputError) as caught:
@@ -555,16 +577,16 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: true", ["chunks.closed_loop", "whole number"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["'closed_lop'", "did you mean 'closed_loop'?"]),
         ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
-        ("chunks: {", "chunk: {", ["unknown key 'chunk'", "did you mean 'chunks'?"]),
-        ("    trials: 200\n", "    trails: 200\n", ["sizes.smoke", "unknown key 'trails'", "did you mean 'trials'?"]),
-        ("    trials: 200\n", "    trials: few\n", ["sizes.smoke.trials", "number above zero"]),
-        ("    trials: 200\n", "    trials: true\n", ["sizes.smoke.trials", "number above zero"]),
-        ("    trials: 200\n", "    trials: -3\n", ["sizes.smoke.trials", "number above zero"]),
-        ("    trials: 200\n", "    trials: 0.5\n", ["sizes.smoke.trials", "whole number"]),
-        ("    trials: 200\n", "    integrator: 3\n", ["sizes.smoke.integrator"]),
+        ("chunks: {", "chunk: {", ["chunk: unknown key", "did you mean 'chunks'?"]),
+        ("    ensemble: {trials: 200,", "    ensemble: {trails: 200,", ["sizes.smoke.ensemble", "trails: unknown key", "did you mean 'trials'?"]),
+        ("    ensemble: {trials: 200,", "    ensemble: {trials: few,", ["sizes.smoke.ensemble.trials", "number above zero"]),
+        ("    ensemble: {trials: 200,", "    ensemble: {trials: true,", ["sizes.smoke.ensemble.trials", "number above zero"]),
+        ("    ensemble: {trials: 200,", "    ensemble: {trials: -3,", ["sizes.smoke.ensemble.trials", "number above zero"]),
+        ("    ensemble: {trials: 200,", "    ensemble: {trials: 0.5,", ["sizes.smoke.ensemble.trials", "whole number"]),
+        ("    ensemble: {trials: 200,", "    simulation: {integrator: 3}\n    ensemble: {trials: 200,", ["sizes.smoke.simulation.integrator"]),
         (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
         (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
-        (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "unknown key 'reading'"]),
+        (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "reading: unknown key"]),
     ],
 )  # fmt: skip
 def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragments):
@@ -577,7 +599,7 @@ def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragment
 
 def test_comments_and_sources_of_a_frozen_reading_may_change(tmp_path):
     path = project(tmp_path, "gravity: {value: 3.71, unit: m/s^2, source: ", "gravity: {value: 3.71, source: ")
-    assert load_study("powered_descent", MODEL, path).readings["printed"].inputs.gravity == 3.71
+    assert load_study("powered_descent", MODEL, path).readings["printed"].inputs.planet.gravity == 3.71
 
 
 # -------------------------------------------------------------------------------------------------- malformed at random
@@ -599,11 +621,11 @@ VALUES = st.recursive(
     max_leaves=20,
 )
 SQUARES = st.lists(st.lists(st.floats(width=32), min_size=4, max_size=4), min_size=4, max_size=4)
-FIELDS = sorted(MODEL.model_fields)
+FIELDS = sorted(name.partition(".")[2] for name in MODEL.names())
 KEYS = st.one_of(
     st.sampled_from(FIELDS),
-    st.sampled_from(sorted(MODEL.keys())),
-    st.builds(lambda name, suffix: name + suffix, st.sampled_from(FIELDS), st.sampled_from(inputs.KNOWN_SUFFIXES)),
+    st.sampled_from(sorted(SECTIONS)),
+    st.builds(lambda name, suffix: name + suffix, st.sampled_from(FIELDS), st.sampled_from(KNOWN_SUFFIXES)),
     st.builds(lambda name, at: name[:at] + name[at + 1 :], st.sampled_from(FIELDS), st.integers(0, 10)),
     st.text(max_size=8),
     st.integers(),
@@ -613,9 +635,23 @@ ENTRIES = st.one_of(
     st.fixed_dictionaries({"value": SCALARS}, optional={"source": SCALARS, "unit": SCALARS, "vale": SCALARS}),
     VALUES,
 )
+IN_SECTIONS = st.dictionaries(st.one_of(KEYS, st.just("source")), ENTRIES, max_size=3)
+
+
+def placed(entries):
+    """A reading with these inputs, each in its section."""
+    body = {"based_on": "corrected"}
+    for key, entry in entries.items():
+        body.setdefault(section_of(str(key)), {})[key] = entry
+    return body
+
+
 BODIES = st.one_of(
-    st.fixed_dictionaries({"based_on": st.just("corrected"), "inputs": st.dictionaries(KEYS, ENTRIES, max_size=3)}),
-    st.fixed_dictionaries({}, optional={"based_on": VALUES, "inputs": VALUES, "summary": VALUES, "frozen": VALUES}),
+    st.dictionaries(st.sampled_from([*MODEL.sections(), "inputs"]), IN_SECTIONS, max_size=2).map(
+        lambda sections: {"based_on": "corrected", **sections}
+    ),
+    st.dictionaries(KEYS, ENTRIES, max_size=3).map(placed),
+    st.fixed_dictionaries({}, optional={"based_on": VALUES, "planet": VALUES, "summary": VALUES, "frozen": VALUES}),
     VALUES,
 )
 
@@ -623,12 +659,12 @@ BODIES = st.one_of(
 @settings(max_examples=300, deadline=None)
 @given(name=st.one_of(st.just("mine"), KEYS), body=BODIES)
 @example(name="mine", body={"based_on": ["corrected"]})
-@example(name="mine", body={"based_on": "corrected", "inputs": {"gravity": {"value": 10**5000, "source": "Eq. 1"}}})
+@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": 10**5000, "source": "Eq. 1"}}})
 @example(
     name="mine",
-    body={"based_on": "corrected", "inputs": {"initial_speed_km_s": {"value": 10**5000, "source": "Eq. 1"}}},
+    body={"based_on": "corrected", "entry": {"initial_speed_km_s": {"value": 10**5000, "source": "Eq. 1"}}},
 )
-@example(name="mine", body={"based_on": "corrected", "inputs": {"gravity": {"value": {1: 2, "a": 3}, "source": "Eq."}}})
+@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": {1: 2, "a": 3}, "source": "Eq."}}})
 def test_any_reading_is_valid_or_refused_with_file_and_key(name, body):
     try:
         study = load_study(
@@ -643,12 +679,12 @@ def test_any_reading_is_valid_or_refused_with_file_and_key(name, body):
     reading = study.readings[name]
     assert isinstance(reading, Reading)
     # What was accepted is finite, of the declared kinds, and equal to itself when validated again.
-    assert MODEL.model_validate(reading.inputs.model_dump()) == reading.inputs
-    for value in reading.inputs.model_dump().values():
+    assert MODEL.model_validate(reading.inputs.model_dump(mode="json")) == reading.inputs
+    for value in reading.inputs.plain().values():
         if not isinstance(value, str | None):
             assert np.all(np.isfinite(np.array(value, dtype=float)))
-    for field in ("initial_covariance", "intermediate_covariance", "final_covariance"):
-        np.linalg.cholesky(np.array(getattr(reading.inputs, field)))
+    for field in ("entry.initial_covariance", "mission.intermediate_covariance", "mission.final_covariance"):
+        np.linalg.cholesky(reading.inputs.get(field))
 
 
 @settings(max_examples=200, deadline=None)
@@ -671,3 +707,44 @@ def test_any_text_is_read_or_refused(tmp_path_factory, text):
         read_yaml(path)
     except InputError as error:
         assert str(error).startswith(f"{path}: ")
+
+
+# ------------------------------------------------------------------------------------------------------------ sections
+
+
+def test_inputs_without_sections_are_refused_with_the_new_form(tmp_path):
+    path = tmp_path / "mine.yaml"
+    text = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      inputs:\n        wet_mass: 3\n"
+    path.write_text(text, encoding="utf-8")
+    said = "readings.mine.inputs: inputs stand in sections; write 'vehicle: {wet_mass: ...}' in its place (sections: planet"
+    refused(path, f"{path}:5: ", said)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("gravity: {value: 3.7, source: x}", "mine.gravity: stands in the section 'planet'; write 'planet: {gravity:"),
+        (
+            "vehicle: {gravity: {value: 3.7, source: x}}",
+            "mine.vehicle.gravity: unknown key; it stands in the section 'p",
+        ),
+        ("plant: {}", "mine.plant: unknown key; did you mean 'planet'?"),
+    ],
+)
+def test_a_misplaced_key_names_its_section_and_its_line(tmp_path, line, said):
+    path = tmp_path / "mine.yaml"
+    head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n"
+    path.write_text(f"{head}      {line}\n", encoding="utf-8")
+    refused(path, f"{path}:5: ", said)
+
+
+def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
+    lines = "source: Eq. 9", "wet_mass: {value: 3.0}", "maximum_thrust: {value: 4.0, source: Eq. 8}"
+    path = tmp_path / "mine.yaml"
+    head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      vehicle:\n"
+    path.write_text(head + "".join(f"        {line}\n" for line in lines), encoding="utf-8")
+    sources = load(path).readings["mine"].sources
+    assert sources["vehicle.wet_mass"].source == "Eq. 9"
+    assert sources["vehicle.maximum_thrust"].source == "Eq. 8"
+    path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
+    refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")
