@@ -1,0 +1,155 @@
+"""What functions declare by their signatures, read from the source of a toy paper."""
+
+from textwrap import dedent
+from typing import ClassVar
+
+import pytest
+
+from marsedl.replication.catalogue import Paper, Product
+from marsedl.replication.code_digest import RememberedDigests
+from marsedl.replication.declarations import declared
+from marsedl.replication.errors import InputError
+from marsedl.replication.sections import Count, Inputs, Number, Section, given
+
+
+class Planet(Section):
+    """What pulls."""
+
+    gravity: Number = given("m/s^2", "gravity")
+    radius: Number = given("m", "radius")
+
+
+class Ensemble(Section):
+    """How many trials."""
+
+    seed: Count = given("1", "seed")
+    trials: Count = given("1", "trials")
+
+
+class ToyInputs(Inputs):
+    """All inputs."""
+
+    CASES: ClassVar[dict[str, str]] = {"calm": "ensemble.trials"}
+
+    planet: Planet
+    ensemble: Ensemble
+
+
+PACKAGE = {
+    "nominal": '''
+        from marsedl.papers.toy.helpers import fall
+        from marsedl.replication.catalogue import stage
+
+        @stage()
+        def compute(planet: Planet):
+            """Fall down."""
+            return fall(planet, 3.0)
+    ''',
+    "helpers": """
+        def fall(planet: Planet, time):
+            return planet.gravity * time
+
+        def unused(planet: Planet):
+            return planet.radius
+    """,
+    "studies": '''
+        from marsedl.replication.catalogue import stage
+
+        @stage(claimed_in=("corrected",), priority=3)
+        def curvature(planet: Planet, nominal):
+            """Curve."""
+            return planet.radius
+    ''',
+    "montecarlo": '''
+        from marsedl.replication.catalogue import stage
+
+        @stage()
+        def simulate(ensemble: Ensemble, nominal, *, flown):
+            """Fly one chunk."""
+            return ensemble.seed
+
+        @stage()
+        def gather(planet: Planet, chunks):
+            """Join chunks."""
+            return planet.gravity
+    ''',
+    "figures": """
+        def fig01(nominal, calm=None):
+            return nominal
+    """,
+    "tables": """
+        def tab1(planet: Planet, published, nominal):
+            return planet.radius
+    """,
+}
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return the catalogue of the toy paper with some of its modules replaced or added."""
+
+    def of(**modules):
+        folder = tmp_path / "src" / "marsedl" / "papers" / "toy"
+        folder.mkdir(parents=True, exist_ok=True)
+        for package in (folder, folder.parent, folder.parent.parent):
+            (package / "__init__.py").write_text("", encoding="utf-8")
+        for name, source in {**PACKAGE, **modules}.items():
+            (folder / f"{name}.py").write_text(dedent(source), encoding="utf-8")
+        written = Paper("toy", "", "", "", {"fig01": Product("A figure.")}, {"tab1": Product("A table.")})
+        digests = RememberedDigests(tmp_path / "memory.json", tmp_path / "src", tmp_path / "scripts")
+        return declared(written, ToyInputs, digests)
+
+    return of
+
+
+def test_inputs_are_what_a_stage_and_its_helpers_read(read):
+    stages = read().stages
+    assert stages["nominal"].inputs == ("planet.gravity",)
+    assert stages["nominal"].needs == ()
+    assert stages["nominal"].meaning == "Fall down"
+    assert stages["nominal"].entries == ("marsedl.papers.toy.nominal:compute",)
+
+
+def test_settings_of_the_decorator_are_kept(read):
+    stage = read().stages["curvature"]
+    assert (stage.claimed_in, stage.priority, stage.needs) == (("corrected",), 3, ("nominal",))
+
+
+def test_a_whole_case_is_its_chunk_gathered(read):
+    stages = read().stages
+    assert next(iter(stages)) == "nominal"
+    assert stages["montecarlo_chunk"].inputs == ("ensemble.seed",)
+    assert stages["montecarlo_gather"].inputs == ("planet.gravity",)
+    assert stages["montecarlo"].inputs == ("ensemble.seed", "planet.gravity")
+    assert stages["montecarlo"].entries == tuple(f"marsedl.papers.toy.montecarlo:{f}" for f in ("simulate", "gather"))
+
+
+def test_products_declare_artifacts_optional_ones_and_printed_values(read):
+    paper = read()
+    figure, table = paper.figures["fig01"], paper.tables["tab1"]
+    assert (figure.needs, figure.optional, figure.published) == (("nominal",), ("montecarlo.calm",), False)
+    assert (table.needs, table.inputs, table.published) == (("nominal",), ("planet.radius",), True)
+
+
+def test_an_unknown_parameter_names_the_nearest(read):
+    with pytest.raises(InputError, match=r"figures:fig01: the parameter 'nominl' is no section.*mean 'nominal'\?"):
+        read(figures="def fig01(nominl):\n    return nominl\n")
+
+
+def test_a_function_that_is_not_written_is_named(read):
+    with pytest.raises(InputError, match="figures:fig01: there is no such function"):
+        read(figures="")
+
+
+def test_two_stages_in_a_circle_are_named(read):
+    circle = "from marsedl.replication.catalogue import stage\n"
+    circle += "".join(f'@stage()\ndef {a}({b}):\n    """Turn."""\n' for a, b in (("one", "two"), ("two", "one")))
+    with pytest.raises(InputError, match=r"toy: stages need each other in a circle: (one -> two|two -> one)"):
+        read(circle=circle)
+
+
+def test_what_is_not_read_is_not_given():
+    planet = Planet.given({"gravity": 3.7})
+    assert planet.gravity == 3.7
+    with pytest.raises(AttributeError, match=r"'radius' was not given: .* reads as 'planet\.radius', .* as Planet"):
+        _ = planet.radius

@@ -1,0 +1,109 @@
+"""Whose file an artifact is that readings share."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from marsedl.replication.catalogue import Paper, Stage
+from marsedl.replication.inputs import Reading, Study
+from marsedl.replication.sections import Count, CountOrNone, Inputs, Number, Section, given
+from marsedl.replication.sharing import Shared
+
+
+class Vehicle(Section):
+    """What flies."""
+
+    mass: Number = given("kg", "mass")
+    speed: Number = given("m/s", "speed")
+
+
+class Ensemble(Section):
+    """How many trials."""
+
+    trials: Count = given("1", "trials")
+    more_trials: CountOrNone = given("1", "trials of another case; 0: none")
+
+
+class ToyInputs(Inputs):
+    """All inputs."""
+
+    CASES: ClassVar[dict[str, str]] = {"calm": "ensemble.trials", "windy": "ensemble.more_trials"}
+
+    vehicle: Vehicle
+    ensemble: Ensemble
+
+
+PAPER = Paper(
+    *("toy", "", "", "", {}),
+    stages={
+        "nominal": Stage((), ("vehicle.speed",), (), "path"),
+        "gains": Stage((), ("vehicle.mass",), ("nominal",), "gains"),
+        "other": Stage((), (), (), "what reads nothing"),
+        "study": Stage((), (), ("nominal",), "study", claimed_in=("corrected",)),
+        "montecarlo": Stage((), (), ("gains",), "flights"),
+    },
+)
+
+
+def shared(**changed):
+    """Readings in the order of a file, all alike but for what is changed: values by "section.name" with two dashes."""
+    readings = {}
+    for name in ("printed", "corrected", "light", "mine"):
+        values = {"vehicle.mass": 2.0, "vehicle.speed": 3.0, "ensemble.trials": 4, "ensemble.more_trials": 0}
+        values |= {key.replace("__", "."): value for key, value in changed.get(name, {}).items()}
+        readings[name] = Reading(name, "", None, "", ToyInputs.given(values), values, {})
+    return Shared(PAPER, Study("toy", readings, {}, ("printed", "corrected")))
+
+
+def owners(whose, name):
+    return [whose.owner(reading, name) for reading in ("printed", "corrected", "light", "mine")]
+
+
+def test_the_corrected_reading_owns_what_all_share():
+    assert owners(shared(), "gains") == ["corrected"] * 4
+    assert shared().file("mine", "gains") == "data/cache/toy/corrected/gains.h5"
+
+
+def test_otherwise_the_first_of_the_file_owns_it():
+    whose = shared(corrected={"vehicle__mass": 9.0})
+    assert owners(whose, "gains") == ["printed", "corrected", "printed", "printed"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "moved"),
+    [
+        ({"vehicle__speed": 5.0}, {"nominal", "gains", "study", "montecarlo.calm"}),
+        ({"vehicle__mass": 5.0}, {"gains", "montecarlo.calm"}),
+        ({"ensemble__trials": 5}, {"montecarlo.calm"}),
+        ({"ensemble__more_trials": 5}, set()),
+    ],
+)
+def test_a_changed_input_moves_what_follows_from_it_alone(changed, moved):
+    whose = shared(light=changed)
+    names = ("nominal", "gains", "other", "study", "montecarlo.calm")
+    assert {name for name in names if whose.owner("light", name) == "light"} == moved
+    assert all(owners(whose, name)[3] == "corrected" for name in names)
+
+
+def test_readings_of_other_numbers_of_trials_share_no_flights():
+    whose = shared(light={"ensemble__more_trials": 5}, mine={"ensemble__more_trials": 6})
+    assert [whose.owner(name, "montecarlo.windy") for name in ("light", "mine")] == ["light", "mine"]
+    assert not whose.has("printed", "montecarlo.windy")
+    assert whose.has("mine", "montecarlo.windy")
+
+
+def test_what_a_paper_does_not_have_is_no_artifact():
+    whose = shared()
+    assert whose.has("mine", "gains")
+    for reading, name in (("none", "gains"), ("mine", "gain"), ("mine", "gains.calm"), ("mine", "montecarlo")):
+        assert not whose.has(reading, name)
+
+
+def test_claims_use_the_studies_of_their_readings_and_the_cases_that_are_flown():
+    whose = shared(printed={"ensemble__more_trials": 5})
+    assert whose.readings == ("printed", "corrected")
+    stages = {"nominal", "gains", "other"}
+    assert whose.claimed("printed").keys() == stages | {"montecarlo.calm", "montecarlo.windy"}
+    assert whose.claimed("corrected").keys() == stages | {"study", "montecarlo.calm"}
+    assert {Path(file).parts[3] for file in whose.claimed("printed").values()} == {"printed", "corrected"}
