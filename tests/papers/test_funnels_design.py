@@ -355,6 +355,7 @@ def test_closed_loop_is_the_one_designed(inputs, model, regulator):
     assert inputs("additive").call(environment.additive_amplitudes) == pytest.approx(
         [1.0, 2.0 / 3389.5e3, 2.0 / 3389.5e3, 5e-3, 5e-6, 5e-6]
     )
+    steps = environment.slices(loop_of(inputs(), model, regulator), 4)
     assert list(steps[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
 
 
