@@ -355,9 +355,8 @@ def test_closed_loop_is_the_one_designed(inputs, model, regulator):
     assert inputs("additive").call(environment.additive_amplitudes) == pytest.approx(
         [1.0, 2.0 / 3389.5e3, 2.0 / 3389.5e3, 5e-3, 5e-6, 5e-6]
     )
-    assert (
-        list(environment.slices(loop_of(inputs(), model, regulator), 4)[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
-    )
+    steps = environment.slices(loop_of(inputs(), model, regulator), 4)
+    assert list(steps[[0, 1, -1]]) == [0, 4, 240] and len(steps) == 61
 
 
 def test_artifacts_can_be_kept(tmp_path, trajectory, model, regulator):
