@@ -109,7 +109,7 @@ def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
     study = load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml")
-    inputs = study.readings["corrected"].inputs
+    inputs = MODEL.given(study.readings["corrected"].inputs.plain())
     planet, vehicle, mission, solver, design = (
         *(inputs.planet, inputs.vehicle, inputs.mission),
         *(inputs.solver, inputs.design),

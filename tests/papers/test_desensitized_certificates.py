@@ -205,7 +205,7 @@ def test_turned_flight_is_a_rotation(start):
     states = np.zeros((2, 8))
     states[:, 1:3] = start, end
     along = module.Trajectory(np.arange(2.0), states, np.zeros(1))
-    assert module.turned_flight(None, along) == pytest.approx([0.0, *change], abs=1e-9)
+    assert module.turned_flight(along) == pytest.approx([0.0, *change], abs=1e-9)
 
 
 def test_identities_hold_on_every_mesh_and_row(certificates):
