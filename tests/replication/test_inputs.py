@@ -65,6 +65,7 @@ def refused(path, *fragments) -> str:
     return message
 
 
+TRIALS = "    ensemble: {trials: 200,"
 SMOKE = "  smoke:\n    readings: [printed, "
 
 
@@ -575,15 +576,15 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
         ("boundary_condition: {value: eq_46", "boundary_condition: {value: corrected", ["printed_eq46", "is frozen"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "whole number"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: true", ["chunks.closed_loop", "whole number"]),
-        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["'closed_lop'", "did you mean 'closed_loop'?"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["closed_lop: unknown key", "did you mean 'closed_loop'?"]),
         ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
         ("chunks: {", "chunk: {", ["chunk: unknown key", "did you mean 'chunks'?"]),
-        ("    ensemble: {trials: 200,", "    ensemble: {trails: 200,", ["sizes.smoke.ensemble", "trails: unknown key", "did you mean 'trials'?"]),
-        ("    ensemble: {trials: 200,", "    ensemble: {trials: few,", ["sizes.smoke.ensemble.trials", "number above zero"]),
-        ("    ensemble: {trials: 200,", "    ensemble: {trials: true,", ["sizes.smoke.ensemble.trials", "number above zero"]),
-        ("    ensemble: {trials: 200,", "    ensemble: {trials: -3,", ["sizes.smoke.ensemble.trials", "number above zero"]),
-        ("    ensemble: {trials: 200,", "    ensemble: {trials: 0.5,", ["sizes.smoke.ensemble.trials", "whole number"]),
-        ("    ensemble: {trials: 200,", "    simulation: {integrator: 3}\n    ensemble: {trials: 200,", ["sizes.smoke.simulation.integrator"]),
+        (TRIALS, TRIALS.replace("trials", "trails"), ["sizes.smoke.ensemble.trails: unknown key; did you mean"]),
+        (TRIALS, TRIALS.replace("200", "few"), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "true"), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "-3"), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "0.5"), ["sizes.smoke.ensemble.trials", "whole number"]),
+        (TRIALS, f"    simulation: {{integrator: 3}}\n{TRIALS}", ["sizes.smoke.simulation.integrator"]),
         (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
         (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
         (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "reading: unknown key"]),
@@ -716,7 +717,7 @@ def test_inputs_without_sections_are_refused_with_the_new_form(tmp_path):
     path = tmp_path / "mine.yaml"
     text = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      inputs:\n        wet_mass: 3\n"
     path.write_text(text, encoding="utf-8")
-    said = "readings.mine.inputs: inputs stand in sections; write 'vehicle: {wet_mass: ...}' in its place (sections: planet"
+    said = "readings.mine.inputs: inputs stand in sections; write 'vehicle: {wet_mass: ...}' in its place (sections:"
     refused(path, f"{path}:5: ", said)
 
 
