@@ -565,7 +565,9 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
         own_config = {"powered_descent": {"readings": {"mine": {"based_on": "corrected", **body}}}}
         with pytest.raises(InputError) as caught:
             load_studies({"powered_descent": MODEL}, CONFIGS, own_config)
-        assert str(caught.value).startswith(f"--config: readings.mine.{place}: has the character {unfit!r}")
+        assert str(caught.value).startswith(
+            f"--config: powered_descent.readings.mine.{place}: has the character {unfit!r}"
+        )
 
 
 # -------------------------------------------------------------------------------------- what is refused: the project's
@@ -578,7 +580,7 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
         ("boundary_condition: {value: eq_46", "boundary_condition: {value: corrected", ["printed_eq46", "is frozen"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "whole number"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: true", ["chunks.closed_loop", "whole number"]),
-        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["'closed_lop'", "did you mean 'closed_loop'?"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["chunks.closed_lop: unknown key", "did you mean 'closed_loop'?"]),
         ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
         ("chunks: {", "chunk: {", ["chunk: unknown key", "did you mean 'chunks'?"]),
         ("    ensemble: {trials: 200,", "    ensemble: {trails: 200,", ["sizes.smoke.ensemble", "trails: unknown key", "did you mean 'trials'?"]),
