@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -319,8 +320,10 @@ def test_nearest_names_the_nearest_or_all():
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
-    message = refused(own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
-    assert "readings.mine.inputs" in message
+    path = own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}")
+    message = refused(path, *fragments)
+    whole = re.match(rf"{path}:3: powered_descent\.readings\.mine: ", message)  # what has to fit together
+    assert whole or message.startswith(f"{path}:6: powered_descent.readings.mine.{section_of(key)}.")
 
 
 @pytest.mark.parametrize(
@@ -367,7 +370,7 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
         ("readings: {mine: {based_on: 7}}", ["mine.based_on"]),
         ("readings: {mine: {based_on: mine}}", ["mine.based_on", "itself"]),
         ("readings: {a: {based_on: b}, b: {based_on: c}, c: {based_on: a}}", ["based_on", "itself"]),
-        ("readings: {mine: {inputs: {}}}", ["is missing", "based_on"]),
+        ("readings: {mine: {planet: {}}}", ["is missing", "based_on"]),
         ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name is taken", "based_on"]),
         ("readings: {Mine: {based_on: corrected}}", ["readings.Mine", "lower case"]),
         ("readings: {'../mine': {based_on: corrected}}", ["lower case"]),
@@ -558,12 +561,14 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
     """Also where no file is read, as with --config."""
     for body, place in (
         ({"summary": f"Mine{unfit}"}, "summary"),
-        ({"inputs": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "inputs.planet.gravity.source"),
+        ({"planet": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "inputs.planet.gravity.source"),
     ):
         own_config = {"powered_descent": {"readings": {"mine": {"based_on": "corrected", **body}}}}
         with pytest.raises(InputError) as caught:
             load_studies({"powered_descent": MODEL}, CONFIGS, own_config)
-        assert str(caught.value).startswith(f"--config: readings.mine.{place}: has the character {unfit!r}")
+        assert str(caught.value).startswith(
+            f"--config: powered_descent.readings.mine.{place}: has the character {unfit!r}"
+        )
 
 
 # -------------------------------------------------------------------------------------- what is refused: the project's
