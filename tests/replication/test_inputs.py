@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import os
-import re
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,15 @@ from marsedl.papers.powered_descent.inputs import MODEL
 from marsedl.replication import inputs, strict_yaml
 from marsedl.replication.errors import InputError, nearest
 from marsedl.replication.inputs import SETTINGS, Reading, load_studies, load_study, read_own_file
-from marsedl.replication.sections import KNOWN_SUFFIXES, Inputs, Number, Positive, Section, vector
+from marsedl.replication.sections import (
+    KNOWN_SUFFIXES,
+    Inputs,
+    Number,
+    Positive,
+    Section,
+    by_section,
+    vector,
+)
 from marsedl.replication.sections import given as declared
 from marsedl.replication.strict_yaml import read_yaml
 
@@ -26,26 +33,28 @@ CONFIG = CONFIGS / "powered_descent.yaml"
 SOURCE = "assumed: test"
 
 
-SECTIONS = {key: name for name, of in MODEL.sections().items() for key in (*of.model_fields, *of.keys())}
-
-
-def section_of(key: str) -> str:
-    """The section of an input, also under a wrong suffix; the first one of what is no input."""
-    begins = [SECTIONS[name] for name in sorted(SECTIONS, key=len, reverse=True) if key.startswith(name)]
-    return next(iter([*begins, "planet"]))
-
-
 def own(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
-    """Write a user's file with one reading whose inputs are the given lines of YAML, each in its section."""
+    """Write a user's file with one reading whose inputs are the given lines of YAML."""
     path = tmp_path / "mine.yaml"
-    body = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
-    by_section = {}
-    for line in lines:
-        by_section.setdefault(section_of(line.partition(":")[0]), []).append(f"        {line}")
-    for section, inside in by_section.items():
-        body += [f"      {section}:", *inside]
-    path.write_text("\n".join(body) + "\n", encoding="utf-8")
+    text = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
+    for section in dict.fromkeys(section_of(line) for line in lines):
+        text.append(f"      {section}:")
+        text += [f"        {line}" for line in lines if section_of(line) == section]
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
     return path
+
+
+def section_of(line) -> str:
+    """The section in which a line sets an input, of whatever suffix; the first for what is no input."""
+    key = line.partition(":")[0]
+    fields = {name: section for section, of in MODEL.sections().items() for name in of.model_fields}
+    known = [name for name in fields if key == name or key.startswith(f"{name}_")]
+    return fields[max(known, key=len)] if known else "planet"
+
+
+def flat(values: dict) -> dict:
+    """Values by the names of inputs without their sections."""
+    return {name.partition(".")[2]: value for name, value in values.items()}
 
 
 def load(path):
@@ -66,7 +75,7 @@ def refused(path, *fragments) -> str:
     return message
 
 
-TRIALS = "    ensemble: {trials: 200,"
+TRIALS = "    ensemble: {trials: 200, large_trials: 3000, drawn_trials: 20}\n"
 SMOKE = "  smoke:\n    readings: [printed, "
 
 
@@ -87,7 +96,7 @@ def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
     study = load(own(tmp_path, line))
     mine, base = study.readings["mine"], study.readings["corrected"]
     assert mine.inputs.noise.noise_coefficient == 0.03
-    assert {**mine.inputs.plain(), "noise.noise_coefficient": 0.02} == base.inputs.plain()
+    assert mine.inputs.plain() | {"noise.noise_coefficient": 0.02} == base.inputs.plain()
     assert set(mine.differences()) == {"noise.noise_coefficient"}
     assert mine.sources["planet.gravity"] == study.readings["printed"].sources["planet.gravity"]
 
@@ -114,7 +123,7 @@ class Turn(Section):
 
 
 class Turning(Inputs):
-    """All inputs."""
+    """Inputs of one section."""
 
     turn: Turn
 
@@ -200,9 +209,9 @@ def test_a_size_limits_every_number_of_a_list(tmp_path):
     smoke, full = (
         load_study("powered_descent", MODEL, tmp_path / "p.yaml", size=s).readings for s in ("smoke", "full")
     )
-    given_mean, limited = full["corrected"].inputs.mission.final_mean, smoke["corrected"].inputs.mission.final_mean
-    np.testing.assert_array_equal(limited, np.minimum(given_mean, 0.5))
-    assert limited.max() < given_mean.max()
+    expected = np.minimum(full["corrected"].inputs.mission.final_mean, 0.5)
+    np.testing.assert_array_equal(smoke["corrected"].inputs.mission.final_mean, expected)
+    assert expected.max() < full["corrected"].inputs.mission.final_mean.max()
 
 
 def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tmp_path):
@@ -223,8 +232,9 @@ def test_fewer_trials_may_be_flown_than_another_reading_draws(tmp_path):
 
 def test_slices_hold_what_is_asked_in_the_order_of_names():
     reading = load_study("powered_descent", MODEL, CONFIG).readings["corrected"]
-    assert reading.slice(["planet.gravity", "ensemble.trials"]) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
-    assert list(reading.slice(["planet.gravity", "ensemble.trials"])) == ["ensemble.trials", "planet.gravity"]
+    names = ["planet.gravity", "ensemble.trials"]
+    assert reading.slice(names) == {"planet.gravity": 3.71, "ensemble.trials": 2000}
+    assert list(reading.slice(names)) == ["ensemble.trials", "planet.gravity"]
 
 
 def test_inputs_cannot_be_changed_after_validation():
@@ -244,8 +254,8 @@ def test_nearest_names_the_nearest_or_all():
 @pytest.mark.parametrize(
     ("key", "value", "fragments"),
     [
-        ("gravty", "3.7", ["planet.gravty: unknown key", "did you mean 'gravity'?"]),
-        ("Gravity", "3.7", ["planet.Gravity: unknown key", "did you mean 'gravity'?"]),
+        ("gravty", "3.7", ["gravty: unknown key", "did you mean 'gravity'?"]),
+        ("Gravity", "3.7", ["Gravity: unknown key", "did you mean 'gravity'?"]),
         ("wet_mass", "-1500.0", ["greater than 0", "-1500"]),
         ("wet_mass", "0", ["greater than 0"]),
         ("segment_durations", "[26.0, -15.0]", ["greater than 0"]),
@@ -274,7 +284,7 @@ def test_nearest_names_the_nearest_or_all():
         ("seed", "18446744073709551616", ["less than"]),
         ("seed", "-1", ["greater than or equal to 0"]),
         ("thrust_percentile", "95", ["less than 1"]),
-        ("thrust_percentile", ".nan", ["inputs.drawing.thrust_percentile"]),
+        ("thrust_percentile", ".nan", ["drawing.thrust_percentile"]),
         ("time_step", "1.0e-12", ["time_step", "steps in a segment"]),
         ("design_interval", "1.0e-29", ["design_interval", "steps in a segment"]),
         ("design_interval", "50.0", ["design_interval (50 s) is longer than a segment (15 s)", "lower it"]),
@@ -304,7 +314,7 @@ def test_nearest_names_the_nearest_or_all():
         ("final_covariance", "[[1, 0], [0, 1]]", ["size 2", "size 4"]),
         ("final_covariance", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]", ["4 variances"]),
         ("final_covariance", "[5.0, [0.25], 0.25, 0.25]", ["4 variances"]),
-        ("final_covariance", "[one, two, three, four]", ["inputs.mission.final_covariance"]),
+        ("final_covariance", "[one, two, three, four]", ["mission.final_covariance"]),
         ("initial_velocity_angle", "70.0", ["needs its unit in its name", "initial_velocity_angle_deg"]),
         ("initial_velocity_angle_rad", "1.2", ["wrong unit suffix '_rad'", "initial_velocity_angle_deg"]),
         ("wet_mass_lb", "3300.0", ["wrong unit suffix '_lb'", "the unit is kg", "write 'wet_mass'"]),
@@ -320,27 +330,25 @@ def test_nearest_names_the_nearest_or_all():
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
-    path = own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}")
-    message = refused(path, *fragments)
-    whole = re.match(rf"{path}:3: powered_descent\.readings\.mine: ", message)  # what has to fit together
-    assert whole or message.startswith(f"{path}:6: powered_descent.readings.mine.{section_of(key)}.")
+    message = refused(own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
+    assert "readings.mine" in message and section_of(key) in message
 
 
 @pytest.mark.parametrize(
     ("line", "fragments"),
     [
-        ("gravity: 3.7", ["inputs.planet.gravity", "write {value: ..., source"]),
-        ("gravity: [3.7]", ["inputs.planet.gravity", "write {value: ..., source"]),
-        ("gravity: null", ["inputs.planet.gravity", "write {value: ..., source"]),
-        ("gravity: {value: 3.7}", ["inputs.planet.gravity", "'source' is missing"]),
-        ("gravity: {source: Eq. 1}", ["inputs.planet.gravity", "'value' is missing"]),
+        ("gravity: 3.7", ["planet.gravity", "write {value: ..., source"]),
+        ("gravity: [3.7]", ["planet.gravity", "write {value: ..., source"]),
+        ("gravity: null", ["planet.gravity", "write {value: ..., source"]),
+        ("gravity: {value: 3.7}", ["planet.gravity", "'source' is missing"]),
+        ("gravity: {source: Eq. 1}", ["planet.gravity", "'value' is missing"]),
         ("gravity: {value: 3.7, sorce: Eq. 1}", ["sorce: unknown key", "did you mean 'source'?"]),
-        ("gravity: {value: 3.7, source: ''}", ["inputs.planet.gravity.source", "say where"]),
-        ("gravity: {value: 3.7, source: 7}", ["inputs.planet.gravity.source", "say where"]),
-        ("gravity: {value: 3.7, source: assumed}", ["inputs.planet.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, source: 'assumed: '}", ["inputs.planet.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, source: 'assumed:'}", ["inputs.planet.gravity.source", "the reason"]),
-        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["inputs.planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
+        ("gravity: {value: 3.7, source: ''}", ["planet.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: 7}", ["planet.gravity.source", "say where"]),
+        ("gravity: {value: 3.7, source: assumed}", ["planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed: '}", ["planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, source: 'assumed:'}", ["planet.gravity.source", "the reason"]),
+        ("gravity: {value: 3.7, unit: ft/s^2, source: Eq. 1}", ["planet.gravity.unit", "'ft/s^2'", "'m/s^2'"]),
         ("initial_velocity_angle_deg: {value: 70.0, unit: rad, source: Eq. 1}", ["initial_velocity_angle_deg.unit"]),
         ("7: {value: 3.7, source: Eq. 1}", ["the key 7 must be a name"]),
         ("? [a, b]\n        : {value: 3.7, source: Eq. 1}", ["a key must be a plain name"]),
@@ -382,6 +390,15 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
         ("readings: {mine: {based_on: corrected, frozen: abc}}", ["is frozen", "based_on: mine"]),
         ("readings: {mine: {based_on: corrected, planet: [a]}}", ["mine.planet", "keys with values"]),
         ("readings: {mine: {based_on: corrected, planet: null}}", ["mine.planet", "keys with values"]),
+        ("readings: {mine: {based_on: corrected, plant: {}}}", ["mine.plant: unknown key; did you mean 'planet'?"]),
+        ("readings: {mine: {based_on: corrected, seed: {value: 7, source: Eq. 1}}}",
+         ["mine.seed: stands in the section 'ensemble'; write 'ensemble: {seed: ...}'"]),
+        ("readings: {mine: {based_on: corrected, planet: {seed: {value: 7, source: Eq. 1}}}}",
+         [":2: ", "mine.planet.seed: unknown key; it stands in the section 'ensemble'"]),
+        ("readings: {mine: {based_on: corrected, inputs: {seed: {value: 7, source: Eq. 1}}}}",
+         [":2: ", "mine.inputs: inputs stand in sections; write 'ensemble: {seed: ...}' in its place"]),
+        ("readings: {mine: {based_on: corrected, planet: {source: '', gravity: {value: 3.7}}}}",
+         ["mine.planet.source: say where"]),
         ("readings: {mine: [a]}", ["readings.mine", "keys with values"]),
         ("readings: {mine: null}", ["readings.mine", "keys with values"]),
         ("readings: [mine]", ["readings", "keys with values"]),
@@ -561,7 +578,7 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
     """Also where no file is read, as with --config."""
     for body, place in (
         ({"summary": f"Mine{unfit}"}, "summary"),
-        ({"planet": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "inputs.planet.gravity.source"),
+        ({"planet": {"gravity": {"value": 3.7, "source": f"Eq. 1{unfit}"}}}, "planet.gravity.source"),
     ):
         own_config = {"powered_descent": {"readings": {"mine": {"based_on": "corrected", **body}}}}
         with pytest.raises(InputError) as caught:
@@ -581,15 +598,15 @@ def test_text_that_no_terminal_shows_is_refused(unfit):
         ("boundary_condition: {value: eq_46", "boundary_condition: {value: corrected", ["printed_eq46", "is frozen"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: 0", ["chunks.closed_loop", "whole number"]),
         ("chunks: {closed_loop: 1", "chunks: {closed_loop: true", ["chunks.closed_loop", "whole number"]),
-        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["closed_lop: unknown key", "did you mean 'closed_loop'?"]),
+        ("chunks: {closed_loop: 1", "chunks: {closed_lop: 1", ["chunks.closed_lop: unknown key; did you mean"]),
         ("chunks: {closed_loop: 1, ", "chunks: {", ["chunks", "'closed_loop' is missing"]),
         ("chunks: {", "chunk: {", ["chunk: unknown key", "did you mean 'chunks'?"]),
-        (TRIALS, TRIALS.replace("trials", "trails"), ["sizes.smoke.ensemble.trails: unknown key; did you mean"]),
-        (TRIALS, TRIALS.replace("200", "few"), ["sizes.smoke.ensemble.trials", "number above zero"]),
-        (TRIALS, TRIALS.replace("200", "true"), ["sizes.smoke.ensemble.trials", "number above zero"]),
-        (TRIALS, TRIALS.replace("200", "-3"), ["sizes.smoke.ensemble.trials", "number above zero"]),
-        (TRIALS, TRIALS.replace("200", "0.5"), ["sizes.smoke.ensemble.trials", "whole number"]),
-        (TRIALS, f"    simulation: {{integrator: 3}}\n{TRIALS}", ["sizes.smoke.simulation.integrator"]),
+        (TRIALS, TRIALS.replace("trials", "trails", 1), ["sizes.smoke.ensemble.trails: unknown key; did you"]),
+        (TRIALS, TRIALS.replace("200", "few", 1), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "true", 1), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "-3", 1), ["sizes.smoke.ensemble.trials", "number above zero"]),
+        (TRIALS, TRIALS.replace("200", "0.5", 1), ["sizes.smoke.ensemble.trials", "whole number"]),
+        (TRIALS, "    simulation: {integrator: 3}\n", ["sizes.smoke.simulation.integrator"]),
         (SMOKE, SMOKE.replace("printed, ", ""), ["sizes.smoke.readings", "with printed and corrected"]),
         (SMOKE, SMOKE + "prnted, ", ["sizes.smoke.readings", "did you mean 'printed'?"]),
         (SMOKE, SMOKE.replace("readings", "reading"), ["sizes.smoke", "reading: unknown key"]),
@@ -606,116 +623,6 @@ def test_a_malformed_file_of_the_project_is_refused(tmp_path, old, new, fragment
 def test_comments_and_sources_of_a_frozen_reading_may_change(tmp_path):
     path = project(tmp_path, "gravity: {value: 3.71, unit: m/s^2, source: ", "gravity: {value: 3.71, source: ")
     assert load_study("powered_descent", MODEL, path).readings["printed"].inputs.planet.gravity == 3.71
-
-
-# -------------------------------------------------------------------------------------------------- malformed at random
-
-SCALARS = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.integers(min_value=10**300),
-    st.floats(),
-    st.floats(min_value=1e-300, max_value=1e300),
-    st.text(max_size=5),
-    st.sampled_from(["1e3", "-.inf", "rk4", "corrected", "assumed", ""]),
-    st.dates(),
-)
-VALUES = st.recursive(
-    SCALARS,
-    lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(SCALARS, inner, max_size=3)),
-    max_leaves=20,
-)
-SQUARES = st.lists(st.lists(st.floats(width=32), min_size=4, max_size=4), min_size=4, max_size=4)
-FIELDS = sorted(name.partition(".")[2] for name in MODEL.names())
-KEYS = st.one_of(
-    st.sampled_from(FIELDS),
-    st.sampled_from(sorted(SECTIONS)),
-    st.builds(lambda name, suffix: name + suffix, st.sampled_from(FIELDS), st.sampled_from(KNOWN_SUFFIXES)),
-    st.builds(lambda name, at: name[:at] + name[at + 1 :], st.sampled_from(FIELDS), st.integers(0, 10)),
-    st.text(max_size=8),
-    st.integers(),
-)
-ENTRIES = st.one_of(
-    st.fixed_dictionaries({"value": st.one_of(VALUES, SQUARES), "source": st.just(SOURCE)}),
-    st.fixed_dictionaries({"value": SCALARS}, optional={"source": SCALARS, "unit": SCALARS, "vale": SCALARS}),
-    VALUES,
-)
-IN_SECTIONS = st.dictionaries(st.one_of(KEYS, st.just("source")), ENTRIES, max_size=3)
-
-
-def placed(entries):
-    """A reading with these inputs, each in its section."""
-    body = {"based_on": "corrected"}
-    for key, entry in entries.items():
-        body.setdefault(section_of(str(key)), {})[key] = entry
-    return body
-
-
-BODIES = st.one_of(
-    st.dictionaries(st.sampled_from([*MODEL.sections(), "inputs"]), IN_SECTIONS, max_size=2).map(
-        lambda sections: {"based_on": "corrected", **sections}
-    ),
-    st.dictionaries(KEYS, ENTRIES, max_size=3).map(placed),
-    st.fixed_dictionaries({}, optional={"based_on": VALUES, "planet": VALUES, "summary": VALUES, "frozen": VALUES}),
-    VALUES,
-)
-
-
-@settings(max_examples=300, deadline=None)
-@given(name=st.one_of(st.just("mine"), KEYS), body=BODIES)
-@example(name="mine", body={"based_on": ["corrected"]})
-@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": 10**5000, "source": "Eq. 1"}}})
-@example(
-    name="mine",
-    body={"based_on": "corrected", "entry": {"initial_speed_km_s": {"value": 10**5000, "source": "Eq. 1"}}},
-)
-@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": {1: 2, "a": 3}, "source": "Eq."}}})
-def test_any_reading_is_valid_or_refused_with_file_and_key(name, body):
-    try:
-        study = load_study(
-            "powered_descent", MODEL, CONFIG, overlay={"readings": {name: body}}, overlay_name="mine.yaml"
-        )
-    except InputError as error:
-        message = str(error)
-        assert message.startswith("mine.yaml: ")
-        assert "readings" in message
-        assert len(message) < 3000
-        return
-    reading = study.readings[name]
-    assert isinstance(reading, Reading)
-    # What was accepted is finite, of the declared kinds, and equal to itself when validated again.
-    assert MODEL.model_validate(reading.inputs.model_dump(mode="json")) == reading.inputs
-    for value in reading.inputs.plain().values():
-        if not isinstance(value, str | None):
-            assert np.all(np.isfinite(np.array(value, dtype=float)))
-    for field in ("entry.initial_covariance", "mission.intermediate_covariance", "mission.final_covariance"):
-        np.linalg.cholesky(reading.inputs.get(field))
-
-
-@settings(max_examples=200, deadline=None)
-@given(content=st.binary(max_size=60))
-def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
-    path = tmp_path_factory.mktemp("bytes") / "mine.yaml"
-    path.write_bytes(content)
-    try:
-        read_yaml(path)
-    except InputError as error:
-        assert str(error).startswith(f"{path}: ")
-
-
-@settings(max_examples=200, deadline=None)
-@given(text=st.text(alphabet="abc:{}[]&*!?-|>'\"#% \n\t0129.~<,", max_size=60))
-def test_any_text_is_read_or_refused(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("text") / "mine.yaml"
-    path.write_text(text, encoding="utf-8")
-    try:
-        read_yaml(path)
-    except InputError as error:
-        assert str(error).startswith(f"{path}: ")
-
-
-# ------------------------------------------------------------------------------------------------------------ sections
 
 
 def test_inputs_without_sections_are_refused_with_the_new_form(tmp_path):
@@ -754,3 +661,99 @@ def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
     assert sources["vehicle.maximum_thrust"].source == "Eq. 8"
     path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
     refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")
+
+
+# -------------------------------------------------------------------------------------------------- malformed at random
+
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(min_value=10**300),
+    st.floats(),
+    st.floats(min_value=1e-300, max_value=1e300),
+    st.text(max_size=5),
+    st.sampled_from(["1e3", "-.inf", "rk4", "corrected", "assumed", ""]),
+    st.dates(),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(SCALARS, inner, max_size=3)),
+    max_leaves=20,
+)
+SQUARES = st.lists(st.lists(st.floats(width=32), min_size=4, max_size=4), min_size=4, max_size=4)
+FIELDS = sorted(flat(dict.fromkeys(MODEL.names())))
+KEYS = st.one_of(
+    st.sampled_from(FIELDS),
+    st.sampled_from(sorted(key for of in MODEL.sections().values() for key in dict(of.keys()))),
+    st.builds(lambda name, suffix: name + suffix, st.sampled_from(FIELDS), st.sampled_from(KNOWN_SUFFIXES)),
+    st.builds(lambda name, at: name[:at] + name[at + 1 :], st.sampled_from(FIELDS), st.integers(0, 10)),
+    st.text(max_size=8),
+    st.integers(),
+)
+ENTRIES = st.one_of(
+    st.fixed_dictionaries({"value": st.one_of(VALUES, SQUARES), "source": st.just(SOURCE)}),
+    st.fixed_dictionaries({"value": SCALARS}, optional={"source": SCALARS, "unit": SCALARS, "vale": SCALARS}),
+    VALUES,
+)
+BODIES = st.one_of(
+    st.fixed_dictionaries(
+        {"based_on": st.just("corrected")},
+        optional={name: st.dictionaries(KEYS, ENTRIES, max_size=3) for name in [*MODEL.sections(), "inputs"]},
+    ),
+    st.fixed_dictionaries({}, optional={"based_on": VALUES, "planet": VALUES, "summary": VALUES, "frozen": VALUES}),
+    VALUES,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(name=st.one_of(st.just("mine"), KEYS), body=BODIES)
+@example(name="mine", body={"based_on": ["corrected"]})
+@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": 10**5000, "source": "Eq. 1"}}})
+@example(
+    name="mine",
+    body={"based_on": "corrected", "entry": {"initial_speed_km_s": {"value": 10**5000, "source": "Eq. 1"}}},
+)
+@example(name="mine", body={"based_on": "corrected", "planet": {"gravity": {"value": {1: 2, "a": 3}, "source": "Eq."}}})
+def test_any_reading_is_valid_or_refused_with_file_and_key(name, body):
+    try:
+        study = load_study(
+            "powered_descent", MODEL, CONFIG, overlay={"readings": {name: body}}, overlay_name="mine.yaml"
+        )
+    except InputError as error:
+        message = str(error)
+        assert message.startswith("mine.yaml: ")
+        assert "readings" in message
+        assert len(message) < 3000
+        return
+    reading = study.readings[name]
+    assert isinstance(reading, Reading)
+    # What was accepted is finite, of the declared kinds, and equal to itself when validated again.
+    assert MODEL.model_validate(by_section(reading.written)) == reading.inputs
+    for value in reading.inputs.plain().values():
+        if not isinstance(value, str | None):
+            assert np.all(np.isfinite(np.array(value, dtype=float)))
+    for field in ("initial_covariance", "intermediate_covariance", "final_covariance"):
+        np.linalg.cholesky(np.array(flat(reading.inputs.plain())[field]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(content=st.binary(max_size=60))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("bytes") / "mine.yaml"
+    path.write_bytes(content)
+    try:
+        read_yaml(path)
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ")
+
+
+@settings(max_examples=200, deadline=None)
+@given(text=st.text(alphabet="abc:{}[]&*!?-|>'\"#% \n\t0129.~<,", max_size=60))
+def test_any_text_is_read_or_refused(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("text") / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    try:
+        read_yaml(path)
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ")
