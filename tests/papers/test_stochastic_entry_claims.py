@@ -511,7 +511,8 @@ def test_headline_verdict_follows_the_numbers(entry, entry_published, factor, ve
 
 
 def test_hypotheses_are_marked_by_their_inputs(entry):
-    marked = {name for name in entry.study.readings if tables.hypothesis(entry.all_inputs(name))}
+    inputs = {name: entry.all_inputs(name) for name in entry.study.readings}
+    marked = {name for name, given in inputs.items() if tables.hypothesis(given.guidance, given.design)}
     assert marked == {
         *("partition_24", "partition_20", "drag_form", "density_blind"),
         *("velocity_adjoint", "density_blind_velocity_adjoint"),

@@ -276,7 +276,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     The flight has the planet's rotation and ranges on the surface (r_p / r), which the longitudinal model leaves out.
     """
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20)
-    model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.air))
+    model, air = entry.linearization(), environment.undisturbed(inputs.call(environment.atmosphere))
     constants = inputs.call(flight.settings, air)
     seconds = 65  # before the first reversal
     mean = inputs.call(dispersions.entry_mean)
@@ -286,7 +286,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
         cosine[second] += cosine_change
         zero = np.zeros((len(cosine), flight.FEATURES))
         law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
-        factors = (np.array([factor]) for factor in inputs.call(dispersions.factors))
+        factors = (np.array([factor]) for factor in dispersions.factors(inputs.call(dispersions.body_of)))
         flown = flight.fly(
             constants,
             air,
@@ -670,11 +670,12 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     model, made = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
-    mean, air = inputs.call(dispersions.entry_mean), environment.undisturbed(inputs.call(environment.air))
+    mean, air = inputs.call(dispersions.entry_mean), environment.undisturbed(inputs.call(environment.atmosphere))
     size = {dispersions.SPEED: 0.02, dispersions.PATH_ANGLE: 1e-6}[component]
     starts = np.tile(mean, (2, 1))
     starts[:, component] += [size, -size]
-    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in inputs.call(dispersions.factors)))
+    body = inputs.call(dispersions.body_of)
+    vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in dispersions.factors(body)))
     flown = flight.fly(
         inputs.call(flight.settings, air),
         air,
@@ -720,8 +721,8 @@ def test_predicted_dispersions_of_the_apollo_law(entry, reading, kind, trigger, 
     ("trigger", "expected"), [(0, (2.17, 44.3, 1.15, 2.42)), (1, (2.51, 51.7, 1.66, 7.05))], ids=TRIGGERS
 )
 def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_the_apollo_law(entry, trigger, expected):
-    inputs, made, model = entry.all_inputs("corrected"), entry.gains(), entry.linearization()
-    drag_factor, lift_factor = inputs.call(dispersions.factors)
+    inputs, made, model = entry.inputs("corrected"), entry.gains(), entry.linearization()
+    drag_factor, lift_factor = dispersions.factors(inputs.call(dispersions.body_of))
     inverse = model.inverse_scale_height
     slopes = np.stack(
         longitudinal_entry_rates(

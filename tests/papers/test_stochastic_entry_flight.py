@@ -9,7 +9,7 @@ from scipy import stats
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
 from marsedl.montecarlo.statistics import percentile
-from marsedl.papers.stochastic_entry import environment, flight, montecarlo, records
+from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, montecarlo, records
 from marsedl.papers.stochastic_entry.montecarlo import nominal_final
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Flown, Trial
@@ -20,8 +20,13 @@ RADIUS = 3397e3
 
 def undispersed(entry, case, reading="corrected", **inputs):
     """The flight of the mean vehicle in the mean atmosphere."""
-    quiet = {"deviations": np.zeros(6), "aerodynamics": 0.0, "varied": False}
-    return entry.simulator(case, reading, quiet, **inputs)(0, 1)
+    given, needed = entry.stage_inputs(reading, "montecarlo", **inputs), entry.needed("montecarlo", reading)
+    plant = given.call(flight.plant_of)
+    quiet = plant.dispersions._replace(entry_deviations=np.zeros(6), drag_error=0.0, lift_error=0.0)
+    plant = plant._replace(atmosphere=environment.undisturbed(plant.atmosphere), dispersions=quiet)
+    law = given.call(gains.law, needed["linearization"], needed["gains"], case)
+    end = given.call(montecarlo.end_of, needed["nominal"], case)
+    return montecarlo.simulator_of(plant, law, end, given.simulation)(0, 1)
 
 
 def assert_identical(first, second):
@@ -35,7 +40,7 @@ def assert_identical(first, second):
 def test_entry_states_are_those_of_table_2(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     trials = 20_000
-    states = inputs.call(flight.vehicles, np.arange(trials)).entry_state
+    states = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(trials)).entry_state
     np.testing.assert_array_equal(states[:, 0], RADIUS + 125e3)
     mean = [*np.radians([125.973, 0.0]), 5800.0, *np.radians([-15.5, 90.05])]
     sigma = np.array([5e3 / RADIUS, 0.5e3 / RADIUS, 20.0, np.radians(0.5), np.radians(0.01)]) / 3.0
@@ -47,7 +52,8 @@ def test_entry_states_are_those_of_table_2(entry):
 
 @pytest.mark.parametrize(("reading", "lift", "drag"), [("corrected", 0.015, -0.02), ("printed", 0.15, 0.02)])
 def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift, drag):
-    vehicles = entry.stage_inputs(reading, "montecarlo_chunk").call(flight.vehicles, np.arange(5000))
+    inputs = entry.stage_inputs(reading, "montecarlo_chunk")
+    vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(5000))
     area = np.pi * 4.5**2 / 4
     drag_coefficient = 2 * 3200 * vehicles.drag_factor / area
     error = (drag_coefficient - 3200 / (135 * area)) / drag
@@ -368,8 +374,8 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
     """In an exponential atmosphere of a single table cell, as knots of a table take the order away."""
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     altitude = np.array([-10e3, 127e3])
-    air = environment.Air(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.ones(1))
-    vehicles = inputs.call(flight.vehicles, np.arange(64))
+    air = environment.Atmosphere(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.ones(1))
+    vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(64))
 
     def final(substeps):
         return flight.fly(

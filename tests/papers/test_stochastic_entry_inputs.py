@@ -20,7 +20,7 @@ def reading_of(entry, **inputs):
     of = {key: section for section, inputs in entry.model.sections().items() for key in dict(inputs.keys())}
     overlay = {"readings": {"mine": {"based_on": "corrected"}}}
     for name, body in own.items():
-        overlay["readings"]["mine"].setdefault(of[name], {})[name] = body
+        overlay["readings"]["mine"].setdefault(of.get(name, "design"), {})[name] = body
     study = load_study("stochastic_entry", entry.model, CONFIG, overlay=overlay, overlay_name="mine.yaml")
     return study.readings["mine"]
 
@@ -30,7 +30,7 @@ def refused(entry, **inputs):
     with pytest.raises(InputError) as error:
         reading_of(entry, **inputs)
     said = str(error.value)
-    assert said.startswith("mine.yaml: readings.mine") and "\n" not in said
+    assert said.startswith("mine.yaml: stochastic_entry.readings.mine") and "\n" not in said
     return said
 
 

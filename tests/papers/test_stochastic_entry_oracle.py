@@ -47,9 +47,9 @@ class Oracle:
         self.law, self.trigger = case.split("_")
         self.number = TRIGGERS.index(self.trigger)
         self.trials = np.arange(len(trials))
-        self.air = inputs.call(environment.air)
+        self.air = inputs.call(environment.atmosphere)
         self.factor, _ = density_factors(inputs, self.air, trials)
-        self.vehicles = inputs.call(flight.vehicles, trials)
+        self.vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, trials)
         self.rotation = np.array([[0.0], [0.0], [inputs.rotation_rate]])
         if self.law == "apollo":
             self.table = self.tabulate()
@@ -255,7 +255,7 @@ def density_over_mean(entry, flown):
 
 def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    air, trials = inputs.call(environment.air), np.arange(100, 300)
+    air, trials = inputs.call(environment.atmosphere), np.arange(100, 300)
     factor, _ = density_factors(inputs, air, trials)
     flown = entry.simulator("apollo_time")(100, 300)
     altitude = flown.history[:, records.ALTITUDE]
@@ -265,7 +265,7 @@ def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
 
 def test_negative_densities_are_set_to_zero_and_counted(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    air = inputs.call(environment.air)
+    air = inputs.call(environment.atmosphere)
     _, negative = density_factors(inputs, air, np.arange(1000))
     flown = entry.simulator("apollo_time")(0, 1000)
     np.testing.assert_array_equal(flown.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
