@@ -39,9 +39,9 @@ def refused(entry, **inputs):
     [
         ({"partition_interval": -10.0}, ["partition_interval", "greater than 0", "-10"]),
         ({"partition_interval": 0.0}, ["partition_interval", "greater than 0"]),
-        ({"partition_interval": 2.5}, ["partition_interval", "multiples of guidance_period"]),
-        ({"partition_study": [1.0] * 8 + [2.5]}, ["partition_study", "multiples of guidance_period"]),
-        ({"guidance_period": 0.7}, ["partition_interval", "multiples of guidance_period"]),
+        ({"partition_interval": 2.5}, ["partition_interval", "must be multiples of"]),
+        ({"partition_study": [1.0] * 8 + [2.5]}, ["partition_study", "must be multiples of"]),
+        ({"guidance_period": 0.7}, ["partition_interval", "must be multiples of"]),
         ({"deadband_times": [125.0, 105.0]}, ["deadband_times", "125 and 105", "wrong order"]),
         ({"ramp_velocities_km_s": [2.5, 5.5]}, ["ramp_velocities", "2500 and 5500", "wrong order"]),
         ({"deadband_widths_km": [6.0, -1.0]}, ["deadband_widths_km", "greater than 0"]),

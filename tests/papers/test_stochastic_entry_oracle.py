@@ -229,7 +229,7 @@ class Oracle:
 )
 def test_kernel_flies_the_vectors_of_the_oracle(entry, reading, case):
     trials, substeps = np.arange(12), 20
-    inputs = entry.all_inputs(reading)
+    inputs = entry.inputs(reading)
     oracle = Oracle(inputs, entry.linearization(reading), entry.gains(reading), case, trials)
     end_time = entry.nominal(reading).end_time if case.endswith("time") else inputs.time_limit
     expected = oracle.fly(end_time, substeps)
@@ -248,7 +248,7 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, reading, case):
 
 def density_over_mean(entry, flown):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
-    air = entry.stage_inputs("corrected", "montecarlo_chunk").call(environment.air)
+    air = entry.stage_inputs("corrected", "montecarlo_chunk").call(environment.atmosphere)
     mean = np.exp(np.interp(flown.history[:, records.ALTITUDE], air.altitude, air.log_density))
     return flown.history[:, records.DENSITY] / mean
 
