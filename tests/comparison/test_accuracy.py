@@ -58,8 +58,8 @@ def test_the_large_ensemble_of_the_powered_descent_is_taken_where_there_is_one()
     gains = SimpleNamespace(covariance=np.eye(4)[np.newaxis])
     state = np.random.default_rng(7).normal(size=(50, 5))
     small, large = SimpleNamespace(final_state=state[:20]), SimpleNamespace(final_state=state)
-    assert {row.trials for row in accuracy.powered_descent(None, gains, small)} == {20}
-    assert {row.trials for row in accuracy.powered_descent(None, gains, small, large)} == {50}
+    assert {row.trials for row in accuracy.powered_descent(gains, small)} == {20}
+    assert {row.trials for row in accuracy.powered_descent(gains, small, large)} == {50}
 
 
 def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities():
@@ -72,12 +72,12 @@ def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities()
     ensemble = SimpleNamespace(
         final_state=draw.normal(size=(2, 40, 4)), delta_v=draw.normal(size=(2, 40)), outcome=outcome
     )
-    rows = accuracy.random_field(None, gains, ensemble)
+    rows = accuracy.random_field(gains, ensemble)
     assert [(row.case, row.lost) for row in rows[::4]] == [("open loop", 0), ("iteration 1", 5)]
     assert {row.lost for row in rows[4:]} == {5}
     assert rows[4].sampled == pytest.approx(ensemble.final_state[1, 5:, 0].std(ddof=1))
     alone = SimpleNamespace(**{**vars(gains), "control": np.zeros((1, 3))})
-    assert {row.case for row in accuracy.random_field(None, alone, ensemble)} == {"open loop"}
+    assert {row.case for row in accuracy.random_field(alone, ensemble)} == {"open loop"}
 
 
 def test_the_sensitivity_of_the_desensitized_landing_carries_the_errors_at_entry():
@@ -132,7 +132,7 @@ def test_nothing_deviates_in_velocity_at_the_velocity_trigger():
         final_state=draw.normal(size=(30, 9)), nominal_final=np.zeros(6), outcome=np.full(30, COMPLETED)
     )
     gains = SimpleNamespace(apollo_covariance=covariance, stochastic_covariance=4 * covariance)
-    rows = accuracy.stochastic_entry(None, SimpleNamespace(trigger_projection=projection), gains, *[ensemble] * 4)
+    rows = accuracy.stochastic_entry(SimpleNamespace(trigger_projection=projection), gains, *[ensemble] * 4)
     by_case = {}
     for row in rows:
         by_case.setdefault(row.case, {})[row.quantity] = row.predicted

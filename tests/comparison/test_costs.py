@@ -44,7 +44,7 @@ ARTIFACTS = {
 
 
 def records(slug):
-    return getattr(costs, slug)(None, **ARTIFACTS[slug], measured=load_measured(BENCHMARKS, slug))
+    return getattr(costs, slug)(**ARTIFACTS[slug], measured=load_measured(BENCHMARKS, slug))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_times_are_those_of_the_committed_benchmarks(found):
 @pytest.mark.parametrize("slug", NAMES)
 def test_a_time_that_was_not_measured_is_refused_with_a_remedy(slug):
     with pytest.raises(InputError, match=r"benchmarks.csv has no row '.*'; restore it, or run 'make bench'"):
-        getattr(costs, slug)(None, **ARTIFACTS[slug], measured={})
+        getattr(costs, slug)(**ARTIFACTS[slug], measured={})
 
 
 def test_the_figure_shows_every_method_and_times_of_a_paper_once(found):

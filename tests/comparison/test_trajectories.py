@@ -17,17 +17,13 @@ def history(trials, states):
 def test_speeds_are_norms_of_velocity_components():
     mean = np.column_stack([np.zeros(5), np.linspace(500.0, 50.0, 5), np.full(5, 3.0), np.full(5, -4.0)])
     flown = history(30, 5)
-    found = trajectories.powered_descent(
-        None, SimpleNamespace(time=TIME, mean=mean), SimpleNamespace(kept_history=flown)
-    )
+    found = trajectories.powered_descent(SimpleNamespace(time=TIME, mean=mean), SimpleNamespace(kept_history=flown))
     assert found.velocity == pytest.approx(5.0)
     assert found.altitude[0] == 500.0
     assert found.flown_velocity == pytest.approx(np.sqrt(flown[:20, :, 2] ** 2 + flown[:20, :, 3] ** 2))
     state = np.column_stack([np.full(5, 1e4), np.zeros((5, 2)), np.tile([1.0, 2.0, -2.0], (5, 1)), np.zeros((5, 2))])
     flown = np.stack([history(30, 9)] * 2)
-    found = trajectories.desensitized(
-        None, SimpleNamespace(time=TIME, state=state), SimpleNamespace(kept_history=flown)
-    )
+    found = trajectories.desensitized(SimpleNamespace(time=TIME, state=state), SimpleNamespace(kept_history=flown))
     assert found.velocity == pytest.approx(3.0)
     assert found.flown_altitude.shape == (trajectories.DRAWN, len(TIME))
 
@@ -35,9 +31,7 @@ def test_speeds_are_norms_of_velocity_components():
 def test_flights_of_the_funnels_are_deviations_from_the_reference_at_the_nodes():
     state = np.arange(9.0)[:, np.newaxis] + np.zeros(6)
     deviations = history(3, 6)
-    found = trajectories.funnels(
-        None, SimpleNamespace(time=TIME, state=state), SimpleNamespace(kept_history=deviations)
-    )
+    found = trajectories.funnels(SimpleNamespace(time=TIME, state=state), SimpleNamespace(kept_history=deviations))
     assert found.altitude.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
     assert found.flown_altitude - deviations[..., 0] == pytest.approx(np.tile(found.altitude, (3, 1)))
     assert found.flown_velocity - deviations[..., 3] == pytest.approx(np.tile(found.velocity, (3, 1)))
@@ -46,11 +40,11 @@ def test_flights_of_the_funnels_are_deviations_from_the_reference_at_the_nodes()
 def test_the_last_law_of_the_random_field_is_flown():
     nominal = SimpleNamespace(time=TIME, altitude=np.full(5, 5e4), velocity=np.full(5, 6e3))
     flown = np.stack([history(4, 6), history(4, 6) + 10])
-    found = trajectories.random_field(None, nominal, SimpleNamespace(kept_history=flown, count=np.zeros(2)))
+    found = trajectories.random_field(nominal, SimpleNamespace(kept_history=flown, count=np.zeros(2)))
     assert found.flown_altitude == pytest.approx(flown[1, :, :, 0])
     assert found.flights == "last iteration"
     alone = SimpleNamespace(kept_history=flown[:1], count=np.zeros(1))
-    assert trajectories.random_field(None, nominal, alone).flights == "open loop"
+    assert trajectories.random_field(nominal, alone).flights == "open loop"
 
 
 def test_the_figure_leaves_the_descent_out_of_the_entries_and_the_table_has_both_ends():
