@@ -149,7 +149,7 @@ def test_stages_without_rule_or_function_are_found(paper):
     (finding,) = audit.stages(paper, planned(), always).findings
     assert f"workflow/rules/stages.smk: no rule {SLUG}_nominal" in finding
     (finding,) = audit.stages(paper, there, never).findings
-    assert "marsedl.papers.powered_descent.nominal: no function compute" in finding
+    assert "nominal: no function compute" in finding
 
 
 def test_functions_are_looked_for_in_the_source(tmp_path):
@@ -400,7 +400,7 @@ def test_accept_commits_the_counts_too(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(verification, "accept_reference", lambda *given: [])
     monkeypatch.setattr(cli, "_audited", lambda root: COUNTED)
-    monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}))
+    monkeypatch.setattr(cli, "_project", lambda *given: SimpleNamespace(studies={}))
     assert cli.main(["accept"]) == 0
     assert "data/reference/audit.json: no counts are committed" in capsys.readouterr().out
     assert audit.read_counts(tmp_path) == COMMITTED

@@ -12,11 +12,12 @@ from marsedl.replication.code_digest import (
     SOURCE_ROOT,
     RememberedDigests,
     code_digest,
+    kernels,
+    kernels_digest,
     libraries,
     reached,
     script_digest,
     script_libraries,
-    source_digest,
 )
 from marsedl.replication.errors import InputError, MarsedlError
 
@@ -282,7 +283,7 @@ def test_digest_does_not_depend_on_the_folder(tree, tmp_path_factory):
     (tree / "shim.py").write_text("from pkg.papers.stage import compute\n")
     (other / "shim.py").write_text("from pkg.papers.stage import compute\n")
     assert code_digest(ENTRY, tree) == code_digest(ENTRY, other)
-    assert source_digest(tree) == source_digest(other)
+    assert kernels_digest(tree) == kernels_digest(other)
     assert script_digest(tree / "shim.py", tree) == script_digest(other / "shim.py", other)
 
 
@@ -351,22 +352,40 @@ def test_script_digest_covers_the_script_and_what_it_reaches(tree):
     assert len({before, reached_edit, script_digest(script, tree)}) == 3
 
 
-def test_source_digest_sees_all_code_but_no_comments(tree):
-    before = source_digest(tree)
-    edit(tree, GRAVITY, "# m^3/s^2", "# metres")
-    edit(tree, GRAVITY, '"""Acceleration."""', '"""Other."""')
-    assert source_digest(tree) == before
-    edit(tree, "pkg/models/dynamic.py", "return 2", "return 3")
-    assert source_digest(tree) != before
+KERNEL = """
+from numba import njit
+from pkg.models.gravity import strength
+
+def compiled(function):
+    return njit(cache=True)(function)
+
+@njit(cache=True)
+def fly():
+    return strength()
+
+@compiled
+def add():
+    return 1
+
+@njit
+def inner():
+    return 2
+"""
 
 
-def test_source_digest_sees_a_moved_file(tree):
-    before = source_digest(tree)
-    (tree / "pkg/models/deep.py").rename(tree / "pkg/models/deeper.py")
-    assert source_digest(tree) != before
+def test_kernels_are_what_numba_caches_and_their_digest_is_of_what_they_reach(tree):
+    before = kernels_digest(tree)
+    (tree / "pkg" / "kernel.py").write_text(KERNEL, encoding="utf-8")
+    assert kernels(tree) == ["pkg.kernel:fly", "pkg.kernel:add"]
+    with_kernels = kernels_digest(tree)
+    assert with_kernels != before
+    edit(tree, "pkg/kernel.py", "return 2", "return 3")
+    assert kernels_digest(tree) == with_kernels, "no cached kernel reaches it"
+    edit(tree, "pkg/kernel.py", "return 1", "return 4")
+    assert kernels_digest(tree) != with_kernels
 
 
-@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), source_digest])
+@pytest.mark.parametrize("digest", [lambda tree: code_digest(ENTRY, tree), kernels_digest])
 def test_a_syntax_error_names_file_and_line(tree, digest):
     edit(tree, GRAVITY, "def strength():", "def strength(:")
     with pytest.raises(MarsedlError, match=r"gravity\.py, line \d+"):
@@ -416,12 +435,12 @@ def remembered(tree, tmp_path):
 
 def test_remembered_digests_are_those_computed_and_parse_nothing_while_nothing_changes(tree, remembered, monkeypatch):
     first = remembered()
-    found = first.source(), first.code(ENTRY), first.libraries(ENTRY), first.script("shim.py")
-    assert found[:3] == (source_digest(tree), code_digest(ENTRY, tree), libraries(ENTRY, tree))
+    found = first.kernels(), first.code(ENTRY), first.libraries(ENTRY), first.script("shim.py")
+    assert found[:3] == (kernels_digest(tree), code_digest(ENTRY, tree), libraries(ENTRY, tree))
     first.save()
     monkeypatch.setattr(module_of_digests, "_parsed", None)
     again = remembered()
-    assert (again.source(), again.code(ENTRY), again.libraries(ENTRY), again.script("shim.py")) == found
+    assert (again.kernels(), again.code(ENTRY), again.libraries(ENTRY), again.script("shim.py")) == found
 
 
 def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remembered, tmp_path):
@@ -432,7 +451,7 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
     changed = remembered()
     assert changed.code(ENTRY) == code_digest(ENTRY, tree) != before
-    first.source()
+    first.kernels()
     first.save()  # computed before the change: not to be kept under either key
     changed.save()
     memory = tmp_path / "memory" / "digests.json"
@@ -467,7 +486,7 @@ def parsed(monkeypatch):
 def test_after_an_edit_only_what_is_edited_is_parsed(tree, remembered, parsed, tmp_path):
     paths = parsed()
     first = remembered()
-    before = first.source(), first.code(ENTRY), first.script("shim.py")
+    before = first.kernels(), first.code(ENTRY), first.script("shim.py")
     first.save()
     twice = [path for path in set(paths) if paths.count(path) > 1]
     assert twice == [tree / "scripts" / "shim.py"], "which here is a file of the source too, in another package"
@@ -476,12 +495,12 @@ def test_after_an_edit_only_what_is_edited_is_parsed(tree, remembered, parsed, t
     path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
     paths = parsed()
     second = remembered()
-    after = second.source(), second.code(ENTRY), second.script("shim.py")
+    after = second.kernels(), second.code(ENTRY), second.script("shim.py")
     assert paths == [path]
     assert before[:2] != after[:2]
     parsed()
     scratch = RememberedDigests(tmp_path / "nothing" / "digests.json", tree, tree / "scripts")
-    assert (scratch.source(), scratch.code(ENTRY), scratch.script("shim.py")) == after
+    assert (scratch.kernels(), scratch.code(ENTRY), scratch.script("shim.py")) == after
 
 
 def test_what_another_version_or_a_damaged_file_remembers_of_modules_is_forgotten(tree, remembered, parsed, tmp_path):

@@ -70,7 +70,9 @@ def test_a_paper_without_solvers_has_no_rows(tmp_path):
 
 
 def test_provenance_rows_say_what_an_artifact_was_made_from(tmp_path):
-    path = saved(tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], seed=7)
+    path = saved(
+        tmp_path / "corrected" / "gains.h5", ["optimal"], [3], made_from=["b.h5", "a.h5"], **{"ensemble.seed": 7}
+    )
     bare = saved(tmp_path / "corrected" / "nominal.h5", ["optimal"], [3])
     stages = {
         "nominal": Stage((), (), (), "path"),
@@ -160,7 +162,7 @@ def test_plots_hold_what_a_screen_shows(values, axis, expected):
 
 
 def test_a_plot_whose_artifacts_are_not_built_is_left_out():
-    assert assembly.closeups(catalogue("powered_descent"), {"gains": "nowhere.h5"}) == []
+    assert assembly.closeups(catalogue("powered_descent"), {}) == []
     assert assembly.closeups(catalogue("desensitized"), {}) == []
 
 
