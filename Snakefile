@@ -26,9 +26,7 @@ include: "workflow/rules/verify.smk"
 
 onstart:
     if SIZE != "full":
-        print(
-            f"size {SIZE}: everything is written to build/{SIZE}", file=sys.stderr
-        )
+        print(f"size {SIZE}: everything is written to build/{SIZE}", file=sys.stderr)
     # For its limit of submissions a second, Snakemake looks for free jobs again a second after every look, so that some
     # hundred finished jobs keep a core busy with looking. Processes of this machine need no such limit.
     if workflow.local_exec:

@@ -22,7 +22,7 @@ for _paper in PAPERS:
         input:
             cache(_paper),
             published=source(f"data/published/{_paper}.yaml"),
-            measured=[source("data/reference/benchmarks.csv")] * PAPERS[_paper].measured,
+            measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
         output:
             **{
                 stem: [f"figures/{_paper}/{stem}.csv", f"figures/{_paper}/{stem}.md"]
@@ -48,16 +48,11 @@ for _paper in PAPERS:
         params:
             paper=_paper,
             artifacts={r: claimed(_paper, r) for r in STUDIES[_paper].compared},
-            inputs={
-                reading: STUDIES[_paper].readings[reading].inputs.plain()
-                for reading in STUDIES[_paper].compared
-            },
+            inputs={reading: STUDIES[_paper].readings[reading].inputs.plain() for reading in STUDIES[_paper].compared},
             judged=dict(
                 known_errata=[erratum.id for erratum in PAPERS[_paper].errata],
                 require_reasons=as_committed(_paper),
-                left_out=sorted(
-                    STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)
-                ),
+                left_out=sorted(STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)),
                 size=SIZE,
             ),
             summaries=list(PAPERS[_paper].summaries),

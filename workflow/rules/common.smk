@@ -4,7 +4,6 @@ import functools
 import hashlib
 import re
 import sys
-from types import SimpleNamespace
 
 from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
@@ -17,9 +16,8 @@ from marsedl.replication.inputs import (
     counted_inputs,
     load_studies,
 )
-from marsedl.replication.jobs import pretended_machine, whole_case
+from marsedl.replication.jobs import pretended_machine
 from marsedl.replication.libraries import versions_used
-from marsedl.replication.recipes import recipe_digest
 from marsedl.replication.sharing import Shared
 from marsedl.replication.sizes import build_folder
 
@@ -27,6 +25,7 @@ ROOT = Path(workflow.basedir)
 SIZE = str(config.get("size", "full"))
 DIGESTS = remembered_digests(ROOT)
 DEFAULT = "corrected"
+BENCHMARKS = "data/reference/benchmarks.csv"
 
 try:
     PAPERS = {slug: catalogue(slug) for slug in SLUGS}
@@ -38,8 +37,6 @@ try:
     COMMITTED = committed_inputs(ROOT)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
-SHARED = {slug: Shared(PAPERS[slug], STUDIES[slug]) for slug in SLUGS}
-
 # Every size but the full one has a folder of its own, so that it never touches full results.
 if SIZE != "full":
 
@@ -85,21 +82,22 @@ def libraries(script, *entries):
     return versions_used(frozenset().union(*used))
 
 
+def code_of_stage(entries):
+    """What the recipe of an artifact holds of the code that makes it, and of its libraries."""
+    return dict(code=code("stage.py", *entries), libraries=libraries("stage.py", *entries))
+
+
+SHARED = {slug: Shared(PAPERS[slug], STUDIES[slug], code_of_stage) for slug in SLUGS}
+
+
 def given(paper, reading, names):
     """Inputs of a reading by "section.name"."""
     return STUDIES[paper].readings[reading].slice(names)
 
 
-def cases(paper, reading):
-    """The Monte Carlo cases of a reading with their numbers of trials; a case without trials is left out."""
-    return STUDIES[paper].readings[reading].flown()
-
-
 def files(paper, reading, needs, optional=()):
     """Artifact files by the name of the parameter that takes them, whichever reading owns them."""
-    flown = cases(paper, reading)
-    needs = [*needs, *(need for need in optional if need.partition(".")[2] in flown)]
-    return {need.split(".")[-1]: SHARED[paper].file(reading, need) for need in needs}
+    return SHARED[paper].files(reading, needs, optional)
 
 
 def claimed(paper, reading):
@@ -110,81 +108,18 @@ def claimed(paper, reading):
 
 def cache(paper):
     """All artifacts of a paper that its claims use."""
-    shared = SHARED[paper]
-    return sorted(
-        {p for reading in shared.readings for p in shared.claimed(reading).values()}
-    )
+    return sorted({path for reading in STUDIES[paper].compared for path in claimed(paper, reading).values()})
 
 
-def number_of_chunks(paper, reading, case):
-    """The chunks that a Monte Carlo case is scattered into."""
-    study = STUDIES[paper]
-    return command_line.number_of_chunks(
-        PAPERS[paper], study, study.readings[reading], case
-    )
+def filled(pattern, wildcards):
+    """A pattern with the values of the wildcards."""
+    return pattern.format(**dict(wildcards.items()))
 
 
-def chunk_files(paper, reading, case):
-    """The files of all chunks of a Monte Carlo case."""
-    chunks = number_of_chunks(paper, reading, case)
-    folder = f"data/cache/{paper}/{reading}/chunks"
-    return [f"{folder}/{case}.{k}of{chunks}.h5" for k in range(chunks)]
-
-
-@functools.cache
-def cases_of(paper, scattered):
-    """Pattern of the Monte Carlo cases that have several chunks in some reading, or of those that have one in all."""
-    readings = STUDIES[paper].readings
-    return (
-        "|".join(
-            case
-            for case in MODELS[paper].CASES
-            if any(number_of_chunks(paper, name, case) > 1 for name in readings)
-            == scattered
-        )
-        or "(?!)"
-    )
-
-
-def flown(paper, stage, wildcards):
-    """The options of a job that flies a whole Monte Carlo case or one chunk of it; none of any other."""
-    if stage not in (FLIGHTS, CHUNK):
-        return {}
-    trials = cases(paper, wildcards.reading)[wildcards.case]
-    options = whole_case(wildcards.case, trials, PAPERS[paper])
-    if stage == CHUNK:
-        options |= dict(chunk=int(wildcards.chunk), chunks=int(wildcards.chunks))
-    return options
-
-
-@functools.cache
 def recipe(path):
     """Paper, reading and recipe of an artifact: what it would be made from now."""
-    paper, reading, *_, file = path.rpartition("data/cache/")[2].split("/")
-    name, _, part = file.removesuffix(".h5").partition(".")
-    stage, wildcards, made_from = name, SimpleNamespace(reading=reading), []
-    if "/chunks/" in path:
-        stage, wildcards.case = CHUNK, name
-        wildcards.chunk, wildcards.chunks = part.split("of")
-    elif part:
-        wildcards.case = part
-        if re.fullmatch(cases_of(paper, scattered=True), part):
-            stage, made_from = GATHER, chunk_files(paper, reading, part)
-    declared = PAPERS[paper].stages[stage]
-    made_from = [*files(paper, reading, declared.needs).values(), *made_from]
-    return (
-        paper,
-        reading,
-        dict(
-            inputs=given(paper, reading, declared.inputs),
-            options=flown(paper, stage, wildcards),
-            code=code("stage.py", *declared.entries),
-            libraries=libraries("stage.py", *declared.entries),
-            needs={
-                Path(file).name: recipe_digest(recipe(file)[2]) for file in made_from
-            },
-        ),
-    )
+    paper, reading, name = path.rpartition("data/cache/")[2].removesuffix(".h5").split("/", 2)
+    return paper, reading, SHARED[paper].recipe(reading, name)
 
 
 # Functions that take `input` as well are no reason to run a job again: an artifact whose recipe has changed is made
@@ -197,24 +132,27 @@ def build(wildcards, input):
     return dict(size=SIZE, artifacts=artifacts)
 
 
+def reached(script, entries):
+    """The params that every job has: digests of its code, libraries, artifacts; entries: function of the wildcards."""
+    return dict(
+        code=lambda wildcards: code(script, *entries(wildcards)),
+        libraries=lambda wildcards: libraries(script, *entries(wildcards)),
+        build=build,
+    )
+
+
 def products(paper):
     """All figures and tables of a paper that `snakemake all` makes."""
     catalogue = PAPERS[paper]
     tables = [*catalogue.tables, *catalogue.summaries, "claims"]
-    return [
-        f"figures/{paper}/{stem}.{ext}"
-        for stem in catalogue.figures
-        for ext in ("png", "pdf")
-    ] + [f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")]
+    return [f"figures/{paper}/{stem}.{ext}" for stem in catalogue.figures for ext in ("png", "pdf")] + [
+        f"figures/{paper}/{stem}.{ext}" for stem in tables for ext in ("csv", "md")
+    ]
 
 
 def compared():
     """All figures and tables of the comparison across papers."""
-    return [
-        f"figures/comparison/{stem}.{ext}"
-        for stem in COMPARISONS
-        for ext in ("png", "pdf", "csv", "md")
-    ]
+    return [f"figures/comparison/{stem}.{ext}" for stem in COMPARISONS for ext in ("png", "pdf", "csv", "md")]
 
 
 def described(paper):
@@ -224,10 +162,7 @@ def described(paper):
             summary=reading.summary,
             based_on=reading.based_on,
             frozen=bool(reading.frozen),
-            inputs={
-                field: [source.key, source.written, source.source]
-                for field, source in reading.sources.items()
-            },
+            inputs={field: [source.key, source.written, source.source] for field, source in reading.sources.items()},
         )
         for name, reading in STUDIES[paper].readings.items()
     }

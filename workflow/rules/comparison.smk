@@ -1,32 +1,35 @@
 # The papers beside each other: one job per comparison, from the artifacts of the default reading.
 
 
-def compared_artifacts(stem):
+def compared_artifacts(wildcards):
     """Artifacts of a comparison by paper, by parameter."""
-    return {
-        paper: files(paper, DEFAULT, taken.needs, taken.optional)
-        for paper, taken in COMPARISONS[stem].takes.items()
-    }
+    takes = COMPARISONS[wildcards.stem].takes
+    return {paper: files(paper, DEFAULT, taken.needs, taken.optional) for paper, taken in takes.items()}
 
 
-def comparison_entries(stem):
+def comparison_entries(wildcards):
     """The functions of a comparison."""
-    names = ("figure", "table", *COMPARISONS[stem].papers)
-    return [f"marsedl.comparison.{stem}:{name}" for name in names]
+    names = ("figure", "table", *COMPARISONS[wildcards.stem].papers)
+    return [f"marsedl.comparison.{wildcards.stem}:{name}" for name in names]
 
 
 def comparison_inputs(wildcards):
     """Inputs that a comparison reads, by paper."""
     takes = COMPARISONS[wildcards.stem].takes
-    return {
-        paper: given(paper, DEFAULT, taken.inputs) for paper, taken in takes.items()
-    }
+    return {paper: given(paper, DEFAULT, taken.inputs) for paper, taken in takes.items()}
 
 
 def comparison_captions(wildcards, output):
     """Captions of the figure and the table of a comparison."""
     written = COMPARISONS[wildcards.stem]
     return {"figure": as_rst(written.figure), "table": as_rst(written.table)}
+
+
+def comparison_shown(kind, suffix):
+    """A file of a comparison, which `snakemake --report` shows."""
+    labels = {"reading": DEFAULT, "item": "{stem}", "kind": kind}
+    place = dict(category="comparison of the papers", subcategory=DEFAULT, labels=labels)
+    return report(f"figures/comparison/{{stem}}.{suffix}", caption=f"../report/comparison_{kind}.rst", **place)
 
 
 rule comparison:
@@ -36,27 +39,11 @@ rule comparison:
 
 rule comparison_product:
     input:
-        lambda wildcards: [
-            path
-            for files in compared_artifacts(wildcards.stem).values()
-            for path in files.values()
-        ],
+        lambda wildcards: [path for files in compared_artifacts(wildcards).values() for path in files.values()],
     output:
-        png=report(
-            "figures/comparison/{stem}.png",
-            caption="../report/comparison_figure.rst",
-            category="comparison of the papers",
-            subcategory=DEFAULT,
-            labels={"reading": DEFAULT, "item": "{stem}", "kind": "figure"},
-        ),
+        png=comparison_shown("figure", "png"),
         pdf="figures/comparison/{stem}.pdf",
-        csv=report(
-            "figures/comparison/{stem}.csv",
-            caption="../report/comparison_table.rst",
-            category="comparison of the papers",
-            subcategory=DEFAULT,
-            labels={"reading": DEFAULT, "item": "{stem}", "kind": "table"},
-        ),
+        csv=comparison_shown("table", "csv"),
         md="figures/comparison/{stem}.md",
     log:
         "logs/comparison/{stem}.log",
@@ -67,21 +54,11 @@ rule comparison_product:
     conda:
         "../envs/marsedl.yaml"
     params:
+        **reached("comparison.py", comparison_entries),
         inputs=comparison_inputs,
-        artifacts=lambda wildcards: compared_artifacts(wildcards.stem),
-        code=lambda wildcards: code(
-            "comparison.py", *comparison_entries(wildcards.stem)
-        ),
-        libraries=lambda wildcards: libraries(
-            "comparison.py", *comparison_entries(wildcards.stem)
-        ),
-        build=build,
-        benchmarks=source("data/reference/benchmarks.csv"),
-        measured=lambda wildcards: (
-            file_digest("data/reference/benchmarks.csv")
-            if COMPARISONS[wildcards.stem].measured
-            else ""
-        ),
+        artifacts=compared_artifacts,
+        benchmarks=source(BENCHMARKS),
+        measured=lambda wildcards: file_digest(BENCHMARKS) if COMPARISONS[wildcards.stem].measured else "",
         captions=comparison_captions,
     script:
         "../scripts/comparison.py"

@@ -1,5 +1,14 @@
 # Figures and tables: one job for each figure, and one for the tables of a reading that need the same artifacts. Those of
 # the default reading stand right under figures/<paper>, of any other in its folder.
+FIGURE, TABLES = ("figure", ("png", "pdf")), ("table", ("csv", "md"))
+
+
+def product_rules():
+    """Name and kind of each rule, its paper and the names of its products; those of all figures are wildcards."""
+    yield "figure", FIGURE, "{paper}", ["{stem}"]
+    for paper, catalogue in PAPERS.items():
+        for tables in command_line.tables_of_equal_needs(catalogue):
+            yield f"{paper}_table_{next(iter(tables))}", TABLES, paper, list(tables)
 
 
 def reading_of(wildcards):
@@ -7,134 +16,77 @@ def reading_of(wildcards):
     return wildcards.place.strip("/") or DEFAULT
 
 
-def shown_in_report(path, paper, kind, stem):
-    """Mark a product for `snakemake --report`: under its paper, found by reading and item."""
-    return report(
-        path,
-        caption=f"../report/{kind}.rst",
-        category=paper,
-        subcategory=reading_of,
-        labels=lambda wildcards: {
-            "reading": reading_of(wildcards),
-            "item": stem or wildcards.stem,
-            "kind": kind,
-        },
-    )
+def product_files(kind, paper, stems):
+    """Files of a rule's products, of which the first of each is shown by `snakemake --report`."""
+
+    def labels_of(stem):
+        return lambda wildcards: {"reading": reading_of(wildcards), "item": filled(stem, wildcards), "kind": kind[0]}
+
+    for stem in stems:
+        shown, other = (f"figures/{paper}/{{place}}{stem}.{suffix}" for suffix in kind[1])
+        place = dict(category=paper, subcategory=reading_of, labels=labels_of(stem))
+        yield report(shown, caption=f"../report/{kind[0]}.rst", **place)
+        yield other
 
 
-def product_input(paper_of, items):
-    """Input files of a job that makes products; items: a function of the wildcards, to the products by name."""
+def product_functions(kind, paper, stems):
+    """The input function of a rule of products and its params."""
 
-    def named(wildcards):
-        item = next(iter(items(wildcards).values()))
-        return files(
-            paper_of(wildcards), reading_of(wildcards), item.needs, item.optional
-        )
+    def products(wildcards):
+        return {stem: PAPERS[filled(paper, wildcards)].product(stem) for stem in (filled(s, wildcards) for s in stems)}
 
-    return named
-
-
-def product_params(kind, script, paper_of, items):
-    """The params of a rule that makes products."""
+    def artifacts(wildcards):
+        product = next(iter(products(wildcards).values()))
+        return files(filled(paper, wildcards), reading_of(wildcards), product.needs, product.optional)
 
     def entries(wildcards):
-        paper = paper_of(wildcards)
-        return [f"marsedl.papers.{paper}.{kind}:{stem}" for stem in items(wildcards)]
+        return [f"marsedl.papers.{filled(paper, wildcards)}.{kind[0]}s:{stem}" for stem in products(wildcards)]
 
     def inputs(wildcards):
-        names = {name for item in items(wildcards).values() for name in item.inputs}
-        return given(paper_of(wildcards), reading_of(wildcards), names)
+        names = {name for product in products(wildcards).values() for name in product.inputs}
+        return given(filled(paper, wildcards), reading_of(wildcards), names)
+
+    def published(wildcards):
+        return filled(f"data/published/{paper}.yaml", wildcards)
 
     def printed(wildcards):
-        shown = any(item.published for item in items(wildcards).values())
-        path = f"data/published/{paper_of(wildcards)}.yaml"
-        return file_digest(path) if shown else ""
+        shown = any(product.published for product in products(wildcards).values())
+        return file_digest(published(wildcards)) if shown else ""
 
-    return dict(
-        paper=paper_of,
+    def captions(wildcards, output):
+        return {stem: as_rst(product.caption) for stem, product in products(wildcards).items()}
+
+    return artifacts, dict(
+        paper=lambda wildcards: filled(paper, wildcards),
         reading=reading_of,
-        stems=lambda wildcards: list(items(wildcards)),
+        stems=lambda wildcards: list(products(wildcards)),
         inputs=inputs,
-        code=lambda wildcards: code(script, *entries(wildcards)),
-        libraries=lambda wildcards: libraries(script, *entries(wildcards)),
-        build=build,
-        published=lambda wildcards: source(
-            f"data/published/{paper_of(wildcards)}.yaml"
-        ),
+        published=lambda wildcards: source(published(wildcards)),
         printed=printed,
-        captions=lambda wildcards, output: {
-            stem: as_rst(item.caption) for stem, item in items(wildcards).items()
-        },
+        captions=captions,
+        **reached(f"{kind[0]}s.py", entries),
     )
 
 
-def figure_of(wildcards):
-    """The figure that a job draws, by its name."""
-    return {wildcards.stem: PAPERS[wildcards.paper].figures[wildcards.stem]}
+for _name, _kind, _paper, _stems in product_rules():
+    _input, _params = product_functions(_kind, _paper, _stems)
 
-
-rule figure:
-    input:
-        unpack(product_input(lambda wildcards: wildcards.paper, figure_of)),
-    output:
-        png=shown_in_report(
-            "figures/{paper}/{place}{stem}.png", "{paper}", "figure", ""
-        ),
-        pdf="figures/{paper}/{place}{stem}.pdf",
-    log:
-        "logs/{paper}/{place}{stem}.log",
-    benchmark:
-        "benchmarks/{paper}/{place}{stem}.tsv"
-    wildcard_constraints:
-        stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
-    conda:
-        "../envs/marsedl.yaml"
-    params:
-        **product_params(
-            "figures", "figure.py", lambda wildcards: wildcards.paper, figure_of
-        ),
-    script:
-        "../scripts/figure.py"
-
-
-for _paper in PAPERS:
-    for _group in command_line.tables_of_equal_needs(PAPERS[_paper]):
-
-        rule:
-            name:
-                f"{_paper}_table_{next(iter(_group))}"
-            input:
-                unpack(
-                    product_input(
-                        lambda wildcards, paper=_paper: paper,
-                        lambda wildcards, group=_group: group,
-                    )
-                ),
-            output:
-                **{
-                    stem: [
-                        shown_in_report(
-                            f"figures/{_paper}/{{place}}{stem}.csv",
-                            _paper,
-                            "table",
-                            stem,
-                        ),
-                        f"figures/{_paper}/{{place}}{stem}.md",
-                    ]
-                    for stem in _group
-                },
-            log:
-                f"logs/{_paper}/{{place}}{next(iter(_group))}.log",
-            benchmark:
-                f"benchmarks/{_paper}/{{place}}{next(iter(_group))}.tsv"
-            conda:
-                "../envs/marsedl.yaml"
-            params:
-                **product_params(
-                    "tables",
-                    "tables.py",
-                    lambda wildcards, paper=_paper: paper,
-                    lambda wildcards, group=_group: group,
-                ),
-            script:
-                "../scripts/tables.py"
+    rule:
+        name:
+            _name
+        input:
+            unpack(_input),
+        output:
+            list(product_files(_kind, _paper, _stems)),
+        log:
+            f"logs/{_paper}/{{place}}{_stems[0]}.log",
+        benchmark:
+            f"benchmarks/{_paper}/{{place}}{_stems[0]}.tsv"
+        wildcard_constraints:
+            stem="|".join(stem for paper in PAPERS.values() for stem in paper.figures),
+        conda:
+            "../envs/marsedl.yaml"
+        params:
+            **_params,
+        script:
+            f"../scripts/{_kind[0]}s.py"

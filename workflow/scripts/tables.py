@@ -7,6 +7,6 @@ from marsedl.replication.tables import write_table
 
 with guarded(snakemake) as job:
     module, published = import_module(f"marsedl.papers.{job.paper}.tables"), job.published()
-    for stem in job.params.stems:
+    for number, stem in enumerate(job.params.stems):
         table = getattr(module, stem)
-        write_table(table(**job.given(table, **published)), *snakemake.output[stem])
+        write_table(table(**job.given(table, **published)), *snakemake.output[2 * number : 2 * number + 2])

@@ -174,7 +174,7 @@ def _check_artifact(target, names, size, paper, study) -> None:
                 f"{target}: no chunk of a Monte Carlo case, such as {next(iter(cases))}.0of3.h5; {nearest(case, cases)}"
             )
         _check_trials(target, [f"montecarlo.{chunk[1]}"], size, paper, reading)
-        number, count = chunk[2], number_of_chunks(paper, study, reading, chunk[1])
+        number, count = chunk[2], len(Shared(paper, study).chunks(reading.name, chunk[1]))
         if str(int(number)) != number or chunk[3] != str(count) or int(number) >= count:
             last = f"0of{count}" + (f" to {count - 1}of{count}" if count > 1 else "")
             raise InputError(
@@ -226,12 +226,6 @@ def _check_trials(target, needs, size, paper, reading) -> None:
             )
         if stage in paper.stages:
             open_needs.extend(paper.stages[stage].needs)
-
-
-def number_of_chunks(paper: Paper, study: Study, reading: Reading, case: str) -> int:
-    """Return the chunks that a Monte Carlo case is scattered into: no more than it has blocks of trials, if any."""
-    blocks = -(-reading.flown().get(case, 0) // paper.trials_per_block)
-    return min(study.chunks[case], blocks)
 
 
 def owned_elsewhere(target: str, shared: Mapping[str, Shared]) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import functools
 import inspect
 import os
 import sys
@@ -173,15 +174,18 @@ class Job:
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
         self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
 
-    def given(self, function: typing.Callable, **others) -> dict:
-        """Return the function's arguments: sections, and artifacts from the job's input files, see `given`."""
+    def given(self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **others) -> dict:
+        """Return the function's arguments: sections, and artifacts from the job's input files, see `given`.
+
+        inputs: plain values by "section.name"; by default those of the job's params.
+        """
         if chunks := self.input.get("chunks"):
             kind = typing.get_args(typing.get_type_hints(function)["chunks"])[0]
             others["chunks"] = [self.load(path, kind) for path in ([chunks] if isinstance(chunks, str) else chunks)]
         files = dict(self.input.items())
         return given(
             function,
-            self.params.inputs,
+            self.params.inputs if inputs is None else inputs,
             lambda name, kind: self.load(files[name], kind) if name in files else None,
             **others,
         )
@@ -204,8 +208,10 @@ class Job:
         return {"published": {claim.id: claim for claim in load_published(self.params.published)}}
 
     def run(self) -> None:
-        """Compute the stage, and save what it returns."""
-        self.save(computed(self.params.entries, self.given, self.params.get("options", {})))
+        """Compute each artifact of the stage, and save it; the params hold their recipes."""
+        for path, recipe in zip(self.output, self.params.recipes, strict=True):
+            give = functools.partial(self.given, inputs=recipe["inputs"])
+            self.save(path, computed(self.params.entries, give, recipe["options"]), recipe)
 
     def readings(self, function: typing.Callable, **others) -> dict[str, dict]:
         """Return the arguments of a function over all readings, by reading; inputs and files are in the params."""
@@ -233,7 +239,8 @@ class Job:
         """Refuse to run with libraries of other versions than those that Snakemake planned with."""
         from marsedl.replication.libraries import versions_used
 
-        planned = self.params.get("libraries", "")
+        recipes = self.params.get("recipes", [self.params])
+        planned = recipes[0].get("libraries", "")
         names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
         if planned and (found := versions_used(frozenset(names))) != planned:
             raise MarsedlError(
@@ -241,25 +248,20 @@ class Job:
                 "in which its jobs run"
             )
 
-    def save(self, artifact: object) -> None:
-        """Save the job's artifact with its provenance: its recipe, the artifacts it was made from, the build's size."""
+    def save(self, path: str, artifact: object, recipe: Mapping[str, object]) -> None:
+        """Save an artifact with its provenance: its recipe, the artifacts it was made from, the build's size."""
         from marsedl.replication import artifacts, digests
         from marsedl.replication.recipes import recipe_digest
 
-        recipe = {
-            "inputs": self.params.inputs,
-            "options": self.params.get("options", {}),
-            "code": self.params.code,
-            "libraries": self.params.libraries,
-            "needs": {Path(path).name: recipe_digest(recipe) for path, (_, _, recipe) in self._artifacts.items()},
-        }
+        needs = {Path(need).name: recipe_digest(made) for need, (_, _, made) in self._artifacts.items()}
+        recipe = {**recipe, "needs": needs}
         provenance = {
             **recipe,
             "recipe": recipe_digest(recipe),
-            "made_from": {Path(path).name: digests.digest(path) for path in self._artifacts},
+            "made_from": {Path(need).name: digests.digest(need) for need in self._artifacts},
             "size": self.params.build["size"],
         }
-        artifacts.save(self.output[0], artifact, paper=self.paper, reading=self.reading, provenance=provenance)
+        artifacts.save(path, artifact, paper=self.paper, reading=self.reading, provenance=provenance)
 
     @property
     def _artifacts(self) -> dict[str, tuple]:

@@ -6,5 +6,5 @@ from marsedl.plotting.style import save_figure
 from marsedl.replication.jobs import guarded
 
 with guarded(snakemake) as job:
-    function = getattr(import_module(f"marsedl.papers.{job.paper}.figures"), snakemake.wildcards.stem)
+    function = getattr(import_module(f"marsedl.papers.{job.paper}.figures"), *job.params.stems)
     save_figure(function(**job.given(function, **job.published())), *snakemake.output)
