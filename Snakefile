@@ -16,6 +16,7 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/functions.smk"
 include: "workflow/rules/stages.smk"
 include: "workflow/rules/products.smk"
 include: "workflow/rules/comparison.smk"

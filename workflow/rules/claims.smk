@@ -7,13 +7,6 @@ rule claims:
         "report/badge.json",
 
 
-def claims_entries(paper):
-    """A paper's evaluators, its statements about claims, and its tables over all readings."""
-    names = ["claims:evaluate", "claims:DECLARATIONS"]
-    names += [f"tables:{stem}" for stem in PAPERS[paper].summaries]
-    return [f"marsedl.papers.{paper}.{name}" for name in names]
-
-
 for _paper in PAPERS:
 
     rule:

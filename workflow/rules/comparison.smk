@@ -1,37 +1,6 @@
 # The papers beside each other: one job per comparison, from the artifacts of the default reading.
 
 
-def compared_artifacts(wildcards):
-    """Artifacts of a comparison by paper, by parameter."""
-    takes = COMPARISONS[wildcards.stem].takes
-    return {paper: files(paper, DEFAULT, taken.needs, taken.optional) for paper, taken in takes.items()}
-
-
-def comparison_entries(wildcards):
-    """The functions of a comparison."""
-    names = ("figure", "table", *COMPARISONS[wildcards.stem].papers)
-    return [f"marsedl.comparison.{wildcards.stem}:{name}" for name in names]
-
-
-def comparison_inputs(wildcards):
-    """Inputs that a comparison reads, by paper."""
-    takes = COMPARISONS[wildcards.stem].takes
-    return {paper: given(paper, DEFAULT, taken.inputs) for paper, taken in takes.items()}
-
-
-def comparison_captions(wildcards, output):
-    """Captions of the figure and the table of a comparison."""
-    written = COMPARISONS[wildcards.stem]
-    return {"figure": as_rst(written.figure), "table": as_rst(written.table)}
-
-
-def comparison_shown(kind, suffix):
-    """A file of a comparison, which `snakemake --report` shows."""
-    labels = {"reading": DEFAULT, "item": "{stem}", "kind": kind}
-    place = dict(category="comparison of the papers", subcategory=DEFAULT, labels=labels)
-    return report(f"figures/comparison/{{stem}}.{suffix}", caption=f"../report/comparison_{kind}.rst", **place)
-
-
 rule comparison:
     input:
         compared(),
