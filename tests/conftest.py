@@ -43,8 +43,9 @@ def paper_of(name: str) -> str:
 
 
 def _short(rule: str) -> str:
-    """The name of a rule without its paper; all rules of tables are "table"."""
+    """The name of a rule without its paper; all rules of tables are "table", those of several cases "montecarlo"."""
     name = rule.removeprefix(f"{paper_of(rule)}_")
+    name = re.sub(r"^flights(_\d+)?$", "montecarlo", name)
     return "table" if name.startswith("table_") else name
 
 

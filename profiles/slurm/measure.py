@@ -10,7 +10,7 @@ import re
 import sys
 from pathlib import Path
 
-from marsedl.papers import SLUGS, catalogue
+from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.command_line import tables_of_equal_needs
 
 HERE = Path(__file__).parent
@@ -25,9 +25,12 @@ TIME_FACTOR = 4  # for slower nodes and busy file systems
 TIME_MINUTES = 5  # at least: Snakemake's own start, compiling kernels anew, waiting for another that compiles
 SMALLEST_MB = 200  # of a job's own process: what a job of less than a second takes is not seen by the samples
 # Jobs of a second to half a minute, many in one job of Slurm: figures and tables of a paper, and the designs of its
-# readings. A failure in one paper leaves the others. Monte Carlo chunks and long stages are jobs of their own.
+# readings with flights of few trials. A failure in one paper leaves the others. Other Monte Carlo cases and long stages
+# are jobs of their own.
+SHORT = "flights"
 DESIGNS = {
-    **dict.fromkeys(("powered_descent", "random_field", "stochastic_entry"), ("nominal", "linearization", "gains")),
+    **dict.fromkeys(("powered_descent", "stochastic_entry"), ("nominal", "linearization", "gains", SHORT)),
+    "random_field": ("nominal", "linearization", "gains"),
     "funnels": ("linearization", "gains"),
 }
 IN_A_GROUP = {"products": 24, "tables": 12, "designs": 4}
@@ -47,6 +50,8 @@ def rule_of(path: Path) -> str:
         if name == "claims":
             return f"{parts[0]}_claims"
         return "figure" if name in paper.figures else f"{parts[0]}_table_{name}"
+    if name.startswith(SHORT):
+        return f"{parts[0]}_{name}"
     stem, _, case = name.partition(".")
     if stem not in paper.stages:  # some tables have the name of a stage; a whole build draws none of other readings
         return "figure" if stem in paper.figures else f"{parts[0]}_table_{stem}"
@@ -123,6 +128,7 @@ def _resources(table: dict[str, dict[str, float]]) -> str:
 def rules() -> set[str]:
     """Return the rules that have a benchmark."""
     stages = {f"{slug}_{stage}" for slug in SLUGS for stage in catalogue(slug).stages}
+    stages |= {f"{slug}_{SHORT}" for slug in SLUGS if len(input_model(slug).CASES) > 1}
     claims = {f"{slug}_claims" for slug in SLUGS}
     return stages | claims | groups().keys() | {"all_claims", "comparison_product", "digests", "index"}
 

@@ -8,18 +8,18 @@ import os
 import sys
 from pathlib import Path
 
-from marsedl.papers import catalogue, input_model
-from marsedl.replication.inputs import load_study
 from marsedl.replication.jobs import pin_numerics
-from marsedl.replication.sharing import Shared
-from marsedl.replication.sizes import build_folder
 
 
 def main(root: Path, size: str, slug: str) -> dict:
     pin_numerics(root)
     os.chdir(root)
+    from marsedl.papers import catalogue, input_model  # only now, as they bring numpy
     from marsedl.replication import artifacts
     from marsedl.replication.graph import Memory, Run
+    from marsedl.replication.inputs import load_study
+    from marsedl.replication.sharing import Shared
+    from marsedl.replication.sizes import build_folder
 
     paper, model = catalogue(slug), input_model(slug)
     study = load_study(slug, model, Path("configs") / f"{slug}.yaml", size=size)

@@ -70,8 +70,9 @@ def test_every_reading_has_all_of_its_trials(full, studies, slug):
     """Counted in the artifacts, those that are not finite included."""
     for name in studies[slug].compared:
         for case, size in input_model(slug).CASES.items():
-            if trials := getattr(studies[slug].readings[name].inputs, size):
-                with opened(build_folder(full, SIZE) / f"data/cache/{slug}/{name}/montecarlo.{case}.h5") as file:
+            if trials := studies[slug].readings[name].inputs.get(size):
+                path = Shared(catalogue(slug), studies[slug]).file(name, f"montecarlo.{case}")
+                with opened(build_folder(full, SIZE) / path) as file:
                     assert file["outcome"].shape[-1] == trials  # of each law, where there are several
                     assert np.all(file["count"][()] + file["excluded"][()] == trials)
 

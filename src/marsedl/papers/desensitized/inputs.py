@@ -5,10 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from marsedl.papers.density_inputs import DensityInputs
 from marsedl.replication.sections import (
-    Count,
-    Drawn,
     Few,
     Inputs,
     Iterations,
@@ -16,10 +13,13 @@ from marsedl.replication.sections import (
     Number,
     Positive,
     Section,
-    Seed,
     given,
     vector,
 )
+from marsedl.sections.air import MeanDensity
+from marsedl.sections.ensemble import Trials
+from marsedl.sections.planet import CentralBody
+from marsedl.sections.vehicle import EntryVehicle, Propulsion
 
 Angle = Number | None
 Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
@@ -37,18 +37,13 @@ def _increases(name, values):
         raise ValueError(f"{name} does not increase: {', '.join(f'{value:g}' for value in values)}")
 
 
-class Planet(DensityInputs):
+class Planet(CentralBody, MeanDensity):
     """The planet and the mean density of its air."""
 
-    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
-    planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances, at entry and at the end")
 
-
-class Vehicle(Section):
+class Vehicle(EntryVehicle, Propulsion):
     """The vehicle, and what turns it."""
 
-    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
-    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
     aeroshell_diameter: Positive = given("m", "diameter of the aeroshell; enters no equation")
     cone_angle: Positive = given("rad", "sphere-cone angle of the aeroshell; enters no equation")
     angle_of_attack: NonNegative = given("rad", "trim angle of attack; enters the propellant only")
@@ -56,8 +51,6 @@ class Vehicle(Section):
     yaw_inertia: Positive = given("kg m^2", "moment of inertia about the yaw axis")
     roll_arm: Positive = given("m", "arm of the roll thrusters")
     yaw_arm: Positive = given("m", "arm of the yaw thrusters")
-    specific_impulse: Positive = given("s", "specific impulse of the reaction control system")
-    standard_gravity: Positive = given("m/s^2", "gravity in the definition of the specific impulse")
     bank_rate_bound: Positive = given("rad/s", "largest bank rate, either way")
     bank_acceleration_bound: Positive = given("rad/s^2", "largest bank acceleration, either way")
 
@@ -178,15 +171,12 @@ class Simulation(Section):
     substeps: Substeps = given("1", "Runge-Kutta steps in an interval of the nominal")
 
 
-class Ensemble(Section):
+class Ensemble(Trials):
     """Flights with random position errors at entry."""
 
     initial_deviations: vector(3, NonNegative) = given(
         "m", "standard deviations of radius, crossrange and downrange at entry"
     )
-    seed: Seed = given("1", "key of the random numbers")
-    trials: Count = given("1", "Monte Carlo trials of every law")
-    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
 
 class Studies(Section):

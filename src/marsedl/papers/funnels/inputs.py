@@ -8,7 +8,6 @@ from pydantic import Field, PlainSerializer, Strict, model_validator
 from marsedl.replication.sections import (
     ARRAY,
     Count,
-    Drawn,
     Few,
     Inputs,
     NonNegative,
@@ -20,6 +19,9 @@ from marsedl.replication.sections import (
     given,
     vector,
 )
+from marsedl.sections.ensemble import Trials
+from marsedl.sections.planet import CentralBody
+from marsedl.sections.vehicle import EntryVehicle
 
 # As `ARRAY`, of whole numbers, and written as such.
 WHOLE = (ARRAY[0], PlainSerializer(lambda value: value.astype(int).tolist()))
@@ -55,21 +57,17 @@ def _check_multiple(name, steps, per_name, per):
         raise ValueError(f"{name} ({steps}) is not a multiple of {per_name} ({per})")
 
 
-class Planet(Section):
+class Planet(CentralBody):
     """The planet and its air."""
 
-    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
-    planet_radius: Positive = given("m", "radius of Mars; also turns angles into distances on the ground")
     log_density_at_surface: Number = given("1", "a in ln rho = a + b h, rho in kg/m^3")
     log_density_slope: Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)] = given("1/m", "b in the same")
 
 
-class Vehicle(Section):
+class Vehicle(EntryVehicle):
     """The vehicle: its motion in the air, and its heating."""
 
-    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
-    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
     nose_radius: Positive = given("m", "nose radius in the law of Sutton and Graves for the heat rate")
     heat_rate_constant: Positive = given("kg^0.5/m", "constant of that law")
 
@@ -194,10 +192,9 @@ class Recursion(Section):
         return self
 
 
-class Ensemble(Section):
+class Ensemble(Trials):
     """How many flights there are, and under which disturbances."""
 
-    seed: Seed = given("1", "key of the random numbers")
     trials: Count = given("1", "flights with constant disturbance")
     redrawn_trials: Count = given("1", "flights whose disturbance is drawn again and again")
     redraw_steps: Few = given("1", "fine steps after which it is")
@@ -205,7 +202,6 @@ class Ensemble(Section):
     adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
         "1", "directions among which that is chosen"
     )
-    drawn_trials: Drawn = given("1", "flights drawn in the figures")
 
 
 class Car(Section):

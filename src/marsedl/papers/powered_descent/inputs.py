@@ -3,7 +3,6 @@
 from typing import ClassVar, Literal
 
 from marsedl.replication.sections import (
-    Count,
     CountOrNone,
     Drawn,
     Fraction,
@@ -13,13 +12,14 @@ from marsedl.replication.sections import (
     Number,
     Positive,
     Section,
-    Seed,
     StudyTrials,
     at_most,
     covariance,
     given,
     vector,
 )
+from marsedl.sections.ensemble import Trials
+from marsedl.sections.vehicle import Propulsion
 
 STATE_UNIT = "m, m, m/s, m/s"
 COVARIANCE_UNIT = "m^2, m^2, (m/s)^2, (m/s)^2"
@@ -33,13 +33,11 @@ class Planet(Section):
     gravity: NonNegative = given("m/s^2", "gravitational acceleration of Mars")
 
 
-class Vehicle(Section):
+class Vehicle(Propulsion):
     """The vehicle and its engines."""
 
     wet_mass: Positive = given("kg", "mass at the start")
     maximum_thrust: Positive = given("N", "maximum thrust; reported, not enforced")
-    specific_impulse: Positive = given("s", "specific impulse")
-    standard_gravity: Positive = given("m/s^2", "gravity in the definition of the specific impulse")
     mass_flow_constant: Positive | None = given(
         "kg/(N s)", "mass flow per thrust; empty: 1 / (specific impulse x standard gravity)"
     )
@@ -90,13 +88,10 @@ class Simulation(Section):
     output_interval: Positive = given("s", "largest interval between stored states")
 
 
-class Ensemble(Section):
+class Ensemble(Trials):
     """How many trials are flown, from which random numbers."""
 
-    seed: Seed = given("1", "key of the random numbers")
-    trials: Count = given("1", "Monte Carlo trials, closed and open loop")
     large_trials: CountOrNone = given("1", "trials of the large ensembles, closed and open loop; 0: none")
-    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
 
 class Studies(Section):

@@ -5,7 +5,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.sections import (
     Count,
@@ -15,12 +14,15 @@ from marsedl.replication.sections import (
     Number,
     Positive,
     Section,
-    Seed,
     Sign,
     StudyTrials,
     given,
     vector,
 )
+from marsedl.sections.air import DensityVariance, MeanDensity
+from marsedl.sections.ensemble import Trials
+from marsedl.sections.planet import CentralBody
+from marsedl.sections.vehicle import EntryVehicle
 
 LARGEST_STEP_COUNT = 100_000
 LARGEST_NODE_COUNT = 100_000
@@ -58,22 +60,16 @@ def _require_nodes(name, bounds, spacing):
         raise ValueError(f"{name}: {spacing:g} makes more than {LARGEST_NODE_COUNT} nodes: raise it")
 
 
-class Planet(Section):
+class Planet(CentralBody):
     """What the vehicle orbits."""
 
-    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
-    planet_radius: Positive = given("m", "radius of Mars")
 
-
-class Air(DensityInputs):
+class Air(MeanDensity, DensityVariance):
     """The density: its mean, and its variation over altitude (Eqs. 73-74)."""
 
     density_beyond_table: Literal["refuse", "continue"] = given(
         "1", "when a nominal leaves the density table: refuse, or continue along the table's end slopes"
     )
-    variance_at_top: Positive = given("1", "largest variance of the relative density")
-    variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
-    variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
     variance_growth_sign: Sign = given("1", "1: the variance grows up to that altitude; -1: as printed")
     correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
     density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
@@ -91,11 +87,9 @@ class Air(DensityInputs):
         return self
 
 
-class Vehicle(Section):
+class Vehicle(EntryVehicle):
     """The vehicle, and the state in which it enters the atmosphere."""
 
-    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
-    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
     control_limits: vector(2) = given("1", "least and largest bank cosine")
     entry_altitude: Positive = given("m", "mean altitude at the start")
     entry_velocity: Positive = given("m/s", "mean velocity at the start")
@@ -162,16 +156,13 @@ class Guidance(Section):
     )
 
 
-class Simulation(Section):
+class Simulation(Trials):
     """How trials are integrated, how many, and from which random numbers."""
 
     time_step: Positive = given("s", "integration step")
     output_interval: Positive = given("s", "time between stored states")
     dynamic_pressure_density: Literal["nominal", "actual"] = given("1", "density in the dynamic pressure that is shown")
-    seed: Seed = given("1", "key of the random numbers")
-    trials: Count = given("1", "Monte Carlo trials of the open loop and of each iteration's law")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
-    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
     @model_validator(mode="after")
     def _consistent(self):

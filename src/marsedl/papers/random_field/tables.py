@@ -3,7 +3,6 @@
 import numpy as np
 
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.papers.density_inputs import DensityInputs
 from marsedl.papers.random_field.claims import CONFIDENCE, OPEN, Records, node_deviations, normal_violation
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
@@ -20,6 +19,7 @@ from marsedl.papers.random_field.records import (
     Gains,
     Regularization,
 )
+from marsedl.sections.air import MeanDensity
 
 NO_VALUE = "–"
 STATES = (("r", 1e-3, "km"), ("v", 1.0, "m/s"), ("gamma", 180.0 / np.pi, "deg"))
@@ -30,7 +30,7 @@ VARIANT_NAMES = {
 }
 # Inputs in which readings may differ that only stand for another nominal density.
 _DENSITY = (
-    *(f"air.{name}" for name in (*DensityInputs.model_fields, "density_beyond_table")),
+    *(f"air.{name}" for name in (*MeanDensity.model_fields, "density_beyond_table")),
     *("simulation.trials", "simulation.paper_trials", "simulation.drawn_trials"),
     "point_mass.double_integrator_trials",
 )

@@ -5,7 +5,6 @@ from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
-from marsedl.papers.density_inputs import DensityInputs
 from marsedl.replication.sections import (
     Count,
     Drawn,
@@ -15,50 +14,46 @@ from marsedl.replication.sections import (
     Number,
     Positive,
     Section,
-    Seed,
     Sign,
     StudyTrials,
     at_most,
     given,
     vector,
 )
+from marsedl.sections.air import DensityVariance, MeanDensity
+from marsedl.sections.ensemble import Trials
+from marsedl.sections.planet import CentralBody
+from marsedl.sections.vehicle import EntryVehicle
 
 LARGEST_CYCLE_COUNT = 100_000
 LARGEST_ALTITUDE_COUNT = 100_000
 Substeps = at_most(1000, "a flight with steps so short loses more to rounding than it gains")
 
 
-class Planet(Section):
+class Planet(CentralBody):
     """The planet, and the equations of motion that its rotation enters."""
 
-    gravitational_parameter: Positive = given("m^3/s^2", "gravitational parameter of Mars")
     rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
-    planet_radius: Positive = given("m", "radius of Mars, from which altitude and distances on the ground are measured")
     atmosphere_altitude: Positive = given("m", "altitude of the edge of the atmosphere, where entry begins")
     heading_rate_form: Literal["corrected", "printed"] = given("1", "signs of the inertial terms of the heading rate")
 
 
-class Air(DensityInputs):
+class Air(MeanDensity, DensityVariance):
     """The mean density and the process that varies it."""
 
     density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
     variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
-    variance_at_top: Positive = given("1", "of exponential: variance at and above the top altitude")
-    variance_top_altitude: Positive = given("m", "of exponential: altitude above which the variance is constant")
-    variance_growth_length: Positive = given("m", "of exponential: altitude over which the variance grows by e")
     decay_factor: Positive = given("1", "decay rate of the density variation in inverse scale heights")
     diffusion_factor: Positive = given("1", "diffusion of the density variation in variances per scale height")
 
 
-class Vehicle(Section):
+class Vehicle(EntryVehicle):
     """The vehicle, its aerodynamics and their dispersion."""
 
     mass: Positive = given("kg", "vehicle mass")
     reference_diameter: Positive = given("m", "diameter of the reference area")
     trim_angle_of_attack: Number = given("rad", "trimmed angle of attack; shown only, as coefficients are inputs")
     trim_interval: vector(2) = given("rad", "interval of the trimmed angle of attack; shown only, like it")
-    lift_to_drag: Positive = given("1", "lift-to-drag ratio")
-    ballistic_coefficient: Positive = given("kg/m^2", "ballistic coefficient")
     lift_dispersion: Number = given("1", "change of the lift coefficient at one end of the trim interval")
     drag_dispersion: Number = given("1", "change of the drag coefficient at the same end")
 
@@ -133,16 +128,13 @@ class Design(Section):
     altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
 
 
-class Simulation(Section):
+class Simulation(Trials):
     """How flights are integrated, and how many trials are flown from which random numbers."""
 
     nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight")
     flight_substeps: Substeps = given("1", "integration steps per guidance period of the Monte Carlo flights")
-    seed: Seed = given("1", "key of the random numbers")
-    trials: Count = given("1", "Monte Carlo trials of each law and trigger")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
     source_trials: StudyTrials = given("1", "trials of each single source of uncertainty")
-    drawn_trials: Drawn = given("1", "trials drawn in the figures")
 
     @model_validator(mode="after")
     def _as_many_as_the_paper(self):

@@ -1,4 +1,4 @@
-"""The mean density as an input, for every paper in which readings choose among profiles."""
+"""Density of the air: its mean, and how much it varies."""
 
 from typing import Annotated, Literal
 
@@ -12,8 +12,8 @@ DensityTable = Annotated[
 ]
 
 
-class DensityInputs(Section):
-    """What `models.atmosphere.named_profile` wants to know."""
+class MeanDensity(Section):
+    """The mean density, in papers whose readings choose among profiles (`models.atmosphere.named_profile`)."""
 
     density_profile: Literal["log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = given(
         "1", "mean density: a quadratic of ln density, a fit of temperature and pressure, two exponentials, or a table"
@@ -31,3 +31,11 @@ class DensityInputs(Section):
         if self.density_profile == "table" and self.density_table is None:
             raise ValueError("density_profile is 'table', but density_table names none: write its file")
         return self
+
+
+class DensityVariance(Section):
+    """Variance of the relative density, which grows exponentially with altitude up to a largest one."""
+
+    variance_at_top: Positive = given("1", "largest variance of the relative density")
+    variance_top_altitude: Positive = given("m", "altitude above which the variance is constant")
+    variance_growth_length: Positive = given("m", "altitude over which the variance changes by e")
