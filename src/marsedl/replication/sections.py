@@ -139,7 +139,7 @@ class Section(BaseModel):
             if np.abs(value).max(initial=0.0) > LARGEST:
                 raise ValueError(f"has a number above {LARGEST:g}: check it and its unit")
             return value
-        for number in value.tolist() if isinstance(value, np.ndarray) else [value]:
+        for number in np.ravel(value).tolist() if isinstance(value, np.ndarray | tuple) else [value]:
             if not isinstance(number, float):
                 continue
             if number and not SMALLEST <= abs(number) <= LARGEST:
