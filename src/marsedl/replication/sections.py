@@ -250,11 +250,3 @@ def by_section(values: typing.Mapping[str, object]) -> dict[str, dict[str, objec
         section, _, name = key.partition(".")
         sections.setdefault(section, {})[name] = value
     return sections
-
-
-def flat(of: type[Section]) -> type[Inputs]:
-    """Return the inputs of a paper without sections."""
-    cases = {case: f"inputs.{name}" for case, name in of.CASES.items()}
-    return type(
-        of.__name__, (Inputs,), {"__annotations__": {"inputs": of}, "CASES": cases, "__module__": of.__module__}
-    )
