@@ -93,8 +93,8 @@ def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
     assert "  Eq. 77, element by element\n" in shown, "an abbreviation ends no sentence"
     assert cli.main(["list", "--cases"]) == 0
     shown = capsys.readouterr().out
-    assert re.search(r"\n    closed_loop +2,000 trials +input trials: \S", shown)
-    assert re.search(r"\n    aerocapture +[\d,]+ trials +input trials: \S", shown)
+    assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", shown)
+    assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", shown)
 
 
 def test_list_shows_the_trials_of_a_size(project, capsys):
@@ -146,41 +146,40 @@ def explained(capsys, *arguments) -> str:
 
 
 def test_explain_a_figure(project, capsys):
-    said = explained(capsys, "powered_descent", "fig07")
-    assert "snakemake figures/powered_descent/fig07.png" in said
-    order = [said.index(f"\n  {stage} ") for stage in ("nominal", "linearization", "gains", "montecarlo")]
+    said = explained(capsys, "powered_descent", "fig05")
+    assert "snakemake figures/powered_descent/fig05.png" in said
+    order = [said.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", "montecarlo.closed_loop")]
     assert order == sorted(order)
     assert "assumed: descending; only then is the printed mean final mass met" in said
     assert "deg" in said  # the unit in which the angle is written
-    assert "powered_descent_rates" in said or "figures:fig07" in said
-    assert "ellipse_sigma" not in said, "fig07 draws no ellipse"
-    assert re.search(r"\n  trials +2000 ", said), "the number of trials of the case that it shows"
+    assert "powered_descent.figures:fig05\n" in said
+    assert "ellipse_sigma" not in said, "fig05 draws no ellipse"
+    assert re.search(r"\n    trials +2000 ", said), "the number of trials of the case that it shows"
     assert "large_trials" not in said, "of another case"
 
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_explain_names_the_numbers_of_trials_behind_every_item(project, slug):
     paper, cases = catalogue(slug), input_model(slug).CASES
-    needed = {name: cases[name] for name in cases}
     items = {**paper.stages, **paper.figures, **paper.tables}
     shown = {need.split(".")[1] for item in items.values() for need in item.needs if need.startswith("montecarlo.")}
     assert shown
     for item in items.values():
         _, names = cli._behind(paper, item, cases)
         direct = {need.split(".")[1] for need in item.needs if need.startswith("montecarlo.")}
-        assert {needed[case] for case in direct} <= names
+        assert {cases[case] for case in direct} <= names
 
 
 def test_explain_the_flights_names_the_trials_of_every_case(project, capsys):
     shown = explained(capsys, "powered_descent", "montecarlo")
-    assert re.search(r"\n  trials +2000 ", shown)
-    assert re.search(r"\n  large_trials +100000 ", shown)
+    assert re.search(r"\n    trials +2000 ", shown)
+    assert re.search(r"\n    large_trials +100000 ", shown)
 
 
 def test_explain_shows_what_a_size_limits(project, capsys):
     shown = explained(capsys, "powered_descent", "fig07", "--size", "smoke")
-    assert re.search(r"\n  trials +2000 \(size smoke: 200\) ", shown)
-    assert re.search(r"\n  gravity +3.71  ", shown)
+    assert re.search(r"\n    trials +2000 \(size smoke: 200\) ", shown)
+    assert re.search(r"\n    gravity +3.71  ", shown)
     assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in shown
 
 
@@ -195,13 +194,13 @@ def test_explain_a_paper(project, capsys, slug):
     for name, reading in study.readings.items():
         assert f"\n  {name} " in shown
         if name != "corrected" and reading.inputs != study.readings["corrected"].inputs:
-            assert re.search(rf"\n  \w+  .*\b{name} ", shown.split("\ninputs in which readings differ")[1])
+            assert re.search(rf"\n  \w+\.\w+  .*\b{name} ", shown.split("\ninputs in which readings differ")[1])
     assert f"{len(paper.figures)} figures" in shown
 
 
 def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(project, capsys):
     shown = explained(capsys, "powered_descent")
-    row = r"\n  final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]; euler \[4.0"
+    row = r"\n  mission\.final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]; euler \[4.0"
     assert re.search(row, shown)
     assert "printed [5.0" not in shown, "it has the same target"
     assert "specific_impulse" not in shown, "no reading changes it"
@@ -225,7 +224,8 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
 def test_explain_a_figure_of_another_paper(project, capsys):
     said = explained(capsys, "stochastic_entry", "fig12")
     assert "snakemake figures/stochastic_entry/fig12.png" in said
-    order = [said.index(f"\n  {stage} ") for stage in ("nominal", "linearization", "gains", "montecarlo")]
+    flights = ("montecarlo.apollo_velocity", "montecarlo.stochastic_velocity")
+    order = [said.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", *flights)]
     assert order == sorted(order)
     assert "entry_flight_path_angle_three_sigma_deg  0.5 " in said
     assert "assumed: the guidance period; the partition is not printed" in said
@@ -303,7 +303,7 @@ def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
     assert "E10\\x1b[2J\n" in explained(capsys, "powered_descent", "prior_final_mass").replace("\\r", "\n")
     path = tmp_path / "mine.yaml"
     entry = 'gravity: {value: 3.9, source: "assumed: \\e[2J mine\\u200B"}'
-    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, inputs: {{{entry}}}}}}}}}\n")
+    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, planet: {{{entry}}}}}}}}}\n")
     shown = refused(capsys, "explain", "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
     assert "source: has the character '\\x1b', which cannot be shown" in shown
     shown += refused(capsys, "explain", f"powered{ESCAPE}descent")
@@ -323,7 +323,7 @@ def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
 def test_explain_an_own_reading(project, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     entry = "gravity: {value: 3.9, source: 'assumed: mine'}"
-    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, inputs: {{{entry}}}}}}}}}\n")
+    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, planet: {{{entry}}}}}}}}}\n")
     said = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
     assert "3.9" in said
     assert "assumed: mine" in said
@@ -364,7 +364,7 @@ def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, cap
     table = "data/atmosphere/mars_density.csv#jezero_2021"
     entries = f"density_profile: {{value: table, source: Fig. 1}}, density_table: {{value: '{table}', source: Fig. 1}}"
     path = tmp_path / "mine.yaml"
-    path.write_text(f"stochastic_entry: {{readings: {{mine: {{based_on: corrected, inputs: {{{entries}}}}}}}}}\n")
+    path.write_text(f"stochastic_entry: {{readings: {{mine: {{based_on: corrected, air: {{{entries}}}}}}}}}\n")
     relative = os.path.relpath(path)
     said = explained(capsys, "stochastic_entry", "nominal", "--reading", "mine", "--configfile", relative)
     assert table in said
@@ -446,7 +446,8 @@ def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, argu
 def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys, monkeypatch):
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
     path = bare_project / "my own.yaml"
-    path.write_text("powered_descent: {readings: {mine: {based_on: corrected}}}\n", encoding="utf-8")
+    own = "planet: {gravity: {value: 3.9, source: 'assumed: test'}}"
+    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, {own}}}}}}}\n", encoding="utf-8")
     arguments = ("powered_descent", "mine", "12", "--size", "smoke", "--configfile", str(path))
     message = refused(capsys, "trial", *arguments)
     target = "data/cache/powered_descent/mine/gains.h5"
@@ -494,7 +495,7 @@ def test_compiling_is_announced_once(tmp_path):
 def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, arguments, case):
     flown = []
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
-    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *given: flown.append(given[3:5]))
+    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *given: flown.append(given[4]))
     assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
     assert flown == [(case, 7)]
 

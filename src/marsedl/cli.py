@@ -317,11 +317,12 @@ def _explain(options) -> int:
     namesakes = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)][1:]
     if namesakes:
         _say(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
-    made, names = _behind(paper, item)
+    cases = reading.inputs.CASES
+    made, names = _behind(paper, item, cases)
     own = [name] if name in paper.stages and item is paper.stages[name] else []
     if FLIGHTS in own:  # of which every case is one artifact
         own = [f"{FLIGHTS}.{case}" for case in reading.flown()]
-    names.update(reading.inputs.CASES[case] for case in (n.partition(".")[2] for n in [*made, *own]) if case)
+        names.update(cases[case] for case in reading.flown())
     shared = Shared(paper, study)
     _say("\nartifacts, in the order in which they are made")
     _say(columns([_artifact(paper, shared, reading, name) for name in dict.fromkeys([*made, *own])], 2))
@@ -407,17 +408,20 @@ def _unit(reading, name) -> str:
     return suffix.replace("_", "/") or reading.inputs.unit(name)
 
 
-def _behind(paper, item) -> tuple[list[str], set[str]]:
-    """All artifacts behind an item, first things first, and all inputs that they and the item read."""
+def _behind(paper, item, cases) -> tuple[list[str], set[str]]:
+    """All artifacts behind an item, first things first, and all inputs that they and the item depend on.
+
+    cases: the Monte Carlo cases of the paper, each with the input that holds its number of trials.
+    """
     made, names = [], set(item.inputs)
 
     def visit(needed):
         for need in needed:
             if need not in made:
-                stage = paper.stages[need.partition(".")[0]]
-                visit(stage.needs)
+                name, _, case = need.partition(".")
+                visit(paper.stages[name].needs)
                 made.append(need)
-                names.update(stage.inputs)
+                names.update(paper.stages[name].inputs, [cases[case]] if case else ())
 
     visit((*item.needs, *getattr(item, "optional", ())))
     return made, names

@@ -12,8 +12,6 @@ from scipy import stats
 
 from marsedl.montecarlo import streaming
 from marsedl.montecarlo.ensembles import (
-    CRASHED,
-    NON_FINITE,
     Chunk,
     Ensemble,
     StreamedChunk,
@@ -23,6 +21,7 @@ from marsedl.montecarlo.ensembles import (
     merge,
     run_blocks,
 )
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.montecarlo.statistics import covariance_standard_errors, percentile
 from marsedl.montecarlo.streaming import (
     RELATIVE_ACCURACY,

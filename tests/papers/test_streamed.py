@@ -11,7 +11,6 @@ from marsedl.montecarlo import streaming
 from marsedl.replication import artifacts
 
 TRIALS, EXACT, BLOCK = 2000, 1200, 100
-MODULES = ("claims", "tables", "figures")
 PAPERS = ("powered_descent", "stochastic_entry")
 
 
@@ -20,7 +19,7 @@ class Flown:
 
     def __init__(self, pipeline, published):
         self.pipeline, self.published, self.slug = pipeline, published, pipeline.paper.slug
-        cases = [case for case, size in pipeline.model.CASES.items() if size == "trials"]
+        cases = [case for case, size in pipeline.model.CASES.items() if size.endswith(".trials")]
         made = {name: pipeline.stage(name, "corrected") for name in ("nominal", "linearization", "gains")}
         self.exact = made | {case: self.fly(case) for case in cases}
         with pytest.MonkeyPatch.context() as patch:
@@ -33,11 +32,8 @@ class Flown:
         gains = self.pipeline.gains()
         return self.pipeline.fly("corrected", gains, case, TRIALS, chunks, block_size=BLOCK)
 
-    def module(self, name):
-        return import_module(f"marsedl.papers.{self.slug}.{name}")
-
-    def evaluate(self, made):
-        return self.module("claims").evaluate(self.pipeline.all_inputs("corrected"), **made)
+    def product(self, kind, stem):
+        return self.pipeline.product(kind, stem, "corrected", self.streamed, published=self.published)
 
 
 @pytest.fixture(scope="module", params=PAPERS)
@@ -56,7 +52,8 @@ def test_results_do_not_depend_on_chunks(flown):
 def test_artifacts_of_large_cases_are_loaded_in_the_place_of_others(flown, tmp_path):
     whole, path = flown.streamed[flown.first], tmp_path / "montecarlo.h5"
     artifacts.save(path, whole, paper=flown.slug, reading="mine", provenance={})
-    loaded = artifacts.load(path, flown.module("montecarlo").FlightEnsemble, paper=flown.slug, reading="mine")
+    records = import_module(f"marsedl.papers.{flown.slug}.records")
+    loaded = artifacts.load(path, records.FlightEnsemble, paper=flown.slug, reading="mine")
     assert type(loaded) is type(whole)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(loaded, field.name))
@@ -82,7 +79,7 @@ def test_percentiles_of_the_final_state_are_within_their_bound(flown):
 
 
 def test_claims_agree_with_those_of_all_trials(flown):
-    exact, streamed = flown.evaluate(flown.exact), flown.evaluate(flown.streamed)
+    exact, streamed = (flown.pipeline.evaluate("corrected", made) for made in (flown.exact, flown.streamed))
     assert exact.keys() == streamed.keys()
     compared = 0
     for name, expected in exact.items():
@@ -105,18 +102,15 @@ def test_claims_agree_with_those_of_all_trials(flown):
 
 
 def test_tables_and_figures_are_made_and_tell_all_trials(flown):
-    inputs, paper = flown.pipeline.all_inputs("corrected"), flown.pipeline.paper
-    told = ""
+    paper, told = flown.pipeline.paper, ""
     for stem in (*paper.tables, *paper.figures):
         needs = [need.split(".")[-1] for need in paper.product(stem).needs]
         if not set(needs) <= flown.streamed.keys():
             continue
-        made = {need: flown.streamed[need] for need in needs}
         if stem in paper.tables:
-            rows = getattr(flown.module("tables"), stem)(inputs, flown.published, **made)
-            told += "\n".join(" ".join(map(str, row)) for row in rows)
+            told += "\n".join(" ".join(map(str, row)) for row in flown.product("tables", stem))
         else:
-            plt.close(getattr(flown.module("figures"), stem)(inputs, **made))
+            plt.close(flown.product("figures", stem))
     assert "2,000" in told or " 2000" in told
 
 
@@ -129,14 +123,11 @@ def test_a_case_without_finite_trials_is_told_as_such(entry, entry_published, mo
     made |= {case: entry.fly("printed", gains, case, trials=TRIALS // 10, block_size=BLOCK) for case in cases}
     lost = made["stochastic_velocity"]
     assert streaming.is_streamed(lost) and (lost.count, lost.excluded) == (0, TRIALS // 10)
-    claims, tables, figures = (import_module(f"marsedl.papers.stochastic_entry.{name}") for name in MODULES)
-    inputs = entry.all_inputs("printed")
-    found = claims.evaluate(inputs, **made)
+    found = entry.evaluate("printed", made)
     assert np.isnan(found["tab4_downrange_stochastic_velocity"].value).all()
     assert "200 not finite" in found["tab4_downrange_stochastic_velocity"].evidence
-    flights = {case: made[case] for case in cases}
-    rows = tables.tab04(inputs, entry_published, **flights)
+    rows = entry.product("tables", "tab04", "printed", made, published=entry_published)
     assert ("200 not finite" in " ".join(map(str, rows[-1]))) and rows[-1][-1] == "200"
-    tables.reversal_split(inputs, entry_published, **flights)
-    plt.close(figures.reversals(inputs, **flights))
-    plt.close(figures.floor(inputs, made["linearization"], made["gains"], **flights))
+    assert entry.product("tables", "reversal_split", "printed", made)
+    for stem in ("reversals", "floor"):
+        plt.close(entry.product("figures", stem, "printed", made))

@@ -74,7 +74,7 @@ def test_settings_are_those_that_snakemake_takes_for_such(arguments, own, files)
         (None, ["cannot be read (No such file or directory)", "check its path"]),
         (b"", ["must be keys with values, not nothing"]),
         ("size: smoke\n".encode("utf-16"), ["line 1: no UTF-8"]),
-        (b"__use_yte__: true\nsize: smoke\n", ["unknown key '__use_yte__'"]),
+        (b"__use_yte__: true\nsize: smoke\n", ["__use_yte__: unknown key"]),
     ],
 )
 def test_a_configuration_file_that_is_none_ends_in_one_message(tmp_path, content, fragments):
@@ -83,7 +83,7 @@ def test_a_configuration_file_that_is_none_ends_in_one_message(tmp_path, content
         path.write_bytes(content)
     with pytest.raises(SystemExit) as caught:
         check_configuration(["all", "--configfile", str(path)], SLUGS)
-    assert str(caught.value.code).startswith(f"\nmarsedl: {path}: ")
+    assert re.match(rf"\nmarsedl: {re.escape(str(path))}(:\d+)?: ", str(caught.value.code))
     for fragment in fragments:
         assert fragment in str(caught.value.code)
 
@@ -114,7 +114,7 @@ def documented():
                     yield pytest.param(command.split(), id=f"{path.name}: {command.strip()}")
 
 
-@pytest.mark.parametrize("arguments", documented())
+@pytest.mark.parametrize("arguments", list(documented()))
 def test_documented_commands_name_their_targets_where_snakemake_looks_for_them(arguments):
     own, files = configuration(arguments)
     assert all("=" in setting for setting in own if setting != "...")
@@ -184,7 +184,7 @@ def test_what_something_makes_is_accepted():
         ("data/cache/powered_descent/corrected/chunks/closed_lop.0of2.h5", ["did you mean 'closed_loop'?"]),
         ("data/cache/powered_descent/corrected/chunks/closed_loop.h5", ["no chunk of a Monte Carlo case"]),
         ("data/cache/powered_descent/printed/montecarlo.closed_loop_large.h5",
-         ["closed_loop_large, which flies no trials in the reading printed", "set large_trials above 0"]),
+         ["closed_loop_large, which flies no trials in the reading printed", "set ensemble.large_trials above 0"]),
         ("data/cache/powered_descent/printed/chunks/closed_loop_large.0of1.h5", ["closed_loop_large", "no trials"]),
         ("report/indx.html", ["did you mean 'report/index.html'?"]),
         ("report/claims/funels.json", ["did you mean 'report/claims/funnels.json'?"]),
@@ -203,7 +203,8 @@ def test_a_product_behind_which_a_case_flies_no_trials_is_refused():
     """Also if other artifacts stand between."""
     paper = PAPERS["powered_descent"]
     reading = STUDIES["powered_descent"].readings["printed"]
-    mine = replace(reading, name="mine", inputs=reading.inputs.model_copy(update={"trials": 0}))
+    ensemble = reading.inputs.ensemble.model_copy(update={"trials": 0})
+    mine = replace(reading, name="mine", inputs=reading.inputs.model_copy(update={"ensemble": ensemble}))
     studies = STUDIES | {"powered_descent": replace(STUDIES["powered_descent"], readings={"mine": mine})}
     behind = [stem for stem, figure in paper.figures.items() if "montecarlo.closed_loop" in figure.needs]
     assert behind

@@ -194,7 +194,8 @@ def test_an_artifact_that_was_copied_from_another_build_is_refused_until_it_is_d
     done = tree.run(target)
     assert done.returncode != 0
     said = (
-        "comes from another build, of size 'smoke': noise_coefficient is 0.03, not 0.02; another nominal.h5: delete it"
+        "comes from another build, of size 'smoke': noise.noise_coefficient is 0.03, not 0.02; another nominal.h5: "
+        "delete it"
     )
     assert f"job powered_descent_gains: {copied}: {said} and run snakemake again" in done.stdout
     tree.path(copied).unlink()
@@ -293,12 +294,12 @@ def test_a_percentile_of_one_reading_reruns_its_design_and_flights(tree):
         """  metres_pf_printed:
     summary: As metres, with p_f = 0.1.
     based_on: metres
-    inputs:
+    guidance:
       percentile_tail: {value: 0.1,""",
         """  metres_pf_printed:
     summary: As metres, with p_f = 0.1.
     based_on: metres
-    inputs:
+    guidance:
       percentile_tail: {value: 0.05,""",
     )
     plan = tree.plan("all")

@@ -84,8 +84,8 @@ def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
 def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
     """Sorted attributes that the code which `code_digest` covers reads of parameters, by the names of their types.
 
-    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}; a parameter without annotation counts
-    by its own name. Arguments and errors as for `code_digest`.
+    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Arguments and errors as for
+    `code_digest`.
     """
     return _facts(_closure_of(entry, source_root))[2]
 
@@ -532,7 +532,7 @@ def _reads(statement: ast.stmt) -> dict[str, list[str]]:
         if not isinstance(function, _FUNCTIONS):
             continue
         taken = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        kinds = {parameter.arg: _type_name(parameter.annotation) or parameter.arg for parameter in taken}
+        kinds = {parameter.arg: kind for parameter in taken if (kind := _type_name(parameter.annotation))}
         for node in ast.walk(function):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
                 read.setdefault(kinds[node.value.id], set()).add(node.attr)

@@ -121,7 +121,6 @@ def inputs_read(reads: Mapping[str, list[str]], sections: Mapping[str, type[Sect
     """Yield "section.name" of the inputs that code reads; reads: what it reads of parameters, by names of types."""
     for section, of in sections.items():
         names = {kind.__name__ for kind in of.__mro__ if issubclass(kind, Section) and kind is not Section}
-        names |= {section} & {"inputs"}  # of papers without sections
         read = {attribute for name in names for attribute in reads.get(name, ())}
         yield from (f"{section}.{name}" for name in of.model_fields if name in read)
 

@@ -7,7 +7,6 @@ import inspect
 import os
 import sys
 import traceback
-import types
 import typing
 from collections.abc import Mapping
 from importlib import import_module
@@ -84,20 +83,6 @@ def _pinned() -> dict[str, str]:
     return {name: value for name, value in NUMERIC_ENVIRONMENT.items() if name not in free}
 
 
-class Slice(types.SimpleNamespace):
-    """The inputs of a function without sections, as numbers, strings and arrays; any other input is an error."""
-
-    def __init__(self, values: dict):
-        """Take plain values by name."""
-        import numpy as np
-
-        super().__init__(**{k: np.array(v, float) if isinstance(v, list | tuple) else v for k, v in values.items()})
-
-    def __getattr__(self, name):
-        """Refuse an input that was not declared."""
-        raise AttributeError(f"the input '{name}' is not declared for this stage: add it to the paper's catalogue")
-
-
 def given(function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **others) -> dict:
     """Return what a stage, figure, table or claim asks for by its signature.
 
@@ -128,8 +113,6 @@ def given(function: typing.Callable, inputs: Mapping[str, object], artifact: typ
         elif _is(kind, Artifacts):
             records = {f: artifact(f, _kind(of)) for f, of in typing.get_type_hints(kind).items()}
             arguments[name] = kind(**{f: record for f, record in records.items() if record is not None})
-        elif name == "inputs":
-            arguments[name] = Slice(sections.get(name, {}))
         elif (record := artifact(name, _kind(kind))) is not None:
             arguments[name] = record
     return arguments

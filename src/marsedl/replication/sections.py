@@ -139,7 +139,7 @@ class Section(BaseModel):
             if np.abs(value).max(initial=0.0) > LARGEST:
                 raise ValueError(f"has a number above {LARGEST:g}: check it and its unit")
             return value
-        for number in value.tolist() if isinstance(value, np.ndarray) else [value]:
+        for number in np.ravel(value).tolist() if isinstance(value, np.ndarray | tuple) else [value]:
             if not isinstance(number, float):
                 continue
             if number and not SMALLEST <= abs(number) <= LARGEST:
@@ -250,11 +250,3 @@ def by_section(values: typing.Mapping[str, object]) -> dict[str, dict[str, objec
         section, _, name = key.partition(".")
         sections.setdefault(section, {})[name] = value
     return sections
-
-
-def flat(of: type[Section]) -> type[Inputs]:
-    """Return the inputs of a paper without sections."""
-    cases = {case: f"inputs.{name}" for case, name in of.CASES.items()}
-    return type(
-        of.__name__, (Inputs,), {"__annotations__": {"inputs": of}, "CASES": cases, "__module__": of.__module__}
-    )
