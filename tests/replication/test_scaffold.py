@@ -115,7 +115,7 @@ def test_a_paper_needs_no_figures(scaffolded, tmp_path):
     tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=shutil.ignore_patterns("build", ".cache"))
     catalogue = f"src/marsedl/papers/{SMALL}/__init__.py"
     edit(catalogue, r"(?s)FIGURES = \{.*?\n\}.*?\n\}\n", "FIGURES = {}\nDESCRIBED = {}\n")
-    edit(f"tests/papers/test_{SMALL}.py", r"claims, figures, ", "claims, ")
+    edit(f"tests/papers/test_{SMALL}.py", r"claims, figures\n", "claims\n")
     (tree / f"src/marsedl/papers/{SMALL}/figures.py").unlink()
     done = snakemake(tree, SMALL, "--cores", "1", "--config", "size=smoke")
     assert done.returncode == 0, done.stdout[-3000:]
@@ -226,7 +226,7 @@ def test_many_papers_fit_into_the_register(tree):
         ("powered", "would be taken for 'powered_descent'"),
         ("funnels_again", "would be taken for 'funnels'"),
         ("claims", "is the name of a rule or module"),
-        ("default_figure", "is the name of a rule or module"),
+        ("figure", "is the name of a rule or module"),
         ("density", "is the name of a rule or module"),
         ("common", "is the name of a rule or module"),
     ],
