@@ -8,9 +8,11 @@ import statistics
 import subprocess
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 from marsedl.papers import catalogue, input_model
+from marsedl.replication.catalogue import FLIGHTS
 from marsedl.replication.graph import Memory, Run
 from marsedl.replication.inputs import load_study
 from marsedl.replication.jobs import given
@@ -52,6 +54,7 @@ def say(text):
     print(f"{text} ...", file=sys.stderr, flush=True)
 
 
+@cache
 def inputs_of(slug):
     """Inputs of a paper's corrected reading."""
     return load_study(slug, input_model(slug), ROOT / "configs" / f"{slug}.yaml").readings["corrected"].inputs
@@ -60,6 +63,11 @@ def inputs_of(slug):
 def run(slug):
     """The paper in this process, with the inputs of the corrected reading; it remembers nothing of other runs."""
     return Run.of(catalogue(slug), inputs_of(slug), Memory())
+
+
+def ensemble(design, case, trials):
+    """A Monte Carlo case with this number of trials, flown and gathered on what a run remembers of the design."""
+    return Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")
 
 
 def sections(slug, function):

@@ -5,20 +5,23 @@ import time
 
 import numba
 import numpy as np
-from measuring import CORES, REPETITIONS, interleaved, measure_ensembles, say, stage_inputs, tell_ensemble
+from measuring import (
+    CORES,
+    REPETITIONS,
+    ensemble,
+    inputs_of,
+    interleaved,
+    measure_ensembles,
+    run,
+    say,
+    sections,
+    tell_ensemble,
+)
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.powered_descent import (
-    PAPER,
-    flight,
-    gains,
-    linearization,
-    montecarlo,
-    nominal,
-    segments,
-)
+from marsedl.papers.powered_descent import PAPER, flight, nominal, segments
 
 PIPELINE_LIMIT = 120.0  # CPU s
 FIGURE = "fig07"
@@ -33,23 +36,17 @@ LARGEST_MEMORY = 500.0  # MB, of any ensemble, most of it libraries and compiled
 # --- the problem ------------------------------------------------------------------------------------------------------
 
 
-def design():
-    """The whole design: mass iteration, linear model, gains."""
-    made = nominal.compute(stage_inputs(PAPER, "nominal"))
-    return gains.compute(
-        stage_inputs(PAPER, "gains"), linearization.compute(stage_inputs(PAPER, "linearization"), made)
-    )
-
-
-def problem(made, trials):
-    """Schedules, plant, outputs and initial states of the closed loop, as `flight.fly` takes them."""
-    inputs = stage_inputs(PAPER, "montecarlo")
-    steps = [flight.step_count(d, inputs.time_step, inputs.output_interval) for d in inputs.segment_durations]
-    schedules = flight.schedules_of(inputs, made, [number for number, _ in steps])
-    states = flight.initial_states(
-        segments.initial_mean(inputs), inputs.initial_covariance, inputs.wet_mass, inputs.seed, np.arange(trials)
-    )
-    return schedules, flight.plant_of(inputs), [every for _, every in steps], states, inputs.seed
+def problem(gains, trials):
+    """Schedules, plant, initial states and draws of the closed loop, as `flight.fly` takes them, and the outputs."""
+    i = inputs_of(PAPER.slug)
+    durations, simulation, seed = i.mission.segment_durations, i.simulation, i.ensemble.seed
+    steps = [flight.step_count(d, simulation.time_step, simulation.output_interval) for d in durations]
+    times = segments.grids(durations, i.design.design_interval)
+    schedules = flight.schedules_of(times, gains, [number for number, _ in steps])
+    start = flight.Start(segments.initial_mean(i.entry), i.entry.initial_covariance, i.vehicle.wet_mass)
+    states = flight.initial_states(start, seed, np.arange(trials))
+    plant = flight.plant_of(i.planet, i.vehicle, i.noise)
+    return (schedules, plant, states, flight.Draws(seed, 0)), [every for _, every in steps]
 
 
 # --- the same flight without compiled code ----------------------------------------------------------------------------
@@ -149,35 +146,35 @@ def fly_adaptive(schedules, plant, state, draws):
 def ensemble_in_this_process(trials):
     """Fly and gather an ensemble; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
-    inputs, made = stage_inputs(PAPER, "montecarlo"), design()
-    options = {"case": "closed_loop", "block_size": PAPER.trials_per_block}
-    montecarlo.compute(inputs, made, trials=100, **options)  # loads the compiled code
+    design = run(PAPER.slug)
+    ensemble(design, "closed_loop", 100)  # designs, and loads the compiled code
 
     def fly():
-        ensemble = montecarlo.compute(inputs, made, trials=trials, **options)
-        assert ensemble.count + ensemble.excluded == trials
+        flown = ensemble(design, "closed_loop", trials)
+        assert flown.count + flown.excluded == trials
 
     tell_ensemble(fly, trials)
 
 
 def measure(row):
-    """Measure everything of this paper; row: `measuring.Rows.add`."""
+    """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
-    say("design")
-    made = design()
-    cpu = []
+    say("powered_descent: design")
+    gains = run(PAPER.slug).record("gains")
+    cpu, taken = [], sections(PAPER.slug, nominal.compute)
     for _ in range(REPETITIONS):
         start = time.process_time()
-        nominal.compute(stage_inputs(PAPER, "nominal"))
+        nominal.compute(**taken)
         cpu.append(time.process_time() - start)
     row("design with mass iteration, compiled", statistics.median(cpu), "CPU s", below=1.0)
 
-    schedules, plant, every, states, seed = problem(made, TRIALS)
+    posed, every = problem(gains, TRIALS)
+    schedules, plant, states, (seed, *_) = posed
 
     def kernel():
-        return flight.fly(schedules, plant, states, steps_per_output=every, seed=seed)
+        return flight.fly(*posed, steps_per_output=every)
 
-    say("kernel, array code and adaptive integration agree")
+    say("powered_descent: kernel, array code and adaptive integration agree")
     steps = sum(schedule.steps for schedule in schedules)
     draws = normals(seed, flight.NOISE_STREAM, np.arange(TRIALS), 2 * steps).reshape(TRIALS, steps, 2)
     replayed = iter(np.ascontiguousarray(draws.transpose(1, 2, 0)))
@@ -193,7 +190,7 @@ def measure(row):
         adaptive, expected.final_state.T[:ADAPTIVE_TRIALS], atol=0.3
     )  # its error control is loose
 
-    say("kernel against array code")
+    say("powered_descent: kernel against array code")
     generator = np.random.Generator(np.random.Philox(seed))
     compiled, array = interleaved(
         (kernel, lambda: fly_numpy(schedules, plant, every, states, lambda out: generator.standard_normal(out=out)))
@@ -202,7 +199,7 @@ def measure(row):
     row("array code, the same", 1e6 * array / TRIALS, "us per trial")
     row("speed of the kernel over array code", array / compiled, "ratio", at_least=3.0)
 
-    say("kernel against adaptive integration")
+    say("powered_descent: kernel against adaptive integration")
 
     def each_adaptive():
         for trial in range(ADAPTIVE_TRIALS):
@@ -213,15 +210,15 @@ def measure(row):
     ratio = (adaptive / ADAPTIVE_TRIALS) / (compiled / TRIALS)
     row("speed of the kernel over adaptive integration", ratio, "ratio", at_least=100.0)
 
-    say("scaling with threads")
-    schedules, plant, every, states, seed = problem(made, SCALING_TRIALS)
+    say("powered_descent: scaling with threads")
+    posed, _ = problem(gains, SCALING_TRIALS)
 
     def with_threads(number):
-        def run():
+        def fly():
             numba.set_num_threads(number)
-            flight.fly(schedules, plant, states, steps_per_output=[s.steps for s in schedules], seed=seed)
+            flight.fly(*posed, steps_per_output=[schedule.steps for schedule in schedules])
 
-        return run
+        return fly
 
     one, two = interleaved((with_threads(1), with_threads(2)))
     numba.set_num_threads(1)

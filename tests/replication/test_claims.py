@@ -129,7 +129,7 @@ def test_a_malformed_file_is_refused_by_file_id_and_key(tmp_path, old, new, word
 
 
 def test_a_repeated_id_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"paper.yaml: claim mass: key 'id'"):
+    with pytest.raises(InputError, match=r"paper.yaml:12: claim mass: key 'id'"):
         load(tmp_path, ENTRY + ENTRY.replace("claims:\n", ""))
 
 

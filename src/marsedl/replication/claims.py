@@ -12,16 +12,17 @@ import json
 import math
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from marsedl.replication.errors import ArtifactError, InputError, nearest
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+
+from marsedl.replication.errors import ArtifactError, InputError, nearest, shown
 from marsedl.replication.sizes import FULL
 from marsedl.replication.strict_yaml import read_yaml
 
-KINDS = ("deterministic", "monte_carlo", "qualitative", "undetermined", "input", "context")
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
 LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
@@ -31,7 +32,6 @@ NOT_EVALUATED = "–"
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 
 _MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
-_EXPONENTS = "YAML reads 1e-6 as text: write 1.0e-6"
 _SIGMAS = 3.0
 _LITERAL = 1e-9  # relative slack with which an input counts as used literally (unit conversions round)
 
@@ -72,15 +72,13 @@ def load_published(path: str | Path) -> list[PublishedClaim]:
     document = read_yaml(path)
     if not isinstance(document, dict) or set(document) != {"claims"} or not isinstance(document["claims"], list):
         raise InputError(f"{path}: expected one key 'claims' with a list")
-    claims: list[PublishedClaim] = []
-    seen = set()
-    for position, entry in enumerate(document["claims"], start=1):
-        claim = _published_claim(path, position, entry)
-        if claim.id in seen:
-            raise InputError(f"{path}: claim {claim.id}: key 'id': used by two claims")
-        seen.add(claim.id)
-        claims.append(claim)
-    return claims
+    claims: dict[str, PublishedClaim] = {}
+    for number, entry in enumerate(document["claims"], start=1):
+        claim = _printed_claim(path, number, entry)
+        if claim.id in claims:
+            raise InputError(f"{path}:{entry.lines['id']}: claim {claim.id}: key 'id': used by two claims; rename one")
+        claims[claim.id] = claim
+    return list(claims.values())
 
 
 def load_measured(path: str | Path, paper: str) -> dict[str, float]:
@@ -96,55 +94,120 @@ def load_measured(path: str | Path, paper: str) -> dict[str, float]:
         raise InputError(f"{path}: cannot be read as benchmarks ({error!r}); restore it, or run 'make bench'") from None
 
 
-def _published_claim(path: Path, position: int, entry: Any) -> PublishedClaim:
-    if not isinstance(entry, dict):
-        raise InputError(f"{path}: claim {position} is not a mapping")
-    name = entry.get("id", f"number {position}")
+def _must_be(words: str, test: Callable[[Any], object]) -> BeforeValidator:
+    """Return the check that a value as it is written passes a test; words: what must pass it."""
 
-    def refuse(key: str, problem: str) -> InputError:
-        return InputError(f"{path}: claim {name}: key {key!r}: {problem}")
+    def check(value):
+        if not test(value):
+            raise ValueError(f"must be {words}, not {shown(value)}")
+        return value
 
-    known = [f.name for f in fields(PublishedClaim) if f.name != "paper"]
-    for key in entry:
-        if key not in known:
-            raise refuse(str(key), f"unknown; {nearest(str(key), known)}")
-    for key in ("id", "where", "quantity", "printed", "unit", "kind"):
-        if key not in entry:
-            raise refuse(key, "missing")
-    for key in ("id", "where", "quantity", "unit", "kind", "note"):
-        if key in entry and (not isinstance(entry[key], str) or (key != "note" and not entry[key].strip())):
-            raise refuse(key, f"expected text, found {entry[key]!r}")
-    if not re.fullmatch(r"[A-Za-z0-9_]+", name):
-        raise refuse("id", "only letters, digits and underscores")
+    return BeforeValidator(check)
 
-    kind, printed, resolution, trials = (entry.get(key) for key in ("kind", "printed", "resolution", "trials"))
-    if kind not in KINDS:
-        raise refuse("kind", f"unknown kind {kind!r}; {nearest(kind, KINDS)}")
-    leaves = _flatten(printed)
-    if not leaves or not all(isinstance(leaf, bool | int | float | str) for leaf in leaves.values()):
-        raise refuse("printed", f"expected a number, a list, true, false or text, found {printed!r}")
-    infinite = [leaf for leaf in leaves.values() if isinstance(leaf, float) and not math.isfinite(leaf)]
-    if infinite and (kind in _MEASURED or any(map(math.isnan, infinite))):  # an input may be infinite, a result not
-        raise refuse("printed", "not finite")
-    numeric = all(_is_number(leaf) for leaf in leaves.values())
-    if kind in _MEASURED:
-        if not numeric:
-            raise refuse("printed", f"a {kind} claim needs numbers, found {printed!r}; {_EXPONENTS}")
-        if resolution is None:
-            raise refuse("resolution", f"missing; a {kind} claim needs the size of the last printed digit")
-    if kind == "qualitative" and not isinstance(printed, bool):
-        raise refuse("printed", f"a qualitative claim is true or false, found {printed!r}")
-    if resolution is not None:
-        sizes = _flatten(resolution)
-        if not all(_is_number(size) and math.isfinite(size) and size > 0 for size in sizes.values()):
-            raise refuse("resolution", f"expected positive numbers, found {resolution!r}; {_EXPONENTS}")
-        if not numeric or (isinstance(resolution, list) and sizes.keys() != leaves.keys()):
-            raise refuse("resolution", "does not have the shape of 'printed'")
-    if kind == "monte_carlo" and trials is None:
-        raise refuse("trials", "missing; a monte_carlo claim needs the paper's number of trials")
-    if trials is not None and (isinstance(trials, bool) or not isinstance(trials, int) or trials < 1):
-        raise refuse("trials", f"expected a positive whole number, found {trials!r}")
-    return PublishedClaim(paper=path.stem, **entry)
+
+def _every(test: Callable[[Any], object]) -> Callable[[Any], bool]:
+    """Return the test of a number or nested list that is not empty and of which every entry passes a test."""
+    return lambda value: bool(entries := _flatten(value).values()) and all(map(test, entries))
+
+
+def _known_kind(kind: Any) -> str:
+    if kind not in list(_OF_KIND):
+        raise ValueError(f"there is no kind {shown(kind)}; {nearest(kind, _OF_KIND)}")
+    return kind
+
+
+_EXPONENTS = "(YAML reads 1e-6 as text: write 1.0e-6)"
+_Text = Annotated[str, _must_be("text", lambda value: isinstance(value, str) and value.strip())]
+_Name = Annotated[
+    str,
+    _must_be("letters, digits and _", lambda value: isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9_]+", value)),
+]
+_Truth = Annotated[bool, _must_be("true or false", lambda value: isinstance(value, bool))]
+_Trials = Annotated[int, _must_be("a whole number above 0", lambda value: type(value) is int and value > 0)]
+_Anything = Annotated[
+    Any,  # an input may be infinite
+    _must_be("numbers, true, false or text", _every(lambda v: isinstance(v, bool | int | float | str) and v == v)),
+]
+_Numbers = Annotated[
+    Any, _must_be(f"finite numbers {_EXPONENTS}", _every(lambda value: _is_number(value) and math.isfinite(value)))
+]
+_Sizes = Annotated[
+    Any, _must_be(f"positive numbers {_EXPONENTS}", _every(lambda value: _is_number(value) and 0 < value < math.inf))
+]
+
+
+class _Printed(BaseModel):
+    """A claim as it stands in a file, with the keys of any kind."""
+
+    model_config = ConfigDict(extra="forbid", defer_build=True)
+
+    id: _Name
+    where: _Text
+    quantity: _Text
+    kind: Annotated[str, BeforeValidator(_known_kind)]
+    printed: _Anything
+    unit: _Text
+    resolution: _Sizes | None = None
+    trials: _Trials | None = None
+    note: str = Field("", strict=True)
+
+    @field_validator("resolution")
+    @classmethod
+    def _shaped_as_printed(cls, resolution, info):
+        printed = _flatten(info.data.get("printed", 0))
+        if not all(map(_is_number, printed.values())):
+            raise ValueError("what is printed is no number, so it has no last digit; leave it out")
+        if isinstance(resolution, list) and _flatten(resolution).keys() != printed.keys():
+            raise ValueError(f"{shown(resolution)} does not have the shape of 'printed'")
+        return resolution
+
+
+class _Measured(_Printed):
+    """Numbers, of which the last digit has a size."""
+
+    printed: _Numbers
+    resolution: _Sizes
+
+
+class _MonteCarlo(_Measured):
+    """Numbers from a number of trials."""
+
+    trials: _Trials
+
+
+class _Statement(_Printed):
+    """A statement that holds or fails."""
+
+    printed: _Truth
+
+
+_OF_KIND = {
+    "deterministic": _Measured,
+    "monte_carlo": _MonteCarlo,
+    "qualitative": _Statement,
+    **dict.fromkeys(("undetermined", "input", "context"), _Printed),
+}
+
+
+def _printed_claim(path: Path, number: int, entry: Any) -> PublishedClaim:
+    if not isinstance(entry, dict) or not entry:
+        raise InputError(f"{path}: claim number {number}: must be keys with values, not {shown(entry)}")
+    kind = entry.get("kind")
+    model = _OF_KIND[kind] if kind in list(_OF_KIND) else _Printed
+    try:
+        written = model.model_validate(entry)
+    except ValidationError as error:
+        # First an unknown key: what is missing may be what stands there.
+        first = min(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+        key = first["loc"][0]
+        problem = {
+            "extra_forbidden": f"unknown key; {nearest(key, model.model_fields)}",
+            "missing": f"is missing; a claim{f' of kind {kind}' if key != 'kind' else ''} needs it",
+        }.get(first["type"], first["msg"].removeprefix("Value error, "))
+        line = entry.lines.get(key, min(entry.lines.values()))
+        name = entry.get("id") or f"number {number}"
+        raise InputError(f"{path}:{line}: claim {name}: key {shown(key)}: {problem}") from None
+    return PublishedClaim(path.stem, **dict(written))
 
 
 # ----------------------------------------------------------------------------------------- what the paper's code gives
