@@ -40,7 +40,7 @@ def assert_identical(first, second):
 def test_entry_states_are_those_of_table_2(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     trials = 20_000
-    states = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(trials)).entry_state
+    states = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(trials)).entry_state
     np.testing.assert_array_equal(states[:, 0], RADIUS + 125e3)
     mean = [*np.radians([125.973, 0.0]), 5800.0, *np.radians([-15.5, 90.05])]
     sigma = np.array([5e3 / RADIUS, 0.5e3 / RADIUS, 20.0, np.radians(0.5), np.radians(0.01)]) / 3.0
@@ -53,7 +53,7 @@ def test_entry_states_are_those_of_table_2(entry):
 @pytest.mark.parametrize(("reading", "lift", "drag"), [("corrected", 0.015, -0.02), ("printed", 0.15, 0.02)])
 def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift, drag):
     inputs = entry.stage_inputs(reading, "montecarlo_chunk")
-    vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(5000))
+    vehicles = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(5000))
     area = np.pi * 4.5**2 / 4
     drag_coefficient = 2 * 3200 * vehicles.drag_factor / area
     error = (drag_coefficient - 3200 / (135 * area)) / drag
@@ -375,7 +375,7 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     altitude = np.array([-10e3, 127e3])
     air = environment.Atmosphere(altitude, np.log(0.02) - altitude / 9e3, np.zeros(2), np.ones(1))
-    vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(64))
+    vehicles = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(64))
 
     def final(substeps):
         return flight.fly(

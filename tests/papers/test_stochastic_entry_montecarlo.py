@@ -274,7 +274,9 @@ def test_sources_add_up(entry):
 def test_a_shift_along_the_ground_is_kept_without_corrections(entry):
     """The downrange source alone, the nominal law: everybody lands as far off as he started."""
     budget, inputs = entry.error_budget(), entry.stage_inputs("corrected", "error_budget")
-    states = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(budget.trials)).entry_state
+    states = flight.vehicles_of(
+        inputs.call(dispersions.dispersions_of), inputs.seed, np.arange(budget.trials)
+    ).entry_state
     shift = states[:, dispersions.LONGITUDE].std(ddof=1) * inputs.planet_radius
     for column in range(2):
         # The plane of flight shifts a little too; a reversal a second apart is worth a few hundred metres.

@@ -49,7 +49,7 @@ class Oracle:
         self.trials = np.arange(len(trials))
         self.air = inputs.call(environment.atmosphere)
         self.factor, _ = density_factors(inputs, self.air, trials)
-        self.vehicles = flight.vehicles(inputs.call(dispersions.dispersions_of), inputs.seed, trials)
+        self.vehicles = flight.vehicles_of(inputs.call(dispersions.dispersions_of), inputs.seed, trials)
         self.rotation = np.array([[0.0], [0.0], [inputs.rotation_rate]])
         if self.law == "apollo":
             self.table = self.tabulate()

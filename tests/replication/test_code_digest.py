@@ -220,6 +220,26 @@ def test_attribute_access_reaches_only_the_attribute(tree):
     assert changes(tree, "pkg/models/dynamic.py", "return 1", "return 3")
 
 
+@pytest.mark.parametrize(
+    "use, hides",
+    [
+        ("def compute(one):\n    return one()", True),
+        ("def compute(*one):\n    return one[0].part", True),
+        ("def compute(*, one):\n    return [lambda: one.part]", True),
+        ("def compute(x):\n    return (lambda one: one)(x)", True),
+        ("def compute(x):\n    def inside(one):\n        return one\n    return inside(x)", True),
+        ("def compute(one=one):\n    return one()", False),
+        ("def compute(one: one):\n    return 2", False),
+        ("def compute(one):\n    return other(one)\ndef other(x):\n    return one(x)", False),
+        ("def compute(x):\n    return (lambda one: one)(one)", False),
+        ("def compute(one):\n    from pkg.papers.stage import one\n    return one()", False),
+    ],
+)
+def test_a_parameter_hides_the_symbol_of_its_name(tree, use, hides):
+    (tree / STAGE).write_text(f"def one():\n    return 1\n{use}")
+    assert changes(tree, STAGE, "return 1", "return 3") != hides
+
+
 def test_a_function_that_sees_its_globals_reaches_its_module(tree):
     (tree / STAGE).write_text("def compute(name):\n    return globals()[name]()\ndef one():\n    return 1")
     assert changes(tree, STAGE, "return 1", "return 2")

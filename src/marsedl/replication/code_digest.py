@@ -9,6 +9,7 @@ What counts:
 
 - the function itself and, transitively, every module-level definition (function, class, assignment) whose name occurs
   in something that counts: in its body, decorators, default arguments, base classes, annotations;
+  a parameter hides the module's definition of its name;
 - names from other modules, through every form of import, also inside functions and through re-exports;
 - `alias.symbol` for a module alias; a module used in any other way (passed on, `import *`) counts whole, and a package
   then with all its submodules;
@@ -44,6 +45,7 @@ SOURCE_ROOT = Path(__file__).parents[2]
 _AT_IMPORT = "(at import)"
 _SCRIPT = "(script)"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+_SCOPES = (*_FUNCTIONS, ast.Lambda)  # where parameters are known
 _DEFINITIONS = (*_FUNCTIONS, ast.ClassDef)
 _DOCUMENTED = (*_DEFINITIONS, ast.Module)
 _IMPORTS = (ast.Import, ast.ImportFrom)
@@ -362,13 +364,14 @@ def _is_docstring(statement: ast.stmt) -> bool:
 
 
 def _collect(node: ast.AST, package: str, uses: _Uses) -> None:
-    """Add to `uses` all names, attribute chains and imports in a syntax tree."""
-    pending: list[ast.AST] = [node]
+    """Add to `uses` all names, attribute chains and imports in a syntax tree; a parameter hides a module's name."""
+    pending: list[tuple[ast.AST, frozenset[str]]] = [(node, frozenset())]
     while pending:
-        node = pending.pop()
+        node, hidden = pending.pop()
         kind = type(node)
         if kind is ast.Name:
-            uses.chains.add((node.id,))
+            if node.id not in hidden:
+                uses.chains.add((node.id,))
             if type(node.ctx) is not ast.Load:
                 uses.binds.add(node.id)
         elif kind is ast.Attribute:
@@ -377,23 +380,34 @@ def _collect(node: ast.AST, package: str, uses: _Uses) -> None:
             while type(base) is ast.Attribute:
                 attributes.append(base.attr)
                 base = base.value
-            if type(base) is ast.Name:
+            if type(base) is not ast.Name:
+                pending.append((base, hidden))
+            elif base.id not in hidden:
                 uses.chains.add((base.id, *reversed(attributes)))
-            else:
-                pending.append(base)
         elif kind in _IMPORTS:
             uses.imports += _imports(node, package)
         elif kind is not ast.Constant:
             if kind in _DEFINITIONS:
                 uses.binds.add(node.name)
+            inside = hidden | _parameters(node) if kind in _SCOPES else hidden
             for name in kind._fields:
                 value = getattr(node, name, None)
+                within = inside if name == "body" else hidden
                 if isinstance(value, ast.AST):
-                    pending.append(value)
+                    pending.append((value, within))
                 elif type(value) is list:
-                    pending += [item for item in value if isinstance(item, ast.AST)]
+                    pending += [(item, within) for item in value if isinstance(item, ast.AST)]
                 if name in ("annotation", "returns") and value is not None:
-                    pending += _quoted_annotations(value)
+                    pending += [(quoted, hidden) for quoted in _quoted_annotations(value)]
+
+
+def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> set[str]:
+    """The names of a function's parameters but for those that an import inside of it binds anew."""
+    taken = function.args
+    several = [parameter for parameter in (taken.vararg, taken.kwarg) if parameter]
+    names = {parameter.arg for parameter in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs, *several)}
+    imported = [node for node in ast.walk(function) if isinstance(node, _IMPORTS)]
+    return names - {alias.asname or alias.name.partition(".")[0] for node in imported for alias in node.names}
 
 
 def _quoted_annotations(annotation: ast.AST) -> Iterator[ast.AST]:

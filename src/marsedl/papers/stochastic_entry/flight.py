@@ -189,7 +189,7 @@ def plant_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guida
     return Plant(constants, atmosphere, dispersions_of(planet, vehicle, mission))
 
 
-def vehicles(dispersions: Dispersions, seed, trials) -> Vehicles:
+def vehicles_of(dispersions: Dispersions, seed, trials) -> Vehicles:
     """The dispersed entry states and aerodynamics of the given trials (Tables 2 and 3)."""
     normal = normals(seed, ENTRY_STREAM, trials, STATES)
     states = dispersions.entry_mean + normal * dispersions.entry_deviations

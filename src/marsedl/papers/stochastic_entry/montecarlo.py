@@ -102,7 +102,7 @@ def simulator_of(plant: flight.Plant, flown_law: flight.Law, end: End, simulatio
             plant.settings,
             plant.atmosphere,
             flown_law,
-            flight.vehicles(plant.dispersions, simulation.seed, np.arange(first, last)),
+            flight.vehicles_of(plant.dispersions, simulation.seed, np.arange(first, last)),
             trigger=end.trigger,
             end_time=end.time,
             substeps=simulation.flight_substeps,
