@@ -124,3 +124,34 @@ def test_every_target_exists_for_an_own_reading(tree, own_reading, tmp_path, slu
     assert plan.papers == {slug}
     assert plan.readings == {"mine"}
     assert plan.artifacts >= {f"mine/montecarlo.{case}" for case in input_model(slug).CASES}
+
+
+def test_who_shares_with_an_edited_reading_keeps_its_results(tree, tmp_path):
+    """Run for real: the owner is edited, the other builds what it shared with it, and back again."""
+    path = tmp_path / "mine.yaml"
+    noise = "noise: {noise_coefficient: {value: 0.02, source: 'assumed: as corrected'}}"
+    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, {noise}}}}}}}", encoding="utf-8")
+    cache, figure = "data/cache/powered_descent", "figures/powered_descent/mine/fig03.png"
+
+    def run(*targets):
+        done = tree.run(*targets, configfile=path)
+        assert done.returncode == 0, done.stdout[-3000:]
+        return done.stdout
+
+    # All of it is that of `corrected`,
+    assert f"{cache}/mine/gains.h5 is shared: it is {cache}/corrected/gains.h5" in run(f"{cache}/mine/gains.h5", figure)
+    assert not tree.path(f"{cache}/mine").exists()
+    drawn, digests = tree.path(figure).read_bytes(), tree.digests()
+    # until that one changes.
+    tree.set_inputs("corrected", noise_coefficient="0.03")
+    run(figure, "figures/powered_descent/fig03.png")
+    assert tree.path(figure).read_bytes() == drawn
+    after = tree.digests()
+    for name in ("nominal", "gains", "montecarlo.closed_loop"):
+        assert after[f"{cache}/mine/{name}.h5"] == digests[f"{cache}/corrected/{name}.h5"]
+        assert after[f"{cache}/corrected/{name}.h5"] != digests[f"{cache}/corrected/{name}.h5"]
+    tree.edit("configs/powered_descent.yaml", '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
+    run(figure, "figures/powered_descent/fig03.png")
+    assert tree.path(figure).read_bytes() == drawn
+    assert {name: digest for name, digest in tree.digests().items() if name in digests} == digests
+    assert tree.plan(figure, configfile=path).rules == set()
