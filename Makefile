@@ -19,13 +19,17 @@ endif
 
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 
-.PHONY: all test lint verify bench docs slurm clean lock environment
+.PHONY: all test quick lint verify bench docs slurm clean lock environment
 
 all: $(STAMP)
 	. $(BIN)/activate && snakemake all
 
 test: $(STAMP)
 	. $(BIN)/activate && pytest -n 3 --dist loadgroup --no-loadscope-reorder
+
+# What to run after every small change: the tests that need no build.
+quick: lint
+	. $(BIN)/activate && pytest -n 3 --dist loadgroup -m "not workflow and not slurm and not long"
 
 lint: $(STAMP)
 	. $(BIN)/activate && ruff check . && ruff format --check . && lint-imports && snakefmt --check Snakefile workflow && snakemake --lint

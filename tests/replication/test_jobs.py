@@ -64,13 +64,11 @@ def saved(path, reading="r", value=(1.0, 2.0)):
     return str(path)
 
 
-def made(folder, name, inputs, *needs, **params):
+def made(folder, name, inputs, *needs, **changed):
     """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
-    snakemake = job_of(folder, inputs=inputs, build={"size": "smoke", "artifacts": dict(needs)}, **params)
-    snakemake.output = Named(out=str(folder / name))
-    jobs.Job(snakemake).save(Thing(np.array([1.0, 2.0])))
-    kept = dict(snakemake.params)
-    recipe = {key: kept.get(key, {}) for key in ("inputs", "options", "code", "libraries")}
+    snakemake = job_of(folder, build={"size": "smoke", "artifacts": dict(needs)})
+    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, **changed}
+    jobs.Job(snakemake).save(str(folder / name), Thing(np.array([1.0, 2.0])), recipe)
     recipe["needs"] = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
     return str(folder / name), ("p", "r", recipe)
 

@@ -42,18 +42,20 @@ PAPER = Paper(
         "other": Stage((), (), (), "what reads nothing"),
         "study": Stage((), (), ("nominal",), "study", claimed_in=("corrected",)),
         "montecarlo": Stage((), (), ("gains",), "flights"),
+        "montecarlo_chunk": Stage((), (), ("gains",), "flights of a chunk"),
+        "montecarlo_gather": Stage((), (), (), "chunks joined"),
     },
 )
 
 
-def shared(**changed):
+def shared(chunks=None, **changed):
     """Readings in the order of a file, all alike but for what is changed: values by "section.name" with two dashes."""
     readings = {}
     for name in ("printed", "corrected", "light", "mine"):
         values = {"vehicle.mass": 2.0, "vehicle.speed": 3.0, "ensemble.trials": 4, "ensemble.more_trials": 0}
         values |= {key.replace("__", "."): value for key, value in changed.get(name, {}).items()}
         readings[name] = Reading(name, "", None, "", ToyInputs.given(values), values, {})
-    return Shared(PAPER, Study("toy", readings, {}, ("printed", "corrected")))
+    return Shared(PAPER, Study("toy", readings, chunks or {"calm": 1, "windy": 1}, ("printed", "corrected")))
 
 
 def owners(whose, name):
@@ -107,3 +109,25 @@ def test_claims_use_the_studies_of_their_readings_and_the_cases_that_are_flown()
     assert whose.claimed("printed").keys() == stages | {"montecarlo.calm", "montecarlo.windy"}
     assert whose.claimed("corrected").keys() == stages | {"study", "montecarlo.calm"}
     assert {Path(file).parts[3] for file in whose.claimed("printed").values()} == {"printed", "corrected"}
+
+
+def test_cases_of_few_trials_are_flown_by_one_job():
+    few = {"ensemble__trials": 9000, "ensemble__more_trials": 10_000}  # in blocks of 1000
+    assert shared(light=few, mine=few).flown_together() == {("calm", "windy"): ["light"]}, "mine has those of light"
+    assert shared(light={**few, "ensemble__trials": 11_000}).flown_together() == {}
+    assert shared({"calm": 4, "windy": 1}, light=few).flown_together() == {}, "calm is scattered"
+
+
+def test_a_recipe_stands_for_all_that_an_artifact_is_made_from():
+    whose = shared({"calm": 4, "windy": 1}, mine={"ensemble__trials": 2500})
+    assert whose.chunks("mine", "calm") == ["chunks/calm.0of3", "chunks/calm.1of3", "chunks/calm.2of3"], "three blocks"
+    assert whose.scattered == {"calm"}
+    assert whose.recipe("mine", "gains")["inputs"] == {"vehicle.mass": 2.0}
+    gathered = whose.recipe("mine", "montecarlo.calm")
+    assert gathered["options"] == {}
+    assert list(gathered["needs"]) == ["calm.0of3.h5", "calm.1of3.h5", "calm.2of3.h5"]
+    options = {"case": "calm", "trials": 2500, "block_size": 1000, "chunk": 1, "chunks": 3}
+    assert whose.recipe("mine", "chunks/calm.1of3")["options"] == options
+    changed = shared({"calm": 4, "windy": 1}, mine={"ensemble__trials": 2500, "vehicle__speed": 5.0})
+    assert changed.recipe("mine", "montecarlo.calm")["needs"].keys() == gathered["needs"].keys()
+    assert changed.recipe("mine", "montecarlo.calm") != gathered, "the nominal is another"
