@@ -60,7 +60,7 @@ STANDS_FOR = {
     "{paper.slug}": "powered_descent",
     "{project.options}": " --config size=smoke",
     "snakemake {target}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
-    "{path}{options}": "data/cache/powered_descent/corrected/gains.h5 --config size=smoke",
+    "snakemake {path}{options}": "snakemake data/cache/powered_descent/corrected/gains.h5 --config size=smoke",
     "{path.relative_to(root)}": "data/reference/powered_descent.json",
     "{COMMITTED_INPUTS}": "data/reference/inputs.json",
     "snakemake {path} --config size={parts[1]}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
