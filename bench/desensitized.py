@@ -4,7 +4,7 @@ import time
 
 import numba
 import numpy as np
-from measuring import CORES, ROOT, interleaved, say
+from measuring import CORES, inputs_of, interleaved, say
 
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, Program
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
@@ -12,8 +12,6 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import PAPER, components, entry_problem, environment, flight, nominal, tradeoff
 from marsedl.papers.desensitized.entry_problem import WARM, gain_vector
 from marsedl.papers.desensitized.gains import Law, reference
-from marsedl.papers.desensitized.inputs import MODEL
-from marsedl.replication.inputs import load_study
 
 PIPELINE_LIMIT = 480.0  # CPU s
 FIGURE = "fig04"
@@ -108,8 +106,7 @@ def compare_with_array_code(row, posed, states, substeps):
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
-    study = load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml")
-    inputs = MODEL.given(study.readings["corrected"].inputs.plain())
+    inputs = inputs_of(PAPER.slug)
     planet, vehicle, mission, solver, design = (
         *(inputs.planet, inputs.vehicle, inputs.mission),
         *(inputs.solver, inputs.design),

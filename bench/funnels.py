@@ -5,16 +5,16 @@ from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
-from measuring import interleaved, say, stage_inputs
+from measuring import inputs_of, interleaved, run, say, sections
 
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
-from marsedl.methods.funnels.recursion import forward
+from marsedl.methods.funnels.recursion import StageRule, forward
 from marsedl.methods.funnels.stage import FunnelStage
 from marsedl.methods.sos.conic_program import ConicProgram
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.multiplier_program import MultiplierProgram, polynomial_coefficients
 from marsedl.methods.sos.sampled_program import rank_one
-from marsedl.papers.funnels import PAPER, environment, gains, linearization, nominal, proven
+from marsedl.papers.funnels import PAPER, environment, proven
 from marsedl.papers.funnels.funnel import BASIS_DEGREE, SPHERES
 
 PIPELINE_LIMIT = 360.0  # CPU s
@@ -31,13 +31,10 @@ SOLVERS = {"Clarabel": "CLARABEL", "SCS": "SCS"}
 
 def prepare():
     """Closed loop, shapes, slices, samples and inputs of the corrected reading."""
-    found = nominal.compute(**stage_inputs(PAPER, "nominal"))
-    flown = linearization.compute(**stage_inputs(PAPER, "linearization"), nominal=found)
-    designed = gains.compute(**stage_inputs(PAPER, "gains"), linearization=flown)
-    inputs = stage_inputs(PAPER, "funnel")
-    recursion, benchmark = inputs["recursion"], stage_inputs(PAPER, "stage_study")["studies"]
-    air = environment.disturbed_air(inputs["planet"], inputs["uncertainty"])
-    loop = environment.closed_loop(inputs["planet"], inputs["vehicle"], air, flown, designed.half_gain)
+    paper, i = run(PAPER.slug), inputs_of(PAPER.slug)
+    flown, designed, recursion = paper.record("linearization"), paper.record("gains"), i.recursion
+    air = environment.disturbed_air(i.planet, i.uncertainty)
+    loop = environment.closed_loop(i.planet, i.vehicle, air, flown, designed.half_gain)
     slices = environment.slices(loop, recursion.steps_per_slice)
     return SimpleNamespace(
         recursion=recursion,
@@ -47,8 +44,8 @@ def prepare():
         slices=slices,
         shapes=designed.shape[slices],
         design=well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE),
-        slice=benchmark.benchmark_slice - 1,
-        level=benchmark.benchmark_level,
+        slice=i.studies.benchmark_slice - 1,
+        level=i.studies.benchmark_level,
     )
 
 
@@ -90,12 +87,8 @@ def timed(function):
 
 def levels_by_samples(funnel, solve):
     """Levels of the whole funnel by programs on the samples."""
-    order = funnel.recursion.taylor_order
-    return forward(
-        *(funnel.loop, funnel.shapes, funnel.slices, funnel.gains.initial_level, funnel.design),
-        solver=lambda values, basis: solve(values),
-        order=order,
-    ).rho
+    rule = StageRule(order=funnel.recursion.taylor_order, solver=lambda values, basis: solve(values))
+    return forward(funnel.loop, funnel.shapes, funnel.slices, funnel.gains.initial_level, funnel.design, rule).rho
 
 
 def levels_by_coefficients(funnel, solve):
@@ -194,10 +187,8 @@ def measure(row):
     say("funnels: whole funnels and flights")
     fast = compare_funnels(row, funnel, sampled, matched)
     say("funnels: proof")
-    proven_inputs = stage_inputs(PAPER, "proven")
-    seconds, found = timed(
-        lambda: proven.compute(**proven_inputs, linearization=funnel.linearization, gains=funnel.gains)
-    )
+    taken = sections(PAPER.slug, proven.compute)
+    seconds, found = timed(lambda: proven.compute(**taken, linearization=funnel.linearization, gains=funnel.gains))
     assert found.proven, found.outcome
     row("proven funnel", seconds, "s")
     row("cost of the proven funnel over the funnel", seconds / fast, "ratio")

@@ -11,19 +11,16 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from functools import cache
 from itertools import cycle
 
 import numba
 import numpy as np
-from measuring import CORES, ROOT, RUN, interleaved, peak_memory, say
+from measuring import CORES, RUN, ensemble, inputs_of, interleaved, peak_memory, run, say
 
 from marsedl.methods.covariance_steering.block_program import compile_program, solve
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.random_field import PAPER, flight, gains, linearization, montecarlo, nominal
-from marsedl.papers.random_field.inputs import MODEL, RandomFieldInputs
-from marsedl.replication.catalogue import Flown
-from marsedl.replication.inputs import load_study
+from marsedl.papers.random_field import PAPER, flight, gains, linearization, nominal
+from marsedl.papers.random_field.inputs import MODEL
 
 PIPELINE_LIMIT = 360.0  # CPU s
 FIGURE = "fig12"
@@ -43,29 +40,16 @@ MEMORY_LIMIT = 16.0  # GB
 # --- the problems -----------------------------------------------------------------------------------------------------
 
 
-@cache
-def reading() -> RandomFieldInputs:
-    """Inputs of the corrected reading."""
-    return load_study(PAPER.slug, MODEL, ROOT / "configs" / f"{PAPER.slug}.yaml").readings["corrected"].inputs
-
-
-def flown_nominal():
-    """The nominal of the corrected reading."""
-    i = reading()
-    return nominal.compute(i.planet, i.air, i.vehicle, i.mission, i.simulation)
-
-
 def design():
-    """Nominal, linear model and gains."""
-    i, flown = reading(), flown_nominal()
-    linear = linearization.compute(i.planet, i.air, i.vehicle, i.mission, i.simulation, flown)
-    made = gains.compute(i.planet, i.air, i.vehicle, i.mission, i.guidance, i.simulation, flown, linear)
-    return flown, linear, made
+    """A run that remembers nominal, linear model and gains."""
+    paper = run(PAPER.slug)
+    paper.record("gains")
+    return paper
 
 
 def posed_along(partition, control, states):
     """The program about a trajectory on a partition."""
-    i = reading()
+    i = inputs_of(PAPER.slug)
     motion = linearization.motion_of(i.planet, i.air, i.vehicle, i.mission, i.simulation)
     model = linearization.along(motion, partition, control, states)
     return gains.program(i.guidance, i.vehicle, motion, model, control)[0]
@@ -73,18 +57,18 @@ def posed_along(partition, control, states):
 
 def first_program(flown, partition):
     """The first iteration's program on a partition."""
-    states = nominal.states_of(reading().planet.planet_radius, flown)
+    states = nominal.states_of(inputs_of(PAPER.slug).planet.planet_radius, flown)
     return posed_along(partition, np.zeros(len(partition) - 1), states)
 
 
 def equal_partition(intervals):
     """Nodes of equal intervals."""
-    return np.linspace(0.0, reading().mission.final_time, intervals + 1)
+    return np.linspace(0.0, inputs_of(PAPER.slug).mission.final_time, intervals + 1)
 
 
 def problem(flown, made, trials):
     """Constants, air, last law and initial states, as `flight.fly` takes them, and its options."""
-    i = reading()
+    i = inputs_of(PAPER.slug)
     plant = flight.plant_of(i.planet, i.air, i.vehicle, i.simulation)
     start = nominal.initial_state(i.planet, i.vehicle, flown.entry_flight_path_angle)
     every = round(i.simulation.output_interval / i.simulation.time_step)
@@ -202,7 +186,7 @@ def clocked(function, entered=lambda: None):
 def program_in_this_process(form, intervals):
     """Build and solve a program; prints what is known so far as JSON, a line when built and one when solved."""
     resource.setrlimit(resource.RLIMIT_AS, (int(MEMORY_LIMIT * 1e9),) * 2)
-    flown = flown_nominal()
+    flown = run(PAPER.slug).record("nominal")
     posed = first_program(flown, equal_partition(intervals))
     solve(first_program(flown, equal_partition(4)), form=form)  # loads everything
     start = time.perf_counter()
@@ -337,7 +321,8 @@ def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
     say("random_field: design")
-    flown, linear, made = design()
+    paper = design()
+    flown, linear, made = (paper.record(name) for name in ("nominal", "linearization", "gains"))
     cpu = []
     for _ in range(3):
         start = time.process_time()
@@ -364,11 +349,11 @@ def measure(row):
     posed, options = problem(flown, made, SCALING_TRIALS)
 
     def with_threads(number):
-        def run():
+        def fly():
             numba.set_num_threads(number)
             flight.fly(*posed, **options)
 
-        return run
+        return fly
 
     one, two = interleaved((with_threads(1), with_threads(2)), 5)
     numba.set_num_threads(1)
@@ -376,10 +361,8 @@ def measure(row):
 
     laws = len(made.control)
     say(f"random_field: {ALL_TRIALS:,} trials under each of {laws} laws")
-    i, (case,) = reading(), MODEL.CASES
-    start, trials = time.process_time(), Flown(case, ALL_TRIALS, PAPER.trials_per_block)
-    chunk = montecarlo.simulate(i.planet, i.air, i.vehicle, i.mission, i.simulation, flown, made, flown=trials)
-    ensemble = montecarlo.gather(i.planet, i.mission, [chunk])
-    assert (ensemble.count + ensemble.excluded == ALL_TRIALS).all()
+    (case,), start = MODEL.CASES, time.process_time()
+    flights = ensemble(paper, case, ALL_TRIALS)
+    assert (flights.count + flights.excluded == ALL_TRIALS).all()
     title = f"{ALL_TRIALS:,} trials under each of {laws} laws, statistics included"
     row(title, time.process_time() - start, "CPU s")

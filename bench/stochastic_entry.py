@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numba
 import numpy as np
-from measuring import CORES, interleaved, measure_ensembles, say, stage_inputs, tell_ensemble
+from measuring import CORES, ensemble, inputs_of, interleaved, measure_ensembles, run, say, tell_ensemble
 
 from marsedl.methods.covariance_steering.lqg_dual import solve, solve_over_weights
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
@@ -21,7 +21,7 @@ from marsedl.methods.guidance.targeting import targeting_from_sines
 from marsedl.models.density_variation import density_factor
 from marsedl.models.dynamics.entry import entry_rates_from_sines
 from marsedl.montecarlo.streams import normals
-from marsedl.papers.stochastic_entry import PAPER, environment, flight, gains, linearization, montecarlo, nominal
+from marsedl.papers.stochastic_entry import PAPER, flight, gains, montecarlo
 from marsedl.papers.stochastic_entry.inputs import MODEL
 
 PIPELINE_LIMIT = 300.0  # CPU s
@@ -39,17 +39,22 @@ CASES = ("apollo_velocity", "stochastic_velocity")
 
 
 def design():
-    """Nominal, linear model and gains."""
-    flown = nominal.compute(stage_inputs(PAPER, "nominal"))
-    linear = linearization.compute(stage_inputs(PAPER, "linearization"), flown)
-    return flown, linear, gains.compute(stage_inputs(PAPER, "gains"), linear)
+    """A run that remembers nominal, linear model and gains."""
+    paper = run(PAPER.slug)
+    paper.record("gains")
+    return paper
 
 
-def problem(inputs, made, case, trials):
-    """Settings, air, law and vehicles of a case, as `flight.fly` takes them."""
-    air = environment.air(inputs)
-    law = gains.law(inputs, *made[1:], case)
-    return flight.settings(inputs, air), air, law, flight.vehicles(inputs, np.arange(trials))
+def problem(made, case, trials):
+    """Settings, air, law and vehicles of a case, as `flight.fly` takes them, and its options."""
+    i = inputs_of(PAPER.slug)
+    plant = flight.plant_of(i.planet, i.air, i.vehicle, i.mission, i.guidance)
+    law = gains.law(i.guidance, made.record("linearization"), made.record("gains"), case)
+    vehicles = flight.vehicles(plant.dispersions, i.simulation.seed, np.arange(trials))
+    trigger, end_time = montecarlo.end_of(i.mission, made.record("nominal"), case)
+    options = {"trigger": trigger, "end_time": end_time}
+    options |= {"substeps": i.simulation.flight_substeps, "seed": i.simulation.seed}
+    return (plant.settings, plant.atmosphere, law, vehicles), options
 
 
 # --- the same flight without compiled code ----------------------------------------------------------------------------
@@ -107,9 +112,9 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
         radius, longitude, latitude, velocity, path, azimuth = x
         to_target = c.target_longitude - longitude
         downrange, crossrange = targeting_from_sines(
-            *(radius, velocity, np.sin(latitude), np.cos(latitude), np.sin(to_target), np.cos(to_target)),
-            *(np.cos(path), np.sin(azimuth), np.cos(azimuth), c.rotation_rate),
-            *(c.sin_target_latitude, c.cos_target_latitude),
+            *(radius, velocity, (np.sin(latitude), np.cos(latitude)), (np.sin(to_target), np.cos(to_target))),
+            *(np.cos(path), (np.sin(azimuth), np.cos(azimuth)), c.rotation_rate),
+            (c.sin_target_latitude, c.cos_target_latitude),
         )
         density = densities(radius, trial)
         drag = drag_factor * density * velocity**2
@@ -189,27 +194,29 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
 def ensemble_in_this_process(trials):
     """Fly and gather this number of trials under each law; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
-    inputs, made, options = stage_inputs(PAPER, "montecarlo"), design(), {"block_size": PAPER.trials_per_block}
-    montecarlo.compute(inputs, *made, case=CASES[0], trials=100, **options)  # loads the compiled code
+    made = design()
+    ensemble(made, CASES[0], 100)  # loads the compiled code
 
     def fly():
         for case in CASES:
-            ensemble = montecarlo.compute(inputs, *made, case=case, trials=trials, **options)
-            assert ensemble.count + ensemble.excluded == trials
+            flown = ensemble(made, case, trials)
+            assert flown.count + flown.excluded == trials
 
     tell_ensemble(fly, len(CASES) * trials)
 
 
-def compare_with_array_code(row, inputs, made, case):
+def compare_with_array_code(row, made, case):
     """Agreement of both, then their times with the drawing of all random numbers of the density."""
-    posed, substeps = problem(inputs, made, case, TRIALS), inputs.flight_substeps
-    air, cycles, nodes = posed[1], round(inputs.time_limit / inputs.guidance_period), len(posed[1].altitude)
+    posed, options = problem(made, case, TRIALS)
+    seed, substeps = options["seed"], options["substeps"]
+    air, nodes = posed[1], len(posed[1].altitude)
+    cycles = round(options["end_time"] / inputs_of(PAPER.slug).guidance.guidance_period)
 
     def kernel():
-        return flight.fly(*posed, trigger="velocity", end_time=inputs.time_limit, substeps=substeps, seed=inputs.seed)
+        return flight.fly(*posed, **options)
 
     expected = kernel()
-    draws = normals(inputs.seed, flight.DENSITY_STREAM, np.arange(TRIALS), nodes).T.copy()
+    draws = normals(seed, flight.DENSITY_STREAM, np.arange(TRIALS), nodes).T.copy()
     factor = density_factors(air, TRIALS, lambda number: draws[number])
     history, final = fly_numpy(*posed, factor, cycles=cycles, substeps=substeps)
     np.testing.assert_allclose(final, expected.final_state[:8], rtol=1e-8, atol=1e-8)
@@ -217,7 +224,7 @@ def compare_with_array_code(row, inputs, made, case):
     found, stored = (np.moveaxis(table, 1, 2)[flying] for table in (history, expected.history))
     np.testing.assert_allclose(found, stored, rtol=1e-8, atol=1e-8)
 
-    generator = np.random.Generator(np.random.Philox(inputs.seed))
+    generator = np.random.Generator(np.random.Philox(seed))
 
     def array_code():
         factor = density_factors(air, TRIALS, lambda number: generator.standard_normal(TRIALS))
@@ -231,9 +238,9 @@ def compare_with_array_code(row, inputs, made, case):
 
 def compare_with_search(row, linear):
     """The dual of the stochastic law against the search over LQG weights, on a partition that the search can take."""
-    inputs = stage_inputs(PAPER, "gains")
+    i = inputs_of(PAPER.slug)
     for trigger, name in enumerate(gains.TRIGGERS):
-        posed = gains.problem(inputs, linear, trigger, interval=PARTITION)
+        posed = gains.problem(i.guidance, i.design, linear, trigger, interval=PARTITION)
         dual, search = solve(posed), solve_over_weights(posed)
         assert dual.status == "optimal"
         mine, theirs = interleaved((lambda p=posed: solve(p), lambda p=posed: solve_over_weights(p)))
@@ -255,29 +262,22 @@ def measure(row):
         design()
         cpu.append(time.process_time() - start)
     row("nominal, linear model and gains, compiled", statistics.median(cpu), "CPU s")
-    inputs = stage_inputs(PAPER, "montecarlo")
     for case in CASES:
         say(f"stochastic_entry: kernel against array code, {case}")
-        compare_with_array_code(row, inputs, made, case)
+        compare_with_array_code(row, made, case)
 
     say("stochastic_entry: dual against search")
-    compare_with_search(row, made[1])
+    compare_with_search(row, made.record("linearization"))
 
     say("stochastic_entry: scaling with threads")
-    posed = problem(inputs, made, CASES[0], SCALING_TRIALS)
+    posed, options = problem(made, CASES[0], SCALING_TRIALS)
 
     def with_threads(number):
-        def run():
+        def fly():
             numba.set_num_threads(number)
-            flight.fly(
-                *posed,
-                trigger="velocity",
-                end_time=inputs.time_limit,
-                substeps=inputs.flight_substeps,
-                seed=inputs.seed,
-            )
+            flight.fly(*posed, **options)
 
-        return run
+        return fly
 
     one, two = interleaved((with_threads(1), with_threads(2)), 5)
     numba.set_num_threads(1)
@@ -286,9 +286,8 @@ def measure(row):
     say(f"stochastic_entry: {ALL_TRIALS:,} trials of all four cells")
     start = time.process_time()
     for case in MODEL.CASES:
-        options = {"case": case, "trials": ALL_TRIALS, "block_size": PAPER.trials_per_block}
-        ensemble = montecarlo.compute(inputs, *made, **options)
-        assert ensemble.count + ensemble.excluded == ALL_TRIALS
+        flown = ensemble(made, case, ALL_TRIALS)
+        assert flown.count + flown.excluded == ALL_TRIALS
     seconds = time.process_time() - start
     row(f"{ALL_TRIALS:,} trials of all four cells, statistics included", seconds, "CPU s", below=120.0)
     measure_ensembles(row, PAPER, ENSEMBLE_SIZES, LARGEST_MEMORY)

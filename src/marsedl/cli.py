@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import functools
 import re
 import shlex
 import sys
@@ -134,12 +135,17 @@ class _Project:
         """The folder of this size's products."""
         return build_folder(self.root, self.size)
 
-    def claims(self, slug: str) -> list[dict] | None:
-        """A paper's rows of the joined verdicts; None if nothing was judged yet."""
+    @functools.cached_property
+    def _judged(self) -> list[dict] | None:
+        """The joined verdicts of all papers; None if nothing was judged yet."""
         from marsedl.replication.claims import read_claims
 
         path = self.folder / "report" / "claims.json"
-        return [row for row in read_claims(path) if row["paper"] == slug] if path.exists() else None
+        return read_claims(path) if path.exists() else None
+
+    def claims(self, slug: str) -> list[dict] | None:
+        """A paper's rows of the joined verdicts; None if nothing was judged yet."""
+        return None if self._judged is None else [row for row in self._judged if row["paper"] == slug]
 
 
 def _project(size: str | None = None, config_file: Path | None = None) -> _Project:

@@ -197,7 +197,7 @@ class Section(BaseModel):
 class Inputs(BaseModel):
     """Base of all inputs of a paper or scenario: its sections, each a class of its own."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     # Monte Carlo ensembles, with the input "section.name" that holds their number of trials.
     CASES: typing.ClassVar[dict[str, str]] = {}

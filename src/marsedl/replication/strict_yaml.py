@@ -63,26 +63,21 @@ class _StrictLoader(Composer, CParser, SafeConstructor, Resolver):
         except ValueError as error:  # such as a date in month 13
             raise _at(node, f"{error}; write another value") from None
 
-    def construct_mapping(self, node, deep=False):
-        seen = {}
-        for key_node, _ in node.value:
+    def construct_lined(self, node):
+        mapping = Lined()
+        yield mapping
+        for key_node, value_node in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
                 raise _at(key_node, "'<<' is not used here; write it out")
             key = self.construct_object(key_node, deep=True)
             try:
-                repeated = key in seen
+                repeated = key in mapping
             except TypeError:
                 raise _at(key_node, "a key must be a plain name; write one") from None
             if repeated:
                 raise _at(key_node, f"the key {shown(key)} stands twice; leave one out")
-            seen[key] = True
-        return super().construct_mapping(node, deep)
-
-    def construct_lined(self, node):
-        mapping = Lined()
-        yield mapping
-        mapping.update(self.construct_mapping(node))
-        mapping.lines = {self.construct_object(key): key.start_mark.line + 1 for key, _ in node.value}
+            mapping[key] = self.construct_object(value_node)
+            mapping.lines[key] = key_node.start_mark.line + 1
 
     def construct_decimal(self, node):
         """Numbers as they look: to YAML, 1:30 is ninety and 017 is fifteen."""
