@@ -91,7 +91,9 @@ def entry():
 
     def rates(*arguments):
         density = np.exp(temperature_pressure_fit(arguments[0])[0])
-        return velocity_component_entry_rates(*arguments, density, 115.0, 0.18, 4.282837e13, radius)
+        return velocity_component_entry_rates(
+            arguments[:8], arguments[8], density, (115.0, 0.18), (4.282837e13, radius)
+        )
 
     descent, eastward = 6750.0 * np.sin(-15.2 * degree), 6750.0 * np.cos(-15.2 * degree)
     start = {"altitude": 126_100.0, "latitude": 0.0, "longitude": 0.0}

@@ -269,7 +269,7 @@ def test_nonlinear_flight_without_noise_follows_the_mean_and_ends_with_the_prior
 
         def rates(t, y, mean=mean, thrust=thrust, gain=gain):
             u = thrust(t) - gain(t) @ (y[:4] - mean(t))
-            return powered_descent_rates(*y, *u, 0.0, 0.0, descent.gravity, descent.mass_flow_constant)
+            return powered_descent_rates(y, u, (0.0, 0.0), descent.gravity, descent.mass_flow_constant)
 
         start = [*descent.means[segment], mass]
         end = solve_ivp(rates, (0, grid[-1]), start, method="DOP853", rtol=1e-10, atol=1e-9).y[:, -1]

@@ -60,7 +60,7 @@ def fly(state, seconds, guidance, rotation_rate=ROTATION_RATE, substeps=4):
 
     def rates(state, bank):
         density = 1.45e-2 * np.exp(-(state[RADIUS] - PLANET_RADIUS) / 10.8e3)
-        return np.array(entry_rates(*state, bank, density, 1 / 270, 0.24 / 270, 4.2828e13, rotation_rate, 1.0))
+        return np.array(entry_rates(state, bank, density, (1 / 270, 0.24 / 270), (4.2828e13, rotation_rate), 1.0))
 
     def target(state):
         arguments = (state[i] for i in (LONGITUDE, LATITUDE, RADIUS, VELOCITY, PATH_ANGLE, AZIMUTH))

@@ -82,7 +82,7 @@ def test_an_affine_system_is_returned_exactly():
 
 def test_powered_descent_without_mass_state_is_the_design_model():
     def rates(r1, r2, v1, v2, u1, u2, mass):
-        return powered_descent_rates(r1, r2, v1, v2, mass, u1, u2, 0.0, 0.0, 3.71, 4.85e-4)[:4]
+        return powered_descent_rates((r1, r2, v1, v2, mass), (u1, u2), (0.0, 0.0), 3.71, 4.85e-4)[:4]
 
     mass = np.linspace(1500, 1350, 6)
     model = linearize(rates, np.ones((6, 4)), np.full((6, 2), 5000.0), (mass,))
@@ -92,7 +92,10 @@ def test_powered_descent_without_mass_state_is_the_design_model():
 
 
 def test_derivatives_exist_at_zero_thrust():
-    model = linearize(powered_descent_rates, np.ones((1, 5)), np.zeros((1, 2)), (0.0, 0.0, 3.71, 4.85e-4))
+    def rates(*arguments):
+        return powered_descent_rates(arguments[:5], arguments[5:], (0.0, 0.0), 3.71, 4.85e-4)
+
+    model = linearize(rates, np.ones((1, 5)), np.zeros((1, 2)))
     assert np.isfinite(model.control_matrix).all()
 
 

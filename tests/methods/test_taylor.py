@@ -149,8 +149,8 @@ def rates(deviation):
         b + s * d for b, s, d in zip(base, SCALES, deviation, strict=True)
     )
     density = 0.0158 * np.exp((3389.5e3 - radius) / 9354.5)
-    sines = [f(angle) for angle in (latitude, path, azimuth, bank) for f in (np.sin, np.cos)]
-    return entry_rates_from_sines(radius, velocity, *sines, density, 3.7e-3, 9e-4, 4.2828e13, 7.0882e-5, 1.0)
+    sines = [(np.sin(angle), np.cos(angle)) for angle in (latitude, path, azimuth, bank)]
+    return entry_rates_from_sines(radius, velocity, *sines, density, (3.7e-3, 9e-4), (4.2828e13, 7.0882e-5), 1.0)
 
 
 def test_entry_rates_to_first_order_are_the_jacobian():

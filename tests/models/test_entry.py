@@ -15,15 +15,17 @@ from marsedl.models.dynamics.entry import (
 GRAVITATIONAL_PARAMETER, ROTATION_RATE, PLANET_RADIUS = 4.2828e13, 7.0882e-5, 3.397e6
 
 
-@njit
-def compiled_rates(*arguments):
-    return entry_rates(*arguments)
+def broadcast_rates(*arguments):
+    return entry_rates(arguments[:6], arguments[6], arguments[7], arguments[8:10], arguments[10:12], arguments[12])
+
+
+compiled_rates = njit(broadcast_rates)
 
 
 def traced_rates(arguments):
     casadi.GlobalOptions.setNumpyMode(-1)
     symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*entry_rates(*casadi.vertsplit(symbols)))
+    rates = casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols)))
     return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
 
 
@@ -62,7 +64,7 @@ def test_vehicle_of_table_1():
 
 def test_numba_casadi_and_numpy_agree():
     arguments = random_arguments(200)
-    broadcast = np.array(entry_rates(*arguments))
+    broadcast = np.array(broadcast_rates(*arguments))
     compiled = np.array([compiled_rates(*point) for point in arguments.T]).T
     # Rounding, relative to the largest rate of its kind: single rates are differences of larger terms.
     scale = np.abs(broadcast).max(axis=1, keepdims=True)
@@ -72,15 +74,16 @@ def test_numba_casadi_and_numpy_agree():
 
 def test_rates_from_sines_are_those_from_angles():
     point = random_arguments(1)[:, 0]
-    radius, _, latitude, velocity, path, azimuth, bank, *rest = point
-    sines = [f(angle) for angle in (latitude, path, azimuth, bank) for f in (np.sin, np.cos)]
-    assert entry_rates_from_sines(radius, velocity, *sines, *rest) == entry_rates(*point)
+    radius, _, latitude, velocity, path, azimuth, bank, density, drag, lift, mu, rotation, sign = point
+    sines = [(np.sin(angle), np.cos(angle)) for angle in (latitude, path, azimuth, bank)]
+    found = entry_rates_from_sines(radius, velocity, *sines, density, (drag, lift), (mu, rotation), sign)
+    assert found == broadcast_rates(*point)
 
 
 def test_rates_give_the_inertial_acceleration_of_gravity_lift_and_drag():
     for point in random_arguments(50).T:
         state, (bank, density, drag, lift, mu, rotation, _) = point[:6], point[6:]
-        rates = np.array(entry_rates(*point))
+        rates = np.array(broadcast_rates(*point))
         # The complex step differentiates position and velocity along the flight.
         step = 1e-30
         position, velocity = inertial(1j * step, state + 1j * step * rates, rotation)
@@ -103,8 +106,7 @@ def vacuum_drift(heading_sign, azimuth):
     state = [PLANET_RADIUS + 125e3, 2.2, np.radians(17), 5800.0, np.radians(-15.5), azimuth]
 
     def rates(t, y):
-        planet = (GRAVITATIONAL_PARAMETER, ROTATION_RATE, heading_sign)
-        return entry_rates(*y, 0.3, 0.0, 3.7e-3, 8.9e-4, *planet)
+        return entry_rates(y, 0.3, 0.0, (3.7e-3, 8.9e-4), (GRAVITATIONAL_PARAMETER, ROTATION_RATE), heading_sign)
 
     flight = solve_ivp(rates, (0, 80), state, method="DOP853", rtol=1e-13, atol=1e-13)
     assert flight.success
@@ -132,7 +134,7 @@ def test_vacuum_flight_with_the_printed_heading_rate_keeps_neither():
 
 def test_a_positive_bank_turns_clockwise_and_lowers_the_vertical_lift():
     point = [3.42e6, 0.0, 0.3, 3000.0, -0.1, 1.0, 0.0, 5e-3, 3.7e-3, 8.9e-4, GRAVITATIONAL_PARAMETER, 0.0, 1.0]
-    level, banked = entry_rates(*point), entry_rates(*point[:6], 0.5, *point[7:])
+    level, banked = broadcast_rates(*point), broadcast_rates(*point[:6], 0.5, *point[7:])
     assert banked[5] > level[5]
     assert banked[4] < level[4]
     assert banked[:4] == level[:4]

@@ -45,7 +45,7 @@ def test_planar_part_is_equatorial_flight_over_a_planet_at_rest():
     for point in random_arguments(50).T:
         radius, velocity, path, _, density, cosine, *_, drag, lift, mu = point
         azimuth, bank = np.pi / 2, np.arccos(cosine)
-        full = entry_rates(radius, 1.0, 0.0, velocity, path, azimuth, bank, density, drag, lift, mu, 0.0, 1.0)
+        full = entry_rates((radius, 1.0, 0.0, velocity, path, azimuth), bank, density, (drag, lift), (mu, 0.0), 1.0)
         rates = longitudinal_entry_rates(point[:5], *point[5:])
         # The downrange of Eq. 27d is measured along the flight: angle times radius.
         np.testing.assert_allclose(rates[:4], [full[0], full[3], full[4], radius * full[1]], rtol=1e-13, atol=1e-15)

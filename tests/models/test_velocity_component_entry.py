@@ -14,9 +14,11 @@ BALLISTIC_COEFFICIENT, LIFT_TO_DRAG, MU, PLANET_RADIUS = 115.0, 0.18, 4.282837e1
 ENTRY = np.array([126.1e3, 0, 0, 6750 * np.sin(np.radians(-15.2)), 0, 6750 * np.cos(np.radians(-15.2))])
 
 
-@njit
-def compiled_rates(*arguments):
-    return velocity_component_entry_rates(*arguments)
+def broadcast_rates(*arguments):
+    return velocity_component_entry_rates(arguments[:8], arguments[8], arguments[9], arguments[10:12], arguments[12:14])
+
+
+compiled_rates = njit(broadcast_rates)
 
 
 @njit
@@ -27,7 +29,7 @@ def compiled_rates_from_sines(*arguments):
 def traced_rates(arguments):
     casadi.GlobalOptions.setNumpyMode(-1)
     symbols = casadi.SX.sym("arguments", arguments.shape[0])
-    rates = casadi.vertcat(*velocity_component_entry_rates(*casadi.vertsplit(symbols)))
+    rates = casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols)))
     return casadi.Function("rates", [symbols], [rates]).map(arguments.shape[1])(arguments).full()
 
 
@@ -41,8 +43,10 @@ def random_arguments(count):
 
 
 def with_sines(arguments):
-    altitude, latitude, _, *velocity, bank = arguments[:7]
-    return (altitude, np.sin(latitude), np.cos(latitude), *velocity, np.sin(bank), np.cos(bank), *arguments[7:])
+    altitude, latitude, _, *velocity, bank, bank_rate, bank_acceleration, rho = arguments[:10]
+    sines = [(np.sin(angle), np.cos(angle)) for angle in (latitude, bank)]
+    constants = tuple(arguments[10:12]), tuple(arguments[12:14])
+    return altitude, sines[0], tuple(velocity), sines[1], bank_rate, bank_acceleration, rho, *constants
 
 
 def density(altitude):
@@ -76,7 +80,7 @@ def inertial_acceleration(position, velocity, bank, density, ballistic_coefficie
 
 def test_numba_casadi_and_numpy_agree():
     arguments = random_arguments(200)
-    broadcast = np.array(velocity_component_entry_rates(*arguments))
+    broadcast = np.array(broadcast_rates(*arguments))
     assert broadcast.shape == (8, 200)
     from_sines = np.array(velocity_component_entry_rates_from_sines(*with_sines(arguments)))
     np.testing.assert_array_equal(from_sines, broadcast)
@@ -97,9 +101,9 @@ def test_rates_are_those_of_speed_path_angle_and_azimuth_on_a_planet_at_rest():
         horizontal, speed = np.hypot(north, east), np.linalg.norm(velocity)
         path, azimuth = np.arcsin(radial / speed), np.arctan2(east, north)
         radius, drag_factor = planet_radius + altitude, 1 / (2 * ballistic_coefficient)
-        constants = (rho, drag_factor, ratio * drag_factor, mu, 0.0, 1.0)
-        polar = np.array(entry_rates(radius, longitude, latitude, speed, path, azimuth, bank, *constants))
-        found = np.array(velocity_component_entry_rates(*point))
+        constants = (rho, (drag_factor, ratio * drag_factor), (mu, 0.0), 1.0)
+        polar = np.array(entry_rates((radius, longitude, latitude, speed, path, azimuth), bank, *constants))
+        found = np.array(broadcast_rates(*point))
         rounding = 1e-14 * (rho * speed**2 * drag_factor + 20)  # of the accelerations
         np.testing.assert_allclose(found[[0, 2, 1]], polar[:3], rtol=1e-13, atol=1e-18)
 
@@ -125,7 +129,7 @@ def test_rates_are_those_of_speed_path_angle_and_azimuth_on_a_planet_at_rest():
 def test_rates_are_those_of_a_point_mass_in_inertial_coordinates():
     for point in random_arguments(50).T:
         state, (bank, bank_rate, bank_acceleration, rho), constants = point[:6], point[6:10], point[10:13]
-        rates = np.array(velocity_component_entry_rates(*point[:13], PLANET_RADIUS))
+        rates = np.array(broadcast_rates(*point[:13], PLANET_RADIUS))
         assert tuple(rates[6:]) == (bank_rate, bank_acceleration)
         # The complex step differentiates position and velocity along the flight.
         step = 1e-30
@@ -139,8 +143,8 @@ def fly(start, bank, density=density, seconds=260.0):
     """State at the end and in between, (6, k), under a bank angle that is a function of time."""
 
     def rates(time, state):
-        constants = (BALLISTIC_COEFFICIENT, LIFT_TO_DRAG, MU, PLANET_RADIUS)
-        return velocity_component_entry_rates(*state, bank(time), 0.0, 0.0, density(state[0]), *constants)[:6]
+        constants = (BALLISTIC_COEFFICIENT, LIFT_TO_DRAG), (MU, PLANET_RADIUS)
+        return velocity_component_entry_rates((*state, bank(time), 0.0), 0.0, density(state[0]), *constants)[:6]
 
     scale = np.array([1e5, 1, 1, 1e3, 1e3, 1e3])
     flight = solve_ivp(rates, (0, seconds), start, method="DOP853", rtol=1e-12, atol=1e-13 * scale)
@@ -192,7 +196,7 @@ def test_drag_alone_takes_energy():
     for point in random_arguments(50).T:
         altitude, velocity, rho = point[0], point[3:6], point[9]
         ballistic_coefficient, _, mu, planet_radius = point[10:]
-        rates = np.array(velocity_component_entry_rates(*point))
+        rates = np.array(broadcast_rates(*point))
         speed, gravity = np.linalg.norm(velocity), mu / (planet_radius + altitude) ** 2
         energy_rate = velocity @ rates[3:6] + gravity * rates[0]
         drag = rho * speed**2 / (2 * ballistic_coefficient)
@@ -204,7 +208,7 @@ def test_a_positive_bank_turns_an_eastward_flight_to_the_south_and_lowers_the_ve
         [50e3, 0.0, 0.0, -1000.0, 0.0, 5000.0],
         [2e-4, BALLISTIC_COEFFICIENT, LIFT_TO_DRAG, MU, PLANET_RADIUS],
     )
-    level, banked = (velocity_component_entry_rates(*state, bank, 0.0, 0.0, *constants) for bank in (0.0, 0.5))
+    level, banked = (broadcast_rates(*state, bank, 0.0, 0.0, *constants) for bank in (0.0, 0.5))
     assert level[4] == 0
     lift = LIFT_TO_DRAG * 2e-4 * (1000**2 + 5000**2) / (2 * BALLISTIC_COEFFICIENT)
     assert banked[4] == pytest.approx(-lift * np.sin(0.5), rel=1e-14)
@@ -217,8 +221,8 @@ def test_the_mirrored_flight_has_the_mirrored_rates_to_the_last_bit():
     mirror[[1, 4, 6, 7, 8]] = -1  # latitude, north velocity, bank, its rate and acceleration
     sign = np.array([1, -1, 1, 1, -1, 1, -1, -1])
     arguments = random_arguments(200)
-    rates = np.array(velocity_component_entry_rates(*arguments))
-    mirrored = np.array(velocity_component_entry_rates(*(mirror[:, np.newaxis] * arguments)))
+    rates = np.array(broadcast_rates(*arguments))
+    mirrored = np.array(broadcast_rates(*(mirror[:, np.newaxis] * arguments)))
     np.testing.assert_array_equal(mirrored, sign[:, np.newaxis] * rates)
 
 
@@ -226,8 +230,8 @@ def test_the_longitude_enters_no_rate():
     arguments = random_arguments(50)
     shifted = arguments.copy()
     shifted[2] += 1.7
-    np.testing.assert_array_equal(velocity_component_entry_rates(*shifted), velocity_component_entry_rates(*arguments))
+    np.testing.assert_array_equal(broadcast_rates(*shifted), broadcast_rates(*arguments))
     casadi.GlobalOptions.setNumpyMode(-1)
     symbols = casadi.SX.sym("arguments", 14)
-    jacobian = casadi.jacobian(casadi.vertcat(*velocity_component_entry_rates(*casadi.vertsplit(symbols))), symbols)
+    jacobian = casadi.jacobian(casadi.vertcat(*broadcast_rates(*casadi.vertsplit(symbols))), symbols)
     assert jacobian[:, 2].nnz() == 0  # structurally zero: the third column of a sensitivity stays what it is

@@ -348,13 +348,11 @@ def flown_by_adaptive_steps(inputs, along, gain, factor, deviation=0.0):
     def rates(state, control, density_factor):
         density = density_factor * np.exp(atmosphere.temperature_pressure_fit(state[0])[0])
         return velocity_component_entry_rates(
-            *state,
+            state,
             control,
             density,
-            inputs.ballistic_coefficient,
-            inputs.lift_to_drag,
-            inputs.gravitational_parameter,
-            inputs.planet_radius,
+            (inputs.ballistic_coefficient, inputs.lift_to_drag),
+            (inputs.gravitational_parameter, inputs.planet_radius),
         )
 
     def both(_, states, control):
@@ -431,13 +429,11 @@ def test_null_gains_null_in_the_linear_model_of_their_own(inputs, best, perturbe
             control = along.bank_acceleration[k] + gain @ (mean - middle)
             density = (1.0 + small) * np.exp(atmosphere.temperature_pressure_fit(mean[0])[0])
             rates = velocity_component_entry_rates(
-                *mean,
+                mean,
                 control,
                 density,
-                inputs.ballistic_coefficient,
-                inputs.lift_to_drag,
-                inputs.gravitational_parameter,
-                inputs.planet_radius,
+                (inputs.ballistic_coefficient, inputs.lift_to_drag),
+                (inputs.gravitational_parameter, inputs.planet_radius),
             )
             moved = start + h * np.array(rates)
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])

@@ -209,8 +209,8 @@ def test_flights_without_feedback_are_those_of_speed_and_angles():
     def rates(_, x, u):
         r, theta, phi, speed, gamma, psi, xi, w = x
         density = mean_density(r - RADIUS)
-        factors = (1.0 / 230.0, 0.18 / 230.0, MU, 0.0, 1.0)
-        return (*entry_rates(r, theta, phi, speed, gamma, psi, xi, density, *factors), w, u)
+        factors = (1.0 / 230.0, 0.18 / 230.0)
+        return (*entry_rates((r, theta, phi, speed, gamma, psi), xi, density, factors, (MU, 0.0), 1.0), w, u)
 
     for trial, (h, phi, theta, v_r, v_n, v_e, xi, w) in enumerate(initial):
         horizontal = np.hypot(v_n, v_e)

@@ -285,10 +285,13 @@ def test_a_flight_with_feedback_by_adaptive_steps(desensitized):
     made, inputs = desensitized.gains(), desensitized.stage_inputs("corrected", "nominal")
     law = FIRST
     reference, gain = flown_law(made, law)
-    planet = (inputs.ballistic_coefficient, inputs.lift_to_drag, inputs.gravitational_parameter, RADIUS)
+    vehicle = (inputs.ballistic_coefficient, inputs.lift_to_drag)
+    planet = (inputs.gravitational_parameter, RADIUS)
 
     def rates(y, u):
-        return np.array(velocity_component_entry_rates(*y, u, np.exp(temperature_pressure_fit(y[0])[0]), *planet))
+        return np.array(
+            velocity_component_entry_rates(y, u, np.exp(temperature_pressure_fit(y[0])[0]), vehicle, planet)
+        )
 
     both = np.concatenate([reference.initial_state + 200.0 * (np.arange(8) == 0), reference.initial_state])
     step = reference.final_time / len(reference.bank_acceleration)

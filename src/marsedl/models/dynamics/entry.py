@@ -60,22 +60,7 @@ def aerodynamic_factor(coefficient, reference_area, mass):
 
 @jitable
 def entry_rates_from_sines(
-    radius,
-    velocity,
-    sin_latitude,
-    cos_latitude,
-    sin_flight_path_angle,
-    cos_flight_path_angle,
-    sin_azimuth,
-    cos_azimuth,
-    sin_bank,
-    cos_bank,
-    density,
-    drag_factor,
-    lift_factor,
-    gravitational_parameter,
-    rotation_rate,
-    heading_sign,
+    radius, velocity, latitude, flight_path_angle, azimuth, bank, density, aerodynamics, planet, heading_sign
 ):
     """Time derivatives of the entry state in planet-relative coordinates (stochastic entry guidance, Eqs. 1a to 1f).
 
@@ -97,20 +82,25 @@ def entry_rates_from_sines(
     Args:
         radius: r, m.
         velocity: V, planet-relative, m/s.
-        sin_latitude, cos_latitude: of phi.
-        sin_flight_path_angle, cos_flight_path_angle: of gamma, planet-relative, positive while climbing.
-        sin_azimuth, cos_azimuth: of psi, the planet-relative heading, clockwise from north.
-        sin_bank, cos_bank: of sigma; a positive bank turns the heading clockwise.
+        latitude: sine and cosine of phi.
+        flight_path_angle: sine and cosine of gamma, planet-relative, positive while climbing.
+        azimuth: sine and cosine of psi, the planet-relative heading, clockwise from north.
+        bank: sine and cosine of sigma; a positive bank turns the heading clockwise.
         density: rho, kg/m^3.
-        drag_factor, lift_factor: k_D, k_L, m^2/kg (`aerodynamic_factor`).
-        gravitational_parameter: mu, m^3/s^2.
-        rotation_rate: W, rad/s.
+        aerodynamics: drag and lift factor k_D, k_L, m^2/kg (`aerodynamic_factor`).
+        planet: gravitational parameter mu, m^3/s^2, and rotation rate W, rad/s.
         heading_sign: s, +1, or -1 as printed.
 
     Returns:
         Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
         (rad/s).
     """
+    sin_latitude, cos_latitude = latitude
+    sin_flight_path_angle, cos_flight_path_angle = flight_path_angle
+    sin_azimuth, cos_azimuth = azimuth
+    sin_bank, cos_bank = bank
+    drag_factor, lift_factor = aerodynamics
+    gravitational_parameter, rotation_rate = planet
     inverse_radius = 1.0 / radius
     inverse_velocity = 1.0 / velocity
     inverse_cos_latitude = 1.0 / cos_latitude
@@ -155,54 +145,32 @@ def entry_rates_from_sines(
 
 
 @jitable
-def entry_rates(
-    radius,
-    longitude,
-    latitude,
-    velocity,
-    flight_path_angle,
-    azimuth,
-    bank,
-    density,
-    drag_factor,
-    lift_factor,
-    gravitational_parameter,
-    rotation_rate,
-    heading_sign,
-):
+def entry_rates(state, bank, density, aerodynamics, planet, heading_sign):
     """Time derivatives of the entry state as `entry_rates_from_sines`, from the angles.
 
     Args:
-        radius: m.
-        longitude: rad; the rates do not depend on it.
-        latitude: rad.
-        velocity: m/s.
-        flight_path_angle, azimuth, bank: rad.
+        state: radius (m), longitude (rad; the rates do not depend on it), latitude (rad), velocity (m/s), flight path
+            angle and azimuth (rad).
+        bank: rad.
         density: kg/m^3.
-        drag_factor, lift_factor: m^2/kg.
-        gravitational_parameter: m^3/s^2.
-        rotation_rate: rad/s.
+        aerodynamics: drag and lift factor, m^2/kg.
+        planet: gravitational parameter, m^3/s^2, and rotation rate, rad/s.
         heading_sign: +1, or -1 for Eq. 1f as printed.
 
     Returns:
         Tuple of the rates of radius (m/s), longitude, latitude (rad/s), velocity (m/s^2), flight path angle and azimuth
         (rad/s).
     """
+    radius, _, latitude, velocity, flight_path_angle, azimuth = state
     return entry_rates_from_sines(
         radius,
         velocity,
-        np.sin(latitude),
-        np.cos(latitude),
-        np.sin(flight_path_angle),
-        np.cos(flight_path_angle),
-        np.sin(azimuth),
-        np.cos(azimuth),
-        np.sin(bank),
-        np.cos(bank),
+        (np.sin(latitude), np.cos(latitude)),
+        (np.sin(flight_path_angle), np.cos(flight_path_angle)),
+        (np.sin(azimuth), np.cos(azimuth)),
+        (np.sin(bank), np.cos(bank)),
         density,
-        drag_factor,
-        lift_factor,
-        gravitational_parameter,
-        rotation_rate,
+        aerodynamics,
+        planet,
         heading_sign,
     )

@@ -37,19 +37,7 @@ def thrust_magnitude(thrust_downrange, thrust_vertical):
 
 
 @jitable
-def powered_descent_rates(
-    downrange,
-    altitude,
-    downrange_velocity,
-    vertical_velocity,
-    mass,
-    thrust_downrange,
-    thrust_vertical,
-    disturbance_downrange,
-    disturbance_vertical,
-    gravity,
-    mass_flow_constant,
-):
+def powered_descent_rates(state, thrust, disturbance, gravity, mass_flow_constant):
     """Time derivatives of position, velocity and mass (Eqs. 1, 2 and 49).
 
         r' = v,   v' = (0, -g) + (u + d) / m,   m' = -alpha ||u||
@@ -57,17 +45,19 @@ def powered_descent_rates(
     The disturbance d (noise held over a step in a simulation) accelerates the vehicle but burns no propellant.
 
     Args:
-        downrange, altitude: r1, r2, m.
-        downrange_velocity, vertical_velocity: v1, v2 (upwards positive), m/s.
-        mass: m, kg.
-        thrust_downrange, thrust_vertical: commanded thrust u1, u2, N.
-        disturbance_downrange, disturbance_vertical: disturbance force d1, d2, N.
+        state: downrange and altitude r1, r2 (m), downrange and vertical velocity v1, v2 (upwards positive, m/s) and
+            mass m (kg).
+        thrust: commanded, downrange and vertical, u1, u2, N.
+        disturbance: force, downrange and vertical, d1, d2, N.
         gravity: g > 0, acting downwards, m/s^2.
         mass_flow_constant: alpha, kg/(N s).
 
     Returns:
         Tuple of the rates of downrange, altitude (m/s), downrange velocity, vertical velocity (m/s^2), mass (kg/s).
     """
+    _, _, downrange_velocity, vertical_velocity, mass = state
+    thrust_downrange, thrust_vertical = thrust
+    disturbance_downrange, disturbance_vertical = disturbance
     return (
         downrange_velocity,
         vertical_velocity,

@@ -9,21 +9,7 @@ __all__ = ["velocity_component_entry_rates", "velocity_component_entry_rates_fro
 
 @jitable
 def velocity_component_entry_rates_from_sines(
-    altitude,
-    sin_latitude,
-    cos_latitude,
-    radial_velocity,
-    north_velocity,
-    east_velocity,
-    sin_bank,
-    cos_bank,
-    bank_rate,
-    bank_acceleration,
-    density,
-    ballistic_coefficient,
-    lift_to_drag,
-    gravitational_parameter,
-    planet_radius,
+    altitude, latitude, velocity, bank, bank_rate, bank_acceleration, density, vehicle, planet
 ):
     """Time derivatives of position, velocity and bank of a capsule that is steered by its bank angle (Eqs. 1 and 2).
 
@@ -47,21 +33,24 @@ def velocity_component_entry_rates_from_sines(
 
     Args:
         altitude: h, m.
-        sin_latitude, cos_latitude: of phi.
-        radial_velocity, north_velocity, east_velocity: v_r, v_n, v_e, m/s; not straight up or down.
-        sin_bank, cos_bank: of xi.
+        latitude: sine and cosine of phi.
+        velocity: its radial, north and east component v_r, v_n, v_e, m/s; not straight up or down.
+        bank: sine and cosine of xi.
         bank_rate: xi', rad/s.
         bank_acceleration: u, rad/s^2.
         density: rho, kg/m^3.
-        ballistic_coefficient: BC, kg/m^2.
-        lift_to_drag: L/D, 1.
-        gravitational_parameter: mu, m^3/s^2.
-        planet_radius: r_m, m.
+        vehicle: ballistic coefficient BC, kg/m^2, and lift-to-drag ratio L/D, 1.
+        planet: gravitational parameter mu, m^3/s^2, and radius r_m, m.
 
     Returns:
         Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
         (rad/s) and bank rate (rad/s^2).
     """
+    sin_latitude, cos_latitude = latitude
+    radial_velocity, north_velocity, east_velocity = velocity
+    sin_bank, cos_bank = bank
+    ballistic_coefficient, lift_to_drag = vehicle
+    gravitational_parameter, planet_radius = planet
     inverse_radius = 1.0 / (planet_radius + altitude)
     inverse_cos_latitude = 1.0 / cos_latitude
     horizontal_square = north_velocity * north_velocity + east_velocity * east_velocity
@@ -97,55 +86,31 @@ def velocity_component_entry_rates_from_sines(
 
 
 @jitable
-def velocity_component_entry_rates(
-    altitude,
-    latitude,
-    longitude,
-    radial_velocity,
-    north_velocity,
-    east_velocity,
-    bank,
-    bank_rate,
-    bank_acceleration,
-    density,
-    ballistic_coefficient,
-    lift_to_drag,
-    gravitational_parameter,
-    planet_radius,
-):
+def velocity_component_entry_rates(state, bank_acceleration, density, vehicle, planet):
     """Time derivatives as `velocity_component_entry_rates_from_sines`, from the angles (Eqs. 1 and 2).
 
     Args:
-        altitude: m.
-        latitude: rad.
-        longitude: rad; the rates do not depend on it.
-        radial_velocity, north_velocity, east_velocity: m/s; not straight up or down.
-        bank, bank_rate: rad, rad/s; a positive bank turns the heading clockwise.
+        state: altitude (m), latitude, longitude (rad; the rates do not depend on it), radial, north and east velocity
+            (m/s; not straight up or down), bank (rad) and bank rate (rad/s); a positive bank turns the heading
+            clockwise.
         bank_acceleration: rad/s^2.
         density: kg/m^3.
-        ballistic_coefficient: kg/m^2.
-        lift_to_drag: 1.
-        gravitational_parameter: m^3/s^2.
-        planet_radius: m.
+        vehicle: ballistic coefficient, kg/m^2, and lift-to-drag ratio, 1.
+        planet: gravitational parameter, m^3/s^2, and radius, m.
 
     Returns:
         Tuple of the rates of altitude (m/s), latitude, longitude (rad/s), radial, north and east velocity (m/s^2), bank
         (rad/s) and bank rate (rad/s^2).
     """
+    altitude, latitude, _, radial_velocity, north_velocity, east_velocity, bank, bank_rate = state
     return velocity_component_entry_rates_from_sines(
         altitude,
-        np.sin(latitude),
-        np.cos(latitude),
-        radial_velocity,
-        north_velocity,
-        east_velocity,
-        np.sin(bank),
-        np.cos(bank),
+        (np.sin(latitude), np.cos(latitude)),
+        (radial_velocity, north_velocity, east_velocity),
+        (np.sin(bank), np.cos(bank)),
         bank_rate,
         bank_acceleration,
         density,
-        ballistic_coefficient,
-        lift_to_drag,
-        gravitational_parameter,
-        planet_radius,
+        vehicle,
+        planet,
     )

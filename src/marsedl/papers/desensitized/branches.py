@@ -250,15 +250,11 @@ def descent(
 
     def rates(time, motion):
         motion_rates = velocity_component_entry_rates(
-            *motion,
-            bank(time),
-            0.0,
+            (*motion, bank(time), 0.0),
             0.0,
             np.exp(log_density(motion[0])[0]),
-            vehicle.ballistic_coefficient,
-            vehicle.lift_to_drag,
-            planet.gravitational_parameter,
-            planet.planet_radius,
+            (vehicle.ballistic_coefficient, vehicle.lift_to_drag),
+            (planet.gravitational_parameter, planet.planet_radius),
         )
         return motion_rates[: len(MEASURED)]
 

@@ -304,13 +304,11 @@ def motion(planet: Planet, vehicle: Vehicle, states, bank_acceleration):
     """Rates of states (..., 8) by numpy, beside those that the solver has traced: (..., 8)."""
     log_density = density.profile(planet)(states[..., 0])[0]
     rates = velocity_component_entry_rates(
-        *np.moveaxis(states, -1, 0),
+        np.moveaxis(states, -1, 0),
         bank_acceleration,
         np.exp(log_density),
-        vehicle.ballistic_coefficient,
-        vehicle.lift_to_drag,
-        planet.gravitational_parameter,
-        planet.planet_radius,
+        (vehicle.ballistic_coefficient, vehicle.lift_to_drag),
+        (planet.gravitational_parameter, planet.planet_radius),
     )
     return np.stack(np.broadcast_arrays(*rates), axis=-1)
 

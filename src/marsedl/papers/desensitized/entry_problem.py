@@ -45,15 +45,14 @@ def rates(planet: Planet, vehicle: Vehicle):
     log_density = density.log_density(planet)
 
     def entry_rates(*arguments):
-        *motion, _, density_factor = arguments
+        *motion, bank_acceleration, _, density_factor = arguments
         air = density_factor * np.exp(log_density(motion[0]))
         return velocity_component_entry_rates(
-            *motion,
+            motion,
+            bank_acceleration,
             air,
-            vehicle.ballistic_coefficient,
-            vehicle.lift_to_drag,
-            planet.gravitational_parameter,
-            planet.planet_radius,
+            (vehicle.ballistic_coefficient, vehicle.lift_to_drag),
+            (planet.gravitational_parameter, planet.planet_radius),
         )
 
     return entry_rates

@@ -214,8 +214,6 @@ def _drift(half_index, state, noise, parameters, out):
     for vehicle in range(2):
         first = vehicle * STORED
         for lane in range(LANES):
-            sin_latitude, cos_latitude = sine_cosine(state[first + LATITUDE, lane])
-            sin_bank, cos_bank = sine_cosine(state[first + BANK, lane])
             (
                 out[first + ALTITUDE, lane],
                 out[first + LATITUDE, lane],
@@ -227,20 +225,18 @@ def _drift(half_index, state, noise, parameters, out):
                 out[first + BANK_RATE, lane],
             ) = velocity_component_entry_rates_from_sines(
                 state[first + ALTITUDE, lane],
-                sin_latitude,
-                cos_latitude,
-                state[first + RADIAL_VELOCITY, lane],
-                state[first + NORTH_VELOCITY, lane],
-                state[first + EAST_VELOCITY, lane],
-                sin_bank,
-                cos_bank,
+                sine_cosine(state[first + LATITUDE, lane]),
+                (
+                    state[first + RADIAL_VELOCITY, lane],
+                    state[first + NORTH_VELOCITY, lane],
+                    state[first + EAST_VELOCITY, lane],
+                ),
+                sine_cosine(state[first + BANK, lane]),
                 state[first + BANK_RATE, lane],
                 flown[vehicle, lane],
                 exponential(log_density[vehicle, lane]) * density_factor[vehicle, lane],
-                constants.ballistic_coefficient,
-                constants.lift_to_drag,
-                constants.gravitational_parameter,
-                constants.planet_radius,
+                (constants.ballistic_coefficient, constants.lift_to_drag),
+                (constants.gravitational_parameter, constants.planet_radius),
             )
 
 

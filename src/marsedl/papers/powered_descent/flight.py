@@ -137,15 +137,9 @@ def _drift(half_index, state, noise, parameters, out):
     for lane in range(LANES):
         thrust_1, thrust_2 = _thrust(half_index, state, parameters, lane)
         out[0, lane], out[1, lane], out[2, lane], out[3, lane], out[4, lane] = powered_descent_rates(
-            state[0, lane],
-            state[1, lane],
-            state[2, lane],
-            state[3, lane],
-            state[4, lane],
-            thrust_1,
-            thrust_2,
-            density * noise[0, lane],
-            density * noise[1, lane],
+            (state[0, lane], state[1, lane], state[2, lane], state[3, lane], state[4, lane]),
+            (thrust_1, thrust_2),
+            (density * noise[0, lane], density * noise[1, lane]),
             gravity,
             mass_flow,
         )

@@ -95,7 +95,7 @@ def linear_model(mass, gravity):
 
     def motion(downrange, altitude, downrange_velocity, vertical_velocity, thrust_downrange, thrust_vertical, mass):
         state = (downrange, altitude, downrange_velocity, vertical_velocity, mass)
-        return powered_descent_rates(*state, thrust_downrange, thrust_vertical, 0.0, 0.0, gravity, 0.0)[:4]
+        return powered_descent_rates(state, (thrust_downrange, thrust_vertical), (0.0, 0.0), gravity, 0.0)[:4]
 
     return linearize(motion, np.zeros((len(mass), 4)), np.zeros((len(mass), 2)), (mass,))
 

@@ -218,25 +218,16 @@ def _look_up(altitude, lane, air, constants):
 @inline_njit
 def _rates(lane, radius, latitude, velocity, flight_path_angle, azimuth, log_density, factor, parameters):
     _, aero, _, constants = parameters
-    sin_latitude, cos_latitude = sine_cosine(latitude)
-    sin_path, cos_path = sine_cosine(flight_path_angle)
-    sin_azimuth, cos_azimuth = sine_cosine(azimuth)
     return entry_rates_from_sines(
         radius,
         velocity,
-        sin_latitude,
-        cos_latitude,
-        sin_path,
-        cos_path,
-        sin_azimuth,
-        cos_azimuth,
-        aero[SINE, lane],
-        aero[COSINE, lane],
+        sine_cosine(latitude),
+        sine_cosine(flight_path_angle),
+        sine_cosine(azimuth),
+        (aero[SINE, lane], aero[COSINE, lane]),
         exponential(log_density) * factor,
-        aero[DRAG_FACTOR, lane],
-        aero[LIFT_FACTOR, lane],
-        constants.gravitational_parameter,
-        constants.rotation_rate,
+        (aero[DRAG_FACTOR, lane], aero[LIFT_FACTOR, lane]),
+        (constants.gravitational_parameter, constants.rotation_rate),
         constants.heading_sign,
     )
 
