@@ -92,7 +92,8 @@ def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
         if f"{known}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{known}_"):
             raise InputError(f"'{slug}' would be taken for '{known}' in the names of rules; choose another name")
     rules = [root / "Snakefile", *sorted((root / "workflow" / "rules").glob("*.smk"))]
-    taken = {name for path in rules for name in re.findall(r"(?m)^rule (\w+)", _read(path))}
+    # A rule in a loop has the name that its function yields first.
+    taken = {name for path in rules for name in re.findall(r'(?m)^(?:rule | +yield ")(\w+)', _read(path))}
     taken |= {path.stem for path in (root / REGISTER).parent.iterdir()} | {path.stem for path in rules}
     if slug in taken:
         raise InputError(f"'{slug}' is the name of a rule or module already; choose another name")
