@@ -17,8 +17,7 @@ _BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 _STATUS = (
     "converged",
     "iteration limit reached before the tolerance",
-    "diverged: an iterate is not finite",
-    "singular: a matrix of the iteration has no inverse",
+    "an iterate is singular or not finite",
 )
 
 
@@ -84,14 +83,14 @@ def fixed_point(
     ):
         if value not in known:
             raise ValueError(f"{name} is {value!r}, must be one of {', '.join(known)}")
-    transition = np.ascontiguousarray(transition, dtype=float)
+    inverse = np.linalg.inv(transition)
     weight = equivalent_squared_noise_density(noise_density, boundary=boundary)
     q, p, iterations, change, code = _iterate(
-        transition,
-        np.ascontiguousarray(np.linalg.inv(transition)),
+        tuple(
+            np.array(matrix, float, order="C") for matrix in (transition, np.transpose(transition), inverse, inverse.T)
+        ),
         np.asarray(gramian, dtype=float) * control_unit**2,
-        weight * np.linalg.inv(initial_covariance),
-        weight * np.linalg.inv(final_covariance),
+        (weight * np.linalg.inv(initial_covariance), weight * np.linalg.inv(final_covariance)),
         order == "gauss_seidel",
         tolerance_kind == "relative",
         tolerance,
@@ -113,32 +112,18 @@ def fixed_point(
 
 
 @njit(cache=True, error_model="numpy")
-def _iterate(
-    forward, backward, gramian, initial_weight, final_weight, gauss_seidel, relative, tolerance, maximum_iterations
-):
+def _iterate(transitions, gramian, weights, gauss_seidel, relative, tolerance, maximum_iterations):
     """Run Algorithm 1; the last entry of the result indexes `_STATUS`."""
-    n = len(forward)
-    p, q, p_new, q_new, work = np.eye(n), np.eye(n), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    change = np.inf
+    q, p, change = np.eye(len(gramian)), np.eye(len(gramian)), np.inf
     for iteration in range(1, maximum_iterations + 1):
-        _congruence(forward, p, work, q_new)
-        q_new += gramian  # P(T)
-        regular = _invert(q_new)
-        q_new[:] = final_weight - q_new
-        regular = _invert(q_new) and regular  # Q(T)
-        q_new += gramian
-        p_new[:] = q_new
-        _congruence(backward, p_new, work, q_new)
-        p_new[:] = q_new if gauss_seidel else q
-        regular = _invert(p_new) and regular
-        p_new[:] = initial_weight - p_new
-        regular = _invert(p_new) and regular
-        if not regular:
-            return q, p, iteration, change, 3
+        try:
+            q_new, p_new = _pass(transitions, gramian, weights, gauss_seidel, q, p)
+        except Exception:  # compiled code cannot name LinAlgError
+            return q, p, iteration, change, 2
         q_change, q_size = _difference_and_size(q_new, q)
         p_change, p_size = _difference_and_size(p_new, p)
         change = max(q_change / q_size, p_change / p_size) if relative else max(q_change, p_change)
-        q[:], p[:] = q_new, p_new
+        q, p = q_new, p_new
         if not np.isfinite(q_change + p_change):
             return q, p, iteration, change, 2
         if change < tolerance:
@@ -147,50 +132,14 @@ def _iterate(
 
 
 @njit(cache=True, error_model="numpy")
-def _congruence(matrix, inner, work, out):
-    """`out` = matrix inner matrix', without allocation."""
-    n = len(matrix)
-    for i in range(n):
-        for j in range(n):
-            work[i, j] = 0.0
-            for k in range(n):
-                work[i, j] += matrix[i, k] * inner[k, j]
-    for i in range(n):
-        for j in range(n):
-            out[i, j] = 0.0
-            for k in range(n):
-                out[i, j] += work[i, k] * matrix[j, k]
-
-
-@njit(cache=True, error_model="numpy")
-def _invert(matrix):
-    """Invert in place (Gauss-Jordan with row exchange); False if a pivot vanishes."""
-    n = len(matrix)
-    rows = np.arange(n)
-    for i in range(n):
-        best = i
-        for row in range(i + 1, n):
-            if abs(matrix[row, i]) > abs(matrix[best, i]):
-                best = row
-        if matrix[best, i] == 0.0:
-            return False
-        for column in range(n):
-            matrix[i, column], matrix[best, column] = matrix[best, column], matrix[i, column]
-        rows[i] = best
-        pivot = 1.0 / matrix[i, i]
-        matrix[i, i] = 1.0
-        for column in range(n):
-            matrix[i, column] *= pivot
-        for row in range(n):
-            if row != i:
-                factor = matrix[row, i]
-                matrix[row, i] = 0.0
-                for column in range(n):
-                    matrix[row, column] -= factor * matrix[i, column]
-    for i in range(n - 1, -1, -1):  # row exchanges of the matrix are column exchanges of its inverse
-        for row in range(n):
-            matrix[row, i], matrix[row, rows[i]] = matrix[row, rows[i]], matrix[row, i]
-    return True
+def _pass(transitions, gramian, weights, gauss_seidel, q, p):
+    """Q(0) and P(0) after a pass; transitions: Phi, Phi' and the inverses of both; weights: at both ends."""
+    forward, forward_transposed, backward, backward_transposed = transitions
+    p_final = forward @ p @ forward_transposed + gramian
+    q_final = np.linalg.inv(weights[1] - np.linalg.inv(p_final))
+    q_new = backward @ (q_final + gramian) @ backward_transposed
+    p_new = np.linalg.inv(weights[0] - np.linalg.inv(q_new if gauss_seidel else q))
+    return q_new, np.ascontiguousarray(p_new)
 
 
 @njit(cache=True, error_model="numpy")

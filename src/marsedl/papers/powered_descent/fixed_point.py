@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from marsedl.methods.covariance_steering.closed_form import (
     equivalent_squared_noise_density,
@@ -146,17 +147,13 @@ def _scaled_smallest_eigenvalue(riccati):
 
 
 def _critical_density(problem):
-    """Largest noise density (N sqrt(s)) at which Lambda(0) is singular, by bisection on its inertia from 1 to 1000."""
+    """Largest noise density (N sqrt(s)) between 1 and 1000 at which Lambda(0) is singular; 0 if there is none."""
 
-    def indefinite(density):
-        return np.linalg.eigvalsh(riccati_initial(replace(problem, noise_density=density))).min() < 0
+    def smallest_eigenvalue(density):
+        return np.linalg.eigvalsh(riccati_initial(replace(problem, noise_density=density))).min()
 
     densities = np.geomspace(1.0, 1000.0, 400)
-    below = [density for density in densities if indefinite(density)]
+    below = [k for k, density in enumerate(densities) if smallest_eigenvalue(density) < 0.0]
     if not below:
         return 0.0
-    low, high = below[-1], below[-1] * (densities[1] / densities[0])
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if indefinite(middle) else (low, middle)
-    return float(low)
+    return brentq(smallest_eigenvalue, *densities[below[-1] : below[-1] + 2], xtol=1e-12)
