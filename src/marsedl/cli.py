@@ -210,30 +210,46 @@ def _list(options) -> int:
     from marsedl.papers import SLUGS
 
     papers = [_paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
+    if not options.paper and not options.kinds:
+        return _list_papers(papers)
     project = _project(options.size)
-    whole = not options.paper and not options.kinds
     for paper in papers:
         _say(paper.slug)
         if not options.kinds:
             _say(f"  {paper.title}\n  {paper.authors}")
-        rows = {kind: _rows(project, paper, kind) for kind in KINDS}
-        if whole:
-            _say(f"  {_counted(rows)}\n")
-            continue
+        rows = {kind: _rows(project, paper, kind) for kind in options.kinds or KINDS}
         for kind in options.kinds or KINDS:
             _say(f"\n  {kind}{_command(paper, kind, project.options)}")
             if rows[kind]:
                 _say(columns(rows[kind], 4, wrap=False))
         _say()
-    if whole:
-        _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
-        _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
     return 0
 
 
-def _counted(rows: dict) -> str:
-    """The number of rows of each kind, in words."""
-    return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in rows.items())
+def _counted(items: dict) -> str:
+    """The number of items of each kind, in words."""
+    return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
+
+
+def _list_papers(papers) -> int:
+    """What there is of every paper, counted, without the values of any reading."""
+    from marsedl.papers import SLUGS, input_model
+    from marsedl.replication.inputs import reading_names
+
+    root = project_root()
+    for paper in papers:
+        items = {
+            "readings": reading_names(root / "configs" / f"{paper.slug}.yaml"),
+            "figures": paper.figures,
+            "tables": [*paper.tables, *paper.summaries, "claims"],
+            "stages": paper.stages,
+            "cases": input_model(paper.slug).CASES,
+            "claims": _published(root, paper.slug),
+        }
+        _say(f"{paper.slug}\n  {paper.title}\n  {paper.authors}\n  {_counted(items)}\n")
+    _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
+    _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
+    return 0
 
 
 def _command(paper, kind, options) -> str:

@@ -183,6 +183,14 @@ def load_study(
     return Study(paper, limited, chunks, counted)
 
 
+def reading_names(path: Path) -> list[str]:
+    """Return the names of the readings of a configuration, whatever stands in them."""
+    document = read_yaml(path)
+    place = _Place(str(path), document)
+    body = _mapping(document, place, {"readings", "chunks", "sizes"}, required={"readings"})
+    return list(_mapping(body["readings"], place / "readings"))
+
+
 def counted_inputs(study: Study) -> str:
     """Return the digest of the resolved inputs of the readings in which verdicts count."""
     counted = {name: study.readings[name].inputs.plain() for name in ("printed", "corrected")}
