@@ -5,6 +5,11 @@
 NAMES = {CHUNK: "chunks/{case}.{chunk}of{chunks}", **dict.fromkeys((FLIGHTS, GATHER), f"{FLIGHTS}.{{case}}")}
 
 
+def log_of(name):
+    """The name of a rule's log and benchmark."""
+    return NAMES.get(name, name).replace("chunks/", f"{FLIGHTS}.")
+
+
 def stage_rules(paper):
     """Name, stage and artifacts of each rule of a paper, and the readings that it is for."""
     together = [(cases, "|".join(readings)) for cases, readings in SHARED[paper].flown_together().items()]
