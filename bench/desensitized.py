@@ -10,7 +10,7 @@ from marsedl.methods.collocation import ACCEPTABLE, SOLVED, Program
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import PAPER, components, entry_problem, environment, flight, nominal, tradeoff
-from marsedl.papers.desensitized.entry_problem import WARM, gain_vector
+from marsedl.papers.desensitized.entry_problem import WARM, Setup, gain_vector
 from marsedl.papers.desensitized.gains import Law, reference
 
 PIPELINE_LIMIT = 480.0  # CPU s
@@ -107,17 +107,15 @@ def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
     inputs = inputs_of(PAPER.slug)
-    planet, vehicle, mission, solver, design = (
-        *(inputs.planet, inputs.vehicle, inputs.mission),
-        *(inputs.solver, inputs.design),
-    )
+    setup = Setup(inputs.planet, inputs.vehicle, inputs.mission, inputs.solver, inputs.design)
+    planet, vehicle, mission, solver, design = setup
     say("desensitized: nominal")
     found = nominal.compute(planet, vehicle, mission, solver)
 
     say("desensitized: derivatives")
     plain = entry_problem.problem(planet, vehicle, mission)
     compare_derivatives(row, solver, "no-DOC solve from its solution", plain, nominal.as_guess(found), 0.0)
-    extended, transcribed = tradeoff.prepared(planet, vehicle, mission, solver, design)
+    extended, transcribed = tradeoff.prepared(setup)
     start = entry_problem.solve(
         solver, "no weight", transcribed, extended.guess(nominal.as_guess(found), entry_problem.given()), barrier=WARM
     )

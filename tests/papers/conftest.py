@@ -85,8 +85,14 @@ class Given:
         return np.array(value, float) if isinstance(value, list | tuple) else value
 
     def of(self, function):
-        """The sections that a function takes, by their names."""
-        return given(function, self.values, lambda name, kind: None)
+        """The sections that a function takes, and the named tuples of sections, by their names."""
+
+        def built(name, kind):
+            fields = getattr(kind, "_fields", ())
+            taken = self.of(kind) if fields else {}
+            return kind(**taken) if fields and len(taken) == len(fields) else None
+
+        return given(function, self.values, built)
 
     def changed(self, **changes):
         """These inputs with others in place of some, by their names without that of the section."""

@@ -166,7 +166,8 @@ def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
     apart = []
     for intervals in (100, 200):
         finer = inputs.changed(intervals=intervals)
-        flown = finer.call(entry_problem.profile_guess, banks, times, guess.final_time)
+        declared = finer.call(entry_problem.problem)
+        flown = finer.call(entry_problem.profile_guess, declared, banks, times, guess.final_time)
         apart.append(np.abs(flown.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
         same = inputs.call(stage.descent, banks, times, intervals)
         np.testing.assert_allclose(same.controls, flown.controls, atol=1e-5 * np.abs(flown.controls).max())

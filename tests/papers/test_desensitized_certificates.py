@@ -454,7 +454,7 @@ def test_tuned_gains_do_not_depend_on_their_start(inputs, best, perturbed, monke
         "tune",
         lambda errors, start, **options: original(errors, start + other, **options),
     )
-    again = inputs.call(further.tuned, along, air, [inputs.tabulated_error])
+    again = inputs.call(further.tuned, air, along, [inputs.tabulated_error])
     assert again.scaled_gain == pytest.approx(perturbed.scaled_gain[number], rel=1e-3, abs=1e-3)
 
 
@@ -490,7 +490,7 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
         )["density_flown_error"]
     ).all()
     steep = inputs.changed(tabulated_error=1e6)
-    law = steep.call(further.tuned, along, air, [1e6])
+    law = steep.call(further.tuned, air, along, [1e6])
     assert not law.converged and "nothing to start from" in law.ended
 
 

@@ -251,13 +251,13 @@ def test_relaxing_a_bank_condition_never_raises_the_effort(desensitized):
 def test_solving_again_gives_the_same_bits(desensitized):
     first = desensitized.nominal()
     inputs = desensitized.stage_inputs("corrected", "nominal")
+    declared = inputs.call(entry_problem.problem)
+    profile = inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time
     second = inputs.call(
         entry_problem.solve,
         "again",
-        inputs.call(entry_problem.program, inputs.call(entry_problem.problem)),
-        inputs.call(
-            entry_problem.profile_guess, inputs.guess_banks, inputs.guess_switch_times, inputs.guess_final_time
-        ),
+        inputs.call(entry_problem.program, declared),
+        inputs.call(entry_problem.profile_guess, declared, *profile),
         barrier=WARM,
     )
     np.testing.assert_array_equal(second.states, first.state)

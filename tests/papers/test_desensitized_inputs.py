@@ -213,7 +213,8 @@ def test_a_table_of_the_closed_fit_gives_its_nominal(desensitized):
 def test_guesses_fly_their_bank_profile(desensitized, width):
     """Steps of any steepness, without an overflow; the bank angle is the integral of the flown rates."""
     inputs = desensitized.stage_inputs("corrected", "nominal", guess_width=width, intervals=400)
-    guess = inputs.call(entry_problem.profile_guess, np.radians([-80.0, 40.0, -60.0]), [61.2, 211.2], 265.0)
+    declared = inputs.call(entry_problem.problem)
+    guess = inputs.call(entry_problem.profile_guess, declared, np.radians([-80.0, 40.0, -60.0]), [61.2, 211.2], 265.0)
     assert guess.states.shape == (401, 8) and guess.controls.shape == (400, 1) and guess.final_time == 265.0
     bank, rate = guess.states[:, 6], guess.states[:, 7]
     time = np.linspace(0.0, 265.0, 401)

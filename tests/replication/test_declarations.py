@@ -110,6 +110,51 @@ def test_inputs_are_what_a_stage_and_its_helpers_read(read):
     assert stages["nominal"].entries == ("marsedl.papers.toy.nominal:compute",)
 
 
+TUPLES = {"setup": "Setup", "study": "Study", "other": "Other"}  # parameters with their types
+SETUP = """
+    from typing import NamedTuple
+
+    class Setup(NamedTuple):
+        planet: Planet
+        ensemble: "Ensemble"
+
+    class Study(NamedTuple):
+        setup: Setup
+
+    class Other(NamedTuple):
+        planet: int
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "inputs"),
+    [
+        ("setup.planet.gravity", ("planet.gravity",)),
+        ("setup.planet.gravity, setup.ensemble.seed", ("ensemble.seed", "planet.gravity")),
+        ("helpers.fall(setup.planet, 3.0)", ("planet.gravity",)),
+        ("helpers.fall(setup.planet, setup.ensemble.seed)", ("ensemble.seed", "planet.gravity")),
+        ("setup.planet", ()),
+        ("planet = setup.planet; planet.gravity", ("planet.gravity",)),
+        ("a, b = setup.ensemble, setup.planet; b.radius, a.seed", ("ensemble.seed", "planet.radius")),
+        ("[lambda: setup.planet.radius]", ("planet.radius",)),
+        ("study.setup.planet.radius", ("planet.radius",)),
+        ("setup = study.setup; mars = setup.planet; mars.radius", ("planet.radius",)),
+        ("other.planet.gravity", ()),
+        ("setup.planet.radius.real", ("planet.radius",)),
+    ],
+)
+def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs):
+    *assigned, last = body.split("; ")
+    taken = ", ".join(f"{name}: {kind}" for name, kind in TUPLES.items() if f"{name} =" not in body)
+    helper = "".join(f"    {line}\n" for line in (*assigned, f"return {last}"))
+    stage = "from marsedl.papers.toy import helpers\nfrom marsedl.papers.toy.setups import Other, Setup, Study\n"
+    stage += "from marsedl.replication.catalogue import stage\n"
+    stage += f"def helper({taken}):\n{helper}"
+    stage += '@stage()\ndef compute(planet: Planet, ensemble: Ensemble):\n    """Study."""\n'
+    stage += "    return helper(Setup(planet, ensemble))\n"
+    assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
+
+
 def test_settings_of_the_decorator_are_kept(read):
     stage = read().stages["curvature"]
     assert (stage.claimed_in, stage.priority, stage.needs) == (("corrected",), 3, ("nominal",))

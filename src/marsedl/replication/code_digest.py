@@ -86,8 +86,9 @@ def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
 def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
     """Sorted attributes that the code which `code_digest` covers reads of parameters, by the names of their types.
 
-    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Arguments and errors as for
-    `code_digest`.
+    Of `def gravity(planet: Planet): return planet.mu` it is {"Planet": ["mu"]}. Fields of named tuples are followed: of
+    `setup: Setup`, `setup.planet.mu` reads `mu` of the class that `Setup` annotates `planet` with. Arguments and errors
+    as for `code_digest`.
     """
     return _facts(_closure_of(entry, source_root))[2]
 
@@ -492,6 +493,7 @@ class _Analysis:
             "functions": [s.name if isinstance(s, _FUNCTIONS) else None for s in self.tree.body],
             "documented": bool(self.tree.body) and _is_docstring(self.tree.body[0]),
             "reads": [_reads(statement) for statement in self.tree.body],
+            "fields": [_fields(statement) for statement in self.tree.body],
             "signatures": {s.name: _signature(s) for s in self.tree.body if isinstance(s, _FUNCTIONS)},
         }
 
@@ -508,6 +510,7 @@ class _Module:
         self.functions: list[str | None] = analysis["functions"]  # names of those statements that define functions
         self.documented: bool = analysis["documented"]
         self.reads: list[dict[str, list[str]]] = analysis["reads"]  # of parameters, by statement
+        self.fields: list[dict[str, str]] = analysis["fields"]  # of named tuples, by statement
         self.signatures: dict[str, dict] = analysis["signatures"]
         self.module_imports = [_Import(*imported) for imported in analysis["module_imports"]]
         self.uses = [_Uses(chains, [_Import(*i) for i in imports]) for chains, imports in analysis["uses"]]
@@ -540,17 +543,50 @@ def _signature(function: ast.FunctionDef) -> dict:
 
 
 def _reads(statement: ast.stmt) -> dict[str, list[str]]:
-    """The attributes that functions in a statement read of their parameters, by the names of the parameters' types."""
+    """The attributes that functions in a statement read of their parameters, by the names of the parameters' types.
+
+    Attributes of attributes are "planet.mu". A local variable stands for what it is assigned first: after
+    `planet = setup.planet`, which may be one of several in a line, `planet.mu` reads `setup.planet.mu`.
+    """
     read: dict[str, set[str]] = {}
     for function in ast.walk(statement):
         if not isinstance(function, _FUNCTIONS):
             continue
         taken = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        kinds = {parameter.arg: kind for parameter in taken if (kind := _type_name(parameter.annotation))}
-        for node in ast.walk(function):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds:
-                read.setdefault(kinds[node.value.id], set()).add(node.attr)
+        known = {parameter.arg: (kind,) for parameter in taken if (kind := _type_name(parameter.annotation))}
+        nodes = list(ast.walk(function))
+        for target, value in (pair for node in nodes if isinstance(node, ast.Assign) for pair in _assigned(node)):
+            if isinstance(target, ast.Name) and (chain := _chain(value, known)):
+                known.setdefault(target.id, chain)
+        for node in nodes:
+            if chain := _chain(node, known):
+                read.setdefault(chain[0], set()).add(".".join(chain[1:]))
     return {kind: sorted(attributes) for kind, attributes in read.items()}
+
+
+def _assigned(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
+    """The targets of an assignment with their values, one by one where both are written as tuples."""
+    target, value = statement.targets[0], statement.value
+    several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+    return list(zip(target.elts, value.elts, strict=False)) if several else [(target, value)]
+
+
+def _chain(node: ast.AST, known: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """The type and the attributes of `name.attribute...` where the name is known, else nothing."""
+    attributes: list[str] = []
+    while isinstance(node, ast.Attribute):
+        attributes.insert(0, node.attr)
+        node = node.value
+    named = attributes and isinstance(node, ast.Name) and node.id in known
+    return (*known[node.id], *attributes) if named else ()
+
+
+def _fields(statement: ast.stmt) -> dict[str, str]:
+    """The fields of a class with the names of their types if it is a named tuple."""
+    if not isinstance(statement, ast.ClassDef) or "NamedTuple" not in map(_type_name, statement.bases):
+        return {}
+    declared = [node for node in statement.body if isinstance(node, ast.AnnAssign)]
+    return {node.target.id: _type_name(node.annotation) for node in declared}
 
 
 def _type_name(annotation: ast.expr | None) -> str:
@@ -770,13 +806,21 @@ class _Closure:
         self._pending.append((module, _Uses(imports=module.module_imports)))
 
     def reads(self) -> dict[str, list[str]]:
-        """What is read of parameters in all that is reached, by the names of their types."""
-        read: dict[str, set[str]] = {}
+        """What is read of parameters in all that is reached, by the names of their types; through named tuples too."""
+        pending: list[tuple[str, ...]] = []
+        types: dict[tuple[str, str], set[str]] = {}  # of the fields of named tuples
         for name, symbol in self._symbols:
             module = self.module(name)
             for index in module.definitions[symbol]:
-                for kind, attributes in module.reads[index].items():
-                    read.setdefault(kind, set()).update(attributes)
+                pending += [(kind, *read.split(".")) for kind, reads in module.reads[index].items() for read in reads]
+                for field_name, kind in module.fields[index].items():
+                    types.setdefault((symbol, field_name), set()).add(kind)
+        read: dict[str, set[str]] = {}
+        while pending:
+            kind, attribute, *rest = pending.pop()
+            read.setdefault(kind, set()).add(attribute)
+            if rest:
+                pending += [(of, *rest) for of in types.get((kind, attribute), ())]
         return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
 
     def listing(self) -> list[str]:

@@ -5,8 +5,8 @@ an artifact by that of its stage or Monte Carlo case. So do figures and tables, 
 `published` as well. Keyword-only parameters are options of the job.
 
 Of a section, a function is given the inputs that its code reads: `planet.gravity` in itself, or in a function that it
-reaches and that takes a parameter annotated as `Planet`. All of it is read from the source, by
-`replication/code_digest.py`, without importing what compiles.
+reaches and that takes a parameter annotated as `Planet`, or a named tuple with such a field. All of it is read from the
+source, by `replication/code_digest.py`, without importing what compiles.
 
 A stage has the name of its module if its function is called `compute`, else the function's. In the module `montecarlo`
 the functions `simulate` and `gather` fly a chunk of a case and join all; a case of one chunk runs both in one job.

@@ -27,7 +27,7 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM, Setup
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
@@ -67,23 +67,22 @@ def compute(
     tradeoff: Tradeoff,
 ) -> Branches:
     """Collect local minima, vary the conditions on the bank, and follow the branches."""
-    found = catalogue(planet, vehicle, mission, solver, design, ensemble, studies, nominal, tradeoff)
+    setup = Setup(planet, vehicle, mission, solver, design)
+    found = catalogue(setup, ensemble, studies, nominal, tradeoff)
     solutions, number = found.solutions, found.nominal
-    held = error_program(planet, vehicle, mission, solver, design)
-    curve, fold = nominal_curve(planet, solver, design, simulation, held, solutions[number], tradeoff)
-    extended, continued = continued_branches(planet, vehicle, mission, solver, design, solutions, number, tradeoff)
-    errors = np.array(
-        [catalogue_error(planet, vehicle, mission, design, simulation, solution) for solution in solutions]
-    )
+    held = error_program(setup)
+    curve, fold = nominal_curve(setup, simulation, held, solutions[number], tradeoff)
+    extended, continued = continued_branches(setup, solutions, number, tradeoff)
+    errors = np.array([catalogue_error(setup, simulation, solution) for solution in solutions])
     candidates = [
         *(Candidate(k, effort(s), np.linalg.norm(e)) for k, (s, e) in enumerate(zip(solutions, errors, strict=True))),
         *(Candidate(number, effort(s), given_error(simulation, s)) for s in curve),
         *(Candidate(k, effort(s), np.linalg.norm(final_error(planet, simulation, extended, s))) for k, s in continued),
-        *at_row_errors(planet, solver, design, simulation, held, solutions, errors, number, tradeoff),
+        *at_row_errors(setup, simulation, held, solutions, errors, number, tradeoff),
     ]
     return Branches(
         **described(vehicle, studies, found, errors),
-        **bank_conditions(planet, vehicle, mission, solver, nominal),
+        **bank_conditions(setup, nominal),
         curve_error=np.array([given_error(simulation, s) for s in curve]),
         curve_effort=np.array([effort(s) for s in curve]),
         curve_weight=np.array([weight_at_error(s) for s in curve]),
@@ -113,34 +112,25 @@ class Catalogue(NamedTuple):
     roll_status: list[str]
 
 
-def catalogue(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    ensemble: Ensemble,
-    studies: Studies,
-    nominal: Nominal,
-    tradeoff: Tradeoff,
-) -> Catalogue:
+def catalogue(setup: Setup, ensemble: Ensemble, studies: Studies, nominal: Nominal, tradeoff: Tradeoff) -> Catalogue:
     """Solve without weight from the nominal, the rows of Table 3, guesses with full rolls, and random guesses."""
-    transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission))
+    solver, declared = setup.solver, entry_problem.problem(setup.planet, setup.vehicle, setup.mission)
+    transcribed = entry_problem.program(setup.planet, solver, declared)
     first = entry_problem.solve(solver, "nominal", transcribed, as_guess(nominal), barrier=WARM)
     groups = [[first, 0]]
     rows = zip(tradeoff.state, tradeoff.bank_acceleration, tradeoff.time, strict=True)
     for states, control, time in rows:
         solution = attempt(solver, transcribed, Guess(states, control[:, np.newaxis], float(time[-1])), barrier=WARM)
-        enter(mission, solver, design, groups, transcribed, solution, 0)
+        enter(setup, groups, transcribed, solution, 0)
     middle, status = nominal.time[-1] / 2.0, []
     for turn in studies.roll_banks:
-        guess = descent(planet, vehicle, mission, solver, [0.0, turn], [middle], solver.intervals)
+        guess = descent(setup, [0.0, turn], [middle], solver.intervals)
         solution = attempt(solver, transcribed, guess, iterations=SEARCH_ITERATIONS)
-        enter(mission, solver, design, groups, transcribed, solution, 0)
+        enter(setup, groups, transcribed, solution, 0)
         status.append(solution.status)
-    different, failed = searched(planet, vehicle, mission, solver, design, ensemble, studies, float(nominal.time[-1]))
+    different, failed = searched(setup, ensemble, studies, float(nominal.time[-1]))
     for solution, count in different:
-        failed += enter(mission, solver, design, groups, transcribed, solution, count)
+        failed += enter(setup, groups, transcribed, solution, count)
     groups.sort(key=lambda group: effort(group[0]))
     solutions = [solution for solution, _ in groups]
     return Catalogue(
@@ -162,7 +152,7 @@ def attempt(solver: Solver, transcribed, guess, given=None, **options) -> Soluti
         return error.solution
 
 
-def enter(mission: Mission, solver: Solver, design: Design, groups, transcribed, solution: Solution, count) -> int:
+def enter(setup: Setup, groups, transcribed, solution: Solution, count) -> int:
     """Solve on the full mesh, and count to the known solution that this is like, or enter it as a new one.
 
     groups: lists of a solution and a count, changed here. Returns how many of the `count` starts came to nothing: all
@@ -170,40 +160,32 @@ def enter(mission: Mission, solver: Solver, design: Design, groups, transcribed,
     """
     if solution.status != SOLVED:
         return count
+    mission, solver = setup.mission, setup.solver
     polished = attempt(solver, transcribed, oriented(mission, solution.guess(solver.intervals)), barrier=WARM)
     if polished.status != SOLVED:
         return count
     for group in groups:
-        if alike(mission, design, group[0], polished):
+        if alike(mission, setup.design, group[0], polished):
             group[1] += count
             return 0
     groups.append([polished, count])
     return 0
 
 
-def searched(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    ensemble: Ensemble,
-    studies: Studies,
-    final_time,
-):
+def searched(setup: Setup, ensemble: Ensemble, studies: Studies, final_time):
     """Different solutions from random bank profiles, on half the intervals.
 
     Returns pairs of a solution and the number of starts that led to it, and the number of starts that failed.
     """
-    coarse = entry_problem.program(
-        planet, solver, entry_problem.problem(planet, vehicle, mission), intervals=solver.intervals // 2
-    )
+    mission, solver = setup.mission, setup.solver
+    declared = entry_problem.problem(setup.planet, setup.vehicle, mission)
+    coarse = entry_problem.program(setup.planet, solver, declared, intervals=solver.intervals // 2)
     iterations = min(SEARCH_ITERATIONS, solver.solver_iterations)
     groups, failed = [], 0
     for banks, switch_times in random_profiles(ensemble, studies, final_time):
-        guess = descent(planet, vehicle, mission, solver, banks, switch_times, solver.intervals // 2)
+        guess = descent(setup, banks, switch_times, solver.intervals // 2)
         solution = attempt(solver, coarse, guess, iterations=iterations)
-        same = next((group for group in groups if alike(mission, design, group[0], solution)), None)
+        same = next((group for group in groups if alike(mission, setup.design, group[0], solution)), None)
         if solution.status != SOLVED:
             failed += 1
         elif same:
@@ -222,20 +204,19 @@ def random_profiles(ensemble: Ensemble, studies: Studies, final_time):
         yield banks, np.sort(rest[SWITCHES + 1 : SWITCHES + 1 + switches]) * final_time
 
 
-def descent(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, banks, switch_times, intervals
-) -> Guess:
+def descent(setup: Setup, banks, switch_times, intervals) -> Guess:
     """A guess that flies a bank profile down to the altitude of deployment, wherever and whenever that is.
 
     Random profiles may be far below the ground at the time at which another one arrives.
 
     Args:
-        planet, vehicle, mission, solver: of the study.
+        setup: of the study.
         banks: bank angles, one after the other, rad. switch_times: of the changes between them, s.
         intervals: of the guess.
     """
     from scipy.integrate import solve_ivp
 
+    planet, vehicle, mission, solver = setup.planet, setup.vehicle, setup.mission, setup.solver
     log_density = density.profile(planet)
     steps, switch_times = np.diff(banks), np.asarray(switch_times)
 
@@ -315,13 +296,10 @@ def cumulative(solution: Solution):
     return entry_problem.cumulative(solution.time, solution.controls[:, 0])
 
 
-def catalogue_error(
-    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, simulation: Simulation, solution: Solution
-):
+def catalogue_error(setup: Setup, simulation: Simulation, solution: Solution):
     """Final altitude, crossrange and downrange error of a solution of the problem without sensitivities, (3,), m."""
-    extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, "radius")]
-    )
+    planet = setup.planet
+    extended = entry_problem.desensitized(setup, [entry_problem.position_error(planet, "radius")])
     end = extended.guess(solution).states[-1]
     names = [variable.name for variable in extended.problem.states]
     final = np.array([end[names.index(column(name, "radius"))] for name in POSITIONS])
@@ -357,20 +335,21 @@ def described(vehicle: Vehicle, studies: Studies, found: Catalogue, errors):
 # ---- conditions on the bank ------------------------------------------------------------------------------------------
 
 
-def bank_conditions(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, nominal: Nominal):
+def bank_conditions(setup: Setup, nominal: Nominal):
     """Solve from the nominal with every choice of the four conditions on the bank.
 
     What is fixed is so at the inputs' value, or at zero where they leave it free.
     """
-    banks = entry_problem.bank_ends(mission)
+    banks = entry_problem.bank_ends(setup.mission)
     fixed = np.array(list(product((False, True), repeat=len(banks))))
     found = []
     for choice in fixed:
         ends = entry_problem.BankEnds(
             *((bank or 0.0) if held else None for bank, held in zip(banks, choice, strict=True))
         )
-        transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission, ends))
-        found.append(attempt(solver, transcribed, as_guess(nominal), barrier=WARM))
+        declared = entry_problem.problem(setup.planet, setup.vehicle, setup.mission, ends)
+        transcribed = entry_problem.program(setup.planet, setup.solver, declared)
+        found.append(attempt(setup.solver, transcribed, as_guess(nominal), barrier=WARM))
     solved = np.array([solution.status == SOLVED for solution in found])
     return {
         "set_fixed": fixed,
@@ -391,15 +370,14 @@ class ErrorProgram(NamedTuple):
     program: Program
 
 
-def error_program(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design) -> ErrorProgram:
+def error_program(setup: Setup) -> ErrorProgram:
     """Build it.
 
     Conditions know no given parameters. So the norm demanded is the mean rate of a further state, which starts at zero
     and whose rate it is.
     """
-    extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, "radius")]
-    )
+    planet = setup.planet
+    extended = entry_problem.desensitized(setup, [entry_problem.position_error(planet, "radius")])
     base = extended.problem
     states, added = len(base.states), (Variable("elapsed", 100.0), Variable("demanded", 1000.0))
 
@@ -423,7 +401,7 @@ def error_program(planet: Planet, vehicle: Vehicle, mission: Mission, solver: So
         boundary=(*base.boundary, condition),
         given=("norm", "density_factor"),
     )
-    return ErrorProgram(extended, entry_problem.program(planet, solver, declared))
+    return ErrorProgram(extended, entry_problem.program(planet, setup.solver, declared))
 
 
 def radius_norm(planet: Planet, end):
@@ -468,20 +446,12 @@ def followed(solver: Solver, design: Design, transcribed, first: Solution, name,
     return points
 
 
-def nominal_curve(
-    planet: Planet,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    held: ErrorProgram,
-    solution: Solution,
-    tradeoff: Tradeoff,
-):
+def nominal_curve(setup: Setup, simulation: Simulation, held: ErrorProgram, solution: Solution, tradeoff: Tradeoff):
     """The nominal's branch from its own error downwards, through a fold if there is one: solutions, and the fold.
 
     Where the path over the weight has lost the nominal's branch, the curve goes twice as far; else to the rows' errors.
     """
-    first = held_at_own_error(planet, solver, held, solution)
+    first = held_at_own_error(setup.planet, setup.solver, held, solution)
     if first.status != SOLVED:
         return [], (np.nan, np.nan)
     top = first.given["norm"]
@@ -491,8 +461,8 @@ def nominal_curve(
         bottom = row_errors(tradeoff)[0].min() / simulation.tabulated_error
     # The weight rises steeply at first: short steps there.
     values = top - max(top - bottom, 0.0) * (np.arange(1, CURVE_POINTS + 1) / CURVE_POINTS) ** 2
-    points = followed(solver, design, held.program, first, "norm", values)
-    return with_fold(solver, held, points)
+    points = followed(setup.solver, setup.design, held.program, first, "norm", values)
+    return with_fold(setup.solver, held, points)
 
 
 def with_fold(solver: Solver, held: ErrorProgram, points):
@@ -545,21 +515,13 @@ def row_errors(tradeoff: Tradeoff):
     return np.linalg.norm(tradeoff.error[finite], axis=1), tradeoff.effort[finite]
 
 
-def continued_branches(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    solutions,
-    nominal_number,
-    tradeoff: Tradeoff,
-):
+def continued_branches(setup: Setup, solutions, nominal_number, tradeoff: Tradeoff):
     """The branches beside the nominal's over the weights of the rows, as pairs of the beginning's number and a point.
 
     Returns the problem with sensitivities that they solve, and the pairs.
     """
-    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
+    solver, design = setup.solver, setup.design
+    extended, transcribed = prepared(setup)
     weights = np.unique(tradeoff.weight[np.isfinite(tradeoff.printed_weight)])
     pairs = []
     for number, solution in enumerate(solutions):
@@ -572,9 +534,7 @@ def continued_branches(
 
 
 def at_row_errors(
-    planet: Planet,
-    solver: Solver,
-    design: Design,
+    setup: Setup,
     simulation: Simulation,
     held: ErrorProgram,
     solutions,
@@ -589,10 +549,10 @@ def at_row_errors(
         below = (wanted < np.linalg.norm(errors[number])) & (efforts > effort(solution))
         if number == nominal_number or not below.any():
             continue
-        first = held_at_own_error(planet, solver, held, solution)
+        first = held_at_own_error(setup.planet, setup.solver, held, solution)
         if first.status == SOLVED:
             values = -np.sort(-wanted[below]) / simulation.tabulated_error
-            points = followed(solver, design, held.program, first, "norm", values)
+            points = followed(setup.solver, setup.design, held.program, first, "norm", values)
             candidates += [Candidate(number, effort(point), given_error(simulation, point)) for point in points]
     return candidates
 

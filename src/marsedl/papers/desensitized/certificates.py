@@ -25,7 +25,7 @@ from marsedl.models.dynamics.velocity_component_entry import velocity_component_
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers import density
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM, Setup
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
@@ -78,30 +78,17 @@ def compute(
     tradeoff: Tradeoff,
 ) -> Certificates:
     """Study both cases on meshes, in flights and by other derivatives, and the rows of Table 3 by their identities."""
+    setup = Setup(planet, vehicle, mission, solver, design)
     last = last_finite_row(tradeoff)
     cases = [Case(0.0, as_guess(nominal)), Case(float(tradeoff.weight[last]), row_guess(tradeoff, last))]
     numbers = np.array(studies.studied_intervals, dtype=int)
-    runs = [
-        [refined(planet, vehicle, mission, solver, design, studies, case, scheme) for scheme in SCHEMES]
-        for case in cases
-    ]
-    studied = _stacked(
-        [
-            [meshes(planet, vehicle, mission, solver, design, simulation, studies, run, numbers) for run in by_scheme]
-            for by_scheme in runs
-        ]
-    )
-    rows = [
-        _row(planet, vehicle, mission, solver, design, simulation, tradeoff, number)
-        for number in range(len(tradeoff.weight))
-    ]
+    runs = [[refined(setup, studies, case, scheme) for scheme in SCHEMES] for case in cases]
+    studied = _stacked([[meshes(setup, simulation, studies, run, numbers) for run in by_scheme] for by_scheme in runs])
+    rows = [_row(setup, simulation, tradeoff, number) for number in range(len(tradeoff.weight))]
     finite = [n for n in range(len(tradeoff.weight)) if np.isfinite(tradeoff.printed_weight[n]) and tradeoff.weight[n]]
-    variants = [
-        variants_from_profile(planet, vehicle, mission, solver),
-        variants_from_row(planet, vehicle, mission, solver, design, tradeoff, last),
-    ]
+    variants = [variants_from_profile(setup), variants_from_row(setup, tradeoff, last)]
     sizes = simulation.tabulated_error * np.array([sign * size for size in FRACTIONS for sign in (1.0, -1.0)])
-    flights = [against_flights(planet, vehicle, solver, simulation, case, sizes) for case in cases]
+    flights = [against_flights(setup, simulation, case, sizes) for case in cases]
     return Certificates(
         weight=np.array([case.weight for case in cases]),
         scheme=np.array(SCHEMES),
@@ -109,13 +96,11 @@ def compute(
         **{f"mesh_{name}": values for name, values in studied.items()},
         miss_order=orders(studied["miss"], numbers),
         error_order=orders(studied["error"] - studied["flown_error"], numbers),
-        flow_deviation=np.array(
-            [[flow_deviation(planet, vehicle, design, run[solver.intervals]) for run in row] for row in runs]
-        ),
+        flow_deviation=np.array([[flow_deviation(setup, run[solver.intervals]) for run in row] for row in runs]),
         row_weight=tradeoff.weight,
         **{name: np.array([row[name] for row in rows]) for name in rows[0]},
         slope_weight=tradeoff.weight[finite],
-        slope_deviation=slopes(planet, vehicle, mission, solver, design, tradeoff, finite),
+        slope_deviation=slopes(setup, tradeoff, finite),
         variant=np.array(VARIANTS),
         variant_status=np.array([[s.status for s in row] for row in variants]),
         variant_iterations=np.array([[s.iterations for s in row] for row in variants]),
@@ -144,34 +129,24 @@ def row_guess(tradeoff: Tradeoff, row) -> Guess:
 # ---- meshes ----------------------------------------------------------------------------------------------------------
 
 
-def declared(
-    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, weight
-) -> tuple[Desensitized | None, Problem]:
+def declared(setup: Setup, weight) -> tuple[Desensitized | None, Problem]:
     """The problem of a case, and what extends guesses for it; without weight no sensitivity is solved for."""
     if weight == 0.0:
-        return None, entry_problem.problem(planet, vehicle, mission)
-    channels = columns_in_norm(design)
+        return None, entry_problem.problem(setup.planet, setup.vehicle, setup.mission)
+    channels = columns_in_norm(setup.design)
     extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in channels]
+        setup, [entry_problem.position_error(setup.planet, name) for name in channels]
     )
-    return extended, entry_problem.weighted(planet, design, extended, channels)
+    return extended, entry_problem.weighted(setup.planet, setup.design, extended, channels)
 
 
-def refined(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    studies: Studies,
-    case: Case,
-    scheme,
-) -> dict[int, Solution]:
+def refined(setup: Setup, studies: Studies, case: Case, scheme) -> dict[int, Solution]:
     """What a case comes to by a scheme, by the number of intervals: on the inputs' mesh and on those studied.
 
     From the inputs' mesh outwards, each from the one before: from meshes far away the solver does not converge.
     """
-    extended, problem = declared(planet, vehicle, mission, design, case.weight)
+    planet, solver = setup.planet, setup.solver
+    extended, problem = declared(setup, case.weight)
 
     def solved(intervals, guess):
         start = Guess(guess.states[:, : len(STATES)], guess.controls, guess.final_time)
@@ -198,24 +173,10 @@ def attempt(solver: Solver, transcribed, guess, weight, **options) -> Solution:
         return error.solution
 
 
-def meshes(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    run,
-    numbers,
-):
+def meshes(setup: Setup, simulation: Simulation, studies: Studies, run, numbers):
     """The fields of the studied meshes, stacked."""
-    return _stacked(
-        [
-            _mesh(planet, vehicle, mission, solver, design, simulation, studies, run[number], run[solver.intervals])
-            for number in numbers
-        ]
-    )
+    on_own_mesh = run[setup.solver.intervals]
+    return _stacked([_mesh(setup, simulation, studies, run[number], on_own_mesh) for number in numbers])
 
 
 def trajectory(solution: Solution) -> Trajectory:
@@ -223,28 +184,19 @@ def trajectory(solution: Solution) -> Trajectory:
     return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
-def _mesh(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    solution,
-    on_own_mesh,
-):
+def _mesh(setup: Setup, simulation: Simulation, studies: Studies, solution, on_own_mesh):
     """The fields of one mesh."""
+    planet = setup.planet
     found = {"status": solution.status, "iterations": solution.iterations}
     if solution.status != SOLVED:
         numbers = ("effort", "cumulative", "bank_change", "longitude_deviation", "crossrange_deviation")
         unknown = dict.fromkeys((*numbers, "solver_deviation"), np.nan)
         return found | unknown | dict.fromkeys(("error", "flown_error", "miss"), np.full(3, np.nan))
     along = trajectory(solution)
-    sensitivity = sensitivities(planet, vehicle, solution.scheme, along)[0]
+    sensitivity = sensitivities(planet, setup.vehicle, solution.scheme, along)[0]
     share = on_own_mesh.time / on_own_mesh.final_time
     bank = np.interp(share, solution.time / solution.final_time, solution.state("bank"))
-    miss, flown_error = flown(planet, vehicle, mission, solver, simulation, studies, along)
+    miss, flown_error = flown(setup, simulation, studies, along)
     return found | {
         "effort": effort(solution),
         "cumulative": entry_problem.cumulative(along.time, along.bank_acceleration),
@@ -252,32 +204,25 @@ def _mesh(
         "error": final_position(planet, sensitivity)[:, 0] * simulation.tabulated_error,
         "flown_error": flown_error,
         "miss": miss,
-        "longitude_deviation": longitude_deviation(planet, design, sensitivity),
+        "longitude_deviation": longitude_deviation(planet, setup.design, sensitivity),
         "crossrange_deviation": crossrange_deviation(planet, along, sensitivity),
         "solver_deviation": solver_deviation(solution, sensitivity),
     }
 
 
-def flown(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    simulation: Simulation,
-    studies: Studies,
-    along: Trajectory,
-):
+def flown(setup: Setup, simulation: Simulation, studies: Studies, along: Trajectory):
     """Miss of the target, and final error for the radius error of Table 3 by central differences; (3,) each, m.
 
     The step of the flights is that of `substeps` on the finest mesh, so that their errors are the same on all meshes;
     the look-up of the density leaves about 1e-5 m.
     """
-    finest = max(solver.intervals, *studies.studied_intervals)
+    planet, mission = setup.planet, setup.mission
+    finest = max(setup.solver.intervals, *studies.studied_intervals)
     step = DIFFERENCE * simulation.tabulated_error
     reference = flight.Reference(along.state[0], along.bank_acceleration, float(along.time[-1]))
     starts = environment.displaced(planet, along.state[0], environment.along_channel(0, [0.0, step, -step]))
     trials = flight.fly(
-        *environment.surroundings(planet, vehicle),
+        *environment.surroundings(planet, setup.vehicle),
         reference,
         np.zeros(len(STATES)),
         starts,
@@ -364,7 +309,7 @@ def sensitivities(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory):
     return propagate_columns(transitions, np.eye(len(STATES))), transitions, after
 
 
-def flow_deviation(planet: Planet, vehicle: Vehicle, design: Design, solution: Solution):
+def flow_deviation(setup: Setup, solution: Solution):
     """Largest difference, relative to the largest entry, of the sensitivity from differences of the discrete flow.
 
     The equations of every interval are solved again for perturbed starts, by Newton steps with the matrix of the
@@ -372,7 +317,8 @@ def flow_deviation(planet: Planet, vehicle: Vehicle, design: Design, solution: S
     """
     if solution.status != SOLVED:
         return np.nan
-    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(planet, design)
+    planet, vehicle = setup.planet, setup.vehicle
+    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(planet, setup.design)
     sensitivity, _, after = sensitivities(planet, vehicle, solution.scheme, along)
     apart = STATE_DIFFERENCE * np.diag(scale)
     moved = along.state[0] + np.concatenate([apart, -apart])
@@ -433,27 +379,19 @@ def column_deviation(found, sensitivity):
     return (np.abs(found - expected).max(axis=0)[reached] / largest[reached]).max()
 
 
-def defect(planet: Planet, vehicle: Vehicle, mission: Mission, scheme, along: Trajectory):
+def defect(setup: Setup, scheme, along: Trajectory):
     """Largest defect of the equations of an interval, in the scales of the states."""
-    scale = [variable.scale for variable in entry_problem.problem(planet, vehicle, mission).states]
+    planet, vehicle = setup.planet, setup.vehicle
+    scale = [variable.scale for variable in entry_problem.problem(planet, vehicle, setup.mission).states]
     start, end, step = along.state[:-1], along.state[1:], np.diff(along.time)[:, np.newaxis]
     return np.abs(
         (end - start - change(planet, vehicle, scheme, start, end, along.bank_acceleration, step)) / scale
     ).max()
 
 
-def _row(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    tradeoff,
-    number,
-):
+def _row(setup: Setup, simulation: Simulation, tradeoff, number):
     """The fields of one row of Table 3."""
-    scheme = solver.scheme
+    planet, vehicle, scheme = setup.planet, setup.vehicle, setup.solver.scheme
     along = Trajectory(tradeoff.time[number], tradeoff.state[number], tradeoff.bank_acceleration[number])
     mirrored = along._replace(state=along.state * MIRROR, bank_acceleration=-along.bank_acceleration)
     moved = np.zeros(len(STATES))
@@ -471,14 +409,14 @@ def _row(
 
     own = position[:, 0] * simulation.tabulated_error
     return {
-        "row_longitude_deviation": longitude_deviation(planet, design, sensitivity),
+        "row_longitude_deviation": longitude_deviation(planet, setup.design, sensitivity),
         "row_crossrange_deviation": crossrange_deviation(planet, along, sensitivity),
         "row_solver_deviation": column_deviation(tradeoff.column[number], sensitivity),
         "row_adjoint_deviation": np.abs(backward - position).max(),
         "row_frobenius_deviation": abs(np.sum(position**2) / expected - 1.0),
-        "row_defect": defect(planet, vehicle, mission, scheme, along),
-        "mirrored_defect": defect(planet, vehicle, mission, scheme, mirrored),
-        "shifted_defect": defect(planet, vehicle, mission, scheme, shifted),
+        "row_defect": defect(setup, scheme, along),
+        "mirrored_defect": defect(setup, scheme, mirrored),
+        "shifted_defect": defect(setup, scheme, shifted),
         "mirrored_error_deviation": np.abs(error(mirrored) * MIRROR[:3] - own).max(),
         "shifted_error_deviation": np.abs(error(shifted) - own).max(),
     }
@@ -487,9 +425,10 @@ def _row(
 # ---- stationarity, other derivatives, flights ------------------------------------------------------------------------
 
 
-def slopes(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, tradeoff, rows):
+def slopes(setup: Setup, tradeoff, rows):
     """Relative deviation of dJ0/d(norm) from minus the weight at rows of Table 3, by solves at weights beside them."""
-    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
+    planet, solver, design = setup.planet, setup.solver, setup.design
+    extended, transcribed = prepared(setup)
     found = []
     for row in rows:
         start, weight = extended.guess(row_guess(tradeoff, row), entry_problem.given()), tradeoff.weight[row]
@@ -500,21 +439,21 @@ def slopes(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, d
     return np.array(found)
 
 
-def variants_from_profile(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) -> list[Solution]:
+def variants_from_profile(setup: Setup) -> list[Solution]:
     """The nominal from the guess of the inputs, by every variant."""
+    _, problem = declared(setup, 0.0)
+    solver = setup.solver
     guess = entry_problem.profile_guess(
-        planet, vehicle, mission, solver, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
+        setup.mission, solver, problem, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
     )
-    return _variants(planet, solver, entry_problem.problem(planet, vehicle, mission), guess, 0.0, barrier=None)
+    return _variants(setup.planet, solver, problem, guess, 0.0, barrier=None)
 
 
-def variants_from_row(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, tradeoff, row
-) -> list[Solution]:
+def variants_from_row(setup: Setup, tradeoff, row) -> list[Solution]:
     """A row of Table 3 from the row before it, by every variant."""
-    extended, problem = declared(planet, vehicle, mission, design, tradeoff.weight[row])
+    extended, problem = declared(setup, tradeoff.weight[row])
     guess = extended.guess(row_guess(tradeoff, row - 1), entry_problem.given())
-    return _variants(planet, solver, problem, guess, tradeoff.weight[row])
+    return _variants(setup.planet, setup.solver, problem, guess, tradeoff.weight[row])
 
 
 def _variants(planet: Planet, solver: Solver, problem, guess, weight, **options):
@@ -529,11 +468,12 @@ def _variants(planet: Planet, solver: Solver, problem, guess, weight, **options)
     return [attempt(solver, programs[variant], guess, weight, **options, **accept) for variant in VARIANTS]
 
 
-def against_flights(planet: Planet, vehicle: Vehicle, solver: Solver, simulation: Simulation, case: Case, sizes):
+def against_flights(setup: Setup, simulation: Simulation, case: Case, sizes):
     """Final errors for radius errors at entry, by the sensitivity and as flown; (sizes, 3) each, m."""
+    planet, vehicle = setup.planet, setup.vehicle
     states, controls, final_time = case.guess.states, case.guess.controls[:, 0], case.guess.final_time
     along = Trajectory(np.linspace(0.0, final_time, len(states)), states, controls)
-    position = final_position(planet, sensitivities(planet, vehicle, solver.scheme, along)[0])
+    position = final_position(planet, sensitivities(planet, vehicle, setup.solver.scheme, along)[0])
     flown_errors = environment.final_errors(
         planet,
         simulation,

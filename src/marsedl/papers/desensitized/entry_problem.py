@@ -37,6 +37,16 @@ ROUNDING = 1e-6  # relative, by which an optimiser may leave the bound on the no
 WARM = 1e-4  # initial barrier of the solver where the guess is a solution nearby
 
 
+class Setup(NamedTuple):
+    """The entry that problems are about, how they are solved, and what is designed by them."""
+
+    planet: Planet
+    vehicle: Vehicle
+    mission: Mission
+    solver: Solver
+    design: Design
+
+
 # ---- the problem -----------------------------------------------------------------------------------------------------
 
 
@@ -172,10 +182,9 @@ def gain_vector(planet: Planet, design: Design, scaled_gain):
     return np.concatenate([np.asarray(scaled_gain) / gain_scale(planet, design), [0.0, 0.0]])
 
 
-def desensitized(
-    planet: Planet, vehicle: Vehicle, mission: Mission, design: Design, perturbations, gains=False
-) -> Desensitized:
+def desensitized(setup: Setup, perturbations, gains=False) -> Desensitized:
     """The problem with columns of the sensitivity among its states, per unit of the perturbations (Eq. 5)."""
+    planet, design = setup.planet, setup.design
     scale = state_scale(planet, design) / planet.planet_radius
     feedback = tuple(
         Gain("bank_acceleration", name, 1.0 / unit)
@@ -183,7 +192,10 @@ def desensitized(
         if gains
     )
     return Desensitized(
-        problem(planet, vehicle, mission), tuple(perturbations), dict(zip(STATES, scale, strict=True)), feedback
+        problem(planet, setup.vehicle, setup.mission),
+        tuple(perturbations),
+        dict(zip(STATES, scale, strict=True)),
+        feedback,
     )
 
 
@@ -253,10 +265,11 @@ def failure(case, error: NotConvergedError) -> SolverError:
     return SolverError(f"{case}: {error}", iterate)
 
 
-def profile_guess(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, banks, switch_times, final_time, declared=None
-) -> Guess:
-    """A guess that flies a smooth bank profile: from one bank angle to the next, as a hyperbolic tangent."""
+def profile_guess(mission: Mission, solver: Solver, declared: Problem, banks, switch_times, final_time) -> Guess:
+    """A guess that flies a smooth bank profile: from one bank angle to the next, as a hyperbolic tangent.
+
+    declared: the problem whose equations are flown.
+    """
     time = np.linspace(0.0, final_time, solver.intervals + 1)
     changes = list(zip(np.diff(banks), switch_times, strict=True))
 
@@ -269,9 +282,7 @@ def profile_guess(
     start[BANK_RATE] = bank_rate(0.0)
     controls = np.diff([bank_rate(t) for t in time])[:, np.newaxis] * solver.intervals / final_time
     try:
-        flown = simulate(
-            declared or problem(planet, vehicle, mission), start, controls, time, [0.0, 1.0], relative_tolerance=1e-7
-        )
+        flown = simulate(declared, start, controls, time, [0.0, 1.0], relative_tolerance=1e-7)
     except RuntimeError as error:
         raise MarsedlError(
             f"the guess cannot be flown to its end, perhaps it goes far below the ground: {error}; give guess_banks "

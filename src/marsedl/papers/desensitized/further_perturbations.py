@@ -14,7 +14,7 @@ from marsedl.methods.desensitization import Perturbation, column
 from marsedl.methods.linearization import linearize
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM, gain_vector
+from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM, Setup, gain_vector
 from marsedl.papers.desensitized.gains import gain_problem, reference
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns, position_rows
@@ -33,6 +33,14 @@ NO_FEEDBACK, NULL, BOTH_NULL, TUNED, BOTH_TUNED = LAWS = (
 DENSITY_FRACTIONS = (0.02, 0.2, 1.0, 2.0)  # of the density error, flown either way under every law
 RADIUS_FRACTIONS = TUNED_FRACTIONS = (0.2, 1.0)  # likewise of the radius error; of the density error when tuning
 BOTH_WAYS = np.array([1.0, -1.0])
+
+
+class Study(NamedTuple):
+    """The entry with what is perturbed, and how it is flown."""
+
+    setup: Setup
+    simulation: Simulation
+    studies: Studies
 
 
 class Model(NamedTuple):
@@ -80,20 +88,17 @@ def compute(
     tradeoff: Tradeoff,
 ) -> FurtherPerturbations:
     """Perturb the rows of Table 3 in other ways, desensitize the nominal against density, and feed back against it."""
+    study = Study(Setup(planet, vehicle, mission, solver, design), simulation, studies)
     air = environment.surroundings(planet, vehicle)
     rows = [Trajectory(*row) for row in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True)]
-    points, designs, path_end, extended = density_path(
-        planet, vehicle, mission, solver, design, simulation, studies, nominal
-    )
+    points, designs, path_end, extended = density_path(study, nominal)
     plain = Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
-    laws = list(density_feedback(planet, vehicle, mission, design, simulation, studies, plain, air))
+    laws = list(density_feedback(study, air, plain))
     errors = FlownErrors(
         studies.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS),
         simulation.tabulated_error * np.kron(RADIUS_FRACTIONS, BOTH_WAYS),
     )
-    under_laws = [
-        under_law(planet, vehicle, mission, design, simulation, studies, air, plain, law, errors) for law in laws
-    ]
+    under_laws = [under_law(study, air, plain, law, errors) for law in laws]
     solutions = [point.solution for point in points]
     designed = [trajectory(point.solution) for point in designs]
     totals = [entry_problem.cumulative(t.time, t.bank_acceleration) for t in designed]
@@ -102,10 +107,8 @@ def compute(
         perturbation=np.array(PERTURBATIONS),
         size=sizes(simulation, studies),
         row_weight=tradeoff.weight,
-        row_linear_error=np.array(
-            [linear_errors(planet, vehicle, mission, design, simulation, studies, row) for row in rows]
-        ),
-        row_flown_error=np.array([flown_errors(planet, mission, simulation, studies, air, row) for row in rows]),
+        row_linear_error=np.array([linear_errors(study, row) for row in rows]),
+        row_flown_error=np.array([flown_errors(study, air, row) for row in rows]),
         path_weight=np.array([s.given["weight"] for s in solutions]),
         path_effort=np.array([effort(s) for s in solutions]),
         path_cumulative=np.array([entry_problem.cumulative(s.time, s.controls[:, 0]) for s in solutions]),
@@ -122,10 +125,8 @@ def compute(
         design_cumulative=np.array(totals),
         design_propellant=np.array([entry_problem.propellant(vehicle, total) for total in totals]),
         design_branch=np.array([point.branch for point in designs]),
-        design_linear_error=np.array(
-            [linear_errors(planet, vehicle, mission, design, simulation, studies, t) for t in designed]
-        ),
-        design_flown_error=np.array([flown_errors(planet, mission, simulation, studies, air, t) for t in designed]),
+        design_linear_error=np.array([linear_errors(study, t) for t in designed]),
+        design_flown_error=np.array([flown_errors(study, air, t) for t in designed]),
         law=np.array(LAWS),
         scaled_gain=np.array([law.scaled_gain for law in laws]),
         gain=np.array([gain_vector(planet, design, law.scaled_gain) for law in laws]),
@@ -166,57 +167,39 @@ def model(planet: Planet, vehicle: Vehicle, along: Trajectory) -> Model:
     return Model(along.time, found.state_matrix, found.control_matrix[:, :, 0], found.control_matrix[:, :, -1])
 
 
-def closed_loop(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    along: Trajectory,
-    perturbations,
-):
+def closed_loop(study: Study, along: Trajectory, perturbations):
     """Final errors as a function of gains, for perturbations by their numbers.
 
     The unit of a perturbation is its size over the radius error of Table 3, so that all count alike.
     """
-    of, unit = model(planet, vehicle, along), sizes(simulation, studies) / simulation.tabulated_error
+    setup, simulation = study.setup, study.simulation
+    of = model(setup.planet, setup.vehicle, along)
+    unit = sizes(simulation, study.studies) / simulation.tabulated_error
     forcing = np.zeros((*of.density_matrix.shape, len(PERTURBATIONS)))
     forcing[:, :, DENSITY] = of.density_matrix
     return gain_problem(
-        planet,
-        design,
+        setup.planet,
+        setup.design,
         of,
-        (directions(planet, mission) * unit)[:, perturbations],
+        (directions(setup.planet, setup.mission) * unit)[:, perturbations],
         (forcing * unit)[:, :, perturbations],
     )
 
 
-def linear_errors(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    along: Trajectory,
-    scaled_gain=0.0,
-    perturbations=ALL,
-):
+def linear_errors(study: Study, along: Trajectory, scaled_gain=0.0, perturbations=ALL):
     """Final errors for perturbations by their sensitivity, (perturbations, 3); NaN where it overflows."""
-    found = sensitivity_gains.final_errors(
-        closed_loop(planet, vehicle, mission, design, simulation, studies, along, perturbations), scaled_gain
-    )
-    return np.where(np.isfinite(found), found, np.nan).T * simulation.tabulated_error
+    found = sensitivity_gains.final_errors(closed_loop(study, along, perturbations), scaled_gain)
+    return np.where(np.isfinite(found), found, np.nan).T * study.simulation.tabulated_error
 
 
-def flown_errors(planet: Planet, mission: Mission, simulation: Simulation, studies: Studies, air, along: Trajectory):
+def flown_errors(study: Study, air, along: Trajectory):
     """Final errors for the perturbations as flown without feedback, either way, (6, 2, 3)."""
+    setup, simulation, studies = study.setup, study.simulation, study.studies
     changes = BOTH_WAYS[:, np.newaxis] * sizes(simulation, studies)[:, np.newaxis, np.newaxis]
-    deviations = (directions(planet, mission).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
+    deviations = (directions(setup.planet, setup.mission).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
     factors = np.ones((len(PERTURBATIONS), len(BOTH_WAYS)))
     factors[DENSITY] += BOTH_WAYS * studies.density_error
-    found = flown(planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
+    found = flown(setup.planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
     return found.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
 
 
@@ -241,24 +224,15 @@ def flown(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, 
 # ---- a nominal desensitized against density --------------------------------------------------------------------------
 
 
-def density_path(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    nominal: Nominal,
-):
+def density_path(study: Study, nominal: Nominal):
     """Solutions of least J0 + c |density column| over the wanted weights, from the nominal on.
 
     Returns all points of the path, those of the wanted weights, why it ends, and the extended problem.
     """
-    unit = studies.density_error / simulation.tabulated_error
-    extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [Perturbation("density", parameters={"density_factor": unit})]
-    )
+    setup, studies = study.setup, study.studies
+    planet, solver, design = setup.planet, setup.solver, setup.design
+    unit = studies.density_error / study.simulation.tabulated_error
+    extended = entry_problem.desensitized(setup, [Perturbation("density", parameters={"density_factor": unit})])
     lengths = position_rows(planet).diagonal()
 
     def end_cost(start, end, parameters):
@@ -289,25 +263,16 @@ def trajectory(solution) -> Trajectory:
 # ---- feedback against density ----------------------------------------------------------------------------------------
 
 
-def density_feedback(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    along: Trajectory,
-    air,
-):
+def density_feedback(study: Study, air, along: Trajectory):
     """Gains on the nominal, one `Law` after the other in the order of `LAWS`.
 
     Null: least gains that null the density column, or that of the density and that of the radius. Tuned: least squares
     of flown errors, divided by their sizes, from no feedback.
     """
-    none = np.zeros(len(MEASURED))
+    design, none = study.setup.design, np.zeros(len(MEASURED))
     yield Law(none, True, "no feedback")
-    yield null(design, closed_loop(planet, vehicle, mission, design, simulation, studies, along, [DENSITY]), none)
-    both = closed_loop(planet, vehicle, mission, design, simulation, studies, along, [DENSITY, RADIUS])
+    yield null(design, closed_loop(study, along, [DENSITY]), none)
+    both = closed_loop(study, along, [DENSITY, RADIUS])
     least = sensitivity_gains.regularized(both, design.all_columns_regularization)[-1]
     found = null(design, both, np.ravel(least.k))
     if not found.converged:
@@ -315,8 +280,8 @@ def density_feedback(
         weight = design.all_columns_regularization[-1]
         found = Law(np.ravel(least.k), False, f"regularized by {weight:g} instead, for {found.ended}")
     yield found
-    yield tuned(planet, mission, design, simulation, studies, along, air, [])
-    yield tuned(planet, mission, design, simulation, studies, along, air, [simulation.tabulated_error])
+    yield tuned(study, air, along, [])
+    yield tuned(study, air, along, [study.simulation.tabulated_error])
 
 
 def null(design: Design, problem, start) -> Law:
@@ -331,23 +296,16 @@ def null(design: Design, problem, start) -> Law:
     return Law(np.ravel(found.k), bool(found.converged), found.reason)
 
 
-def tuned(
-    planet: Planet,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    along: Trajectory,
-    air,
-    radii,
-) -> Law:
+def tuned(study: Study, air, along: Trajectory, radii) -> Law:
     """Gains tuned to flights with density errors, and with radius errors of these sizes, from no feedback."""
+    setup, simulation = study.setup, study.simulation
+    planet, design = setup.planet, setup.design
     fractions = np.kron(TUNED_FRACTIONS, BOTH_WAYS)
     radii = np.kron(radii, BOTH_WAYS)
     weight = np.concatenate([np.abs(fractions) * simulation.tabulated_error, np.abs(radii)])
-    factors = np.concatenate([1.0 + fractions * studies.density_error, np.ones(len(radii))])
+    factors = np.concatenate([1.0 + fractions * study.studies.density_error, np.ones(len(radii))])
     deviations = (
-        np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(planet, mission)[:, RADIUS]
+        np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(planet, setup.mission)[:, RADIUS]
     )
 
     def errors(scaled_gain):
@@ -363,29 +321,18 @@ def tuned(
     return Law(found.k, bool(found.converged), found.reason)
 
 
-def under_law(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    studies: Studies,
-    air,
-    along: Trajectory,
-    law: Law,
-    errors: FlownErrors,
-):
+def under_law(study: Study, air, along: Trajectory, law: Law, errors: FlownErrors):
     """Linear and flown errors under a law, by field."""
+    setup = study.setup
     deviations = (
         np.concatenate([np.zeros(len(errors.density)), errors.radius])[:, np.newaxis]
-        * directions(planet, mission)[:, RADIUS]
+        * directions(setup.planet, setup.mission)[:, RADIUS]
     )
     factors = np.concatenate([1.0 + errors.density, np.ones(len(errors.radius))])
-    found = flown(planet, simulation, air, along, gain_vector(planet, design, law.scaled_gain), deviations, factors)
+    gain = gain_vector(setup.planet, setup.design, law.scaled_gain)
+    found = flown(setup.planet, study.simulation, air, along, gain, deviations, factors)
     return {
-        "law_linear_error": linear_errors(
-            planet, vehicle, mission, design, simulation, studies, along, law.scaled_gain, [DENSITY, RADIUS]
-        ),
+        "law_linear_error": linear_errors(study, along, law.scaled_gain, [DENSITY, RADIUS]),
         "density_flown_error": found[: len(errors.density)],
         "radius_flown_error": found[len(errors.density) :],
     }

@@ -12,7 +12,7 @@ from marsedl.methods import sensitivity_gains
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment
 from marsedl.papers.desensitized.entry_problem import MEASURED, gain_vector
-from marsedl.papers.desensitized.gains import flown_law, gain_problem, least_gains, simulated_errors, tuned
+from marsedl.papers.desensitized.gains import Tuning, flown_law, gain_problem, least_gains, simulated_errors, tuned
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns
 from marsedl.papers.desensitized.records import ALL_COLUMNS, CHANNELS, LOST, Gains, GainStudy, Linearization
@@ -41,15 +41,14 @@ def compute(
     gains: Gains,
 ) -> GainStudy:
     """Collect candidates for every channel, and rank them by the errors at which gains are tuned."""
+    tuning = Tuning(planet, vehicle, design, simulation, ensemble)
     reference, _ = flown_law(gains, 0)
     rows, failed, sizes = [], [], design.tuning_errors
     air = environment.surroundings(planet, vehicle)
-    for number, channel in enumerate(CHANNELS):
+    for number in range(len(CHANNELS)):
         problem = gain_problem(planet, design, linearization, position_columns(planet)[:, [number]])
-        simulate = simulated_errors(planet, vehicle, design, simulation, reference, number)
-        candidates, lost = collected(
-            planet, vehicle, design, simulation, ensemble, linearization, problem, reference, number, channel
-        )
+        simulate = simulated_errors(tuning, reference, number)
+        candidates, lost = collected(tuning, linearization, problem, reference, number)
         failed.append(lost)
         ranking = sensitivity_gains.rank([c.scaled_gain for c in candidates], simulate)
         for place, index in enumerate(ranking.order):
@@ -80,7 +79,7 @@ def compute(
         tuning_error=sizes,
         least_starts=np.full(3, starts_of(design)),
         least_failed=np.array(failed),
-        **for_all(planet, vehicle, design, simulation, gains),
+        **for_all(tuning, gains),
     )
 
 
@@ -89,22 +88,12 @@ def starts_of(design: Design):
     return 10 * design.tuning_starts
 
 
-def collected(
-    planet: Planet,
-    vehicle: Vehicle,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    linearization,
-    problem,
-    reference,
-    number,
-    channel,
-):
-    """Candidates of a channel, and the number of random starts that led to none."""
-    least = least_gains(planet, design, linearization, problem.columns, channel)
+def collected(tuning: Tuning, linearization, problem, reference, number):
+    """Candidates of a channel, by its number, and how many random starts led to none."""
+    design = tuning.design
+    least = least_gains(tuning.planet, design, linearization, problem.columns, CHANNELS[number])
     candidates = [Candidate("least gains", np.ravel(least.k))]
-    draws = normals(ensemble.seed, START_STREAM + number, np.arange(starts_of(design)), len(MEASURED))
+    draws = normals(tuning.ensemble.seed, START_STREAM + number, np.arange(starts_of(design)), len(MEASURED))
     lost = 0
     for start in draws:
         found = sensitivity_gains.minimum_norm(
@@ -120,7 +109,7 @@ def collected(
         keep(candidates, "least gains, another start", found.k)
     weights = design.all_columns_regularization
     keep(candidates, "regularised least squares", sensitivity_gains.regularized(problem, weights)[-1].k)
-    for result in tuned(planet, vehicle, design, simulation, ensemble, reference, number, least.k):
+    for result in tuned(tuning, reference, number, least.k):
         keep(candidates, "tuned to flown errors", result.k)
     return candidates, lost
 
@@ -135,11 +124,12 @@ def keep(candidates, method, scaled_gain):
     candidates.append(Candidate(method, gain))
 
 
-def for_all(planet: Planet, vehicle: Vehicle, design: Design, simulation: Simulation, gains: Gains):
+def for_all(tuning: Tuning, gains: Gains):
     """One set of gains for all channels, as solved for and tuned to flown errors of the smallest size, by field."""
+    planet, design = tuning.planet, tuning.design
     number = list(gains.law).index(ALL_COLUMNS)
     reference, _ = flown_law(gains, number)
-    air = environment.surroundings(planet, vehicle)
+    air = environment.surroundings(planet, tuning.vehicle)
     sizes = np.unique(np.abs(design.tuning_errors))
     every = np.sort(np.concatenate([-sizes, sizes]))
 
@@ -147,7 +137,7 @@ def for_all(planet: Planet, vehicle: Vehicle, design: Design, simulation: Simula
         """Final errors (3, errors, 3) of the errors of every channel, all in one call."""
         gain = gain_vector(planet, design, np.ravel(scaled_gain))
         positions = np.vstack([environment.along_channel(channel, errors) for channel in range(len(CHANNELS))])
-        final = environment.final_errors(planet, simulation, air, reference, gain, positions)
+        final = environment.final_errors(planet, tuning.simulation, air, reference, gain, positions)
         return final.reshape(len(CHANNELS), len(errors), len(CHANNELS))
 
     def residual(scaled_gain):

@@ -14,7 +14,7 @@ from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
 from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, gain_scale, gain_vector
+from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, Setup, gain_scale, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
@@ -36,6 +36,16 @@ class Law(NamedTuple):
     iterations: int = 0
     converged: bool = True
     ended: str = "no feedback"
+
+
+class Tuning(NamedTuple):
+    """What gains are tuned by: flights with errors at entry, from random starts."""
+
+    planet: Planet
+    vehicle: Vehicle
+    design: Design
+    simulation: Simulation
+    ensemble: Ensemble
 
 
 def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns, forcing=None):
@@ -66,23 +76,23 @@ def compute(
     linearization: Linearization,
 ) -> Gains:
     """Design the gains of every law as the inputs say."""
+    setup = Setup(planet, vehicle, mission, solver, design)
+    tuning = Tuning(planet, vehicle, design, simulation, ensemble)
     columns = position_columns(planet)
     plain = Law(nominal.time, nominal.state, nominal.bank_acceleration)
     row = last_finite_row(tradeoff)
     laws = [plain, Law(tradeoff.time[row], tradeoff.state[row], tradeoff.bank_acceleration[row])]
     for number, channel in enumerate(CHANNELS):
         if design.gain_design == "unregularized":
-            laws.append(together(planet, vehicle, mission, solver, design, nominal, channel))
+            laws.append(together(setup, nominal, channel))
             continue
         found = least_gains(planet, design, linearization, columns[:, [number]], channel)
         if design.gain_design == "tuned":
             lost = found._replace(converged=False, reason="no start of the tuning flies all errors to the end")
-            found = next(
-                iter(tuned(planet, vehicle, design, simulation, ensemble, reference(plain), number, found.k)), lost
-            )
+            found = next(iter(tuned(tuning, reference(plain), number, found.k)), lost)
         laws.append(with_gains(plain, found))
-    laws.append(for_all_columns(planet, vehicle, mission, solver, design, nominal, linearization))
-    return described(planet, vehicle, design, laws)
+    laws.append(for_all_columns(setup, nominal, linearization))
+    return described(setup, laws)
 
 
 def least_gains(planet: Planet, design: Design, linearization, columns, channel=""):
@@ -109,38 +119,27 @@ def reference(law: Law) -> flight.Reference:
     return flight.Reference(law.state[0], law.bank_acceleration, float(law.time[-1]))
 
 
-def simulated_errors(
-    planet: Planet, vehicle: Vehicle, design: Design, simulation: Simulation, nominal_reference, channel
-):
+def simulated_errors(tuning: Tuning, nominal_reference, channel):
     """Function of scaled gains: flown final errors at the tuning errors of a channel, each divided by its size."""
-    air = environment.surroundings(planet, vehicle)
-    sizes = design.tuning_errors
+    air = environment.surroundings(tuning.planet, tuning.vehicle)
+    sizes = tuning.design.tuning_errors
     errors = environment.along_channel(channel, sizes)
 
     def of_gains(scaled_gain):
-        gain = gain_vector(planet, design, np.ravel(scaled_gain))
-        flown = environment.final_errors(planet, simulation, air, nominal_reference, gain, errors)
+        gain = gain_vector(tuning.planet, tuning.design, np.ravel(scaled_gain))
+        flown = environment.final_errors(tuning.planet, tuning.simulation, air, nominal_reference, gain, errors)
         return (flown / np.abs(sizes)[:, np.newaxis]).ravel()
 
     return of_gains
 
 
-def tuned(
-    planet: Planet,
-    vehicle: Vehicle,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    nominal_reference,
-    channel,
-    least,
-):
+def tuned(tuning: Tuning, nominal_reference, channel, least):
     """Gains tuned to flown errors from the least gains and from random changes of them, best first.
 
     Starts under which a flight is lost are left out, so that there may be none.
     """
-    simulate = simulated_errors(planet, vehicle, design, simulation, nominal_reference, channel)
-    changes = normals(ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
+    simulate, design = simulated_errors(tuning, nominal_reference, channel), tuning.design
+    changes = normals(tuning.ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
     starts = [np.ravel(least), *(np.ravel(least) + design.tuning_spread * changes)]
     found = [
         sensitivity_gains.tune(simulate, start, iterations=design.gain_iterations)
@@ -151,17 +150,14 @@ def tuned(
     return [found[number] for number in ranking.order]
 
 
-def together(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, nominal: Nominal, channel
-) -> Law:
+def together(setup: Setup, nominal: Nominal, channel) -> Law:
     """Trajectory and gains of Eq. 6 in one problem, from the nominal and gains of zero, without regularisation.
 
     The gains are not determined, and the norm has no derivative where it vanishes: the solve is ended after the
     iterations that the inputs allow, and how it ended is the result.
     """
-    extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, channel)], gains=True
-    )
+    planet, solver, design = setup.planet, setup.solver, setup.design
+    extended = entry_problem.desensitized(setup, [entry_problem.position_error(planet, channel)], gains=True)
     transcribed = entry_problem.program(planet, solver, entry_problem.weighted(planet, design, extended, [channel]))
     guess = extended.guess(as_guess(nominal), entry_problem.given())
     weight, most = entry_problem.given(design.feedback_weight), design.unregularized_iterations
@@ -169,29 +165,22 @@ def together(
         solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=solver.solver_tolerance, iterations=most)
     except NotConvergedError as error:
         solution = error.solution
-    return solved_law(vehicle, extended, solution)
+    return solved_law(setup.vehicle, extended, solution)
 
 
-def for_all_columns(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    solver: Solver,
-    design: Design,
-    nominal: Nominal,
-    linearization: Linearization,
-) -> Law:
+def for_all_columns(setup: Setup, nominal: Nominal, linearization: Linearization) -> Law:
     """One set of gains against all three position errors: J0 + |S_p|^2 + w |k|^2 in trajectory and gains, w falling.
 
     Six gains cannot null nine numbers on a given nominal; together with the trajectory they nearly do. The squared norm
     has derivatives everywhere, and the first, large w keeps the trajectory near the nominal. From gains that are not
     the best ones of the nominal the solver would leave it for a trajectory that depends on rounding.
     """
+    planet, solver, design = setup.planet, setup.solver, setup.design
     weights = design.all_columns_regularization
     problem = gain_problem(planet, design, linearization, position_columns(planet))
     fixed = sensitivity_gains.regularized(problem, weights[:1], design.downrange_gain_start[np.newaxis])[0].k.ravel()
     extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
+        setup, [entry_problem.position_error(planet, name) for name in CHANNELS], gains=True
     )
     gains = [gain.parameter for gain in extended.gains]
 
@@ -212,9 +201,9 @@ def for_all_columns(
             # A set of gains beside the paper's; what stands so far is flown, and the artifact says how it ended.
             ended = f"stopped at a regularisation of {weight:g}: {error}"
             if isinstance(last, Solution):
-                return solved_law(vehicle, extended, last)._replace(converged=False, ended=ended)
+                return solved_law(setup.vehicle, extended, last)._replace(converged=False, ended=ended)
             return Law(nominal.time, nominal.state, nominal.bank_acceleration, fixed, 0, False, ended)
-    return solved_law(vehicle, extended, last)
+    return solved_law(setup.vehicle, extended, last)
 
 
 def solved_law(vehicle: Vehicle, extended, solution: Solution) -> Law:
@@ -232,11 +221,12 @@ def solved_law(vehicle: Vehicle, extended, solution: Solution) -> Law:
     )
 
 
-def described(planet: Planet, vehicle: Vehicle, design: Design, laws) -> Gains:
+def described(setup: Setup, laws) -> Gains:
     """Laws as an artifact, with the sensitivity that their gains leave."""
+    planet, design = setup.planet, setup.design
     columns, rows, final = position_columns(planet), position_rows(planet), []
     for law in laws:
-        matrix, control = along(planet, vehicle, law.time, law.state, law.bank_acceleration)
+        matrix, control = along(planet, setup.vehicle, law.time, law.state, law.bank_acceleration)
         closed = closed_loop(matrix, control, gain_vector(planet, design, law.scaled_gain)[np.newaxis])
         final.append(rows @ propagate_columns(midpoint_transitions(closed, np.diff(law.time)), columns)[-1])
 

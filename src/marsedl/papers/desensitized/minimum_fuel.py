@@ -12,7 +12,7 @@ import numpy as np
 from marsedl.methods.collocation import SOLVED, BranchEndError, Guess, Program, Solution, Variable
 from marsedl.papers.desensitized import entry_problem
 from marsedl.papers.desensitized.branches import attempt
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM, Setup
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
 from marsedl.replication.catalogue import stage
@@ -41,9 +41,8 @@ def compute(
     nominal: Nominal,
 ) -> MinimumFuel:
     """Minimise the fuel under each bound."""
-    found = [
-        under_bound(planet, vehicle, mission, solver, design, nominal, float(bound)) for bound in studies.fuel_bounds
-    ]
+    setup = Setup(planet, vehicle, mission, solver, design)
+    found = [under_bound(setup, nominal, float(bound)) for bound in studies.fuel_bounds]
     return MinimumFuel(
         bound=studies.fuel_bounds,
         solution=np.array(SOLUTIONS),
@@ -51,13 +50,12 @@ def compute(
     )
 
 
-def under_bound(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, nominal: Nominal, bound
-):
+def under_bound(setup: Setup, nominal: Nominal, bound):
     """The fields of one bound."""
-    transcribed = fuel_program(planet, vehicle, mission, solver, nominal, bound)
+    vehicle, solver = setup.vehicle, setup.solver
+    transcribed = fuel_program(setup, nominal, bound)
     first = attempt(solver, transcribed, split(nominal), share(0.0), barrier=WARM)
-    way = to_fuel(solver, design, transcribed, first)
+    way = to_fuel(solver, setup.design, transcribed, first)
     reached = way.last.status == SOLVED and way.last.given["weight"] == 1.0
     beside = attempt(solver, transcribed, way.last, share(0.0), barrier=WARM) if reached else way.last
     solutions = (first, way.last, beside)
@@ -78,9 +76,7 @@ def under_bound(
     }
 
 
-def fuel_program(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, nominal: Nominal, bound, intervals=None
-) -> Program:
+def fuel_program(setup: Setup, nominal: Nominal, bound, intervals=None) -> Program:
     """Energy and fuel in shares, with the bank acceleration as a difference of two that are not negative.
 
         minimise  integral (1 - s) (p^2 + n^2) / e + s (p + n) dt,   u = p - n
@@ -88,7 +84,7 @@ def fuel_program(
     in degrees; at most one of p and n differs from zero, as both cost. The scale e makes the two parts equal at the
     nominal. The share s takes the place of the weight.
     """
-    base = entry_problem.problem(planet, vehicle, mission)
+    base = entry_problem.problem(setup.planet, setup.vehicle, setup.mission)
     count = len(STATES)
     scale = nominal.effort / (nominal.cumulative / DEGREE) if nominal.cumulative else 1.0
 
@@ -103,7 +99,7 @@ def fuel_program(
 
     controls = tuple(Variable(f"{sign}_bank_acceleration", 0.002, 0.0, bound) for sign in ("positive", "negative"))
     declared = replace(base, rates=rates, controls=controls, running_cost=running_cost)
-    return entry_problem.program(planet, solver, declared, intervals=intervals)
+    return entry_problem.program(setup.planet, setup.solver, declared, intervals=intervals)
 
 
 def share(of_fuel):

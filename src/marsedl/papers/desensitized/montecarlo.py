@@ -1,6 +1,7 @@
 """Monte Carlo flights with random position errors at entry, under every law; the paper flies single errors only."""
 
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,17 +19,27 @@ BINS = 40
 OUTPUTS = 20  # stored times, besides the start; fewer where the intervals are not a multiple
 
 
+class Flights(NamedTuple):
+    """What is flown, how finely, and with which random numbers."""
+
+    planet: Planet
+    vehicle: Vehicle
+    simulation: Simulation
+    ensemble: Ensemble
+
+
 @stage()
 def simulate(
     planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, flown: Flown
 ) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
+    flights = Flights(planet, vehicle, simulation, ensemble)
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     bound = vehicle.bank_acceleration_bound
     edges = np.array([np.linspace(least, bound, BINS + 1) for least in (-bound, 0.0)])
     reduced = [
         ensembles.run_blocks(
-            block_simulator(planet, vehicle, simulation, ensemble, gains, number),
+            block_simulator(flights, gains, number),
             first,
             last,
             block_size=flown.block_size,
@@ -48,16 +59,17 @@ def _by_law(parts):
     }
 
 
-def block_simulator(planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, number):
+def block_simulator(flights: Flights, gains: Gains, number):
     """Return the function `simulate_block(first, last)` under a law, by its number; it also replays single trials."""
-    air = environment.surroundings(planet, vehicle)
+    planet, ensemble = flights.planet, flights.ensemble
+    air = environment.surroundings(planet, flights.vehicle)
     reference, gain = flown_law(gains, number)
 
     def simulate_block(first, last):
         errors = normals(ensemble.seed, ERROR_STREAM, np.arange(first, last), 3) * ensemble.initial_deviations
         states = environment.displaced(planet, reference.initial_state, errors)
         every = output_step(len(reference.bank_acceleration))
-        return flight.fly(*air, reference, gain, states, substeps=simulation.substeps, every=every)
+        return flight.fly(*air, reference, gain, states, substeps=flights.simulation.substeps, every=every)
 
     return simulate_block
 
@@ -101,11 +113,9 @@ def replay(
     planet: Planet, vehicle: Vehicle, simulation: Simulation, ensemble: Ensemble, gains: Gains, *, trial: Trial
 ) -> str:
     """Fly one trial again under every law and describe it, compared with the ensemble's if that is stored."""
-    lines = []
+    flights, lines = Flights(planet, vehicle, simulation, ensemble), []
     for law_number, name in enumerate(gains.law):
-        flown = ensembles.replay(
-            block_simulator(planet, vehicle, simulation, ensemble, gains, law_number), trial.number
-        )
+        flown = ensembles.replay(block_simulator(flights, gains, law_number), trial.number)
         end = flown.final_state[:, 0]
         lines.append(f"trial {trial.number}, law {name}: {OUTCOMES[int(flown.outcome[0])]}")
         parts = zip(("altitude (m)", "latitude (rad)", "longitude (rad)"), end[:3], strict=True)

@@ -14,10 +14,11 @@ from marsedl.replication.errors import MarsedlError
 @stage()
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) -> Nominal:
     """Solve for the nominal from the inputs' guess, and check its branch (Eqs. 1 to 4, Table 2)."""
+    declared = entry_problem.problem(planet, vehicle, mission)
     guess = entry_problem.profile_guess(
-        planet, vehicle, mission, solver, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
+        mission, solver, declared, solver.guess_banks, solver.guess_switch_times, solver.guess_final_time
     )
-    transcribed = entry_problem.program(planet, solver, entry_problem.problem(planet, vehicle, mission))
+    transcribed = entry_problem.program(planet, solver, declared)
     # The adaptive barrier leaves the guess's branch on some meshes.
     solution = entry_problem.solve(solver, "nominal", transcribed, guess, barrier=WARM)
     bank = solution.state("bank")

@@ -11,7 +11,7 @@ import numpy as np
 from marsedl.methods.collocation import ACCEPTABLE, SOLVED, BranchEndError, Program, Solution, resimulate
 from marsedl.methods.desensitization import Desensitized
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, Setup
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
@@ -43,16 +43,14 @@ def columns_in_norm(design: Design):
     return CHANNELS if design.sensitivity_columns == "all" else CHANNELS[:1]
 
 
-def prepared(
-    planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver, design: Design, channels=None, **options
-) -> tuple[Desensitized, Program]:
+def prepared(setup: Setup, channels=None, **options) -> tuple[Desensitized, Program]:
     """The problem of Eq. 6, and its transcription."""
-    channels = channels or columns_in_norm(design)
+    channels = channels or columns_in_norm(setup.design)
     extended = entry_problem.desensitized(
-        planet, vehicle, mission, design, [entry_problem.position_error(planet, name) for name in channels]
+        setup, [entry_problem.position_error(setup.planet, name) for name in channels]
     )
-    declared = entry_problem.weighted(planet, design, extended, channels)
-    return extended, entry_problem.program(planet, solver, declared, **options)
+    declared = entry_problem.weighted(setup.planet, setup.design, extended, channels)
+    return extended, entry_problem.program(setup.planet, setup.solver, declared, **options)
 
 
 @stage()
@@ -66,7 +64,8 @@ def compute(
     nominal: Nominal,
 ) -> Tradeoff:
     """Follow the solutions over the weight, and find the rows of Table 3 among them."""
-    extended, transcribed = prepared(planet, vehicle, mission, solver, design)
+    setup = Setup(planet, vehicle, mission, solver, design)
+    extended, transcribed = prepared(setup)
     first = entry_problem.solve(
         solver, "no weight", transcribed, extended.guess(as_guess(nominal), entry_problem.given()), barrier=WARM
     )
@@ -79,7 +78,7 @@ def compute(
         *chosen(solver, design, transcribed, points),
         *(at_weight(points, c) for c in design.infinite_weights),
     ]
-    return described(planet, vehicle, mission, design, simulation, extended, points, folds, rows)
+    return described(setup, simulation, extended, points, folds, rows)
 
 
 def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple[list[Point], list[Fold]]:
@@ -206,18 +205,9 @@ def norm(planet: Planet, design: Design, extended, solution: Solution):
     return float(np.sqrt(entry_problem.squared_norm(planet, design, end, [p.name for p in extended.perturbations])))
 
 
-def described(
-    planet: Planet,
-    vehicle: Vehicle,
-    mission: Mission,
-    design: Design,
-    simulation: Simulation,
-    extended,
-    points,
-    folds,
-    rows,
-) -> Tradeoff:
+def described(setup: Setup, simulation: Simulation, extended, points, folds, rows) -> Tradeoff:
     """Path, folds and rows as an artifact."""
+    planet, design = setup.planet, setup.design
     path = [point.solution for point in points]
     found = [row.solution for row in rows]
 
@@ -254,14 +244,14 @@ def described(
         column=np.array([extended.columns(s)[:, :, 0] for s in found]),
         effort=np.array([effort(s) for s in found]),
         cumulative=np.array([cumulative(s) for s in found]),
-        propellant=np.array([entry_problem.propellant(vehicle, cumulative(s)) for s in found]),
+        propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in found]),
         error=np.array([errors(s) for s in found]),
         norm=np.array([norm(planet, design, extended, s) for s in found]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in found]),
         row_branch=np.array([row.branch for row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in found]),
         largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in found]),
-        miss=np.array([entry_problem.miss(planet, mission, resimulate(s)[-1]) for s in found]),
+        miss=np.array([entry_problem.miss(planet, setup.mission, resimulate(s)[-1]) for s in found]),
         status=np.array([s.status for s in found]),
         iterations=np.array([s.iterations for s in found]),
         solves=len(points) + len(rows),

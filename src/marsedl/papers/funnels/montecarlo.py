@@ -129,8 +129,8 @@ def replay(
     trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    simulate_block = block_simulator(planet, vehicle, uncertainty, ensemble, linearization, gains, funnel, trial.case)
-    flown = ensembles.replay(simulate_block, trial.number)
+    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
+    flown = ensembles.replay(flight.simulator(setting, _draws(ensemble, trial.case)), trial.number)
     end = ensembles.without_infinities(flown.final_state[:, 0])
     outcome = ensembles.COMPLETED if np.isfinite(flown.final_state).all() else ensembles.NON_FINITE
     lines = [f"trial {trial.number}, {trial.case}: {OUTCOMES[outcome]}"]
@@ -143,18 +143,3 @@ def replay(
             "  the same to the last bit as in the stored ensemble" if same else "  DIFFERS from the stored ensemble"
         )
     return "\n".join(lines)
-
-
-def block_simulator(
-    planet: Planet,
-    vehicle: Vehicle,
-    uncertainty: Uncertainty,
-    ensemble: Ensemble,
-    linearization: Linearization,
-    gains: Gains,
-    funnel: Funnel,
-    case: str,
-):
-    """Return the function `simulate_block(first, last)` of a case; it also replays single trials."""
-    setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
-    return flight.simulator(setting, _draws(ensemble, case))

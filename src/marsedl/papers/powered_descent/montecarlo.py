@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,19 @@ from marsedl.replication.catalogue import Flown, Trial, stage
 
 THRUST_BINS, LARGEST_THRUST = 4000, 4.0  # bins up to this multiple of the maximum thrust
 DEPTH_RANGE = (-2000.0, 2000.0)
+
+
+class Flights(NamedTuple):
+    """What is flown, how finely, and with which random numbers."""
+
+    planet: Planet
+    vehicle: Vehicle
+    entry: Entry
+    mission: Mission
+    noise: Noise
+    design: Design
+    simulation: Simulation
+    ensemble: Ensemble
 
 
 @stage()
@@ -41,10 +55,11 @@ def simulate(
     The case is "closed_loop" or "open_loop", with the suffix "_large" for the large ensembles, which fly the same
     trials and more.
     """
+    flights = Flights(planet, vehicle, entry, mission, noise, design, simulation, ensemble)
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     thrust_edges = np.linspace(0.0, LARGEST_THRUST * vehicle.maximum_thrust, THRUST_BINS + 1)
     reduced = ensembles.run_blocks(
-        block_simulator(planet, vehicle, entry, mission, noise, design, simulation, ensemble, gains, flown.case),
+        block_simulator(flights, gains, flown.case),
         first,
         last,
         block_size=flown.block_size,
@@ -63,35 +78,25 @@ def _mass_without_feedback(vehicle: Vehicle, gains: Gains) -> float:
     return vehicle.wet_mass - segments.mass_flow(vehicle) * np.trapezoid(thrust, gains.time)
 
 
-def block_simulator(
-    planet: Planet,
-    vehicle: Vehicle,
-    entry: Entry,
-    mission: Mission,
-    noise: Noise,
-    design: Design,
-    simulation: Simulation,
-    ensemble: Ensemble,
-    gains: Gains,
-    case: str,
-) -> Callable:
+def block_simulator(flights: Flights, gains: Gains, case: str) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    durations = mission.segment_durations
+    vehicle, entry, simulation = flights.vehicle, flights.entry, flights.simulation
+    durations, seed = flights.mission.segment_durations, flights.ensemble.seed
     steps = [flight.step_count(d, simulation.time_step, simulation.output_interval) for d in durations]
-    times = segments.grids(durations, design.design_interval)
+    times = segments.grids(durations, flights.design.design_interval)
     schedules = flight.schedules_of(times, gains, [number for number, _ in steps])
     if case.startswith("open_loop"):
         schedules = [flight.open_loop(schedule) for schedule in schedules]
-    plant = flight.plant_of(planet, vehicle, noise)
+    plant = flight.plant_of(flights.planet, vehicle, flights.noise)
     start = flight.Start(segments.initial_mean(entry), entry.initial_covariance, vehicle.wet_mass)
 
     def simulate_block(first, last):
-        states = flight.initial_states(start, ensemble.seed, np.arange(first, last))
+        states = flight.initial_states(start, seed, np.arange(first, last))
         return flight.fly(
             schedules,
             plant,
             states,
-            flight.Draws(ensemble.seed, first),
+            flight.Draws(seed, first),
             steps_per_output=[every for _, every in steps],
             integrator=simulation.integrator,
         )
@@ -129,9 +134,8 @@ def replay(
     trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    simulate_block = block_simulator(
-        planet, vehicle, entry, mission, noise, design, simulation, ensemble, gains, trial.case
-    )
+    flights = Flights(planet, vehicle, entry, mission, noise, design, simulation, ensemble)
+    simulate_block = block_simulator(flights, gains, trial.case)
     flown = ensembles.replay(simulate_block, trial.number)
     names = ("downrange (m)", "altitude (m)", "downrange velocity (m/s)", "vertical velocity (m/s)", "mass (kg)")
     outcome = {0: "completed", 1: "below the ground", 3: "not finite"}[int(flown.outcome[0])]

@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.papers.random_field.flight_statistics import lost
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
 from marsedl.papers.random_field.variants import designed, flown, percentiles
 from marsedl.replication.catalogue import stage
@@ -27,8 +28,9 @@ def compute(
         changes = {"iterations": studies.convergence_iterations, "clean_up_branch": branch}
         times = {"partition": studies.fine_partition} if variant == "short_end_steps" else {}
         steered, timed = guidance.model_copy(update=changes), mission.model_copy(update=times)
-        made = designed(planet, air, vehicle, timed, steered, simulation, nominal)
-        ensemble = flown(planet, air, vehicle, timed, simulation, nominal, made, studies.study_trials)
+        flights = Flights(planet, air, vehicle, timed, simulation)
+        made = designed(flights, steered, nominal)
+        ensemble = flown(flights, nominal, made, studies.study_trials)
         percentile, error = percentiles(ensemble)
         change = np.abs(np.diff(made.control, axis=0)).max(axis=1)
         rows.append(

@@ -32,11 +32,10 @@ def compute(
     gains: Gains,
 ) -> FieldStudy:
     """Fly the open loop through every field."""
+    flights = montecarlo.Flights(planet, air, vehicle, mission, simulation)
 
     def flown(covariance):
-        simulate_block = montecarlo.block_simulator(
-            planet, air, vehicle, mission, simulation, nominal, gains, number=0, covariance=covariance
-        )
+        simulate_block = montecarlo.block_simulator(flights, nominal, gains, number=0, covariance=covariance)
         return _open_loop(simulate_block, planet, mission, studies.study_trials)
 
     rows = []

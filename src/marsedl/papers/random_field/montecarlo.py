@@ -1,6 +1,7 @@
 """Monte Carlo flights of every law through the true spatial field, scattered in chunks and gathered (Sec. V.B.4)."""
 
 from dataclasses import fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,16 @@ from marsedl.replication.catalogue import Flown, Trial, stage
 CONTROL_BINS = 40
 
 
+class Flights(NamedTuple):
+    """What is flown, and how finely and with which random numbers."""
+
+    planet: Planet
+    air: Air
+    vehicle: Vehicle
+    mission: Mission
+    simulation: Simulation
+
+
 @stage()
 def simulate(
     planet: Planet,
@@ -41,11 +52,12 @@ def simulate(
 ) -> FlightChunk:
     """Fly one chunk of the trials under every law."""
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
+    flights = Flights(planet, air, vehicle, mission, simulation)
     lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
     reduced = [
         ensembles.run_blocks(
-            block_simulator(planet, air, vehicle, mission, simulation, nominal, gains, number),
+            block_simulator(flights, nominal, gains, number),
             first,
             last,
             block_size=flown.block_size,
@@ -63,24 +75,15 @@ def simulate(
     )
 
 
-def block_simulator(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    simulation: Simulation,
-    nominal: Nominal,
-    gains: Gains,
-    number=-1,
-    covariance=None,
-    varied=True,
-):
+def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1, covariance=None, varied=True):
     """Return the function `simulate_block(first, last)` under one law, which also replays single trials.
 
     number: 0 for the open loop, or an iteration, the last one unless given. covariance: of the density variation, if it
     is not the reading's. varied: whether there is any.
     """
-    plant = flight.plant_of(planet, air, vehicle, simulation, covariance)
+    planet, vehicle, simulation = flights.planet, flights.vehicle, flights.simulation
+    least_exit_altitude = flights.mission.least_exit_altitude
+    plant = flight.plant_of(planet, flights.air, vehicle, simulation, covariance)
     flown_law = law(gains, number)
     mean = initial_state(planet, vehicle, nominal.entry_flight_path_angle)
     lower, upper = vehicle.control_limits
@@ -105,7 +108,7 @@ def block_simulator(
             )
         )
         flown.outcome[completed & ~bound] = ESCAPED
-        flown.outcome[completed & (altitude < mission.least_exit_altitude)] = NOT_EXITED
+        flown.outcome[completed & (altitude < least_exit_altitude)] = NOT_EXITED
         command = flown.observed[:, 0]
         observed = np.stack([command, np.maximum(command - upper, lower - command)], axis=1)
         # Until a trial's end; what is stored behind is of no meaning.
@@ -159,12 +162,10 @@ def replay(
     trial: Trial,
 ) -> str:
     """Fly one trial again under every law and describe it; compare it with the ensemble's if that is stored."""
-    lines = []
+    flights, lines = Flights(planet, air, vehicle, mission, simulation), []
     for law_number in range(len(gains.control)):
         name = "open loop" if law_number == 0 else f"law of iteration {law_number}"
-        flown = ensembles.replay(
-            block_simulator(planet, air, vehicle, mission, simulation, nominal, gains, law_number), trial.number
-        )
+        flown = ensembles.replay(block_simulator(flights, nominal, gains, law_number), trial.number)
         end = flown.final_state[:, 0]
         lines.append(f"trial {trial.number}, {name}: {OUTCOMES[int(flown.outcome[0])]}")
         parts = zip(("altitude (m)", "velocity (m/s)", "flight path angle (rad)"), end[:3], strict=True)

@@ -5,6 +5,7 @@ import numpy as np
 from marsedl.papers.random_field.flight_statistics import lost, step_violations
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.linearization import UNITS
+from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.records import Nominal, Regularization
 from marsedl.papers.random_field.variants import designed, flown, percentiles
 from marsedl.replication.catalogue import stage
@@ -22,13 +23,13 @@ def compute(
     nominal: Nominal,
 ) -> Regularization:
     """Design and fly every size; ill-conditioned designs are made here, to show what comes of them."""
-    rows = []
+    flights, rows = Flights(planet, air, vehicle, mission, simulation), []
     for factor in studies.navigation_factors:
         own = guidance.navigation_deviations
         deviations = factor * np.where(own > 0.0, own, 0.01 * UNITS)
         steered = guidance.model_copy(update={"navigation_deviations": deviations, "ill_conditioned": "report"})
-        made = designed(planet, air, vehicle, mission, steered, simulation, nominal)
-        ensemble = flown(planet, air, vehicle, mission, simulation, nominal, made, studies.study_trials)
+        made = designed(flights, steered, nominal)
+        ensemble = flown(flights, nominal, made, studies.study_trials)
         percentile, error = (values[-1] for values in percentiles(ensemble))
         by_step, at_any = step_violations(ensemble, made.partition)
         captured = ensemble.delta_v[-1][np.isfinite(ensemble.delta_v[-1])]

@@ -5,22 +5,17 @@ import numpy as np
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import gains, linearization, montecarlo
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import Guidance
+from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.records import FlightEnsemble, Gains, Nominal
 from marsedl.replication.catalogue import Flown
 from marsedl.replication.errors import MarsedlError
 
 
-def designed(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-) -> Gains:
+def designed(flights: Flights, guidance: Guidance, nominal: Nominal) -> Gains:
     """The design of changed inputs. Raises MarsedlError if their partition gives none."""
+    planet, air, vehicle = flights.planet, flights.air, flights.vehicle
+    mission, simulation = flights.mission, flights.simulation
     _, refused = linearization.partition_used(mission)
     if refused:
         raise MarsedlError(f"there is no design to study: {refused}")
@@ -36,28 +31,10 @@ def designed(
     )
 
 
-def flown(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    simulation: Simulation,
-    nominal: Nominal,
-    made: Gains,
-    trials: int,
-) -> FlightEnsemble:
+def flown(flights: Flights, nominal: Nominal, made: Gains, trials: int) -> FlightEnsemble:
     """The first trials under all laws of a design, as the Monte Carlo stage flies them."""
-    chunk = montecarlo.simulate(
-        planet,
-        air,
-        vehicle,
-        mission,
-        simulation,
-        nominal,
-        made,
-        flown=Flown("aerocapture", trials, ensembles.BLOCK_SIZE),
-    )
-    return montecarlo.gather(planet, mission, [chunk])
+    chunk = montecarlo.simulate(*flights, nominal, made, flown=Flown("aerocapture", trials, ensembles.BLOCK_SIZE))
+    return montecarlo.gather(flights.planet, flights.mission, [chunk])
 
 
 def percentiles(ensemble: FlightEnsemble):

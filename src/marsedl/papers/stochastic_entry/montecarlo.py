@@ -34,6 +34,17 @@ class End(NamedTuple):
     time: float  # s, the fixed final time, or the time limit of the velocity trigger
 
 
+class Flights(NamedTuple):
+    """What is flown, how it is guided, and how finely and with which random numbers."""
+
+    planet: Planet
+    air: Air
+    vehicle: Vehicle
+    mission: Mission
+    guidance: Guidance
+    simulation: Simulation
+
+
 @stage()
 def simulate(
     planet: Planet,
@@ -54,9 +65,8 @@ def simulate(
     """
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     edges = np.linspace(-np.pi, np.pi, BANK_BINS + 1)
-    simulate_block = block_simulator(
-        planet, air, vehicle, mission, guidance, simulation, nominal, linearization, gains, flown.case
-    )
+    flights = Flights(planet, air, vehicle, mission, guidance, simulation)
+    simulate_block = block_simulator(flights, nominal, linearization, gains, flown.case)
     reduced = ensembles.run_blocks(
         simulate_block,
         first,
@@ -78,20 +88,13 @@ def simulate(
 
 
 def block_simulator(
-    planet: Planet,
-    air: Air,
-    vehicle: Vehicle,
-    mission: Mission,
-    guidance: Guidance,
-    simulation: Simulation,
-    nominal: Nominal,
-    linearization: Linearization,
-    gains: Gains,
-    case: str,
+    flights: Flights, nominal: Nominal, linearization: Linearization, gains: Gains, case: str
 ) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
-    plant = flight.plant_of(planet, air, vehicle, mission, guidance)
-    return simulator_of(plant, law(guidance, linearization, gains, case), end_of(mission, nominal, case), simulation)
+    mission, guidance = flights.mission, flights.guidance
+    plant = flight.plant_of(flights.planet, flights.air, flights.vehicle, mission, guidance)
+    flown_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
+    return simulator_of(plant, flown_law, end, flights.simulation)
 
 
 def simulator_of(plant: flight.Plant, flown_law: flight.Law, end: End, simulation: Simulation) -> Callable:
@@ -152,9 +155,8 @@ def replay(
     trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    simulate_block = block_simulator(
-        planet, air, vehicle, mission, guidance, simulation, nominal, linearization, gains, trial.case
-    )
+    flights = Flights(planet, air, vehicle, mission, guidance, simulation)
+    simulate_block = block_simulator(flights, nominal, linearization, gains, trial.case)
     flown = ensembles.replay(simulate_block, trial.number)
     names = (
         "altitude (m)",
