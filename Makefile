@@ -27,9 +27,9 @@ all: $(STAMP)
 test: $(STAMP)
 	. $(BIN)/activate && pytest -n 3 --dist loadgroup --no-loadscope-reorder
 
-# What to run after every small change: the tests that need no build.
+# What to run after every small change: lint, and the tests that compute no stage of a paper.
 quick: lint
-	. $(BIN)/activate && pytest -n 3 --dist loadgroup -m "not workflow and not slurm and not long"
+	. $(BIN)/activate && pytest -n 3 --dist loadgroup -m "not workflow and not stages and not slurm and not long"
 
 lint: $(STAMP)
 	. $(BIN)/activate && ruff check . && ruff format --check . && lint-imports && snakefmt --check Snakefile workflow && snakemake --lint

@@ -320,8 +320,15 @@ def group(item) -> str:
     return paper_of(path.name.removeprefix("test_")) or str(path)
 
 
+# Fixtures that compute the stages of a paper in memory.
+STAGES = ("pipeline", "random_field", "desensitized", "funnels", "entry")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
+    for item in items:
+        if any(needs(item, fixture) for fixture in STAGES):
+            item.add_marker(pytest.mark.stages)
     if not distributed(config):
         yield
         items.sort(key=lambda item: needs(item, "built") + needs(item, "full"))  # otherwise in their order

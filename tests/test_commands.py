@@ -88,6 +88,7 @@ ELSEWHERE = {
     "make all": ".github/workflows/ci.yml",
     "make test": ".ci/run",
     "make lint": ".ci/run",
+    "make quick": "tests/test_makefile.py::test_quick_selects_the_tests_that_compute_no_stage",
     "make slurm": ".ci/run",
     "make environment": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",
     ". .venv/bin/activate": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",

@@ -1,8 +1,10 @@
 """The Makefile: what it says while it sets itself up. What is installed is left to `make all` itself, which CI runs."""
 
 import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -42,3 +44,14 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
     assert [line.rpartition(" ")[2] for line in installs] == ["requirements.lock", "."]
     assert not any(" -q" in line or "--quiet" in line for line in installs), "the installer shows how far it is"
     assert all(line.startswith("uv " if installer == "uv" else "python -m pip ") for line in installs)
+
+
+def test_quick_selects_the_tests_that_compute_no_stage():
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    asked = {"cwd": ROOT, "env": environment, "capture_output": True, "text": True, "check": True}
+    shown = subprocess.run(["make", "-n", "quick"], **asked)
+    (selection,) = re.findall(r'pytest .* -m "(.+)"', shown.stdout)
+    files = ["tests/test_makefile.py", "tests/workflow/test_reruns.py", "tests/papers/test_powered_descent_design.py"]
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:xdist", "-m", selection, *files]
+    collected = subprocess.run(command, **asked).stdout
+    assert set(re.findall(r"(?m)^(tests/\S+\.py)", collected)) == {"tests/test_makefile.py"}
