@@ -545,8 +545,8 @@ def accept_reference(
         reference = read_reference(root, slug) if path.exists() else {}
         claimed = {
             f"{reading}/{name}": root / file
-            for reading in shared.readings
-            for name, file in shared.claimed(reading).items()
+            for reading in sorted(shared.readings)
+            for name, file in sorted(shared.claimed(reading).items())
             if file in built
         }
         found = fingerprints(root, slug, claimed)
