@@ -210,9 +210,11 @@ def _list(options) -> int:
     from marsedl.papers import SLUGS
 
     papers = [_paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
-    if not options.paper and not options.kinds:
+    if not (options.paper or options.kinds or options.size):
         return _list_papers(papers)
     project = _project(options.size)
+    if not (options.paper or options.kinds):
+        return _list_papers(papers)
     for paper in papers:
         _say(paper.slug)
         if not options.kinds:

@@ -174,7 +174,7 @@ def test_products_through_slurm_are_the_same_as_without_it(project, cluster):
         said = run.works()
         jobs = run.jobs()
     assert set(jobs.values()) == {"COMPLETED"}
-    assert len(jobs) == 7 < said.count("Finished jobid") == 12, "the design and the figures went together"
+    assert len(jobs) == 6 < said.count("Finished jobid") == 12, "designs with flights, and figures, went together"
     is_whole(folder, expected, *TARGETS)
 
 
