@@ -128,8 +128,8 @@ def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(tree, part, mod
 def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(tree):
     tree.edit(
         f"{PACKAGE}/methods/covariance_steering/fixed_point.py",
-        '    "an iterate is singular or not finite",',
-        '    "some iterate is singular or not finite",',
+        '    "diverged: an iterate is not finite",',
+        '    "diverged: some iterate is not finite",',
     )
     plan = tree.plan("all")
     assert plan.changed == {"fixed_point"}

@@ -17,7 +17,8 @@ _BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 _STATUS = (
     "converged",
     "iteration limit reached before the tolerance",
-    "an iterate is singular or not finite",
+    "diverged: an iterate is not finite",
+    "singular: a matrix of the iteration has no inverse",
 )
 
 
@@ -118,8 +119,8 @@ def _iterate(transitions, gramian, weights, gauss_seidel, relative, tolerance, m
     for iteration in range(1, maximum_iterations + 1):
         try:
             q_new, p_new = _pass(transitions, gramian, weights, gauss_seidel, q, p)
-        except Exception:  # compiled code cannot name LinAlgError
-            return q, p, iteration, change, 2
+        except Exception:  # compiled code cannot name LinAlgError, which the inverse alone raises
+            return q, p, iteration, change, 3
         q_change, q_size = _difference_and_size(q_new, q)
         p_change, p_size = _difference_and_size(p_new, p)
         change = max(q_change / q_size, p_change / p_size) if relative else max(q_change, p_change)
@@ -136,6 +137,8 @@ def _pass(transitions, gramian, weights, gauss_seidel, q, p):
     """Q(0) and P(0) after a pass; transitions: Phi, Phi' and the inverses of both; weights: at both ends."""
     forward, forward_transposed, backward, backward_transposed = transitions
     p_final = forward @ p @ forward_transposed + gramian
+    if not np.isfinite(p_final).all():  # the inverse would refuse it as if it were singular
+        return p_final, p_final
     q_final = np.linalg.inv(weights[1] - np.linalg.inv(p_final))
     q_new = backward @ (q_final + gramian) @ backward_transposed
     p_new = np.linalg.inv(weights[0] - np.linalg.inv(q_new if gauss_seidel else q))
