@@ -210,11 +210,9 @@ def _list(options) -> int:
     from marsedl.papers import SLUGS
 
     papers = [_paper(slug) for slug in ([options.paper] if options.paper else SLUGS)]
-    if not (options.paper or options.kinds or options.size):
-        return _list_papers(papers)
-    project = _project(options.size)
     if not (options.paper or options.kinds):
-        return _list_papers(papers)
+        return _list_papers(papers, options.size)
+    project = _project(options.size)
     for paper in papers:
         _say(paper.slug)
         if not options.kinds:
@@ -233,19 +231,22 @@ def _counted(items: dict) -> str:
     return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
 
 
-def _list_papers(papers) -> int:
-    """What there is of every paper, counted, without the values of any reading."""
+def _list_papers(papers, size: str | None) -> int:
+    """What there is of every paper, counted. Readings are validated only for a size: it takes longer than all else."""
     from marsedl.papers import SLUGS, input_model
-    from marsedl.replication.inputs import reading_names
+    from marsedl.replication.inputs import configured_readings
 
     root = project_root()
+    if size:
+        _project(size)  # refuses one that there is not
     for paper in papers:
+        model = input_model(paper.slug)
         items = {
-            "readings": reading_names(root / "configs" / f"{paper.slug}.yaml"),
+            "readings": configured_readings(model, root / "configs" / f"{paper.slug}.yaml"),
             "figures": paper.figures,
             "tables": [*paper.tables, *paper.summaries, "claims"],
             "stages": paper.stages,
-            "cases": input_model(paper.slug).CASES,
+            "cases": model.CASES,
             "claims": _published(root, paper.slug),
         }
         _say(f"{paper.slug}\n  {paper.title}\n  {paper.authors}\n  {_counted(items)}\n")

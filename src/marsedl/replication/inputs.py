@@ -153,10 +153,7 @@ def load_study(
         InputError: one message with file, line, key, what is wrong and the remedy.
 
     """
-    required = {"readings", "chunks"} if model.CASES else {"readings"}
-    document = read_yaml(path)
-    place = _Place(str(path), document)
-    document = _mapping(document, place, {"readings", "chunks", "sizes"}, required)
+    document, place = _configuration(model, path)
     cases = set(model.CASES)
     chunks = _mapping(document.get("chunks", {}), place / "chunks", cases, required=cases)
     for case, number in chunks.items():
@@ -183,12 +180,18 @@ def load_study(
     return Study(paper, limited, chunks, counted)
 
 
-def reading_names(path: Path) -> list[str]:
-    """Return the names of the readings of a configuration, whatever stands in them."""
+def configured_readings(model: type[Inputs], path: Path) -> list[str]:
+    """Return the names of the readings of a paper's configuration, whatever stands in them."""
+    document, place = _configuration(model, path)
+    return list(_mapping(document["readings"], place / "readings"))
+
+
+def _configuration(model: type[Inputs], path: Path) -> tuple[dict, _Place]:
+    """A paper's configuration as it is written, and its place."""
     document = read_yaml(path)
     place = _Place(str(path), document)
-    body = _mapping(document, place, {"readings", "chunks", "sizes"}, required={"readings"})
-    return list(_mapping(body["readings"], place / "readings"))
+    required = {"readings", "chunks"} if model.CASES else {"readings"}
+    return _mapping(document, place, {"readings", "chunks", "sizes"}, required), place
 
 
 def counted_inputs(study: Study) -> str:
