@@ -3,11 +3,8 @@
 # --- stages
 
 NAMES = {CHUNK: "chunks/{case}.{chunk}of{chunks}", **dict.fromkeys((FLIGHTS, GATHER), f"{FLIGHTS}.{{case}}")}
-
-
-def log_of(name):
-    """The name of a rule's log and benchmark."""
-    return NAMES.get(name, name).replace("chunks/", f"{FLIGHTS}.")
+# Of logs and benchmarks: those of chunks stand beside the others.
+LOGS = NAMES | {CHUNK: f"{FLIGHTS}.{{case}}.{{chunk}}of{{chunks}}"}
 
 
 def stage_rules(paper):

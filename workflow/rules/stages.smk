@@ -20,9 +20,9 @@ for _paper in PAPERS:
             output:
                 [temp(path) if _stage == CHUNK else path for path in _outputs],
             log:
-                f"logs/{_paper}/{{reading}}/{log_of(_name)}.log",
+                f"logs/{_paper}/{{reading}}/{LOGS.get(_name, _name)}.log",
             benchmark:
-                f"benchmarks/{_paper}/{{reading}}/{log_of(_name)}.tsv"
+                f"benchmarks/{_paper}/{{reading}}/{LOGS.get(_name, _name)}.tsv"
             wildcard_constraints:
                 reading=_readings,
                 case="|".join(flown_as(_paper, _stage)) or "(?!)",
