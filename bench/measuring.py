@@ -65,6 +65,13 @@ def run(slug):
     return Run.of(catalogue(slug), inputs_of(slug), Memory())
 
 
+def designed(slug):
+    """A run that remembers all that the gains need, and the gains."""
+    paper = run(slug)
+    paper.record("gains")
+    return paper
+
+
 def ensemble(design, case, trials):
     """A Monte Carlo case with this number of trials, flown and gathered on what a run remembers of the design."""
     return Run(design.paper, design.values, design.memory, {case: trials}).record(f"{FLIGHTS}.{case}")

@@ -15,7 +15,7 @@ from itertools import cycle
 
 import numba
 import numpy as np
-from measuring import CORES, RUN, ensemble, inputs_of, interleaved, peak_memory, run, say
+from measuring import CORES, RUN, designed, ensemble, inputs_of, interleaved, peak_memory, run, say
 
 from marsedl.methods.covariance_steering.block_program import compile_program, solve
 from marsedl.montecarlo.streams import normals
@@ -38,13 +38,6 @@ MEMORY_LIMIT = 16.0  # GB
 
 
 # --- the problems -----------------------------------------------------------------------------------------------------
-
-
-def design():
-    """A run that remembers nominal, linear model and gains."""
-    paper = run(PAPER.slug)
-    paper.record("gains")
-    return paper
 
 
 def posed_along(partition, control, states):
@@ -321,12 +314,12 @@ def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
     say("random_field: design")
-    paper = design()
+    paper = designed(PAPER.slug)
     flown, linear, made = (paper.record(name) for name in ("nominal", "linearization", "gains"))
     cpu = []
     for _ in range(3):
         start = time.process_time()
-        design()
+        designed(PAPER.slug)
         cpu.append(time.process_time() - start)
     row("nominal, linear model and laws of three iterations, compiled", statistics.median(cpu), "CPU s")
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numba
 import numpy as np
-from measuring import CORES, ensemble, inputs_of, interleaved, measure_ensembles, run, say, tell_ensemble
+from measuring import CORES, designed, ensemble, inputs_of, interleaved, measure_ensembles, say, tell_ensemble
 
 from marsedl.methods.covariance_steering.lqg_dual import solve, solve_over_weights
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
@@ -36,13 +36,6 @@ CASES = ("apollo_velocity", "stochastic_velocity")
 
 
 # --- the problem ------------------------------------------------------------------------------------------------------
-
-
-def design():
-    """A run that remembers nominal, linear model and gains."""
-    paper = run(PAPER.slug)
-    paper.record("gains")
-    return paper
 
 
 def problem(made, case, trials):
@@ -194,7 +187,7 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
 def ensemble_in_this_process(trials):
     """Fly and gather this number of trials under each law; prints seconds and peak memory (MB) as JSON."""
     numba.set_num_threads(1)
-    made = design()
+    made = designed(PAPER.slug)
     ensemble(made, CASES[0], 100)  # loads the compiled code
 
     def fly():
@@ -255,11 +248,11 @@ def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
     say("stochastic_entry: design")
-    made = design()
+    made = designed(PAPER.slug)
     cpu = []
     for _ in range(3):
         start = time.process_time()
-        design()
+        designed(PAPER.slug)
         cpu.append(time.process_time() - start)
     row("nominal, linear model and gains, compiled", statistics.median(cpu), "CPU s")
     for case in CASES:
