@@ -17,6 +17,11 @@ case "$*" in *venv*) mkdir -p .venv/bin && cp "$0" .venv/bin/python;; esac
 """  # of uv, and of a Python with pip: says what it was asked for, and makes an environment of itself
 
 
+def without_make():
+    """The environment without what `make test` adds, by which another make would say where it is."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+
+
 @pytest.mark.parametrize("installer", ["uv", "pip"])
 def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, installer):
     tools = tmp_path / "tools"
@@ -29,8 +34,7 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
     for name in ("Makefile", "requirements.lock", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path / name)
     command = ["make", "environment", "PYTHON=python-of-mine"]
-    # `make test` runs this, too: another make would say where it is.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    environment = without_make()
     environment["PATH"] = str(tools)
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     announced = [line for line in done.stdout.splitlines() if not line.startswith(("uv ", "python"))]
@@ -47,8 +51,7 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
 
 
 def test_quick_selects_the_tests_that_compute_no_stage():
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
-    asked = {"cwd": ROOT, "env": environment, "capture_output": True, "text": True, "check": True}
+    asked = {"cwd": ROOT, "env": without_make(), "capture_output": True, "text": True, "check": True}
     shown = subprocess.run(["make", "-n", "quick"], **asked)
     (selection,) = re.findall(r'pytest .* -m "(.+)"', shown.stdout)
     files = ["tests/test_makefile.py", "tests/workflow/test_reruns.py", "tests/papers/test_powered_descent_design.py"]
