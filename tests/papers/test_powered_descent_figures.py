@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from marsedl.montecarlo.statistics import variance_sampling_band
 from marsedl.papers import catalogue
-from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREY, ORANGE, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
 OVER_TIME = ("fig01", "fig04", "fig05", "fig06a", "fig06b", "fig07")
@@ -46,13 +46,15 @@ def curves(axes, color=None):
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 @pytest.mark.parametrize("stem", PAPER.figures)
-def test_every_figure_draws(draw, stem, reading):
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
     figure = draw(stem, reading)
     assert isinstance(figure, Figure)
     for axes in figure.axes:
         assert axes.has_data()
         assert axes.get_xlabel() or axes not in figure.axes[-1:]
-    figure.draw_without_rendering()  # the build writes each one
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
 
 
 @pytest.mark.parametrize("stem", OVER_TIME)

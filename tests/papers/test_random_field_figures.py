@@ -19,7 +19,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import certificates, environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence, FieldStudy, Regularization
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
 SKETCHES = ("fig06", "fig07", "fig08")
@@ -97,14 +97,16 @@ def arrows(axes):
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 @pytest.mark.parametrize("stem", FIRST_FIGURES)
-def test_every_figure_draws(draw, stem, reading):
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
     figure = draw(stem, reading)
     assert isinstance(figure, Figure)
     for axes in figure.axes:
         assert axes.get_title() or axes.lines or axes.patches or axes.texts
     for labelled in (Axes.get_xlabel, Axes.get_ylabel):
         assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
-    figure.draw_without_rendering()  # the build writes each one
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
 
 
 @pytest.mark.parametrize("stem", FIRST_FIGURES)

@@ -13,7 +13,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
 from marsedl.papers.stochastic_entry import dispersions, environment, figures, records
 from marsedl.papers.stochastic_entry.records import errors
-from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, save_figure
 
 DRAWN = 12  # trials, see the fixtures
 SKETCHES = ("fig01", "fig03")
@@ -68,14 +68,16 @@ def at_whole_second(nominal, name, second, substeps=20):
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 @pytest.mark.parametrize("stem", PAPER.figures)
-def test_every_figure_draws(draw, stem, reading):
+def test_every_figure_draws_and_can_be_written(draw, tmp_path, stem, reading):
     figure = draw(stem, reading)
     assert isinstance(figure, Figure)
     for axes in figure.axes:
         assert axes.get_title() or axes.lines or axes.patches
     for labelled in (Axes.get_xlabel, Axes.get_ylabel):
         assert stem in SKETCHES or any(labelled(axes) for axes in figure.axes)
-    figure.draw_without_rendering()  # the build writes each one
+    save_figure(figure, tmp_path / "figure.png", tmp_path / "figure.pdf")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "figure.pdf").stat().st_size > 5_000
 
 
 def test_stems_are_those_of_the_paper_and_five_beyond():
