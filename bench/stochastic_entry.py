@@ -43,7 +43,7 @@ def problem(made, case, trials):
     i = inputs_of(PAPER.slug)
     plant = flight.plant_of(i.planet, i.air, i.vehicle, i.mission, i.guidance)
     law = gains.law(i.guidance, made.record("linearization"), made.record("gains"), case)
-    vehicles = flight.vehicles(plant.dispersions, i.simulation.seed, np.arange(trials))
+    vehicles = flight.vehicles_of(plant.dispersions, i.simulation.seed, np.arange(trials))
     trigger, end_time = montecarlo.end_of(i.mission, made.record("nominal"), case)
     options = {"trigger": trigger, "end_time": end_time}
     options |= {"substeps": i.simulation.flight_substeps, "seed": i.simulation.seed}
