@@ -37,7 +37,7 @@ def fly_numpy(constants, cells, flown, gain, states, substeps):
         density = np.exp(c0 + x * (c1 + x * (c2 + x * c3)))
         planet = c["gravitational_parameter"], c["planet_radius"]
         vehicle = c["ballistic_coefficient"], c["lift_to_drag"]
-        return np.array(velocity_component_entry_rates(*state, control, density, *vehicle, *planet))
+        return np.array(velocity_component_entry_rates(state, control, density, vehicle, planet))
 
     def both(pair, held):
         trial, beside = pair

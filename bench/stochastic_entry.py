@@ -88,9 +88,9 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
         sine, cosine, drag_factor, lift_factor = vehicle
         return np.array(
             entry_rates_from_sines(
-                *(radius, velocity, np.sin(latitude), np.cos(latitude), np.sin(path), np.cos(path)),
-                *(np.sin(azimuth), np.cos(azimuth), sine, cosine, densities(radius, trial), drag_factor, lift_factor),
-                *(c.gravitational_parameter, c.rotation_rate, c.heading_sign),
+                *(radius, velocity, (np.sin(latitude), np.cos(latitude)), (np.sin(path), np.cos(path))),
+                *((np.sin(azimuth), np.cos(azimuth)), (sine, cosine), densities(radius, trial)),
+                *((drag_factor, lift_factor), (c.gravitational_parameter, c.rotation_rate), c.heading_sign),
             )
         )
 
