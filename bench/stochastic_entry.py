@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 from measuring import CORES, designed, ensemble, inputs_of, interleaved, measure_ensembles, say, tell_ensemble
+from scipy.optimize import elementwise
 
 from marsedl.methods.covariance_steering.lqg_dual import solve, solve_over_weights
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
@@ -88,9 +89,9 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
         sine, cosine, drag_factor, lift_factor = vehicle
         return np.array(
             entry_rates_from_sines(
-                *(radius, velocity, np.sin(latitude), np.cos(latitude), np.sin(path), np.cos(path)),
-                *(np.sin(azimuth), np.cos(azimuth), sine, cosine, densities(radius, trial), drag_factor, lift_factor),
-                *(c.gravitational_parameter, c.rotation_rate, c.heading_sign),
+                *(radius, velocity, (np.sin(latitude), np.cos(latitude)), (np.sin(path), np.cos(path))),
+                *((np.sin(azimuth), np.cos(azimuth)), (sine, cosine), densities(radius, trial)),
+                *((drag_factor, lift_factor), (c.gravitational_parameter, c.rotation_rate), c.heading_sign),
             )
         )
 
@@ -169,15 +170,17 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
             break
 
     trial, before, vehicle, start, reversals = (np.concatenate(part, axis=-1) for part in zip(*ended, strict=True))
-    lower, upper = np.zeros(len(trial)), np.full(len(trial), step)
-    for _ in range(flight.HALVINGS):
-        middle = 0.5 * (lower + upper)
-        fast = advanced(before, middle, trial, vehicle)[flight.SPEED] > c.end_velocity
-        lower, upper = np.where(fast, middle, lower), np.where(fast, upper, middle)
-    feature, _, crossrange = features(advanced(before, upper, trial, vehicle), trial, vehicle[2])
+
+    def excess(part, place):
+        ahead = advanced(before[:, place], part, trial[place], vehicle[:, place])
+        return ahead[flight.SPEED] - c.end_velocity
+
+    ends = np.zeros(len(trial)), np.full(len(trial), step)
+    part = elementwise.find_root(excess, ends, args=(np.arange(len(trial)),)).x
+    feature, _, crossrange = features(advanced(before, part, trial, vehicle), trial, vehicle[2])
     final[:5, trial], final[5, trial] = feature[:5], c.planet_radius * crossrange
     final[0, trial] -= c.planet_radius
-    final[flight.END_TIME, trial], final[flight.REVERSALS, trial] = start + upper, reversals
+    final[flight.END_TIME, trial], final[flight.REVERSALS, trial] = start + part, reversals
     return history, final
 
 

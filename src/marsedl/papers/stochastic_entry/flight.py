@@ -72,7 +72,8 @@ STEERED = 8
 NOMINAL, BY_VELOCITY, BY_TIME = range(3)
 
 HEADING_FORMS = {"corrected": CORRECTED, "sign_only": SIGN_ONLY, "printed": PRINTED}
-HALVINGS = 44  # of the last step, to find the trigger: the velocity is then met to rounding
+TRIGGER_TOLERANCE = 1e-11  # m/s, by which the velocity may miss the trigger at the end of a flight
+TRIGGER_ITERATIONS = 60  # more than the few that a smooth flight needs
 
 _NUMBERS = (
     *("gravitational_parameter", "rotation_rate", "planet_radius", "target_longitude", "sin_target_latitude"),
@@ -296,17 +297,30 @@ def _step_lane(step, lane, start, parameters, end):
 
 @njit(error_model="numpy")
 def _to_trigger(step, lane, start, parameters, end_velocity, end):
-    """Fly the part of a step after which the velocity is the trigger's; returns it. start, end: (6,)."""
+    """Fly the part of a step after which the velocity is the trigger's; returns it. start, end: (6,), end filled.
+
+    Regula falsi between both ends of the step, where an end that is kept twice counts half (Illinois, Dowell and
+    Jarratt 1971). end holds the state at the end of the whole step before.
+    """
     lower, upper = 0.0, step
-    for _ in range(HALVINGS):
-        middle = 0.5 * (lower + upper)
-        _step_lane(middle, lane, start, parameters, end)
-        if end[SPEED] > end_velocity:
-            lower = middle
+    above, below = start[SPEED] - end_velocity, end[SPEED] - end_velocity
+    part, kept = upper, 0
+    if above <= 0.0:  # it began below the trigger
+        _step_lane(0.0, lane, start, parameters, end)
+        return 0.0
+    for _ in range(TRIGGER_ITERATIONS):
+        part = (lower * below - upper * above) / (below - above)
+        _step_lane(part, lane, start, parameters, end)
+        excess = end[SPEED] - end_velocity
+        if abs(excess) <= TRIGGER_TOLERANCE:
+            break
+        if excess > 0.0:
+            below = 0.5 * below if kept > 0 else below
+            lower, above, kept = part, excess, 1
         else:
-            upper = middle
-    _step_lane(upper, lane, start, parameters, end)
-    return upper
+            above = 0.5 * above if kept < 0 else above
+            upper, below, kept = part, excess, -1
+    return part
 
 
 @inline_njit
@@ -545,7 +559,7 @@ def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, firs
             for lane in range(LANES):
                 if state[SPEED, lane] <= constants.end_velocity and steering[FLYING, lane] > 0.0:
                     for row in range(STATES):
-                        start[row] = before[row, lane]
+                        start[row], end[row] = before[row, lane], state[row, lane]
                     part = _to_trigger(step, lane, start, parameters, constants.end_velocity, end)
                     final[END_TIME, lane] = time + substep * step + part
                     for row in range(STATES):
