@@ -182,7 +182,7 @@ def log_retention(altitudes, decay):
 
 
 def retention(altitudes, decay):
-    """Correlation of the process at each node with the node above, (n - 1,); arguments and errors as `log_retention`."""
+    """Correlation of the process at each node with the one above, (n - 1,); arguments and errors as `log_retention`."""
     return np.exp(log_retention(altitudes, decay))
 
 

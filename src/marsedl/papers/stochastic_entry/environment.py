@@ -57,7 +57,5 @@ def atmosphere(air: Air) -> Atmosphere:
         altitude=altitude,
         log_density=np.ascontiguousarray(log_density),
         deviation=np.sqrt(variance(air, altitude)),
-        log_retention=density_variation.log_retention(
-            altitude, density_variation.decay_rate(-slope, air.decay_factor)
-        ),
+        log_retention=density_variation.log_retention(altitude, density_variation.decay_rate(-slope, air.decay_factor)),
     )
