@@ -85,6 +85,23 @@ def compare_derivatives(row, solver, name, declared, guess, weight):
     row(f"{name}: speed of expanded over not expanded", times["exact, not expanded"] / best, "ratio")
 
 
+def problem(found):
+    """Air, nominal and gains of flights, as `flight.fly` takes them, and the function of the initial states."""
+    i = inputs_of(PAPER.slug)
+    law = Law(found.time, found.state, found.bank_acceleration)
+    posed = (
+        *environment.surroundings(i.planet, i.vehicle),
+        reference(law),
+        gain_vector(i.planet, i.design, SCALED_GAIN),
+    )
+
+    def starts(trials):
+        errors = normals(i.ensemble.seed, 0, range(trials), 3) * 50.0
+        return environment.displaced(i.planet, found.state[0], errors)
+
+    return posed, starts
+
+
 def compare_with_array_code(row, posed, states, substeps):
     """Agreement of both, then their times."""
     constants, cells, flown, gain = posed
@@ -98,8 +115,9 @@ def compare_with_array_code(row, posed, states, substeps):
         ),
         3,
     )
-    row(f"kernel, {TRIALS:,} flights with feedback and outputs", 1e6 * compiled / TRIALS, "us per trial")
-    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
+    label = f"{TRIALS:,} flights with feedback and outputs"
+    row(f"kernel, {label}", 1e6 * compiled / TRIALS, "us per trial")
+    row(f"array code, {label}", 1e6 * array / TRIALS, "us per trial")
     row("speed of the kernel over array code", array / compiled, "ratio")
 
 
@@ -136,15 +154,7 @@ def measure(row):
     row("a solve on it", seconds / path.solves, "CPU s")
 
     say("desensitized: kernel against array code")
-    substeps, seed = inputs.simulation.substeps, inputs.ensemble.seed
-    law = Law(found.time, found.state, found.bank_acceleration)
-    gain = gain_vector(planet, design, SCALED_GAIN)
-    posed = (*environment.surroundings(planet, vehicle), reference(law), gain)
-
-    def starts(trials):
-        errors = normals(seed, 0, range(trials), 3) * 50.0
-        return environment.displaced(planet, found.state[0], errors)
-
+    substeps, (posed, starts) = inputs.simulation.substeps, problem(found)
     compare_with_array_code(row, posed, starts(TRIALS), substeps)
 
     say("desensitized: scaling with threads")

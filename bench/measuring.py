@@ -11,6 +11,8 @@ import time
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.catalogue import FLIGHTS
 from marsedl.replication.graph import Memory, Run
@@ -22,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RUN = Path(__file__).with_name("run.py")
 CORES = len(os.sched_getaffinity(0))
 REPETITIONS = 7
+C_REPETITIONS = 25  # they differ by little
 
 
 class Rows:
@@ -93,6 +96,24 @@ def interleaved(functions, repetitions=REPETITIONS):
             function()
             taken.append(time.perf_counter() - start)
     return [statistics.median(taken) for taken in times]
+
+
+def same_bits(mine, theirs):
+    """Raise AssertionError unless `Trajectories` have the same bits in all outputs up to the ends of the trials."""
+    np.testing.assert_array_equal(mine.length, theirs.length)
+    flying = np.arange(len(theirs.history))[:, np.newaxis, np.newaxis] < theirs.length
+    for name in ("history", "observed", "observed_maximum", "final_state"):
+        of_both = [getattr(flown, name) for flown in (mine, theirs)]
+        if of_both[0].ndim == 3:
+            of_both = [np.where(flying, table, 0.0) for table in of_both]
+        np.testing.assert_array_equal(*of_both, err_msg=name)
+
+
+def against_c(row, kernel, in_c, label, trials, at_least):
+    """Rows for the same flights in strict C: its time, and the speed of the kernel over it."""
+    taken, theirs = interleaved((kernel, in_c), C_REPETITIONS)
+    row(f"strict C, {label}", 1e6 * theirs / trials, "us per trial")
+    row(f"speed of the kernel over strict C, {label}", theirs / taken, "ratio", at_least=at_least)
 
 
 def children_cpu(tree, target):

@@ -1,18 +1,22 @@
-"""The powered descent: kernel against array code and adaptive integration, scaling, ensembles, design."""
+"""The powered descent: kernel against strict C, array code and adaptive integration, scaling, ensembles, design."""
 
+import ctypes
 import statistics
 import time
 
+import compiled
 import numba
 import numpy as np
 from measuring import (
     CORES,
     REPETITIONS,
+    against_c,
     ensemble,
     inputs_of,
     interleaved,
     measure_ensembles,
     run,
+    same_bits,
     say,
     sections,
     tell_ensemble,
@@ -20,6 +24,7 @@ from measuring import (
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from marsedl.montecarlo.ensembles import new_trajectories, output_count
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import PAPER, flight, nominal, segments
 
@@ -140,6 +145,35 @@ def fly_adaptive(schedules, plant, state, draws):
     return state
 
 
+# --- the same flight in C ---------------------------------------------------------------------------------------------
+
+_SEGMENT = compiled.structure(
+    "Segment",
+    **dict.fromkeys(("gain", "mean", "feedforward"), ctypes.c_void_p),
+    **dict.fromkeys(("gravity", "mass_flow", "noise_density", "step"), ctypes.c_double),
+    **dict.fromkeys(("steps", "every", "trials", "first_increment"), ctypes.c_int64),
+    **dict.fromkeys(("seed", "stream", "first_trial"), ctypes.c_uint64),
+)
+
+
+def fly_c(library, schedules, plant, initial_states, draws, *, steps_per_output):
+    """`flight.fly` in C, without outcomes."""
+    counts = [output_count(s.steps, n) for s, n in zip(schedules, steps_per_output, strict=True)]
+    flown = new_trajectories(initial_states.T, sum(counts), flight.OBSERVED)
+    trials, output, increment = flown.final_state.shape[1], 0, 0
+    for control, every, count in zip(schedules, steps_per_output, counts, strict=True):
+        segment = _SEGMENT(
+            *map(compiled.pointer, (control.gain, control.mean, control.feedforward)),
+            *(*plant, control.step, control.steps, every, trials, increment),
+            *(draws.seed, flight.NOISE_STREAM, draws.first_trial),
+        )
+        stored = flown.history[output : output + count], flown.observed[output : output + count]
+        arrays = (flown.final_state, *stored, flown.observed_maximum)
+        library.fly_segment(ctypes.byref(segment), *map(compiled.pointer, arrays))
+        output, increment = output + count, increment + control.steps
+    return flown.first(len(initial_states))
+
+
 # --- measuring --------------------------------------------------------------------------------------------------------
 
 
@@ -156,6 +190,57 @@ def ensemble_in_this_process(trials):
     tell_ensemble(fly, trials)
 
 
+def compare_flights(row, gains):
+    """Agreement of the kernel with C, array code and adaptive integration, then their times."""
+    posed, every = problem(gains, TRIALS)
+    schedules, plant, states, (seed, *_) = posed
+
+    def kernel():
+        return flight.fly(*posed, steps_per_output=every)
+
+    say("powered_descent: kernel, C, array code and adaptive integration agree")
+    steps = sum(schedule.steps for schedule in schedules)
+    draws = normals(seed, flight.NOISE_STREAM, np.arange(TRIALS), 2 * steps).reshape(TRIALS, steps, 2)
+    replayed = iter(np.ascontiguousarray(draws.transpose(1, 2, 0)))
+    expected = kernel()
+    if library := compiled.library("powered_descent"):
+        same_bits(fly_c(library, *posed, steps_per_output=every), expected)
+    found = fly_numpy(schedules, plant, every, states, lambda out: np.copyto(out, next(replayed)))
+    pairs = zip(
+        found, (expected.history, expected.observed, expected.observed_maximum, expected.final_state), strict=True
+    )
+    for mine, theirs in pairs:
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
+    adaptive = [fly_adaptive(schedules, plant, states[trial], draws[trial]) for trial in range(ADAPTIVE_TRIALS)]
+    np.testing.assert_allclose(
+        adaptive, expected.final_state.T[:ADAPTIVE_TRIALS], atol=0.3
+    )  # its error control is loose
+
+    label = f"{TRIALS:,} trials with outputs"
+    if library:
+        say("powered_descent: kernel against strict C")
+        against_c(row, kernel, lambda: fly_c(library, *posed, steps_per_output=every), label, TRIALS, at_least=0.88)
+    say("powered_descent: kernel against array code")
+    generator = np.random.Generator(np.random.Philox(seed))
+    taken, array = interleaved(
+        (kernel, lambda: fly_numpy(schedules, plant, every, states, lambda out: generator.standard_normal(out=out)))
+    )
+    row(f"kernel, {label}", 1e6 * taken / TRIALS, "us per trial")
+    row(f"array code, {label}", 1e6 * array / TRIALS, "us per trial")
+    row("speed of the kernel over array code", array / taken, "ratio", at_least=3.0)
+
+    say("powered_descent: kernel against adaptive integration")
+
+    def each_adaptive():
+        for trial in range(ADAPTIVE_TRIALS):
+            fly_adaptive(schedules, plant, states[trial], draws[trial])
+
+    taken, adaptive = interleaved((kernel, each_adaptive), 3)
+    row("adaptive integration (scipy, RK45, 1e-6)", 1e6 * adaptive / ADAPTIVE_TRIALS, "us per trial")
+    ratio = (adaptive / ADAPTIVE_TRIALS) / (taken / TRIALS)
+    row("speed of the kernel over adaptive integration", ratio, "ratio", at_least=100.0)
+
+
 def measure(row):
     """Measure everything of this paper; row: of `measuring.Rows`."""
     numba.set_num_threads(1)
@@ -168,47 +253,7 @@ def measure(row):
         cpu.append(time.process_time() - start)
     row("design with mass iteration, compiled", statistics.median(cpu), "CPU s", below=1.0)
 
-    posed, every = problem(gains, TRIALS)
-    schedules, plant, states, (seed, *_) = posed
-
-    def kernel():
-        return flight.fly(*posed, steps_per_output=every)
-
-    say("powered_descent: kernel, array code and adaptive integration agree")
-    steps = sum(schedule.steps for schedule in schedules)
-    draws = normals(seed, flight.NOISE_STREAM, np.arange(TRIALS), 2 * steps).reshape(TRIALS, steps, 2)
-    replayed = iter(np.ascontiguousarray(draws.transpose(1, 2, 0)))
-    expected = kernel()
-    found = fly_numpy(schedules, plant, every, states, lambda out: np.copyto(out, next(replayed)))
-    pairs = zip(
-        found, (expected.history, expected.observed, expected.observed_maximum, expected.final_state), strict=True
-    )
-    for mine, theirs in pairs:
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
-    adaptive = [fly_adaptive(schedules, plant, states[trial], draws[trial]) for trial in range(ADAPTIVE_TRIALS)]
-    np.testing.assert_allclose(
-        adaptive, expected.final_state.T[:ADAPTIVE_TRIALS], atol=0.3
-    )  # its error control is loose
-
-    say("powered_descent: kernel against array code")
-    generator = np.random.Generator(np.random.Philox(seed))
-    compiled, array = interleaved(
-        (kernel, lambda: fly_numpy(schedules, plant, every, states, lambda out: generator.standard_normal(out=out)))
-    )
-    row("kernel, 2,000 trials with outputs", 1e6 * compiled / TRIALS, "us per trial")
-    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
-    row("speed of the kernel over array code", array / compiled, "ratio", at_least=3.0)
-
-    say("powered_descent: kernel against adaptive integration")
-
-    def each_adaptive():
-        for trial in range(ADAPTIVE_TRIALS):
-            fly_adaptive(schedules, plant, states[trial], draws[trial])
-
-    compiled, adaptive = interleaved((kernel, each_adaptive), 3)
-    row("adaptive integration (scipy, RK45, 1e-6)", 1e6 * adaptive / ADAPTIVE_TRIALS, "us per trial")
-    ratio = (adaptive / ADAPTIVE_TRIALS) / (compiled / TRIALS)
-    row("speed of the kernel over adaptive integration", ratio, "ratio", at_least=100.0)
+    compare_flights(row, gains)
 
     say("powered_descent: scaling with threads")
     posed, _ = problem(gains, SCALING_TRIALS)
@@ -216,7 +261,7 @@ def measure(row):
     def with_threads(number):
         def fly():
             numba.set_num_threads(number)
-            flight.fly(*posed, steps_per_output=[schedule.steps for schedule in schedules])
+            flight.fly(*posed, steps_per_output=[schedule.steps for schedule in posed[0]])
 
         return fly
 

@@ -304,9 +304,10 @@ def compare_with_array_code(row, flown, made):
     def array_code():
         fly_numpy(*posed, density_variations(air, lambda number: generator.standard_normal(TRIALS)), **steps)
 
+    label = f"{TRIALS:,} flights of the last law with outputs"
     compiled, array = interleaved((lambda: flight.fly(*posed, **options), array_code), 5)
-    row(f"kernel, {TRIALS:,} flights of the last law with outputs", 1e6 * compiled / TRIALS, "us per trial")
-    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
+    row(f"kernel, {label}", 1e6 * compiled / TRIALS, "us per trial")
+    row(f"array code, {label}", 1e6 * array / TRIALS, "us per trial")
     row("speed of the kernel over array code", array / compiled, "ratio", at_least=3.0)
 
 

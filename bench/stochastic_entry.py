@@ -1,12 +1,26 @@
-"""The entry: flight kernel against array code, all cells at full size, the dual against the search over weights."""
+"""The entry: flight kernel against strict C and array code, all cells at full size, the dual against a search."""
 
+import ctypes
 import statistics
 import time
 from types import SimpleNamespace
 
+import compiled
 import numba
 import numpy as np
-from measuring import CORES, designed, ensemble, inputs_of, interleaved, measure_ensembles, say, tell_ensemble
+from measuring import (
+    CORES,
+    against_c,
+    designed,
+    ensemble,
+    inputs_of,
+    interleaved,
+    measure_ensembles,
+    same_bits,
+    say,
+    tell_ensemble,
+)
+from scipy.optimize import elementwise
 
 from marsedl.methods.covariance_steering.lqg_dual import solve, solve_over_weights
 from marsedl.methods.guidance.bank_profile import ramped_bank_cosine
@@ -20,6 +34,8 @@ from marsedl.methods.guidance.lateral import (
 from marsedl.methods.guidance.targeting import targeting_from_sines
 from marsedl.models.density_variation import density_factor
 from marsedl.models.dynamics.entry import entry_rates_from_sines
+from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
+from marsedl.montecarlo.lanes import LANES
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.stochastic_entry import PAPER, flight, gains, montecarlo
 from marsedl.papers.stochastic_entry.inputs import MODEL
@@ -169,16 +185,59 @@ def fly_numpy(settings, air, law, vehicles, factor, *, cycles, substeps):
             break
 
     trial, before, vehicle, start, reversals = (np.concatenate(part, axis=-1) for part in zip(*ended, strict=True))
-    lower, upper = np.zeros(len(trial)), np.full(len(trial), step)
-    for _ in range(flight.HALVINGS):
-        middle = 0.5 * (lower + upper)
-        fast = advanced(before, middle, trial, vehicle)[flight.SPEED] > c.end_velocity
-        lower, upper = np.where(fast, middle, lower), np.where(fast, upper, middle)
-    feature, _, crossrange = features(advanced(before, upper, trial, vehicle), trial, vehicle[2])
+
+    def excess(part, place):
+        ahead = advanced(before[:, place], part, trial[place], vehicle[:, place])
+        return ahead[flight.SPEED] - c.end_velocity
+
+    ends = np.zeros(len(trial)), np.full(len(trial), step)
+    part = elementwise.find_root(excess, ends, args=(np.arange(len(trial)),)).x
+    feature, _, crossrange = features(advanced(before, part, trial, vehicle), trial, vehicle[2])
     final[:5, trial], final[5, trial] = feature[:5], c.planet_radius * crossrange
     final[0, trial] -= c.planet_radius
-    final[flight.END_TIME, trial], final[flight.REVERSALS, trial] = start + upper, reversals
+    final[flight.END_TIME, trial], final[flight.REVERSALS, trial] = start + part, reversals
     return history, final
+
+
+# --- the same flight in C ---------------------------------------------------------------------------------------------
+
+_PROBLEM = compiled.structure(
+    "Problem",
+    **dict.fromkeys(("settings", "log_density", "log_step", "deviation", "log_retention"), ctypes.c_void_p),
+    **dict.fromkeys(("table", "gain", "reference", "bank_cosine"), ctypes.c_void_p),
+    **dict.fromkeys(("entry_state", "drag_factor", "lift_factor"), ctypes.c_void_p),
+    **dict.fromkeys(("least_drag", "end_time"), ctypes.c_double),
+    **dict.fromkeys(("nodes", "kind", "rows", "velocity_trigger", "cycles", "substeps", "trials"), ctypes.c_int64),
+    **dict.fromkeys(("seed", "stream", "first_trial"), ctypes.c_uint64),
+)
+
+
+def fly_c(library, settings, air, law, vehicles, *, trigger, end_time, substeps, seed):
+    """`flight.fly` in C, with the states of every guidance period and without outcomes."""
+    cycles, trials = round(end_time / settings["period"][0]), len(vehicles.drag_factor)
+    cycles += cycles * settings["period"][0] < end_time
+    velocity_trigger = trigger == "velocity"
+    tables = (air.log_density, np.append(np.diff(air.log_density), 0.0), air.deviation, air.log_retention)
+    flown = [pad_to_groups(part) for part in (vehicles.entry_state.T, vehicles.drag_factor, vehicles.lift_factor)]
+    padded, times = flown[0].shape[1], cycles + (not velocity_trigger)
+    arrays = [np.array(part) for part in (settings, *tables, *law[1:5])] + flown
+    problem = _PROBLEM(
+        *map(compiled.pointer, arrays),
+        *(law.least_drag, end_time, len(air.altitude), law.kind, len(law.gain), velocity_trigger, cycles),
+        *(substeps, padded, seed, flight.DENSITY_STREAM, 0),
+    )
+    stored = Trajectories(
+        history=np.empty((times, flight.HISTORY, padded)),
+        observed=np.empty((times, flight.OBSERVED, padded)),
+        observed_maximum=np.zeros((flight.OBSERVED, padded)),
+        final_state=np.empty((flight.FINAL, padded)),
+        outcome=np.zeros(padded, np.int8),
+        length=np.empty(padded, np.int64),
+    )
+    outputs = stored.history, stored.observed, stored.observed_maximum, stored.length, stored.final_state
+    scratch = np.empty((len(air.altitude), LANES))
+    library.fly(ctypes.byref(problem), *map(compiled.pointer, (*outputs, scratch)))
+    return stored.first(trials)
 
 
 # --- measuring --------------------------------------------------------------------------------------------------------
@@ -198,8 +257,8 @@ def ensemble_in_this_process(trials):
     tell_ensemble(fly, len(CASES) * trials)
 
 
-def compare_with_array_code(row, made, case):
-    """Agreement of both, then their times with the drawing of all random numbers of the density."""
+def compare_flights(row, made, case):
+    """Agreement of the kernel with C and array code, then their times, which include all random numbers."""
     posed, options = problem(made, case, TRIALS)
     seed, substeps = options["seed"], options["substeps"]
     air, nodes = posed[1], len(posed[1].altitude)
@@ -208,7 +267,9 @@ def compare_with_array_code(row, made, case):
     def kernel():
         return flight.fly(*posed, **options)
 
-    expected = kernel()
+    label, expected = f"{TRIALS:,} flights of {case} with outputs", kernel()
+    if library := compiled.library("stochastic_entry"):
+        same_bits(fly_c(library, *posed, **options), expected)
     draws = normals(seed, flight.DENSITY_STREAM, np.arange(TRIALS), nodes).T.copy()
     factor = density_factors(air, TRIALS, lambda number: draws[number])
     history, final = fly_numpy(*posed, factor, cycles=cycles, substeps=substeps)
@@ -223,10 +284,12 @@ def compare_with_array_code(row, made, case):
         factor = density_factors(air, TRIALS, lambda number: generator.standard_normal(TRIALS))
         fly_numpy(*posed, factor, cycles=cycles, substeps=substeps)
 
-    compiled, array = interleaved((kernel, array_code), 5)
-    row(f"kernel, {TRIALS:,} flights of {case} with outputs", 1e6 * compiled / TRIALS, "us per trial")
-    row("array code, the same", 1e6 * array / TRIALS, "us per trial")
-    row(f"speed of the kernel over array code, {case}", array / compiled, "ratio", at_least=3.0)
+    if library:
+        against_c(row, kernel, lambda: fly_c(library, *posed, **options), label, TRIALS, at_least=0.95)
+    taken, array = interleaved((kernel, array_code), 5)
+    row(f"kernel, {label}", 1e6 * taken / TRIALS, "us per trial")
+    row(f"array code, {label}", 1e6 * array / TRIALS, "us per trial")
+    row(f"speed of the kernel over array code, {case}", array / taken, "ratio", at_least=3.0)
 
 
 def compare_with_search(row, linear):
@@ -256,8 +319,8 @@ def measure(row):
         cpu.append(time.process_time() - start)
     row("nominal, linear model and gains, compiled", statistics.median(cpu), "CPU s")
     for case in CASES:
-        say(f"stochastic_entry: kernel against array code, {case}")
-        compare_with_array_code(row, made, case)
+        say(f"stochastic_entry: kernel against C and array code, {case}")
+        compare_flights(row, made, case)
 
     say("stochastic_entry: dual against search")
     compare_with_search(row, made.record("linearization"))

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from numba import njit
 
-from marsedl.montecarlo.elementary import exponential, logarithm, sine_cosine, sine_cosine_of_turn
+from marsedl.montecarlo.elementary import (
+    arc_cosine,
+    arctangent,
+    exponential,
+    logarithm,
+    sine_cosine,
+    sine_cosine_of_turn,
+)
 from marsedl.montecarlo.lanes import LANES
 
 DIGITS = 50
@@ -42,6 +49,21 @@ def sines_and_cosines_of_turns(bits, sines, cosines):
             sines[group, lane], cosines[group, lane] = sine_cosine_of_turn(bits[group, lane])
 
 
+@njit(error_model="numpy")
+def arctangents(y, out):
+    """Of every point with the one behind it as x."""
+    for group in range(y.shape[0]):
+        for lane in range(LANES):
+            out[group, lane] = arctangent(y[group, lane], y[group, LANES - 1 - lane])
+
+
+@njit(error_model="numpy")
+def arc_cosines(x, out):
+    for group in range(x.shape[0]):
+        for lane in range(LANES):
+            out[group, lane] = arc_cosine(x[group, lane])
+
+
 def evaluated(kernel, x, results=1):
     """Values of a kernel, (results, x.size)."""
     padded = np.resize(x, (-(-x.size // LANES), LANES))
@@ -63,6 +85,15 @@ def exact_sine_cosine(angle):
             order += 2
     sine, cosine = values
     return ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[quarter % 4]
+
+
+def exact_arctangent(y, x):
+    """Angle of (x, y) as a Decimal: a double near it, corrected by the sine of what is left."""
+    angle = Decimal(float(np.arctan2(float(y), float(x))))
+    for _ in range(3):
+        sine, cosine = exact_sine_cosine(angle)
+        angle += (y * cosine - x * sine) / (x * cosine + y * sine)
+    return angle
 
 
 def errors_in_ulp(values, exact):
@@ -144,10 +175,48 @@ def test_sine_and_cosine_of_a_turn_are_accurate():
             np.testing.assert_allclose(values[:9], np.array(expected[:9], float), rtol=3e-16, atol=0)
 
 
+def points():
+    """(y, x): all directions, near the axes, and at the changes between the reduced arguments, at several scales."""
+    rng = np.random.default_rng(5)
+    angles = rng.uniform(-np.pi, np.pi, 1500)
+    ratios = np.concatenate([np.array([7, 11, 19, 39]) / 16 * (1 + k * 2.0**-52) for k in range(-3, 4)])
+    y = np.concatenate([np.sin(angles), ratios, -ratios, 10.0 ** rng.uniform(-150, 0, 200)])
+    x = np.concatenate([np.cos(angles), np.ones(2 * ratios.size), rng.choice([-1.0, 1.0], 200)])
+    scale = 10.0 ** rng.uniform(-100, 100, y.size)
+    return y * scale, x * scale
+
+
+def test_arctangent_is_accurate():
+    y, x = points()
+    values = np.array([arctangent(*point) for point in zip(y, x, strict=True)])
+    with localcontext(prec=DIGITS + 30):
+        exact = [exact_arctangent(Decimal(a), Decimal(b)) for a, b in zip(y, x, strict=True)]
+        error = np.abs(errors_in_ulp(values, exact)).max()
+    assert 0.5 < error < 1.5
+
+
+def test_arctangent_on_the_axes():
+    for y, x, angle in ((0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, -2.0, np.pi), (3.0, 0.0, np.pi / 2)):
+        assert arctangent(y, x) == angle
+        assert arctangent(-y, x) == (angle if y == 0.0 else -angle)
+
+
+def test_arc_cosine_is_accurate():
+    rng = np.random.default_rng(6)
+    near_one = 1.0 - 10.0 ** rng.uniform(-16, 0, 500)
+    x = np.concatenate([rng.uniform(-1, 1, 1000), near_one, -near_one])
+    with localcontext(prec=DIGITS + 30):
+        exact = [exact_arctangent((1 - Decimal(v) ** 2).sqrt(), Decimal(v)) for v in x]
+        error = np.abs(errors_in_ulp(np.array([arc_cosine(v) for v in x]), exact)).max()
+    assert 0.5 < error < 2.5
+    assert [arc_cosine(v) for v in (1.0, 0.0, -1.0)] == [0.0, np.pi / 2, np.pi]
+
+
 def test_not_a_number_and_infinite_arguments():
     for angle in (np.nan, np.inf, -np.inf):
         assert np.isnan(sine_cosine(angle)).all()
         assert np.isnan(exponential(angle))
+    assert np.isnan([arctangent(np.nan, 1.0), arctangent(1.0, np.nan), arc_cosine(np.nan)]).all()
     # and they do not spoil the lanes beside them
     angles = np.linspace(-3.0, 3.0, LANES)
     angles[::2] = np.nan
@@ -159,20 +228,26 @@ def test_vectors_give_the_bits_of_single_values():
     # a call for one value goes through scalar code
     angles, powers, positive = arguments(1e4)[::20], arguments(708.0)[::20], np.abs(arguments(1e4)[::20]) + 1e-300
     bits = np.random.default_rng(4).integers(0, 2**64, 150, dtype=np.uint64)
+    cosines, sides = arguments(1.0)[::20], np.random.default_rng(7).normal(size=4 * LANES)
+    opposite = sides.reshape(-1, LANES)[:, ::-1].ravel()
     cases = [
         (evaluated(sines_and_cosines, angles, 2).T, [sine_cosine(angle) for angle in angles]),
         (evaluated(exponentials, powers)[0], [exponential(power) for power in powers]),
         (evaluated(logarithms, positive)[0], [logarithm(x) for x in positive]),
+        (evaluated(arc_cosines, cosines)[0], [arc_cosine(x) for x in cosines]),
+        (evaluated(arctangents, sides)[0], [arctangent(*pair) for pair in zip(sides, opposite, strict=True)]),
         (evaluated(sines_and_cosines_of_turns, bits, 2).T, [sine_cosine_of_turn(b) for b in bits]),
     ]
     for together, alone in cases:
         np.testing.assert_array_equal(together, alone)
 
 
-@pytest.mark.parametrize("kernel", [logarithms, exponentials, sines_and_cosines, sines_and_cosines_of_turns])
+@pytest.mark.parametrize(
+    "kernel", [logarithms, exponentials, sines_and_cosines, sines_and_cosines_of_turns, arctangents, arc_cosines]
+)
 def test_loops_are_vectorised(kernel):
     results = 2 if kernel in (sines_and_cosines, sines_and_cosines_of_turns) else 1
     evaluated(kernel, np.ones(LANES, np.uint64 if kernel is sines_and_cosines_of_turns else float), results)
     (code,) = kernel.inspect_llvm().values()
     assert re.search(r"fmul <\d+ x double>", code)
-    assert not re.search(r"call double @(sin|cos|exp|log|llvm\.(sin|cos|exp|log))", code)
+    assert not re.search(r"call double @(sin|cos|exp|log|a?tan2?|acos|llvm\.(sin|cos|exp|log))", code)

@@ -767,12 +767,13 @@ def test_other_formulations_find_the_same_optimum(entry):
     found = entry.certificates()
     np.testing.assert_allclose(found.cone_ratio, 1.0, atol=2e-6)
     assert (np.abs(found.coarse_gap) < 1e-6).all()
-    # The paper's route: within a fifth of a per cent from a good start, never below the optimum but for its excess.
-    assert (found.search_ratio[:, 0] < 1.002).all() and (found.search_worst[:, 0] < 1.01).all()
-    assert (found.search_ratio > 1 - 2e-3).all()
-    # From small weights it fails in the time case, far outside the limits.
-    assert found.search_success[0, 1] == 0 and found.search_worst[0, 1] > 1.5
-    assert (found.search_success[1] == 1).all()
+    # The paper's route: from the best start within half a per cent, and never below the optimum inside the limits.
+    kept = found.search_worst < 1 + 1e-3
+    assert (np.where(kept, found.search_ratio, np.inf).min(axis=1) < 1.005).all()
+    assert (found.search_ratio[kept] > 1 - 2e-3).all()
+    # With the trigger on velocity every start will do; from small weights the time case ends far outside the limits.
+    assert (found.search_success[1] == 1).all() and (found.search_ratio[1] < 1.001).all()
+    assert found.search_success[0, -1] == 0 and found.search_worst[0, -1] > 1.5
     assert (found.weights_gain_error < 1e-7).all()
     assert (found.perturbed_cost > 0).all()
 

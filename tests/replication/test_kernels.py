@@ -108,6 +108,25 @@ def test_of_jobs_that_need_a_kernel_at_once_one_compiles_it(compiled):
     assert sorted(printed) == [LOADED, LOADED, COMPILED]
 
 
+def test_kernels_for_other_instructions_are_compiled_beside_those_that_there_are(project, monkeypatch):
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
+    assert project.run() == (COMPILED, ANNOUNCED)
+    monkeypatch.undo()
+    assert project.run() == (LOADED, "")
+
+
+@pytest.mark.parametrize("wide", [True, False])
+def test_vectors_of_512_bits_are_asked_for_where_the_processor_has_them(monkeypatch, wide):
+    class Features(dict):
+        def flatten(self):
+            return ",".join(f"{'+' if has else '-'}{name}" for name, has in self.items())
+
+    host = Features(avx2=True, avx512f=wide)
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: host)
+    assert kernels.vector_features() == ("+avx2,+avx512f,-prefer-256-bit" if wide else "")
+
+
 @pytest.mark.parametrize("pattern", ["*.nbc", "*.nbi"])
 def test_a_damaged_file_is_deleted_and_compiled_again(project, pattern):
     assert project.run() == (LOADED, "")

@@ -70,7 +70,8 @@ COMPARISONS = {
     "costs": Comparison(
         "Size and cost of the methods: unknowns and conditions of one problem, time of the design, of one Monte Carlo "
         "flight, and of everything that is made for the paper. Sizes are those of the artifacts; times were measured "
-        "on one machine and are kept in data/reference/benchmarks.csv.",
+        "on one machine and are kept in data/reference/benchmarks.csv. A flight is timed in the kernel, in strict C "
+        "with the same bits, and in array code.",
         "Size and cost of the methods. Unknowns and conditions are of one problem, as the artifacts hold them; a "
         "solver may add its own. Iterations are of all problems.",
     ),

@@ -20,6 +20,7 @@ from marsedl.plotting.style import new_figure
 from marsedl.replication.errors import InputError
 
 MICRO = 1e-6
+FLIGHTS = 2  # the panel
 FUNNEL_FLIGHTS = 10_000  # behind one of the run times
 
 
@@ -35,8 +36,16 @@ class Cost(NamedTuple):
     iterations: int | None
     design: float
     design_is: str
-    flight: float
+    flight: "Flight"
     everything: float
+
+
+class Flight(NamedTuple):
+    """Times of one flight with its outputs and random numbers, s; None where it was not measured."""
+
+    compiled: float | None  # by the kernel
+    in_c: float | None  # the same arithmetic, bit for bit, in strict C
+    in_arrays: float | None  # the same scheme in array code
 
 
 def powered_descent(
@@ -55,7 +64,7 @@ def powered_descent(
             segments,
             len(nominal.largest_change),
             *_design(measured, "design with mass iteration, compiled"),
-            MICRO * _measured(measured, "kernel, 2,000 trials with outputs"),
+            _flight(measured, "2,000 trials with outputs"),
             _everything(measured, "powered_descent"),
         )
     ]
@@ -73,7 +82,7 @@ def random_field(gains: RandomFieldGains, measured: dict | None = None) -> list[
             len(gains.objective),
             int(gains.solver_iterations.sum()),
             *_design(measured, "nominal, linear model and laws of three iterations, compiled"),
-            MICRO * _measured(measured, "kernel, 5,000 flights of the last law with outputs"),
+            _flight(measured, "5,000 flights of the last law with outputs"),
             _everything(measured, "random_field"),
         )
     ]
@@ -87,7 +96,7 @@ def desensitized(
     nodes = nominal.state.shape[0]
     moving = int(np.any(tradeoff.column != tradeoff.column[:, :1], axis=(0, 1)).sum())
     equations = nominal.costate.shape
-    flight = MICRO * _measured(measured, "kernel, 5,000 flights with feedback and outputs")
+    flight = _flight(measured, "5,000 flights with feedback and outputs")
     everything = _everything(measured, "desensitized")
     return [
         Cost(
@@ -111,7 +120,8 @@ def funnels(
     """Sums of squares: the funnel of the paper, and the one that is proven."""
     size = int(stage_study.basis_size[list(stage_study.samples).index(len(funnel.samples))])
     conditions = "values of the polynomial at samples"
-    flights = _measured(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
+    in_arrays = _measured(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
+    flights = Flight(None, None, in_arrays)
     everything = _everything(measured, "funnels")
     return [
         Cost(
@@ -154,7 +164,7 @@ def stochastic_entry(gains: StochasticEntryGains, measured: dict | None = None) 
             len(gains.iterations),
             int(gains.iterations.sum()),
             *_design(measured, "nominal, linear model and gains, compiled"),
-            MICRO * _measured(measured, "kernel, 1,000 flights of stochastic_velocity with outputs"),
+            _flight(measured, "1,000 flights of stochastic_velocity with outputs"),
             _everything(measured, "stochastic_entry"),
         )
     ]
@@ -167,7 +177,7 @@ def figure(found: dict[str, list[Cost]]) -> Figure:
     shown = (
         ("unknowns\n(hollow: conditions)", lambda cost: (cost.unknowns, cost.conditions)),
         ("design (s)", lambda cost: (cost.design,)),
-        ("one flight (ms)", lambda cost: (1e3 * cost.flight,)),
+        ("one flight (ms)\n(cross: in C, hollow: in array code)", lambda cost: cost.flight),
         ("whole paper (CPU s)", lambda cost: (cost.everything,)),
     )
     for panel, (axes, (title, numbers)) in enumerate(zip(panels, shown, strict=True)):
@@ -175,10 +185,16 @@ def figure(found: dict[str, list[Cost]]) -> Figure:
         for height, (slug, cost) in enumerate(rows):
             if panel >= 2 and cost is not found[slug][0]:
                 continue  # of the paper, not of the method
-            number, *others = numbers(cost)
+            if panel == FLIGHTS:
+                number, in_c, *others = (1e3 * time if time else np.nan for time in numbers(cost))
+                axes.plot(in_c, height, "x", color="black", markersize=5, zorder=3)
+                everything.append(in_c)
+            else:
+                number, *others = numbers(cost)
             everything += [number, *others]
             axes.plot(number, height, "o", color=COLORS[slug])
             axes.plot(others, [height] * len(others), "o", color=COLORS[slug], markerfacecolor="none", markersize=9)
+            number = number if np.isfinite(number) else others[0]
             text = f"{number:,}" if isinstance(number, int) else f"{number:.3g}"
             axes.annotate(text, (number, height), (0, 6), textcoords="offset points", ha="center", fontsize=7)
         positive = [value for value in everything if value > 0]
@@ -195,14 +211,15 @@ def table(found: dict[str, list[Cost]]) -> list[tuple[str, ...]]:
     rows = [
         (
             *("paper", "method", "unknowns", "which are", "conditions", "which are", "problems", "iterations"),
-            *("design (s)", "which is", "one flight (ms)", "whole paper (CPU s)"),
+            *("design (s)", "which is", "one flight (ms)", "in C (ms)", "in array code (ms)", "whole paper (CPU s)"),
         )
     ]
     for slug, costs in found.items():
         for cost in costs:
             iterations = NO_VALUE if cost.iterations is None else f"{cost.iterations:,}"
             counts = f"{cost.unknowns:,}", cost.unknowns_are, f"{cost.conditions:,}", cost.conditions_are
-            times = f"{cost.design:.3g}", cost.design_is, f"{1e3 * cost.flight:.3g}", f"{cost.everything:.3g}"
+            flight = [NO_VALUE if time is None else f"{1e3 * time:.3g}" for time in cost.flight]
+            times = f"{cost.design:.3g}", cost.design_is, *flight, f"{cost.everything:.3g}"
             rows.append((NAMES[slug], cost.method, *counts, f"{cost.problems:,}", iterations, *times))
     return rows
 
@@ -217,6 +234,12 @@ def _measured(measured, quantity):
     if measured is None or quantity not in measured:
         raise InputError(f"data/reference/benchmarks.csv has no row '{quantity}'; restore it, or run 'make bench'")
     return measured[quantity]
+
+
+def _flight(measured, label):
+    """Times of a flight by the kernel, and in C and array code if these have been measured."""
+    others = [measured.get(f"{how}, {label}") for how in ("strict C", "array code")] if measured else [None, None]
+    return Flight(MICRO * _measured(measured, f"kernel, {label}"), *(time and MICRO * time for time in others))
 
 
 def _design(measured, quantity):

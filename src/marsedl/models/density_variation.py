@@ -18,6 +18,7 @@ __all__ = [
     "exponential_variance",
     "innovation_variance",
     "is_floored",
+    "log_retention",
     "mars_gram_2010_deviation",
     "process_variance",
     "retention",
@@ -159,23 +160,30 @@ def _means(node_values):
     return 0.5 * (node_values[:-1] + node_values[1:])
 
 
-def retention(altitudes, decay):
-    """Correlation of the process at each node with the node above (stochastic entry guidance, Eq. 8 without noise).
+def log_retention(altitudes, decay):
+    """Logarithm of the correlation of the process at each node with the node above.
 
-        a_i = exp(-(lambda_i + lambda_(i+1)) / 2 (h_(i+1) - h_i))
+        ln a_i = -(lambda_i + lambda_(i+1)) / 2 (h_(i+1) - h_i)
+
+    Stochastic entry guidance, Eq. 8 without noise.
 
     Args:
         altitudes: ascending nodes, m, (n,).
         decay: lambda at the nodes, 1/m, (n,) or a scalar.
 
     Returns:
-        a, 1, (n - 1,); entry i joins node i to the node i + 1 above it.
+        ln a, 1, (n - 1,); entry i joins node i to the node i + 1 above it.
 
     Raises:
         ValueError: if the altitudes do not ascend, or the decay is negative or has another shape.
     """
     altitudes, decay = _checked_grid(altitudes, decay=decay)
-    return np.exp(-_means(decay) * np.diff(altitudes))
+    return -_means(decay) * np.diff(altitudes)
+
+
+def retention(altitudes, decay):
+    """Correlation of the process at each node with the one above, (n - 1,); arguments and errors as `log_retention`."""
+    return np.exp(log_retention(altitudes, decay))
 
 
 def innovation_variance(altitudes, decay, diffusion):

@@ -1,7 +1,8 @@
-"""Logarithm, exponential, sine and cosine without branches and calls, so that loops over them become vector code.
+"""Elementary functions without branches and calls, so that loops over them become vector code.
 
-The compiler cannot vectorise a loop that calls the mathematics library. Polynomials and splittings of constants are
-those of the FreeBSD msun library. A value depends on its argument alone, not on the loop, lane or processor.
+The compiler cannot vectorise a loop that calls the mathematics library, and that library rounds differently on
+processors with and without fused products. Polynomials and splittings of constants are those of the FreeBSD msun
+library. A value depends on its argument alone, not on the loop, lane or processor.
 """
 
 import numpy as np
@@ -16,6 +17,9 @@ _ROUNDER = 1.5 * 2.0**52
 _HALF_PI_1 = 1.57079632673412561417e00
 _HALF_PI_2 = 6.07710050630396597660e-11
 _HALF_PI_3 = 2.02226624879595063154e-21
+
+_PI_HIGH = 3.14159265358979311600e00
+_PI_LOW = 1.22464679914735317636e-16
 
 # The first part has 32 bits.
 _LOG_2_HIGH = 6.93147180369123816490e-01
@@ -112,3 +116,51 @@ def sine_cosine_of_turn(bits):
     quarter = np.int64((bits + np.uint64(1 << 61)) >> np.uint64(62))
     remainder = np.int64(bits - (np.uint64(quarter) << np.uint64(62))) >> np.int64(11)
     return _of_quarter_turns(quarter, np.float64(remainder) * (2.0**-53 * 6.283185307179586))
+
+
+@inline_njit
+def arctangent(y, x):
+    """Angle of the point (x, y) in radians, from -pi to pi, error below 1.5 ulp; NaN gives NaN.
+
+    tan(angle - angle of (b, a)) = (a y' - b x') / (a x' + b y') with x' = |x|, y' = |y| and one of four points (b, a)
+    near by, so that one division serves all. The signs of zeros do not count: the angle of (0, 0) is 0, that of a
+    negative x alone pi. Infinite components give NaN; products with 2.5 must not overflow, quotients not underflow.
+    """
+    ahead, up = abs(x), abs(y)
+    first, second, third = 16.0 * up < 7.0 * ahead, 16.0 * up < 11.0 * ahead, 16.0 * up < 19.0 * ahead
+    fourth = 16.0 * up < 39.0 * ahead
+    numerator = up - 1.5 * ahead if fourth else -ahead
+    denominator = ahead + 1.5 * up if fourth else up
+    high = 9.82793723247329054082e-01 if fourth else 1.57079632679489655800e00
+    low = 1.39033110312309984516e-17 if fourth else 6.12323399573676603587e-17
+    numerator = up - ahead if third else numerator
+    denominator = up + ahead if third else denominator
+    high = 7.85398163397448278999e-01 if third else high
+    low = 3.06161699786838301793e-17 if third else low
+    numerator = 2.0 * up - ahead if second else numerator
+    denominator = 2.0 * ahead + up if second else denominator
+    high = 4.63647609000806093515e-01 if second else high
+    low = 2.26987774529616870924e-17 if second else low
+    numerator = up if first else numerator
+    denominator = ahead if first else denominator
+    high = 0.0 if first else high
+    low = 0.0 if first else low
+    origin = ahead + up == 0.0
+    t = (0.0 if origin else numerator) / (1.0 if origin else denominator)
+    z = t * t
+    w = z * z
+    odd = 6.66107313738753120669e-02 + w * (4.97687799461593236017e-02 + w * 1.62858201153657823623e-02)
+    odd = 1.42857142725034663711e-01 + w * (9.09088713343650656196e-02 + w * odd)
+    odd = z * (3.33333333333329318027e-01 + w * odd)
+    even = -7.69187620504482999495e-02 + w * (-5.83357013379057348645e-02 + w * -3.65315727442169155270e-02)
+    even = w * (-1.99999999998764832476e-01 + w * (-1.11111104054623557880e-01 + w * even))
+    angle = high - ((t * (odd + even) - low) - t)
+    angle = 0.0 if origin else angle
+    angle = _PI_HIGH - (angle - _PI_LOW) if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+@inline_njit
+def arc_cosine(x):
+    """Angle in [0, pi] whose cosine is x, for |x| <= 1, error below 2.5 ulp; NaN gives NaN."""
+    return arctangent(np.sqrt((1.0 - x) * (1.0 + x)), x)

@@ -56,6 +56,8 @@ def pin_numerics(root: Path) -> None:
             os.environ.pop(name, None)
     os.environ.update(_pinned())
     os.environ.setdefault("PYTHONHASHSEED", "0")
+    if not os.environ.get(UNPINNED) and (features := kernels.vector_features()):
+        os.environ["NUMBA_CPU_FEATURES"] = features
     os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(root, remembered_digests(root).kernels()))
     os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
     os.environ["MPLCONFIGDIR"] = str(root / ".cache" / "matplotlib")

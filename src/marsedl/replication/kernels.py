@@ -33,6 +33,17 @@ def cache_folder(root: Path, source: str) -> Path:
     return root / ".cache" / "numba" / hmac.new(private_key(), source.encode(), hashlib.sha256).hexdigest()[:16]
 
 
+def vector_features() -> str:
+    """What this processor can do, as NUMBA_CPU_FEATURES takes it, with vectors of 512 bits; empty if it has none.
+
+    LLVM takes 256 bits on processors that have 512 unless it is told otherwise. The bits of the numbers are the same.
+    """
+    from llvmlite.binding import get_host_cpu_features
+
+    features = get_host_cpu_features()
+    return f"{features.flatten()},-prefer-256-bit" if features.get("avx512f") else ""
+
+
 def private_key() -> bytes:
     """This user's key, made when there is none; raises MarsedlError if no folder of the user's own can hold it."""
     folders = list(_private_folders())

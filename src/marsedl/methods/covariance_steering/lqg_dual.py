@@ -25,6 +25,7 @@ __all__ = [
     "InfeasibleProblem",
     "Solution",
     "WeightSearch",
+    "bryson_weights",
     "lqg_gains",
     "lqg_gains_as_printed",
     "noise_floor",
@@ -297,6 +298,20 @@ def solve_cone_program(problem, reference):
     return ConeProgram(float(program.value * unit), program.status, iterations)
 
 
+def bryson_weights(problem):
+    """Weights by Bryson's rule: every variance divided by its squared limit, that of the objective by its noise floor.
+
+    Args:
+        problem: `ChanceConstrainedProblem`; without a noise floor the open-loop value of its objective stands for it.
+
+    Returns:
+        Q (n, n) and R (N,).
+    """
+    objective_weight = np.outer(problem.objective, problem.objective)
+    final_weight = _spread(problem.final_directions, problem.final_limits**-2)
+    return objective_weight / _cost_unit(problem) + final_weight, problem.control_limits**-2
+
+
 def solve_over_weights(problem, start=None):
     """Search for the LQG weights that solve Problem 1 by sequential quadratic programming (Corollary III.2).
 
@@ -307,8 +322,7 @@ def solve_over_weights(problem, start=None):
 
     Args:
         problem: `ChanceConstrainedProblem` of some dozens of intervals.
-        start: Q (n, n) and R (N,) to begin with; without it every variance is divided by its squared limit (Bryson's
-            rule), that of the objective by the noise floor, or by its open-loop value if there is no floor.
+        start: Q (n, n) and R (N,) to begin with; `bryson_weights` without it.
 
     Returns:
         `WeightSearch`: the gains at which the search ended, whether it succeeded or not.
@@ -322,11 +336,8 @@ def solve_over_weights(problem, start=None):
     system, scale = problem.system, problem.state_scale
     intervals, n = system.control.shape
     free, lower = system.control.any(axis=1), np.tril_indices(n, -1)
-    objective_weight = np.outer(problem.objective, problem.objective)
-    unit = noise_floor(system, problem.objective) or _open_loop_cost(problem, objective_weight)
-    if start is None:
-        final_weight = _spread(problem.final_directions, problem.final_limits**-2)
-        start = objective_weight / unit + final_weight, problem.control_limits**-2
+    unit = _cost_unit(problem)
+    start = bryson_weights(problem) if start is None else start
     evaluations = 0
 
     def weights(unknown):
@@ -485,6 +496,12 @@ def _least_variance(problem, weight):
 def _lagrangian_value(problem, value):
     """Least cost of the unconstrained problem, sum_k tr(S_{k+1} G_k G_k') + tr(S_0 P_0)."""
     return float(np.sum(value[1:] * problem.system.noise) + np.sum(value[0] * problem.initial_covariance))
+
+
+def _cost_unit(problem):
+    """The noise floor of the objective, or its open-loop value where there is no floor."""
+    objective_weight = np.outer(problem.objective, problem.objective)
+    return noise_floor(problem.system, problem.objective) or _open_loop_cost(problem, objective_weight)
 
 
 def _open_loop_cost(problem, weight):

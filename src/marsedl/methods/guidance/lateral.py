@@ -15,6 +15,8 @@ __all__ = [
     "deadband",
     "heading_alignment",
     "heading_alignment_limit",
+    "heading_alignment_ratio",
+    "limited_heading_alignment",
     "rate_limited_bank",
     "rate_limited_bank_as_printed",
 ]
@@ -59,13 +61,6 @@ def bank_direction(direction, crossrange, width):
 
 
 @jitable
-def _arctangent_of_ratio(numerator, denominator):
-    """The arctangent of numerator / denominator without the division; its limit at a zero denominator."""
-    sign = 1.0 - 2.0 * (denominator < 0.0)
-    return np.arctan2(sign * numerator, sign * denominator)
-
-
-@jitable
 def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
     """Bank command that points the heading at the target, within +-limit (Eq. 58).
 
@@ -85,12 +80,24 @@ def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
     Returns:
         sigma, rad.
     """
-    if form == CORRECTED:
-        command = -gain * _arctangent_of_ratio(crossrange_angle, downrange_angle)
-    else:
-        command = gain * _arctangent_of_ratio(downrange_angle, crossrange_angle)
-        if form == SIGN_ONLY:
-            command = -command
+    angle = np.arctan2(*heading_alignment_ratio(downrange_angle, crossrange_angle, form))
+    return limited_heading_alignment(angle, gain, limit, form)
+
+
+@jitable
+def heading_alignment_ratio(downrange_angle, crossrange_angle, form):
+    """The ratio whose arctangent `heading_alignment` takes: its numerator and denominator, the latter not negative."""
+    swapped = form != CORRECTED
+    numerator = downrange_angle if swapped else crossrange_angle
+    denominator = crossrange_angle if swapped else downrange_angle
+    sign = 1.0 - 2.0 * (denominator < 0.0)
+    return sign * numerator, sign * denominator
+
+
+@jitable
+def limited_heading_alignment(angle, gain, limit, form):
+    """Bank command of `heading_alignment` from the arctangent of its ratio, rad."""
+    command = gain * angle if form == PRINTED else -gain * angle
     return np.minimum(np.maximum(command, -limit), limit)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.compiling import jitable
 
-__all__ = ["require_target_ahead", "targeting", "targeting_from_sines"]
+__all__ = ["require_target_ahead", "target_direction_from_sines", "targeting", "targeting_from_sines"]
 
 
 @jitable
@@ -59,7 +59,18 @@ def targeting(
 def targeting_from_sines(
     radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
 ):
-    """The same from sines and cosines, which a kernel computes for many trials at once.
+    """The same from sines and cosines; arguments as of `target_direction_from_sines`, returns as `targeting`."""
+    downrange, crossrange, ahead = target_direction_from_sines(
+        radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
+    )
+    return np.arctan2(*downrange) * (1.0 - 2.0 * (ahead < 0.0)), np.arctan2(*crossrange)
+
+
+@jitable
+def target_direction_from_sines(
+    radius, velocity, latitude, to_target, cos_flight_path_angle, azimuth, rotation_rate, target_latitude
+):
+    """Both angles before their arctangents, which a kernel computes for many trials at once.
 
     Args:
         radius, velocity: m, m/s.
@@ -71,7 +82,8 @@ def targeting_from_sines(
         target_latitude: sine and cosine of the target's latitude.
 
     Returns:
-        As `targeting`.
+        Sine and cosine of |delta_go|; of eps; and the target's component along the velocity, which has the sign of
+        delta_go.
     """
     sin_latitude, cos_latitude = latitude
     sin_to_target, cos_to_target = to_target
@@ -89,9 +101,7 @@ def targeting_from_sines(
     ahead = (east * velocity_east + north * velocity_north) * inverse_speed
     left = (north * velocity_east - east * velocity_north) * inverse_speed
 
-    distance = np.arctan2(np.sqrt(east * east + north * north), up)
-    crossrange_angle = np.arctan2(left, np.sqrt(up * up + ahead * ahead))
-    return distance * (1.0 - 2.0 * (ahead < 0.0)), crossrange_angle
+    return (np.sqrt(east * east + north * north), up), (left, np.sqrt(up * up + ahead * ahead)), ahead
 
 
 def require_target_ahead(downrange_angle):

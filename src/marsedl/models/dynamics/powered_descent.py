@@ -58,10 +58,11 @@ def powered_descent_rates(state, thrust, disturbance, gravity, mass_flow_constan
     _, _, downrange_velocity, vertical_velocity, mass = state
     thrust_downrange, thrust_vertical = thrust
     disturbance_downrange, disturbance_vertical = disturbance
+    inverse_mass = 1.0 / mass  # one division, the slowest operation of a kernel, in place of two
     return (
         downrange_velocity,
         vertical_velocity,
-        (thrust_downrange + disturbance_downrange) / mass,
-        (thrust_vertical + disturbance_vertical) / mass - gravity,
+        (thrust_downrange + disturbance_downrange) * inverse_mass,
+        (thrust_vertical + disturbance_vertical) * inverse_mass - gravity,
         -mass_flow_constant * thrust_magnitude(thrust_downrange, thrust_vertical),
     )

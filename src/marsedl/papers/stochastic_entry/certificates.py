@@ -4,6 +4,7 @@ import numpy as np
 
 from marsedl.methods.covariance_steering.lqg_dual import (
     InfeasibleProblem,
+    bryson_weights,
     lqg_gains,
     solve_cone_program,
     solve_over_weights,
@@ -11,11 +12,17 @@ from marsedl.methods.covariance_steering.lqg_dual import (
 from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import problem, solved
 from marsedl.papers.stochastic_entry.inputs import Design, Guidance
-from marsedl.papers.stochastic_entry.records import COARSE, TRIGGERS, Certificates, Gains, Linearization
+from marsedl.papers.stochastic_entry.records import (
+    COARSE,
+    START_SCALES,
+    TRIGGERS,
+    Certificates,
+    Gains,
+    Linearization,
+)
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
-SMALL_WEIGHTS = 1e-6  # of the usual start, from which the search is also begun
 PERTURBATION = 0.05  # relative, of the gains
 
 
@@ -36,7 +43,9 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
         raise MarsedlError(
             f"{where}: {error}; raise altitude_limit, flight_path_angle_limit or control_limit"
         ) from None
-    searches = [solve_over_weights(coarse), solve_over_weights(coarse, _small_start(coarse))]
+    # The search is not convex: which starts go astray differs in the last bits, hence between machines.
+    usual, control_weight = bryson_weights(coarse)
+    searches = [solve_over_weights(coarse, (usual, scale * control_weight)) for scale in START_SCALES]
 
     own = problem(guidance, design, linearization, trigger)
     weight = np.outer(own.objective, own.objective)
@@ -84,9 +93,3 @@ def _textbook_gains(system, final_weight, control_weight):
         value = transition.T @ value @ transition - bracket * np.outer(gain, gain)
         gains.append(gain)
     return np.array(gains[::-1])
-
-
-def _small_start(coarse):
-    """Control weights far below those that the limits suggest."""
-    objective = np.outer(coarse.objective, coarse.objective)
-    return objective, SMALL_WEIGHTS * np.sum(objective * coarse.initial_covariance) * coarse.control_limits**-2

@@ -475,7 +475,7 @@ def _theory_claims(gains, certificates):
             evidence="ascent of the dual is a search over final and control weights with the gains of Eq. 55; it ends "
             f"{gap:.1e} above its lower bound. On intervals of 10 s a cone program agrees to {cone:.1e}, and quadratic "
             f"programming over all weights comes to {best[0]:.5f} (time) and {best[1]:.5f} (velocity) times the "
-            f"optimum from the better of two starts; {astray} of its {kept.size} runs go astray",
+            f"optimum from the best of {kept.shape[1]} starts; {astray} of its {kept.size} runs go astray",
             numbers={"astray": astray, "runs": kept.size},
         ),
     }

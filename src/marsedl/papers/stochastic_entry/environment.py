@@ -17,7 +17,12 @@ class Atmosphere(NamedTuple):
     altitude: np.ndarray  # (nodes,), m, ascending
     log_density: np.ndarray  # (nodes,), of kg/m^3, mean
     deviation: np.ndarray  # (nodes,), standard deviation of the relative density variation
-    retention: np.ndarray  # (nodes - 1,), correlation of the variation between neighbouring nodes
+    log_retention: np.ndarray  # (nodes - 1,), logarithm of the variation's correlation between neighbouring nodes
+
+    @property
+    def retention(self):
+        """Correlation of the variation between neighbouring nodes, (nodes - 1,)."""
+        return np.exp(self.log_retention)
 
 
 def variance(air: Air, altitude):
@@ -52,5 +57,5 @@ def atmosphere(air: Air) -> Atmosphere:
         altitude=altitude,
         log_density=np.ascontiguousarray(log_density),
         deviation=np.sqrt(variance(air, altitude)),
-        retention=density_variation.retention(altitude, density_variation.decay_rate(-slope, air.decay_factor)),
+        log_retention=density_variation.log_retention(altitude, density_variation.decay_rate(-slope, air.decay_factor)),
     )

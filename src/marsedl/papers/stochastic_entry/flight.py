@@ -12,15 +12,16 @@ from marsedl.methods.guidance.lateral import (
     SIGN_ONLY,
     bank_direction,
     deadband,
-    heading_alignment,
     heading_alignment_limit,
+    heading_alignment_ratio,
+    limited_heading_alignment,
     rate_limited_bank,
     rate_limited_bank_as_printed,
 )
-from marsedl.methods.guidance.targeting import targeting_from_sines
+from marsedl.methods.guidance.targeting import target_direction_from_sines
 from marsedl.models.density_variation import density_factor, is_floored
 from marsedl.models.dynamics.entry import entry_rates_from_sines
-from marsedl.montecarlo.elementary import exponential, sine_cosine
+from marsedl.montecarlo.elementary import arc_cosine, arctangent, exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories, pad_to_groups
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
@@ -63,10 +64,16 @@ SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR = range(4)  # of the bank angle; of the v
 # What a law feeds back.
 DRAG, ALTITUDE_RATE = 5, 6  # behind radius, velocity, flight path angle, downrange and density
 FEATURES = 7
+SIGHTED_CROSSRANGE, DOWNRANGE_ANGLE, CROSSRANGE_ANGLE = range(3)  # of the target: m, rad, rad
+SIGHTED = 3
+# What the guidance of a trial remembers, and whether it still flies.
+DIRECTION, COMMAND, COMMAND_BEFORE, COMMAND_COSINE, FLOWN_BANK, FLOWN_CHANGE, ALIGNING, FLYING = range(8)
+STEERED = 8
 NOMINAL, BY_VELOCITY, BY_TIME = range(3)
 
 HEADING_FORMS = {"corrected": CORRECTED, "sign_only": SIGN_ONLY, "printed": PRINTED}
-HALVINGS = 44  # of the last step, to find the trigger: the velocity is then met to rounding
+TRIGGER_TOLERANCE = 1e-11  # m/s, by which the velocity may miss the trigger at the end of a flight
+TRIGGER_ITERATIONS = 60  # more than the few that a smooth flight needs
 
 _NUMBERS = (
     *("gravitational_parameter", "rotation_rate", "planet_radius", "target_longitude", "sin_target_latitude"),
@@ -112,7 +119,7 @@ class Tables(NamedTuple):
     log_density: np.ndarray  # (nodes,), of kg/m^3, mean
     log_step: np.ndarray  # (nodes,), its rise to the next node
     deviation: np.ndarray  # (nodes,), standard deviation of the relative density variation
-    retention: np.ndarray  # (nodes - 1,), correlation of the variation between neighbouring nodes
+    log_retention: np.ndarray  # (nodes - 1,), logarithm of the variation's correlation between neighbouring nodes
 
 
 class Group(NamedTuple):
@@ -290,260 +297,299 @@ def _step_lane(step, lane, start, parameters, end):
 
 @njit(error_model="numpy")
 def _to_trigger(step, lane, start, parameters, end_velocity, end):
-    """Fly the part of a step after which the velocity is the trigger's; returns it. start, end: (6,)."""
+    """Fly the part of a step after which the velocity is the trigger's; returns it. start, end: (6,), end filled.
+
+    Regula falsi between both ends of the step, where an end that is kept twice counts half (Illinois, Dowell and
+    Jarratt 1971). end holds the state at the end of the whole step before.
+    """
     lower, upper = 0.0, step
-    for _ in range(HALVINGS):
-        middle = 0.5 * (lower + upper)
-        _step_lane(middle, lane, start, parameters, end)
-        if end[SPEED] > end_velocity:
-            lower = middle
+    above, below = start[SPEED] - end_velocity, end[SPEED] - end_velocity
+    part, kept = upper, 0
+    if above <= 0.0:  # it began below the trigger
+        _step_lane(0.0, lane, start, parameters, end)
+        return 0.0
+    for _ in range(TRIGGER_ITERATIONS):
+        part = (lower * below - upper * above) / (below - above)
+        _step_lane(part, lane, start, parameters, end)
+        excess = end[SPEED] - end_velocity
+        if abs(excess) <= TRIGGER_TOLERANCE:
+            break
+        if excess > 0.0:
+            below = 0.5 * below if kept > 0 else below
+            lower, above, kept = part, excess, 1
         else:
-            upper = middle
-    _step_lane(upper, lane, start, parameters, end)
-    return upper
+            above = 0.5 * above if kept < 0 else above
+            upper, below, kept = part, excess, -1
+    return part
 
 
-@njit(error_model="numpy")
+@inline_njit
+def _observe(state, parameters, feature, sight):
+    """What laws feed back, feature (FEATURES, LANES), and where the target is, sight (SIGHTED, LANES)."""
+    air, aero, found, constants = parameters
+    for lane in range(LANES):
+        found[0, lane], found[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
+    for lane in range(LANES):
+        radius, velocity = state[RADIUS, lane], state[SPEED, lane]
+        sin_path, cos_path = sine_cosine(state[PATH_ANGLE, lane])
+        downrange, crossrange, ahead = target_direction_from_sines(
+            radius,
+            velocity,
+            sine_cosine(state[LATITUDE, lane]),
+            sine_cosine(constants.target_longitude - state[LONGITUDE, lane]),
+            cos_path,
+            sine_cosine(state[AZIMUTH, lane]),
+            constants.rotation_rate,
+            (constants.sin_target_latitude, constants.cos_target_latitude),
+        )
+        distance, crossrange_angle = arctangent(*downrange), arctangent(*crossrange)
+        downrange_angle = -distance if ahead < 0.0 else distance
+        density = exponential(found[0, lane]) * found[1, lane]
+        feature[0, lane], feature[1, lane], feature[2, lane] = radius, velocity, state[PATH_ANGLE, lane]
+        feature[3, lane], feature[4, lane] = -constants.planet_radius * downrange_angle, density
+        feature[DRAG, lane] = aero[DRAG_FACTOR, lane] * density * velocity * velocity
+        feature[ALTITUDE_RATE, lane] = velocity * sin_path
+        sight[SIGHTED_CROSSRANGE, lane] = constants.planet_radius * crossrange_angle
+        sight[DOWNRANGE_ANGLE, lane], sight[CROSSRANGE_ANGLE, lane] = downrange_angle, crossrange_angle
+
+
+@inline_njit
 def _row(velocity, table):
     """Row before a velocity in an ascending table, and the fraction of the way to the next; held at both ends."""
     row = min(max(np.searchsorted(table, velocity, side="right") - 1, 0), len(table) - 2)
     return row, min(max((velocity - table[row]) / (table[row + 1] - table[row]), 0.0), 1.0)
 
 
-@njit(error_model="numpy")
-def _bank_cosine(law, cycle, nominal, feature, slowing):
-    """Bank cosine that a law commands (Eqs. 31, 40, 50), limited to -1 ... 1."""
-    kind, velocity_table, gain, reference, bank_cosine, least_drag = law
-    command = nominal
-    if kind == BY_TIME:
-        row = min(cycle, len(gain) - 1)
-        command = bank_cosine[row]
-        for j in range(FEATURES):
-            command += gain[row, j] * (feature[j] - reference[row, j])
-    elif kind == BY_VELOCITY and slowing and feature[1] <= velocity_table[-1] and feature[DRAG] >= least_drag:
-        row, rest = _row(feature[1], velocity_table)
-        for j in range(FEATURES):
-            k = gain[row, j] + rest * (gain[row + 1, j] - gain[row, j])
-            command += k * (feature[j] - reference[row, j] - rest * (reference[row + 1, j] - reference[row, j]))
-    return min(max(command, -1.0), 1.0) if command == command else command  # NaN stays NaN
+@inline_njit
+def _correct_by_velocity(law, feature, constants, steering):
+    """Add the feedback of a law against velocity to the bank cosines, where it corrects at all."""
+    _, table, gain, reference, _, least_drag = law
+    for lane in range(LANES):
+        velocity = feature[VELOCITY, lane]
+        gravity = constants.gravitational_parameter / (feature[0, lane] * feature[0, lane])
+        # Before its peak, too, a velocity stands in the table, whose reference lies behind the peak.
+        slowing = feature[DRAG, lane] * velocity > -gravity * feature[ALTITUDE_RATE, lane]
+        if slowing and velocity <= table[-1] and feature[DRAG, lane] >= least_drag:
+            row, rest = _row(velocity, table)
+            command = steering[COMMAND_COSINE, lane]
+            for j in range(FEATURES):
+                k = gain[row, j] + rest * (gain[row + 1, j] - gain[row, j])
+                command += k * (
+                    feature[j, lane] - reference[row, j] - rest * (reference[row + 1, j] - reference[row, j])
+                )
+            steering[COMMAND_COSINE, lane] = command
 
 
 @inline_njit
-def _directions(state, constants, out):
-    """Sines and cosines that the targeting needs, of all lanes at once: out (8, LANES)."""
+def _command_cosine(law, cycle, feature, constants, steering):
+    """Bank cosine that a law commands (Eqs. 31, 40, 50), limited to -1 ... 1."""
+    kind, _, gain, reference, bank_cosine, _ = law
+    if kind == BY_TIME:
+        row = min(cycle, len(gain) - 1)
+        for lane in range(LANES):
+            steering[COMMAND_COSINE, lane] = bank_cosine[row]
+        for j in range(FEATURES):
+            k, expected = gain[row, j], reference[row, j]
+            for lane in range(LANES):
+                steering[COMMAND_COSINE, lane] += k * (feature[j, lane] - expected)
+    else:
+        for lane in range(LANES):
+            steering[COMMAND_COSINE, lane] = ramped_bank_cosine(
+                feature[VELOCITY, lane],
+                constants.fast_velocity,
+                constants.slow_velocity,
+                constants.fast_cosine,
+                constants.slow_cosine,
+            )
+    if kind == BY_VELOCITY:
+        _correct_by_velocity(law, feature, constants, steering)
     for lane in range(LANES):
-        out[0, lane], out[1, lane] = sine_cosine(state[LATITUDE, lane])
-        out[2, lane], out[3, lane] = sine_cosine(constants.target_longitude - state[LONGITUDE, lane])
-        out[4, lane], out[5, lane] = sine_cosine(state[PATH_ANGLE, lane])
-        out[6, lane], out[7, lane] = sine_cosine(state[AZIMUTH, lane])
+        command = steering[COMMAND_COSINE, lane]
+        command = -1.0 if command < -1.0 else command  # NaN stays NaN
+        steering[COMMAND_COSINE, lane] = 1.0 if command > 1.0 else command
+
+
+@inline_njit
+def _command_bank(time, feature, sight, constants, steering, final):
+    """Bank command from its cosine and the side of the target (Sec. III.D-E); counts reversals."""
+    aligning = 0
+    for lane in range(LANES):
+        slow = feature[VELOCITY, lane] <= constants.alignment_velocity
+        steering[ALIGNING, lane] = 1.0 if slow else steering[ALIGNING, lane]
+        aligning += steering[ALIGNING, lane] > 0.0
+        steering[COMMAND_BEFORE, lane] = steering[COMMAND, lane]
+    if aligning < LANES:
+        width = deadband(
+            time,
+            constants.deadband_start,
+            constants.deadband_start_width,
+            constants.deadband_end,
+            constants.deadband_end_width,
+        )
+        for lane in range(LANES):
+            before = steering[DIRECTION, lane]
+            turned = bank_direction(before, sight[SIGHTED_CROSSRANGE, lane], width)
+            turned = before if steering[ALIGNING, lane] > 0.0 else turned
+            reversal = 1.0 if turned != before else 0.0
+            final[REVERSALS, lane] += reversal * steering[FLYING, lane]
+            steering[DIRECTION, lane] = turned
+            steering[COMMAND, lane] = turned * arc_cosine(steering[COMMAND_COSINE, lane])
+    if aligning > 0:
+        for lane in range(LANES):
+            limit = heading_alignment_limit(
+                feature[VELOCITY, lane],
+                constants.alignment_limit_velocity,
+                constants.alignment_first_limit,
+                constants.alignment_last_limit,
+            )
+            ratio = heading_alignment_ratio(
+                sight[DOWNRANGE_ANGLE, lane], sight[CROSSRANGE_ANGLE, lane], constants.alignment_form
+            )
+            command = limited_heading_alignment(
+                arctangent(*ratio), constants.alignment_gain, limit, constants.alignment_form
+            )
+            cosine, aligned = sine_cosine(command)[1], steering[ALIGNING, lane] > 0.0
+            steering[COMMAND, lane] = command if aligned else steering[COMMAND, lane]
+            steering[COMMAND_COSINE, lane] = cosine if aligned else steering[COMMAND_COSINE, lane]
+
+
+@inline_njit
+def _limit_rate(cycle, constants, steering, largest):
+    """Bank that is flown in a guidance period (Eq. 71)."""
+    for lane in range(LANES):
+        command, before = steering[COMMAND, lane], steering[FLOWN_BANK, lane]
+        if cycle == 0:
+            bank = command
+        elif constants.limit_as_printed:
+            bank = rate_limited_bank_as_printed(command, steering[COMMAND_BEFORE, lane], constants.largest_bank_change)
+        else:
+            bank = rate_limited_bank(command, before, constants.largest_bank_change)
+        change = abs(bank - before) if cycle > 0 else 0.0
+        steering[FLOWN_BANK, lane], steering[FLOWN_CHANGE, lane] = bank, change
+        flying = steering[FLYING, lane] > 0.0
+        # np.maximum keeps NaN, so a trial that went wrong shows it.
+        largest_bank = np.maximum(largest[BANK, lane], abs(bank))
+        largest_change = np.maximum(largest[BANK_CHANGE, lane], change)
+        largest[BANK, lane] = largest_bank if flying else largest[BANK, lane]
+        largest[BANK_CHANGE, lane] = largest_change if flying else largest[BANK_CHANGE, lane]
 
 
 @njit(error_model="numpy")
-def _feature(state, directions, lane, parameters, feature):
-    """What laws feed back, of one lane, into feature (FEATURES,); returns the crossrange, m, and both angles."""
-    air, aero, _, constants = parameters
-    radius, velocity = state[RADIUS, lane], state[SPEED, lane]
-    sin_path, cos_path = directions[4, lane], directions[5, lane]
-    downrange_angle, crossrange_angle = targeting_from_sines(
-        radius,
-        velocity,
-        (directions[0, lane], directions[1, lane]),
-        (directions[2, lane], directions[3, lane]),
-        cos_path,
-        (directions[6, lane], directions[7, lane]),
-        constants.rotation_rate,
-        (constants.sin_target_latitude, constants.cos_target_latitude),
-    )
-    log_density, factor = _look_up(radius - constants.planet_radius, lane, air, constants)
-    density = exponential(log_density) * factor
-    feature[0], feature[1], feature[2] = radius, velocity, state[PATH_ANGLE, lane]
-    feature[3], feature[4] = -constants.planet_radius * downrange_angle, density
-    feature[DRAG] = aero[DRAG_FACTOR, lane] * density * velocity * velocity
-    feature[ALTITUDE_RATE] = velocity * sin_path
-    return constants.planet_radius * crossrange_angle, downrange_angle, crossrange_angle
-
-
-@njit(error_model="numpy")
-def _sample_factors(air_deviation, retention, seed, first_trial, factor, negative):
+def _sample_factors(air_deviation, log_retention, seed, first_trial, factor, final):
     """Density factors of a group, from the top of the atmosphere downwards (Eqs. 5, 8); counts the negative ones."""
+    for lane in range(LANES):
+        final[NEGATIVE_DENSITIES, lane] = 0.0
     if not air_deviation.any():
         factor[:] = 1.0
         return
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    drawn = np.empty((NORMALS_PER_BLOCK, LANES))
-    process = np.zeros(LANES)
+    drawn, process = lane_array(NORMALS_PER_BLOCK), lane_array(2)
+    process[:] = 0.0
     top = len(air_deviation) - 1
     for number in range(top + 1):
         position, node = number % NORMALS_PER_BLOCK, top - number
         if position == 0:
             fill_normals(seed, DENSITY_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
-        keep = retention[node] if number > 0 else 0.0
+        keep = exponential(log_retention[node]) if number > 0 else 0.0
         fresh = np.sqrt(1.0 - keep * keep)
         for lane in range(LANES):
-            process[lane] = keep * process[lane] + fresh * drawn[position, lane]
-            variation = air_deviation[node] * process[lane]
-            negative[lane] += is_floored(variation)
+            process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
+            variation = air_deviation[node] * process[0, lane]
+            process[1, lane] += is_floored(variation)
             factor[node, lane] = density_factor(variation)
+    for lane in range(LANES):
+        final[NEGATIVE_DENSITIES, lane] = process[1, lane]
 
 
 @njit(error_model="numpy")
 def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, first_trial, group):
     """Fly LANES trials. entry_state: (6, LANES); factors: of drag and lift, (LANES,) each; group is filled."""
     velocity_trigger, end_time, cycles, substeps, every = schedule
-    log_density, log_step, deviation, retention = tables
-    history, _, largest, length, final = group
+    log_density, log_step, deviation, log_retention = tables
+    history, _, stored_largest, length, stored_final = group
     drag_factor, lift_factor = factors
     constants = settings[0]
     factor = np.empty((len(log_density), LANES))
-    negative = np.zeros(LANES)
-    _sample_factors(deviation, retention, seed, first_trial, factor, negative)
-    air = (log_density, log_step, factor)
+    final, largest = lane_array(FINAL), lane_array(OBSERVED)
+    _sample_factors(deviation, log_retention, seed, first_trial, factor, final)
     aero = lane_array(4)
     aero[DRAG_FACTOR], aero[LIFT_FACTOR] = drag_factor, lift_factor
-    parameters = (air, aero, lane_array(2), constants)
+    parameters = ((log_density, log_step, factor), aero, lane_array(2), constants)
 
-    state, before = lane_array(STATES), lane_array(STATES)
+    state, before, ended = lane_array(STATES), lane_array(STATES), lane_array(STATES)
     state[:] = entry_state
     work = (lane_array(STATES), lane_array(STATES), lane_array(STATES))
-    noise, directions = lane_array(0), lane_array(8)
-    start, end, feature = np.empty(STATES), np.empty(STATES), np.empty(FEATURES)
-    flying, aligning = np.ones(LANES, np.bool_), np.zeros(LANES, np.bool_)
-    direction = np.full(LANES, constants.initial_direction)
-    bank, previous_command, cosine = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
-    final[REVERSALS] = 0.0
-    final[NEGATIVE_DENSITIES] = negative
-    final[END_TIME] = end_time
+    noise, feature, sight, steering = lane_array(0), lane_array(FEATURES), lane_array(SIGHTED), lane_array(STEERED)
+    start, end = np.empty(STATES), np.empty(STATES)
+    steering[:] = 0.0
+    steering[DIRECTION], steering[FLYING] = constants.initial_direction, 1.0
+    largest[:] = stored_largest
+    final[REVERSALS], final[END_TIME] = 0.0, end_time
     length[:] = history.shape[0]
 
-    remaining = LANES
-    for cycle in range(cycles):
-        time = cycle * constants.period
-        _directions(state, constants, directions)
-        for lane in range(LANES):
-            if not flying[lane]:
-                continue
-            crossrange, downrange_angle, crossrange_angle = _feature(state, directions, lane, parameters, feature)
-            velocity = feature[1]
-            gravity = constants.gravitational_parameter / (feature[0] * feature[0])
-            if velocity <= constants.alignment_velocity:
-                aligning[lane] = True
-            if aligning[lane]:
-                limit = heading_alignment_limit(
-                    velocity,
-                    constants.alignment_limit_velocity,
-                    constants.alignment_first_limit,
-                    constants.alignment_last_limit,
-                )
-                command = heading_alignment(
-                    downrange_angle, crossrange_angle, constants.alignment_gain, limit, constants.alignment_form
-                )
-                cosine[lane] = np.cos(command)
-            else:
-                nominal = ramped_bank_cosine(
-                    velocity,
-                    constants.fast_velocity,
-                    constants.slow_velocity,
-                    constants.fast_cosine,
-                    constants.slow_cosine,
-                )
-                # Before its peak, too, a velocity stands in the table, whose reference lies behind the peak.
-                slowing = feature[DRAG] * velocity > -gravity * feature[ALTITUDE_RATE]
-                cosine[lane] = _bank_cosine(law, cycle, nominal, feature, slowing)
-                width = deadband(
-                    time,
-                    constants.deadband_start,
-                    constants.deadband_start_width,
-                    constants.deadband_end,
-                    constants.deadband_end_width,
-                )
-                turned = bank_direction(direction[lane], crossrange, width)
-                if turned != direction[lane]:
-                    final[REVERSALS, lane] += 1.0
-                direction[lane] = turned
-                command = turned * np.arccos(cosine[lane])
-            change = 0.0
-            if cycle == 0:
-                bank[lane] = command
-            else:
-                flown = bank[lane]
-                if constants.limit_as_printed:
-                    bank[lane] = rate_limited_bank_as_printed(
-                        command, previous_command[lane], constants.largest_bank_change
-                    )
-                else:
-                    bank[lane] = rate_limited_bank(command, flown, constants.largest_bank_change)
-                change = abs(bank[lane] - flown)
-            previous_command[lane] = command
-            # np.maximum keeps NaN, so a trial that went wrong shows it.
-            largest[BANK, lane] = np.maximum(largest[BANK, lane], abs(bank[lane]))
-            largest[BANK_CHANGE, lane] = np.maximum(largest[BANK_CHANGE, lane], change)
-            if every == substeps:
-                _record(cycle, lane, feature, crossrange, cosine, bank, change, constants, group)
-
-        for lane in range(LANES):
-            aero[SINE, lane], aero[COSINE, lane] = sine_cosine(bank[lane])
-        span = constants.period if velocity_trigger else min(constants.period, end_time - time)
-        step = span / substeps
-        for substep in range(substeps):
-            if every != substeps and substep % every == 0:
-                _directions(state, constants, directions)
-                for lane in range(LANES):
-                    if flying[lane]:
-                        crossrange, _, _ = _feature(state, directions, lane, parameters, feature)
-                        row = (cycle * substeps + substep) // every
-                        _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, group)
+    step, remaining, flown_steps = 0.0, LANES, 0
+    while True:
+        over = remaining == 0 or flown_steps == cycles * substeps
+        if over:
             for row in range(STATES):
                 for lane in range(LANES):
-                    before[row, lane] = state[row, lane]
-            _advance(0, step, state, noise, parameters, work)
-            if velocity_trigger:
-                for lane in range(LANES):
-                    if flying[lane] and state[SPEED, lane] <= constants.end_velocity:
-                        for row in range(STATES):
-                            start[row] = before[row, lane]
-                        part = _to_trigger(step, lane, start, parameters, constants.end_velocity, end)
-                        final[END_TIME, lane] = time + substep * step + part
-                        for row in range(STATES):
-                            before[row, lane] = end[row]
-                        _directions(before, constants, directions)
-                        crossrange, _, _ = _feature(before, directions, lane, parameters, feature)
-                        _finish(lane, feature, crossrange, constants, final)
-                        length[lane] = (cycle * substeps + substep) // every + 1
-                        flying[lane] = False
-                        remaining -= 1
-            if remaining == 0:
-                break
-        if remaining == 0:
+                    state[row, lane] = state[row, lane] if steering[FLYING, lane] > 0.0 else ended[row, lane]
+        cycle, substep = flown_steps // substeps, flown_steps % substeps
+        time = cycle * constants.period
+        if over or substep == 0 or flown_steps % every == 0:
+            _observe(state, parameters, feature, sight)
+        if substep == 0 and not over:
+            _command_cosine(law, cycle, feature, constants, steering)
+            _command_bank(time, feature, sight, constants, steering, final)
+            _limit_rate(cycle, constants, steering, largest)
+            for lane in range(LANES):
+                aero[SINE, lane], aero[COSINE, lane] = sine_cosine(steering[FLOWN_BANK, lane])
+            step = (constants.period if velocity_trigger else min(constants.period, end_time - time)) / substeps
+        if (over and not velocity_trigger) or (flown_steps % every == 0 and not over):
+            _record(history.shape[0] - 1 if over else flown_steps // every, feature, sight, steering, constants, group)
+            for lane in range(LANES):
+                steering[FLOWN_CHANGE, lane] = 0.0
+        if over:
             break
+        for row in range(STATES):
+            for lane in range(LANES):
+                before[row, lane] = state[row, lane]
+        _advance(0, step, state, noise, parameters, work)
+        if velocity_trigger:
+            for lane in range(LANES):
+                if state[SPEED, lane] <= constants.end_velocity and steering[FLYING, lane] > 0.0:
+                    for row in range(STATES):
+                        start[row], end[row] = before[row, lane], state[row, lane]
+                    part = _to_trigger(step, lane, start, parameters, constants.end_velocity, end)
+                    final[END_TIME, lane] = time + substep * step + part
+                    for row in range(STATES):
+                        ended[row, lane] = end[row]
+                    length[lane] = flown_steps // every + 1
+                    steering[FLYING, lane] = 0.0
+                    remaining -= 1
+        flown_steps += 1
 
-    _directions(state, constants, directions)
     for lane in range(LANES):
-        if flying[lane]:
-            crossrange, _, _ = _feature(state, directions, lane, parameters, feature)
-            _finish(lane, feature, crossrange, constants, final)
-            if not velocity_trigger:
-                row = history.shape[0] - 1
-                _record(row, lane, feature, crossrange, cosine, bank, 0.0, constants, group)
+        final[ALTITUDE, lane] = feature[0, lane] - constants.planet_radius
+        for j in range(1, 5):
+            final[j, lane] = feature[j, lane]
+        final[CROSSRANGE, lane] = sight[SIGHTED_CROSSRANGE, lane]
+    stored_final[:], stored_largest[:] = final, largest
 
 
-@njit(error_model="numpy")
-def _record(row, lane, feature, crossrange, cosine, bank, change, constants, group):
+@inline_njit
+def _record(row, feature, sight, steering, constants, group):
     history, observed, _, _, _ = group
-    history[row, ALTITUDE, lane] = feature[0] - constants.planet_radius
+    for lane in range(LANES):
+        history[row, ALTITUDE, lane] = feature[0, lane] - constants.planet_radius
     for j in range(1, 5):
-        history[row, j, lane] = feature[j]
-    history[row, CROSSRANGE, lane] = crossrange
-    history[row, BANK_COSINE, lane] = cosine[lane]
-    observed[row, BANK, lane] = bank[lane]
-    observed[row, BANK_CHANGE, lane] = change
-
-
-@njit(error_model="numpy")
-def _finish(lane, feature, crossrange, constants, final):
-    final[ALTITUDE, lane] = feature[0] - constants.planet_radius
-    for j in range(1, 5):
-        final[j, lane] = feature[j]
-    final[CROSSRANGE, lane] = crossrange
+        for lane in range(LANES):
+            history[row, j, lane] = feature[j, lane]
+    for lane in range(LANES):
+        history[row, CROSSRANGE, lane] = sight[SIGHTED_CROSSRANGE, lane]
+        history[row, BANK_COSINE, lane] = steering[COMMAND_COSINE, lane]
+        observed[row, BANK, lane] = steering[FLOWN_BANK, lane]
+        observed[row, BANK_CHANGE, lane] = steering[FLOWN_CHANGE, lane]
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
@@ -613,7 +659,7 @@ def fly(
             atmosphere.log_density,
             np.append(np.diff(atmosphere.log_density), 0.0),
             atmosphere.deviation,
-            atmosphere.retention,
+            atmosphere.log_retention,
         ),
         # Copies, as loaded arrays are read-only, for which the kernel would be compiled once more.
         Law(law.kind, *(np.array(part) for part in law[1:5]), law.least_drag),

@@ -10,6 +10,7 @@ from marsedl.replication.artifacts import quantity
 TRIGGERS = ("time", "velocity")
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")  # law and trigger
 COARSE = 10.0  # s, intervals of the design on which slow formulations are solved, and altitude limits compared
+START_SCALES = (1.0, 0.01, 0.1, 10.0, 100.0, 1e-6)  # of the control weights from which the search over weights begins
 
 # What flights store over time; the first five, with the radius for the altitude, are the state of the linear model.
 ALTITUDE, VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE, DENSITY, CROSSRANGE, BANK_COSINE = range(7)
@@ -129,10 +130,10 @@ class Certificates:
     cone_ratio: np.ndarray = quantity("1", (2,), "cost of the semidefinite program over it")
     cone_status: np.ndarray = quantity("1", (2,), "of its solver", "str")
     cone_iterations: np.ndarray = quantity("1", (2,), "of its solver", "int64")
-    search_ratio: np.ndarray = quantity("1", (2, 2), "cost of the search over weights: usual start, small weights")
-    search_worst: np.ndarray = quantity("1", (2, 2), "its largest standard deviation over the limit")
-    search_evaluations: np.ndarray = quantity("1", (2, 2), "covariance sweeps of the search", "int64")
-    search_success: np.ndarray = quantity("1", (2, 2), "1: converged within the limits", "int8")
+    search_ratio: np.ndarray = quantity("1", (2, "starts"), "cost of the search over weights, by START_SCALES")
+    search_worst: np.ndarray = quantity("1", (2, "starts"), "its largest standard deviation over the limit")
+    search_evaluations: np.ndarray = quantity("1", (2, "starts"), "covariance sweeps of the search", "int64")
+    search_success: np.ndarray = quantity("1", (2, "starts"), "1: converged within the limits", "int8")
     weights_gain_error: np.ndarray = quantity(
         "1", (2,), "gains by Eq. 55 with the multipliers as weights, in another form, against the law's", allow_nan=True
     )

@@ -39,6 +39,7 @@ from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     OUTCOMES,
     REVERSALS,
+    START_SCALES,
     TRIGGERS,
     VELOCITY,
     Certificates,
@@ -240,7 +241,7 @@ def certificates(gains: Gains, certificates: Certificates):
             ),
         ),
     ]
-    for start, name in enumerate(("usual start", "start from small weights")):
+    for start, scale in enumerate(START_SCALES):
         found = (
             f"{ratio:.5f}, {worst:.4g}, {evaluations:,}, {'yes' if done else 'no'}"
             for ratio, worst, evaluations, done in zip(
@@ -251,7 +252,8 @@ def certificates(gains: Gains, certificates: Certificates):
                 strict=True,
             )
         )
-        rows.append((f"search over LQG weights, {name}: cost ratio, worst limit ratio, sweeps, success", *found))
+        outputs = "cost ratio, worst limit ratio, sweeps, success"
+        rows.append((f"search over LQG weights, control weights times {scale:g}: {outputs}", *found))
     return rows
 
 

@@ -1,0 +1,79 @@
+"""Benchmarks measure what agrees: the flights in C have the bits of the kernels, those in array code their numbers."""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).parents[2] / "bench"
+TRIALS = 70  # more than one group
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    """A function that imports a benchmark by its paper, with few trials and without repetitions."""
+    modules = {path.stem for path in BENCH.glob("*.py")}
+    monkeypatch.syspath_prepend(str(BENCH))
+
+    def imported(slug):
+        module = import_module(slug)
+        monkeypatch.setattr(module, "TRIALS", TRIALS)
+        monkeypatch.setattr(module, "interleaved", lambda functions, repetitions=1: [1.0] * len(functions))
+        monkeypatch.setattr(import_module("measuring"), "interleaved", module.interleaved)
+        return module
+
+    yield imported
+    for name in modules:
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def rows():
+    """The quantities of a benchmark's rows, and the function that takes them."""
+
+    def row(quantity, value, unit, **limits):
+        row.quantities.append(quantity)
+
+    row.quantities = []
+    return row
+
+
+def test_powered_descent(bench, rows):
+    module = bench("powered_descent")
+    module.compare_flights(rows, module.run("powered_descent").record("gains"))
+    assert f"speed of the kernel over strict C, {TRIALS} trials with outputs" in rows.quantities
+
+
+def test_stochastic_entry(bench, rows):
+    module = bench("stochastic_entry")
+    made = module.designed("stochastic_entry")
+    for case in module.CASES:
+        module.compare_flights(rows, made, case)
+        assert f"speed of the kernel over strict C, {TRIALS} flights of {case} with outputs" in rows.quantities
+    posed, options = module.problem(made, "stochastic_time", TRIALS)
+    in_c = module.fly_c(module.compiled.library("stochastic_entry"), *posed, **options)
+    module.same_bits(in_c, module.flight.fly(*posed, **options))
+
+
+def test_random_field(bench, rows):
+    module = bench("random_field")
+    run = module.run("random_field")
+    module.compare_with_array_code(rows, run.record("nominal"), run.record("gains"))
+    assert "speed of the kernel over array code" in rows.quantities
+
+
+def test_desensitized(bench, rows, desensitized):
+    module = bench("desensitized")
+    posed, starts = module.problem(desensitized.nominal())
+    module.compare_with_array_code(rows, posed, starts(TRIALS), module.inputs_of("desensitized").simulation.substeps)
+    assert "speed of the kernel over array code" in rows.quantities
+
+
+def test_flights_in_c_are_skipped_aloud_where_no_compiler_is(bench, monkeypatch, capsys):
+    bench("powered_descent")
+    compiled = import_module("compiled")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
+    assert compiled.library("powered_descent") is None
+    assert "NO C COMPILER: flights in C are SKIPPED" in capsys.readouterr().err

@@ -1,0 +1,34 @@
+"""Kernels give the same bits on processors with and without wide vectors and fused products."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from marsedl.replication.machines import MACHINES
+
+pytestmark = pytest.mark.workflow
+SCRIPT = Path(__file__).with_name("kernel_calls.py")
+
+
+def run(*arguments, **environment):
+    """Standard output of the script in a process of its own; None stands for a variable that must not be set."""
+    variables = {name: value for name, value in (os.environ | environment).items() if value is not None}
+    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def test_kernels_give_the_same_bits_without_wide_vectors_and_fused_products(tree, tmp_path):
+    """The first block of every Monte Carlo case, on LLVM's plain x86-64 with a mathematical library to match."""
+    calls, source = tmp_path / "calls", {"PYTHONPATH": str(tree.folder / "src")}
+    run("record", calls, tree.folder, **source)
+    machine = MACHINES["sse"].environment | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "NUMBA_NUM_THREADS": "1"}
+    replayed = json.loads(run("replay", calls, **source, **machine))
+    papers = {name.split(".")[2] for name in replayed["calls"] if ".papers." in name}
+    assert papers == {"powered_descent", "random_field", "desensitized", "stochastic_entry"}  # funnels fly in numpy
+    assert replayed["changed"] == []
