@@ -19,7 +19,7 @@ endif
 
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 
-.PHONY: all test quick lint verify bench docs slurm clean lock environment
+.PHONY: all test quick lint verify bench docs schemas slurm clean lock environment
 
 all: $(STAMP)
 	. $(BIN)/activate && snakemake all
@@ -40,9 +40,13 @@ verify: $(STAMP)
 bench: $(STAMP)
 	. $(BIN)/activate && python bench/run.py
 
-# The pages and the library reference, into docs/_build/index.html.
+# The pages and the library reference, into docs/_build/html/index.html.
 docs: $(STAMP)
-	. $(BIN)/activate && python -m sphinx -q -W --keep-going docs docs/_build
+	. $(BIN)/activate && python -m sphinx -q -W --keep-going docs docs/_build/html
+
+# The JSON Schemas of configurations and claims, which are committed and published with the pages.
+schemas: $(STAMP)
+	. $(BIN)/activate && python -m marsedl.schemas docs/schemas
 
 # What sends jobs to Slurm, into the same environment: only where it is wanted, as every start of Snakemake loads it.
 slurm: $(STAMP)

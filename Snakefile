@@ -7,7 +7,7 @@ from marsedl.replication.errors import MarsedlError
 from marsedl.replication.jobs import pin_numerics
 
 try:
-    pin_numerics(Path(workflow.basedir))
+    pin_numerics(Path(workflow.current_basedir))
 except MarsedlError as error:
     sys.exit(f"\nmarsedl: {error}\n")
 

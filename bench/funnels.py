@@ -44,7 +44,7 @@ def prepare():
         slices=slices,
         shapes=designed.shape[slices],
         design=well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE),
-        slice=i.studies.benchmark_slice - 1,
+        slice=environment.slice_at(loop, recursion.steps_per_slice, i.studies.benchmark_slice) - 1,
         level=i.studies.benchmark_level,
     )
 

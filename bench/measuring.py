@@ -17,7 +17,7 @@ from marsedl.papers import catalogue, input_model
 from marsedl.replication.catalogue import FLIGHTS
 from marsedl.replication.graph import Memory, Run
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
 from marsedl.replication.verification import snakemake
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,7 +82,7 @@ def ensemble(design, case, trials):
 
 def sections(slug, function):
     """The sections of the corrected reading that a function takes, by their names."""
-    return given(function, inputs_of(slug).plain(), lambda name, kind: None)
+    return arguments_of(function, inputs_of(slug).plain(), lambda name, kind: None)
 
 
 def interleaved(functions, repetitions=REPETITIONS):

@@ -2,8 +2,9 @@
 
 Builds take most of the time of a session. They run in the background: the smoke builds from its start, then the
 full-size build. The tests that need none come first, then those of the smoke builds, last those of the full size. Where
-tests are distributed (`pytest -n 3 --dist loadgroup`), one process waits for the builds and has all of their tests, the
-tests of a paper share a process too, and so do those of a file. Nothing is built if no selected test needs it.
+tests are distributed (`pytest -n 3 --dist loadgroup`), one process waits for the builds and has the tests that run jobs
+in them, and another one, last, those that read a copy of the build or plan in it. The tests of a paper share a process
+too, and so do those of a file. Nothing is built if no selected test needs it.
 """
 
 import os
@@ -73,20 +74,24 @@ class Plan:
 
     def of(self, slug: str) -> "Plan":
         """The part of one paper, without what is made for all of them."""
-        mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self.outputs.items()}
+        mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self._of_papers().items()}
         changed = {rule for rule in self.params_changed if mine.get(rule)}
         return Plan({rule: paths for rule, paths in mine.items() if paths}, changed)
 
     @property
     def papers(self) -> set[str]:
-        return {paper_of(path) for path in self.files} - {""}
+        return {paper_of(path) for paths in self._of_papers().values() for path in paths} - {""}
+
+    def _of_papers(self) -> dict[str, set[str]]:
+        """Without the report, which has a page for each paper but is made for all of them."""
+        return {rule: paths for rule, paths in self.outputs.items() if rule != "site"}
 
     @property
     def rules(self) -> set[str]:
         return {_short(rule) for rule in self.outputs if rule != "all"}
 
     @property
-    def changed(self) -> set[str]:
+    def changed_rules(self) -> set[str]:
         """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
         return {_short(rule) for rule in self.params_changed}
 
@@ -148,11 +153,11 @@ class Tree:
             entry = f'      {name}: {{value: {value}, source: "assumed: test"}}\n'
             heading = f"    {section}:\n"
             if heading in body[1]:
-                changed = body[1].replace(heading, heading + entry, 1)
+                changed_rules = body[1].replace(heading, heading + entry, 1)
             else:
                 lines = body[1].rstrip("\n") + "\n"
-                changed = lines + heading + entry + body[1][len(lines) :]
-            text = text[: body.start(1)] + changed + text[body.end(1) :]
+                changed_rules = lines + heading + entry + body[1][len(lines) :]
+            text = text[: body.start(1)] + changed_rules + text[body.end(1) :]
         config.write_text(text, encoding="utf-8")
 
     def run(self, *arguments: str, configfile: Path | None = None, **environment: str) -> subprocess.CompletedProcess:
@@ -172,17 +177,17 @@ class Tree:
 
     def plan(self, *arguments: str, configfile: Path | None = None) -> Plan:
         """Dry run: which jobs would run."""
-        done = self.run(*arguments, "--dry-run", "--quiet", "host", configfile=configfile)
-        assert done.returncode == 0, done.stdout[-3000:]
+        process = self.run(*arguments, "--dry-run", "--quiet", "host", configfile=configfile)
+        assert process.returncode == 0, process.stdout[-3000:]
         outputs = {}
-        for block in re.split(r"\n\[[^\n]*\]\n", done.stdout):
+        for block in re.split(r"\n\[[^\n]*\]\n", process.stdout):
             rule = re.match(r"(?:local)?(?:rule|checkpoint) (\w+):\n", block)
             if rule:
                 listed = re.search(r"\n    output: ([^\n]*)", block)
                 paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
                 outputs.setdefault(rule.group(1), set()).update(paths)
-        assert bool(outputs) != ("Nothing to be done" in done.stdout), done.stdout[-3000:]
-        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", done.stdout)
+        assert bool(outputs) != ("Nothing to be done" in process.stdout), process.stdout[-3000:]
+        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", process.stdout)
         names = listed.group(1).replace("\n", ",").split(",") if listed else []
         return Plan(outputs, {name.strip() for name in names if name.strip()})
 
@@ -221,6 +226,7 @@ class Background:
 
     def __init__(self, folder: Path, *tasks: str):
         self.folder, self.log = folder, folder.with_name("builds.log")
+        self.copy = folder.with_name("copy")  # of the second build
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, str(BUILD), str(folder), *tasks],
@@ -229,22 +235,29 @@ class Background:
                 stderr=subprocess.STDOUT,
                 process_group=0,
             )
+        unfinished = folder.with_name("process.part")  # another process may be waiting for it
+        unfinished.write_text(str(self.process.pid), encoding="ascii")
+        unfinished.rename(folder.with_name("process"))
 
     def smoke(self) -> dict:
         """Wait for the smoke builds; returns what was written of them."""
-        written = self.folder.with_name("smoke.json")
-        while not written.exists() and self.process.poll() is None:
+        result_file = self.folder.with_name("smoke.json")
+        while not result_file.exists() and self.runs():
             time.sleep(0.2)
-        if not written.exists():
+        if not result_file.exists():
             self._fail()
-        return json.loads(written.read_text(encoding="utf-8"))
+        return json.loads(result_file.read_text(encoding="utf-8"))
+
+    def runs(self) -> bool:
+        """Whether they are not at their end."""
+        return self.process.poll() is None
 
     def wait(self) -> None:
         """Wait for all of them."""
         if self.process.wait():
             self._fail()
 
-    def said(self) -> str:
+    def output(self) -> str:
         return self.log.read_text(encoding="utf-8", errors="replace")
 
     def kill(self) -> None:
@@ -256,9 +269,27 @@ class Background:
 
     def _fail(self):
         """Fail the test that needs what could not be built."""
-        pytest.fail(
-            f"a build failed ({self.process.returncode}); the end of {self.log}:\n{self.said()[-5000:]}", pytrace=False
-        )
+        pytest.fail(f"a build failed; the end of {self.log}:\n{self.output()[-5000:]}", pytrace=False)
+
+
+class Begun(Background):
+    """The builds that another process has begun."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.log, self.copy = folder, folder.with_name("builds.log"), folder.with_name("copy")
+        while not (number := folder.with_name("process")).exists():
+            time.sleep(0.2)
+        self.process = int(number.read_text(encoding="ascii"))
+
+    def runs(self) -> bool:
+        return Path(f"/proc/{self.process}").exists()
+
+    def wait(self) -> None:
+        while self.runs():
+            time.sleep(0.2)
+
+    def kill(self) -> None:
+        """They belong to the other process."""
 
 
 class Spare:
@@ -285,12 +316,12 @@ class Spare:
 
     def _stamps(self) -> dict[Path, tuple]:
         """What changes with a file, by its name; of a folder only that it is one."""
-        found = {}
+        stamps = {}
         for path in self.folder.rglob("*"):
             state = path.lstat()
             stamp = (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns, state.st_mode)
-            found[path.relative_to(self.folder)] = () if path.is_dir() else stamp
-        return found
+            stamps[path.relative_to(self.folder)] = () if path.is_dir() else stamp
+        return stamps
 
 
 @dataclass
@@ -298,7 +329,7 @@ class Built:
     """Two smoke builds: what was said of them, and their products' digests and their logs."""
 
     agree: bool
-    said: str
+    output: str
     digests: tuple[dict[str, str], ...]
     logs: tuple[set[str], ...]
     spare: Spare  # of the second one
@@ -316,6 +347,8 @@ def group(item) -> str:
     """What shares a process where tests are distributed."""
     if needs(item, "built"):
         return "builds"
+    if needs(item, "copied"):
+        return "copies"
     path = item.path.relative_to(Path(__file__).parent)
     return paper_of(path.name.removeprefix("test_")) or str(path)
 
@@ -331,13 +364,15 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.stages)
     if not distributed(config):
         yield
-        items.sort(key=lambda item: needs(item, "built") + needs(item, "full"))  # otherwise in their order
+        order = ("copied", "built", "full")
+        items.sort(key=lambda item: sum(needs(item, name) for name in order))  # otherwise in their order
         return
     for item in items:
         item.add_marker(pytest.mark.xdist_group(group(item)))
     yield
     longest = ["builds", *SLUGS]  # which have to begin first
-    items.sort(key=lambda item: longest.index(group(item)) if group(item) in longest else len(longest))
+    place = {name: number for number, name in enumerate(longest)} | {"copies": len(longest) + 1}
+    items.sort(key=lambda item: place.get(group(item), len(longest)))
     items.sort(key=lambda item: needs(item, "full") - needs(item, "built"))
 
 
@@ -349,11 +384,15 @@ def pytest_runtest_setup(item):
 @pytest.fixture(scope="session")
 def background(request, tmp_path_factory):
     """The builds beside the tests, of the sizes that selected tests need."""
-    if distributed(request.config):
-        (tmp_path_factory.getbasetemp().parent / "builds").mkdir()  # fails if another process has begun them, too
-    folder = tmp_path_factory.mktemp("pipeline") / "project"
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if distributed(request.config) else base) / "builds"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        yield Begun(folder / "project")
+        return
     full = any(needs(item, "full") for item in request.session.items)
-    builds = Background(copy_tree(ROOT, folder), *["full"] * full)
+    builds = Background(copy_tree(ROOT, folder / "project"), *["full"] * full)
     yield builds
     builds.kill()
 
@@ -361,19 +400,34 @@ def background(request, tmp_path_factory):
 @pytest.fixture(scope="session", autouse=True)
 def early(request):
     """Begin the builds before the first test; where tests are distributed, the process that needs them begins so."""
-    if not distributed(request.config) and any(needs(item, "built") for item in request.session.items):
+    builds = ("built", "copied")
+    if not distributed(request.config) and any(needs(item, b) for item in request.session.items for b in builds):
         request.getfixturevalue("background")
 
 
 @pytest.fixture(scope="session")
 def built(background) -> Built:
     """The smoke size built twice, as `marsedl verify` does."""
-    found = background.smoke()
+    smoke = background.smoke()
     tree = Tree(background.folder / "build" / "verify" / "1")
-    _DIGESTS.update({(name, *state): found["digests"][1][name] for name, state in tree.state().items()})
-    logs = tuple(set(names) for names in found["logs"])
+    _DIGESTS.update({(name, *state): smoke["digests"][1][name] for name, state in tree.state().items()})
+    logs = tuple(set(names) for names in smoke["logs"])
     spare = Spare(tree.folder, background.folder / "spare")
-    return Built(found["agree"], background.said(), tuple(found["digests"]), logs, spare)
+    return Built(smoke["agree"], background.output(), tuple(smoke["digests"]), logs, spare)
+
+
+@pytest.fixture(scope="session")
+def spare_copy(background) -> Spare:
+    """A copy of the second smoke build, beside the one in which jobs are run."""
+    background.smoke()
+    return Spare(background.copy, background.copy.with_name("spare copy"))
+
+
+@pytest.fixture
+def copied(spare_copy) -> Tree:
+    """The second build in another place, to be read or planned in; a job would compile its kernels anew there."""
+    spare_copy.restore()
+    return Tree(spare_copy.folder)
 
 
 @pytest.fixture

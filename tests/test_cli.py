@@ -63,45 +63,45 @@ def refused(capsys, *arguments) -> str:
 
 def test_list_counts_what_every_paper_has(project, capsys):
     assert cli.main(["list"]) == 0
-    shown = capsys.readouterr().out
+    output = capsys.readouterr().out
     for slug in SLUGS:
         paper = catalogue(slug)
-        assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in shown
-        assert f"{len(paper.figures)} figures, {len(paper.tables) + len(paper.summaries) + 1} tables" in shown
-    assert shown.splitlines()[-1] == "targets: " + ", ".join([*cli.TARGETS, *SLUGS])
-    assert len(shown.splitlines()) < 40
+        assert f"{slug}\n  {paper.title}\n  {paper.authors}\n" in output
+        assert f"{len(paper.figures)} figures, {len(paper.tables) + len(paper.summaries) + 1} tables" in output
+    assert output.splitlines()[-1] == "targets: " + ", ".join([*cli.TARGETS, *SLUGS])
+    assert len(output.splitlines()) < 40
 
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_list_shows_all_of_a_paper(project, capsys, slug):
     assert cli.main(["list", slug]) == 0
-    shown = capsys.readouterr().out
+    output = capsys.readouterr().out
     paper, inputs = catalogue(slug), input_model(slug)
     names = ["printed", "corrected", *paper.figures, *paper.tables, *paper.summaries, *paper.stages, *inputs.CASES]
     for name in [*names, *(claim.id for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"))]:
-        assert f"\n    {name} " in shown
+        assert f"\n    {name} " in output
 
 
 def test_list_shows_one_kind_of_one_paper_or_of_all(project, capsys):
     assert cli.main(["list", "stochastic_entry", "--figures"]) == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
-    assert "\n    headline " not in shown, "a table"
+    output = capsys.readouterr().out
+    assert output.startswith("stochastic_entry\n\n  figures (snakemake figures/stochastic_entry/NAME.png, or ")
+    assert "\n    headline " not in output, "a table"
     assert cli.main(["list", "stochastic_entry", "--tables"]) == 0
-    shown = capsys.readouterr().out
-    assert "\n    headline " in shown
-    assert "  Eq. 77, element by element\n" in shown, "an abbreviation ends no sentence"
+    output = capsys.readouterr().out
+    assert "\n    headline " in output
+    assert "  Eq. 77, element by element\n" in output, "an abbreviation ends no sentence"
     assert cli.main(["list", "--cases"]) == 0
-    shown = capsys.readouterr().out
-    assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", shown)
-    assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", shown)
+    output = capsys.readouterr().out
+    assert re.search(r"\n    closed_loop +2,000 trials +input ensemble\.trials: \S", output)
+    assert re.search(r"\n    aerocapture +[\d,]+ trials +input simulation\.trials: \S", output)
 
 
 def test_list_shows_the_trials_of_a_size(project, capsys):
     assert cli.main(["list", "powered_descent", "--cases", "--size", "smoke"]) == 0
-    shown = capsys.readouterr().out
-    assert re.search(r"\n    closed_loop +200 trials", shown)
-    assert "add --config size=smoke)" in shown
+    output = capsys.readouterr().out
+    assert re.search(r"\n    closed_loop +200 trials", output)
+    assert "add --config size=smoke)" in output
     assert "no such size; did you mean 'smoke'?" in refused(capsys, "list", "--size", "smok")
     assert "did you mean 'funnels'?" in refused(capsys, "list", "funels")
 
@@ -123,18 +123,18 @@ def test_list_imports_nothing_heavy():
         "import sys; from marsedl.cli import main; main(['list', '--claims']); main(['explain', 'funnels'])\n"
         f"print('imported', [name for name in {HEAVY!r} if name in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "imported []"
+    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert process.stdout.splitlines()[-1] == "imported []"
 
 
 def test_a_closed_pipe_is_no_error():
     """As in `marsedl list | head -1`."""
     command = f"{sys.executable} -m marsedl.cli list | head -1; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout == "powered_descent\n"  # of a pipe, whose reader has gone before the second line
-    assert done.returncode == 0
-    assert "Traceback" not in done.stderr
-    assert "BrokenPipe" not in done.stderr
+    process = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert process.stdout == "powered_descent\n"  # of a pipe, whose reader has gone before the second line
+    assert process.returncode == 0
+    assert "Traceback" not in process.stderr
+    assert "BrokenPipe" not in process.stderr
 
 
 # ------------------------------------------------------------------------------------------------------------ explain
@@ -146,24 +146,26 @@ def explained(capsys, *arguments) -> str:
 
 
 def test_explain_a_figure(project, capsys):
-    said = explained(capsys, "powered_descent", "fig05")
-    assert "snakemake figures/powered_descent/fig05.png" in said
-    order = [said.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", "montecarlo.closed_loop")]
+    output = explained(capsys, "powered_descent", "fig05")
+    assert "snakemake figures/powered_descent/fig05.png" in output
+    order = [output.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", "montecarlo.closed_loop")]
     assert order == sorted(order)
-    assert "assumed: descending; only then is the printed mean final mass met" in said
-    assert "deg" in said  # the unit in which the angle is written
-    assert "powered_descent.figures:fig05\n" in said
-    assert "ellipse_sigma" not in said, "fig05 draws no ellipse"
-    assert re.search(r"\n    trials +2000 ", said), "the number of trials of the case that it shows"
-    assert "large_trials" not in said, "of another case"
+    assert "assumed: descending; only then is the printed mean final mass met" in output
+    assert "deg" in output  # the unit in which the angle is written
+    assert "powered_descent.figures:fig05\n" in output
+    assert "ellipse_sigma" not in output, "fig05 draws no ellipse"
+    assert re.search(r"\n    trials +2000 ", output), "the number of trials of the case that it shows"
+    assert "large_trials" not in output, "of another case"
 
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_explain_names_the_numbers_of_trials_behind_every_item(project, slug):
     paper, cases = catalogue(slug), input_model(slug).CASES
     items = {**paper.stages, **paper.figures, **paper.tables}
-    shown = {need.split(".")[1] for item in items.values() for need in item.needs if need.startswith("montecarlo.")}
-    assert shown
+    cases_shown = {
+        need.split(".")[1] for item in items.values() for need in item.needs if need.startswith("montecarlo.")
+    }
+    assert cases_shown
     for item in items.values():
         _, names = cli._behind(paper, item, cases)
         direct = {need.split(".")[1] for need in item.needs if need.startswith("montecarlo.")}
@@ -171,16 +173,16 @@ def test_explain_names_the_numbers_of_trials_behind_every_item(project, slug):
 
 
 def test_explain_the_flights_names_the_trials_of_every_case(project, capsys):
-    shown = explained(capsys, "powered_descent", "montecarlo")
-    assert re.search(r"\n    trials +2000 ", shown)
-    assert re.search(r"\n    large_trials +100000 ", shown)
+    output = explained(capsys, "powered_descent", "montecarlo")
+    assert re.search(r"\n    trials +2000 ", output)
+    assert re.search(r"\n    large_trials +100000 ", output)
 
 
 def test_explain_shows_what_a_size_limits(project, capsys):
-    shown = explained(capsys, "powered_descent", "fig07", "--size", "smoke")
-    assert re.search(r"\n    trials +2000 \(size smoke: 200\) ", shown)
-    assert re.search(r"\n    gravity +3.71  ", shown)
-    assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in shown
+    output = explained(capsys, "powered_descent", "fig07", "--size", "smoke")
+    assert re.search(r"\n    trials +2000 \(size smoke: 200\) ", output)
+    assert re.search(r"\n    gravity +3.71  ", output)
+    assert "\n  snakemake figures/powered_descent/fig07.png --config size=smoke\n" in output
 
 
 # ------------------------------------------------------------------------------------------------- explain whole papers
@@ -188,23 +190,23 @@ def test_explain_shows_what_a_size_limits(project, capsys):
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_explain_a_paper(project, capsys, slug):
-    shown = explained(capsys, slug)
+    output = explained(capsys, slug)
     paper, study = catalogue(slug), cli._project().studies[slug]
-    assert shown.startswith(f"{slug}: {paper.title}\n  {paper.authors}\n  snakemake {slug}\n\nreadings\n")
+    assert output.startswith(f"{slug}: {paper.title}\n  {paper.authors}\n  snakemake {slug}\n\nreadings\n")
     for name, reading in study.readings.items():
-        assert f"\n  {name} " in shown
+        assert f"\n  {name} " in output
         if name != "corrected" and reading.inputs != study.readings["corrected"].inputs:
-            assert re.search(rf"\n  \w+\.\w+  .*\b{name} ", shown.split("\ninputs in which readings differ")[1])
-    assert f"{len(paper.figures)} figures" in shown
+            assert re.search(rf"\n  \w+\.\w+  .*\b{name} ", output.split("\ninputs in which readings differ")[1])
+    assert f"{len(paper.figures)} figures" in output
 
 
 def test_explain_a_paper_shows_inputs_that_readings_change_and_no_others(project, capsys):
-    shown = explained(capsys, "powered_descent")
+    output = explained(capsys, "powered_descent")
     row = r"\n  mission\.final_covariance +\[5.0, .*  target4 \[4.0, 0.25, 0.25, 0.25\]; euler \[4.0"
-    assert re.search(row, shown)
-    assert "printed [5.0" not in shown, "it has the same target"
-    assert "specific_impulse" not in shown, "no reading changes it"
-    assert "none yet: run 'snakemake claims'" in shown
+    assert re.search(row, output)
+    assert "printed [5.0" not in output, "it has the same target"
+    assert "specific_impulse" not in output, "no reading changes it"
+    assert "none yet: run 'snakemake claims'" in output
     assert "none yet: run 'snakemake claims --config size=smoke'" in explained(
         capsys, "powered_descent", "--size", "smoke"
     )
@@ -222,45 +224,45 @@ def test_explain_a_paper_counts_verdicts_of_the_size_that_is_asked_for(bare_proj
 
 
 def test_explain_a_figure_of_another_paper(project, capsys):
-    said = explained(capsys, "stochastic_entry", "fig12")
-    assert "snakemake figures/stochastic_entry/fig12.png" in said
+    output = explained(capsys, "stochastic_entry", "fig12")
+    assert "snakemake figures/stochastic_entry/fig12.png" in output
     flights = ("montecarlo.apollo_velocity", "montecarlo.stochastic_velocity")
-    order = [said.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", *flights)]
+    order = [output.index(f"\n  {name} ") for name in ("nominal", "linearization", "gains", *flights)]
     assert order == sorted(order)
-    assert "entry_flight_path_angle_three_sigma_deg  0.5 " in said
-    assert "assumed: the guidance period; the partition is not printed" in said
-    assert "altitude_limit_study" not in said
-    assert "stochastic_entry.figures:fig12" in said
+    assert "entry_flight_path_angle_three_sigma_deg  0.5 " in output
+    assert "assumed: the guidance period; the partition is not printed" in output
+    assert "altitude_limit_study" not in output
+    assert "stochastic_entry.figures:fig12" in output
     table = explained(capsys, "stochastic_entry", "tab04", "--reading", "marsgram_table")
     assert "data/atmosphere/mars_density.csv#marsgram_2021a_sample_daily_mean" in table
 
 
 def test_explain_says_what_else_has_the_name(project, capsys):
-    said = explained(capsys, "stochastic_entry", "error_budget")
-    assert "snakemake figures/stochastic_entry/error_budget.png" in said
-    assert "(also the name of a" in said
-    assert " a stage)" in said
+    output = explained(capsys, "stochastic_entry", "error_budget")
+    assert "snakemake figures/stochastic_entry/error_budget.png" in output
+    assert "(also the name of a" in output
+    assert " a stage)" in output
 
 
 def test_explain_another_reading(project, capsys):
-    said = explained(capsys, "powered_descent", "eq54", "--reading", "printed")
-    assert "snakemake figures/powered_descent/printed/eq54.csv" in said
-    assert "algorithm_1" in said
+    output = explained(capsys, "powered_descent", "eq54", "--reading", "printed")
+    assert "snakemake figures/powered_descent/printed/eq54.csv" in output
+    assert "algorithm_1" in output
 
 
 def test_explain_a_stage(project, capsys):
-    said = explained(capsys, "powered_descent", "gains")
-    assert "stage gains of powered_descent, reading corrected" in said
-    assert "segment_durations" in said
-    assert "ellipse_sigma" not in said
+    output = explained(capsys, "powered_descent", "gains")
+    assert "stage gains of powered_descent, reading corrected" in output
+    assert "segment_durations" in output
+    assert "ellipse_sigma" not in output
 
 
-def claim_row(**given) -> dict:
+def claim_row(**values) -> dict:
     """A row of `report/claims.json`."""
     result = {"value": 1349.4, "standard_error": None, "trials": None, "verdict": "differs", "evidence": "a sentence"}
     row = {"paper": "powered_descent", "id": "prior_final_mass", "verdict": "differs", "reading": "corrected"}
     row |= {"where": "Sec. V", "quantity": "mass", "unit": "kg", "kind": "deterministic", "printed": 1346.0}
-    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **given}
+    return {**row, "reason": "E10", "resolution": 1.0, "readings": {"corrected": {**result, "z": None}}, **values}
 
 
 def write_verdicts(folder, *rows):
@@ -271,9 +273,9 @@ def write_verdicts(folder, *rows):
 def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
     assert "no verdict yet: run 'snakemake claims'" in explained(capsys, "powered_descent", "prior_final_mass")
     write_verdicts(bare_project, claim_row())
-    said = explained(capsys, "powered_descent", "prior_final_mass")
-    assert "verdict: differs (reading corrected)" in said
-    assert "a sentence" in said
+    output = explained(capsys, "powered_descent", "prior_final_mass")
+    assert "verdict: differs (reading corrected)" in output
+    assert "a sentence" in output
 
 
 @pytest.mark.parametrize("slug", SLUGS)
@@ -304,9 +306,9 @@ def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     entry = 'gravity: {value: 3.9, source: "assumed: \\e[2J mine\\u200B"}'
     path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, planet: {{{entry}}}}}}}}}\n")
-    shown = refused(capsys, "explain", "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
-    assert "source: has the character '\\x1b', which cannot be shown" in shown
-    shown += refused(capsys, "explain", f"powered{ESCAPE}descent")
+    output = refused(capsys, "explain", "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
+    assert "source: has the character '\\x1b', which cannot be shown" in output
+    output += refused(capsys, "explain", f"powered{ESCAPE}descent")
     for name, value in (("a.h5", 1.0), ("b.h5", 2.0)):
         with h5py.File(tmp_path / name, "w") as file:
             file[f"field{ESCAPE}"] = value
@@ -317,16 +319,16 @@ def test_nothing_of_a_file_acts_on_the_terminal(bare_project, tmp_path, capsys):
     compared = capsys.readouterr().out
     assert "field\\x1b[2J: 1 of 1 values differ" in compared
     assert len(compared.splitlines()) == 2
-    assert all(c.isprintable() or c == "\n" for c in shown + compared)
+    assert all(c.isprintable() or c == "\n" for c in output + compared)
 
 
 def test_explain_an_own_reading(project, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     entry = "gravity: {value: 3.9, source: 'assumed: mine'}"
     path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, planet: {{{entry}}}}}}}}}\n")
-    said = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
-    assert "3.9" in said
-    assert "assumed: mine" in said
+    output = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
+    assert "3.9" in output
+    assert "assumed: mine" in output
     drawn = explained(capsys, "powered_descent", "fig07", "--reading", "mine", "--configfile", str(path))
     assert f"\n  snakemake figures/powered_descent/mine/fig07.png --configfile {path}\n" in drawn
 
@@ -341,9 +343,9 @@ def test_explain_an_own_reading(project, tmp_path, capsys):
     ],
 )
 def test_explain_refuses_unknown_names(project, capsys, arguments, fragments):
-    said = refused(capsys, "explain", *arguments)
+    output = refused(capsys, "explain", *arguments)
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in output
 
 
 def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys):
@@ -366,8 +368,8 @@ def test_a_file_beside_the_working_directory_is_found(monkeypatch, tmp_path, cap
     path = tmp_path / "mine.yaml"
     path.write_text(f"stochastic_entry: {{readings: {{mine: {{based_on: corrected, air: {{{entries}}}}}}}}}\n")
     relative = os.path.relpath(path)
-    said = explained(capsys, "stochastic_entry", "nominal", "--reading", "mine", "--configfile", relative)
-    assert table in said
+    output = explained(capsys, "stochastic_entry", "nominal", "--reading", "mine", "--configfile", relative)
+    assert table in output
 
 
 # --------------------------------------------------------------------------------------------------------------- diff
@@ -379,10 +381,10 @@ def test_diff_of_equal_and_different_tables(tmp_path, capsys):
     assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]) == 0
     assert capsys.readouterr().out == "no difference\n"
     assert cli.main(["diff", str(tmp_path / "a.csv"), str(tmp_path / "c.csv")]) == 1
-    said = capsys.readouterr().out
-    assert "value" in said
-    assert "at most 0.5" in said
-    assert "there is no such file" in refused(capsys, "diff", str(tmp_path / "a.csv"), str(tmp_path / "none.csv"))
+    output = capsys.readouterr().out
+    assert "value" in output
+    assert "at most 0.5" in output
+    assert "the file does not exist" in refused(capsys, "diff", str(tmp_path / "a.csv"), str(tmp_path / "none.csv"))
 
 
 def test_diff_of_folders(tmp_path, capsys):
@@ -399,27 +401,27 @@ def test_diff_of_folders(tmp_path, capsys):
 
 
 def test_a_new_paper_says_what_it_wrote_and_what_is_left(project, monkeypatch, capsys):
-    written = []
+    calls = []
 
-    def write(root, *given):
-        written.append(given)
+    def write(root, *arguments):
+        calls.append(arguments)
         return [root / "configs" / "gravity_turn.yaml"]
 
     monkeypatch.setattr("marsedl.replication.scaffold.new_paper", write)
     assert cli.main(["new-paper", "gravity_turn", "--title", "Turns", "--authors", "A. Pilot"]) == 0
     assert cli.main(["new-paper", "gravity_turn", "--without-monte-carlo"]) == 0
-    assert written == [
+    assert calls == [
         ("gravity_turn", "Turns", "A. Pilot", True),
         ("gravity_turn", "Title to be given", "Authors to be named", False),
     ]
-    said = capsys.readouterr().out
-    assert said.startswith("wrote configs/gravity_turn.yaml\n")
-    assert "snakemake gravity_turn --config size=smoke\n" in said
+    output = capsys.readouterr().out
+    assert output.startswith("wrote configs/gravity_turn.yaml\n")
+    assert "snakemake gravity_turn --config size=smoke\n" in output
 
 
 def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
-    said = refused(capsys, "new-paper", "funnels")
-    assert "there is a paper 'funnels' already" in said
+    output = refused(capsys, "new-paper", "funnels")
+    assert "there is a paper 'funnels' already" in output
 
 
 # -------------------------------------------------------------------------------------------------------------- trial
@@ -433,14 +435,14 @@ def test_a_new_paper_cannot_take_the_name_of_another(project, capsys):
         (["corrected", "2000"], ["trial 2000", "0 to 1999"]),
         (["corrected", "-1"], ["trial -1", "0 to 1999"]),
         (["corected", "1"], ["no reading 'corected'"]),
-        (["corrected", "1"], ["is not built yet; run 'snakemake data/cache/powered_descent/corrected/gains.h5'"]),
+        (["corrected", "1"], ["is not built yet; run 'snakemake data/cache/powered_descent/corrected/nominal.h5'"]),
     ],
 )  # fmt: skip
 def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, arguments, fragments):
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)  # this process is up already
-    said = refused(capsys, "trial", "powered_descent", *arguments)
+    output = refused(capsys, "trial", "powered_descent", *arguments)
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in output
 
 
 def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys, monkeypatch):
@@ -450,7 +452,7 @@ def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_
     path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, {own}}}}}}}\n", encoding="utf-8")
     arguments = ("powered_descent", "mine", "12", "--size", "smoke", "--configfile", str(path))
     message = refused(capsys, "trial", *arguments)
-    target = "data/cache/powered_descent/mine/gains.h5"
+    target = "data/cache/powered_descent/mine/nominal.h5"
     assert f"{bare_project / 'build' / 'smoke' / target} is not built yet" in message
     assert f"run 'snakemake {target} --config size=smoke --configfile 'my own.yaml'' first" in message
     assert "trial 300: case closed_loop has the trials 0 to 199" in refused(
@@ -478,9 +480,9 @@ def test_compiling_is_announced_once(tmp_path):
         "inner = njit(lambda x: x + 1.0)\n"
         "print(njit(lambda x: inner(x))(1.0), njit(lambda x: 2 * x)(1.0))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == "2.0 2.0\n"
-    assert done.stderr == "compiling kernels, once: the next run loads them\n"
+    process = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert process.stdout == "2.0 2.0\n"
+    assert process.stderr == "compiling kernels; later runs load them\n"
 
 
 @pytest.mark.parametrize(
@@ -493,11 +495,11 @@ def test_compiling_is_announced_once(tmp_path):
     ],
 )
 def test_trial_takes_the_case_as_a_word_or_an_option(project, monkeypatch, arguments, case):
-    flown = []
+    trials = []
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
-    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *given: flown.append(given[4]))
+    monkeypatch.setattr("marsedl.replication.jobs.replay", lambda *call: trials.append(call[4]))
     assert cli.main(["trial", "stochastic_entry", "corrected", *arguments]) == 0
-    assert flown == [(case, 7)]
+    assert trials == [(case, 7)]
 
 
 # --------------------------------------------------------------------------------------------------- the command line
@@ -528,7 +530,7 @@ def test_the_version_is_that_of_the_package(capsys):
 
 @pytest.mark.parametrize("cores", ["0", "-1", "two", "1.5", ""])
 def test_a_number_of_cores_that_is_none_starts_no_build(project, capsys, monkeypatch, cores):
-    monkeypatch.setattr("marsedl.replication.machines.measure", lambda *given: pytest.fail("a build was started"))
+    monkeypatch.setattr("marsedl.replication.machines.measure", lambda *arguments: pytest.fail("a build was started"))
     with pytest.raises(SystemExit) as caught:
         cli.main(["machines", f"--cores={cores}"])
     assert caught.value.code == 2
@@ -553,9 +555,9 @@ def test_a_shell_completes_commands(completions, words, completed):
     *before, last = words.split(" ")
     typed = " ".join(["marsedl", *before, f"'{last}'"])
     code = f'. {completions}; COMP_WORDS=({typed}); COMP_CWORD={len(before) + 1}; _marsedl; echo "${{COMPREPLY[@]}}"'
-    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-    assert completed == set(done.stdout.split()) or (words == "" and completed < set(done.stdout.split()))
+    process = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
+    assert process.stderr == ""
+    assert completed == set(process.stdout.split()) or (words == "" and completed < set(process.stdout.split()))
 
 
 @pytest.fixture(scope="module")
@@ -587,29 +589,29 @@ def test_a_request_that_is_none_is_refused(capsys):
 
 @pytest.mark.workflow
 def test_a_trial_of_the_built_tree_is_the_same_to_the_last_bit(tree):
-    done = tree.marsedl("trial", "powered_descent", "corrected", "12", "--size", "smoke")
-    assert done.returncode == 0, done.stderr
-    assert "trial 12 of closed_loop: completed" in done.stdout
-    assert "the same to the last bit as in the stored ensemble" in done.stdout
-    done = tree.marsedl("trial", "powered_descent", "printed", "12", "--case", "open_loop", "--size", "smoke")
-    assert "the same to the last bit as in the stored ensemble" in done.stdout, done.stderr
+    process = tree.marsedl("trial", "powered_descent", "corrected", "12", "--size", "smoke")
+    assert process.returncode == 0, process.stderr
+    assert "trial 12 of closed_loop: completed" in process.stdout
+    assert "the same to the last bit as in the stored ensemble" in process.stdout
+    process = tree.marsedl("trial", "powered_descent", "printed", "12", "--case", "open_loop", "--size", "smoke")
+    assert "the same to the last bit as in the stored ensemble" in process.stdout, process.stderr
 
 
 @pytest.mark.workflow
 @pytest.mark.parametrize("case", input_model("stochastic_entry").CASES)
 def test_an_entry_of_the_built_tree_is_the_same_to_the_last_bit(tree, case):
-    done = tree.marsedl("trial", "stochastic_entry", "corrected", case, "7", "--size", "smoke")
-    assert f"trial 7 of {case}: completed" in done.stdout, done.stderr
-    assert "bank reversals" in done.stdout
-    assert "the same to the last bit as in the stored ensemble" in done.stdout
+    process = tree.marsedl("trial", "stochastic_entry", "corrected", case, "7", "--size", "smoke")
+    assert f"trial 7 of {case}: completed" in process.stdout, process.stderr
+    assert "bank reversals" in process.stdout
+    assert "the same to the last bit as in the stored ensemble" in process.stdout
 
 
 @pytest.mark.workflow
 def test_a_trial_under_several_laws_is_the_same_under_each(tree):
-    done = tree.marsedl("trial", "random_field", "corrected", "150", "--size", "smoke")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("the same to the last bit as in the stored ensemble") == 4
-    assert "trial 150, law of iteration 3: captured" in done.stdout
+    process = tree.marsedl("trial", "random_field", "corrected", "150", "--size", "smoke")
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.count("the same to the last bit as in the stored ensemble") == 4
+    assert "trial 150, law of iteration 3: captured" in process.stdout
 
 
 @pytest.mark.workflow
@@ -617,17 +619,17 @@ def test_a_trial_beyond_the_stored_ensemble_is_flown_without_comparison(tree):
     """The flights are those of a smaller size, as after an edit of the number of trials."""
     stored = "data/cache/powered_descent/corrected"
     shutil.copytree(tree.path(stored), tree.folder / stored)
-    done = tree.marsedl("trial", "powered_descent", "corrected", "1500")
-    assert done.returncode == 0, done.stderr
-    assert "trial 1500 of closed_loop: completed" in done.stdout
-    assert "the same" not in done.stdout
+    process = tree.marsedl("trial", "powered_descent", "corrected", "1500")
+    assert process.returncode == 0, process.stderr
+    assert "trial 1500 of closed_loop: completed" in process.stdout
+    assert "the same" not in process.stdout
 
 
 @pytest.mark.workflow
 def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
-    done = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
-    assert "verdict: " in done.stdout, done.stderr
-    assert os.linesep + "    printed " in done.stdout
-    done = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time", "--size", "smoke")
-    assert "verdict: " in done.stdout, done.stderr
-    assert os.linesep + "    marsgram_table  " in done.stdout
+    process = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
+    assert "verdict: " in process.stdout, process.stderr
+    assert os.linesep + "    printed " in process.stdout
+    process = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time", "--size", "smoke")
+    assert "verdict: " in process.stdout, process.stderr
+    assert os.linesep + "    partition_24 " in process.stdout

@@ -34,23 +34,31 @@ TEMPLATES = sorted((ROOT / "src" / "marsedl" / "replication" / "templates").glob
 
 # At least so many commands are found there; fewer mean that they are no longer recognised.
 EXPECTED = {
-    "README.md": 14,
+    "README.md": 12,
+    "CONTRIBUTING.md": 8,
     "docs/adding-a-paper.md": 10,
     "docs/design.md": 2,
+    "docs/formats.md": 1,
+    "docs/gate.md": 5,
+    "docs/notebooks/an_ensemble.md": 2,
+    "docs/notebooks/index.md": 1,
+    "docs/notebooks/verdicts_as_data.md": 1,
     "docs/papers/powered_descent.md": 1,
     "docs/reproducibility.md": 18,
+    "docs/results.md": 1,
     "docs/scaling.md": 16,
     "docs/tutorial.md": 10,
     "docs/using.md": 40,
+    "docs/verdicts.md": 1,
     "src": 34,
-    "templates": 3,
+    "templates": 2,
 }
 
 PROGRAMS = "snakemake|marsedl|make|pytest|python|pip|uv|git|podman|rocrate-validator|h5dump|scancel|scontrol"
 COMMAND = re.compile(rf"(?:[A-Z_]+=\S+ )*(?:{PROGRAMS}) \S.*|\. \S+/activate|eval \"\$\(.*\)\"")
 # In the source, where prose stands around them: at the start, in quotes or brackets, or after a colon.
 IN_PROSE = re.compile(r"(?:^|['\"(`>]|: +)\s*((?:snakemake|marsedl|git|make|pytest) (?:\{[^}]*\}|[^'`<)\",;\n])+)")
-PROSE = {"git cannot list the project", "make it a frozen dataclass of quantities", "marsedl {version('marsedl')}"}
+PROSE = {"git cannot list the project", "make it a frozen dataclass of quantities", "marsedl {marsedl.__version__}"}
 
 # What stands for something, and one thing that it may stand for.
 STANDS_FOR = {
@@ -59,6 +67,7 @@ STANDS_FOR = {
     "{paper}": "powered_descent",
     "{paper.slug}": "powered_descent",
     "{project.options}": " --config size=smoke",
+    "snakemake {target}{size}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
     "snakemake {target}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
     "snakemake {path}{options}": "snakemake data/cache/powered_descent/corrected/gains.h5 --config size=smoke",
     "{path.relative_to(root)}": "data/reference/powered_descent.json",
@@ -66,10 +75,10 @@ STANDS_FOR = {
     "snakemake {path} --config size={parts[1]}": "snakemake figures/powered_descent/fig07.png --config size=smoke",
     "snakemake {setting} --config ...": "snakemake claims --config size=smoke",
     "{name}": "report/badge.json",
+    "{shlex.quote(str(folder))}": "own/reference",
     "corrected {case}": "corrected closed_loop 7",  # the report's script adds the number
     "{{ paths[0] }}": "figures/powered_descent/fig07.png",
-    "{{ paper.verdicts }}": "report/claims/powered_descent.json",
-    "{{ slug }} ID": "powered_descent prior_final_mass",
+    "{{ slug }} {{ row.id }}": "powered_descent prior_final_mass",
     "montecarlo.NAME": "montecarlo.closed_loop",
     "NAME.png": "fig07.png",
     "NAME.csv": "eq54.csv",
@@ -93,6 +102,7 @@ ELSEWHERE = {
     "make environment": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",
     ". .venv/bin/activate": "tests/test_makefile.py::test_every_step_of_the_installation_is_announced_and_shown",
     "make lock": "tests/test_environment.py::test_the_locks_agree_in_their_versions",
+    "make schemas": "tests/test_schemas.py::test_the_committed_schemas_are_what_is_made",
     "make docs": "tests/test_docs.py::test_the_pages_need_no_network_and_name_no_folder_of_this_machine",
     "make verify": "tests/workflow/test_reproducibility.py::test_two_builds_agree_in_every_product",
     "make bench": "tests/test_commands.py::test_benchmarks_of_an_unknown_paper_are_refused",
@@ -101,6 +111,11 @@ ELSEWHERE = {
     "marsedl verify --no-rebuild": ".github/workflows/ci.yml",
     "marsedl machines*": "tests/workflow/test_machines.py::test_numbers_stay_within_tolerance_without_vector_units",
     "marsedl accept": "tests/replication/test_verification.py::test_accept_shows_the_table_and_then_verify_agrees",
+    "marsedl * --reference *": "tests/workflow/test_gate.py::test_the_gate_passes_until_a_number_moves",
+    "snakemake * --configfile own/mine.yaml *": (
+        "tests/workflow/test_gate.py::test_the_gate_passes_until_a_number_moves"
+    ),
+    "marsedl readme": "tests/test_docs.py::test_the_readme_says_what_the_committed_verdicts_are",
     "marsedl audit": ".ci/run",
     "marsedl crate*": "tests/replication/test_crate.py::test_the_smoke_build_is_a_valid_crate",
     "rocrate-validator *": "tests/replication/test_crate.py::test_a_valid_crate_of_the_profile",
@@ -144,8 +159,8 @@ class Command:
     def line(self) -> str:
         """The command as it can be given, with something in the place of what stands for anything."""
         line = self.text
-        for shown, sample in STANDS_FOR.items():
-            line = line.replace(shown, sample)
+        for placeholder, sample in STANDS_FOR.items():
+            line = line.replace(placeholder, sample)
         assert not re.search(r"[{}]|<\w", line) or line.startswith(("scancel", "python -c")), f"{self.where}: {line}"
         words = line.split()
         parsers = subcommands()
@@ -262,12 +277,12 @@ def project(tmp_path_factory):
     shutil.copy(ROOT / "Makefile", folder)
     (folder / "gram_run.csv").write_text("altitude_km,density_kg_m3\n0,0.02\n50,1e-4\n125,1e-9\n", encoding="utf-8")
     (new,) = (command for command in RUN if command.line.startswith("marsedl new-paper hypersonic_glide "))
-    done = given(folder, new.line)
-    assert done.returncode == 0, done.stderr
+    process = run_line(folder, new.line)
+    assert process.returncode == 0, process.stderr
     return folder
 
 
-def given(folder, line) -> subprocess.CompletedProcess:
+def run_line(folder, line) -> subprocess.CompletedProcess:
     """Give a line to a shell in a folder, whose package `marsedl` and `python` then use."""
     programs = folder.parent / "programs"
     programs.mkdir(exist_ok=True)
@@ -317,12 +332,12 @@ def test_snakemake_plans_what_is_shown(project, batch):
     (project / "mine.yaml").write_text(readings, encoding="utf-8")
     environment = dict(assignment.split("=", 1) for assignment in prefix.split())
     words = shlex.split(options[0]) if not targets and len(options) == 1 else options
-    done = snakemake(project, *targets, *words, "--dry-run", "--quiet", "host", "--cores", "1", **environment)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "Traceback" not in done.stdout
-    assert "Job stats:" in done.stdout
+    process = snakemake(project, *targets, *words, "--dry-run", "--quiet", "host", "--cores", "1", **environment)
+    assert process.returncode == 0, process.stdout[-3000:]
+    assert "Traceback" not in process.stdout
+    assert "Job stats:" in process.stdout
     for target in targets:
-        assert "/" not in target or target in done.stdout, target
+        assert "/" not in target or target in process.stdout, target
 
 
 @pytest.mark.workflow
@@ -331,9 +346,9 @@ def test_all_makes_what_the_page_lists(project):
     (block,) = re.findall(r"(?ms)^## What comes out\n\n```\n(.*?)^```$", page)
     paths = [path for line in block.splitlines() for path in re.findall(r"^\S+|(?<=\w  )\w+\.\w+", line)]
     assert len(paths) >= 7
-    done = snakemake(project, "all", "--dry-run", "--quiet", "host", "--cores", "1")
+    process = snakemake(project, "all", "--dry-run", "--quiet", "host", "--cores", "1")
     for path in paths:
-        assert re.search(rf"\n    output: .*\b{re.escape(path)}", done.stdout), path
+        assert re.search(rf"\n    output: .*\b{re.escape(path)}", process.stdout), path
 
 
 @pytest.mark.parametrize(
@@ -342,10 +357,10 @@ def test_all_makes_what_the_page_lists(project):
 def test_other_commands_do_what_is_shown(project, line):
     mine = next(command.readings for command in SHOWN if command.readings)
     (project / "mine.yaml").write_text(mine, encoding="utf-8")
-    done = given(project, line)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    assert done.stdout or line.startswith("eval ")
+    process = run_line(project, line)
+    assert process.returncode == 0, process.stderr
+    assert process.stderr == ""
+    assert process.stdout or line.startswith("eval ")
 
 
 @pytest.mark.workflow
@@ -357,9 +372,9 @@ def test_commands_that_need_a_build_do_what_is_shown(tree):
         shutil.copytree(tree.path("report"), tree.folder / f"build/verify/{number}/build/smoke/report")
     assert len(ON_A_BUILD) >= 6
     for command in ON_A_BUILD:
-        done = given(tree.folder, command.line)
-        assert done.returncode == 0, (command, done.stderr)
-        assert done.stdout, command
+        process = run_line(tree.folder, command.line)
+        assert process.returncode == 0, (command, process.stderr)
+        assert process.stdout, command
 
 
 def test_commands_that_install_name_files_and_extras_that_exist():
@@ -368,28 +383,31 @@ def test_commands_that_install_name_files_and_extras_that_exist():
     assert len(lines) >= 5
     for line in lines:
         assert all((ROOT / name).exists() for name in re.findall(r" -r (\S+)", line)), line
-        assert set(re.findall(r"\.\[(\w+)\]", line)) <= project["optional-dependencies"].keys(), line
+        extras = [
+            name for names in re.findall(r"\.\[([\w,]+)\]|--extra (\w+)", line) for name in ",".join(names).split(",")
+        ]
+        assert {*filter(None, extras)} <= project["optional-dependencies"].keys(), line
         for minor in re.findall(r"--python 3\.(\d+)", line):
             assert int(minor) >= int(project["requires-python"].removeprefix(">=3.")), line
 
 
 def test_programs_of_the_system_are_named_with_their_package():
     texts = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in PAGES}
-    shown = {(command.where, command.line.split()[0]) for command in SHOWN}
-    for where, program in shown:
+    programs = {(command.where, command.line.split()[0]) for command in SHOWN}
+    for where, program in programs:
         assert program not in PACKAGES or PACKAGES[program] in texts[where], f"{where} shows {program}"
-    assert {program for _, program in shown} >= PACKAGES.keys()
+    assert {program for _, program in programs} >= PACKAGES.keys()
 
 
 def test_benchmarks_of_an_unknown_paper_are_refused():
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "bench/run.py", "random_feild"], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 1
-    assert done.stderr == "bench/run.py: there is no paper 'random_feild'; did you mean 'random_field'?\n"
+    assert process.returncode == 1
+    assert process.stderr == "bench/run.py: there is no paper 'random_feild'; did you mean 'random_field'?\n"
 
 
 def test_the_makefile_knows_what_is_shown():
-    asked = {command.line.split()[1] for command in SHOWN if command.line.startswith("make ")}
-    known = set(re.findall(r"(?m)^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
-    assert asked <= known
+    shown_targets = {command.line.split()[1] for command in SHOWN if command.line.startswith("make ")}
+    targets = set(re.findall(r"(?m)^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
+    assert shown_targets <= targets

@@ -12,24 +12,26 @@ import yaml
 
 import marsedl
 from marsedl.papers import SLUGS, catalogue, input_model
+from marsedl.replication import readme
 from marsedl.replication.badge import badge
-from marsedl.replication.claims import COUNTED_VERDICTS
+from marsedl.replication.claims import summary
 from marsedl.replication.inputs import load_studies
-from marsedl.replication.verification import committed_verdicts
+from marsedl.replication.quotes import committed, with_numbers
+from marsedl.replication.thresholds import WORDS
+from marsedl.replication.words import words
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)]
 LIBRARIES = ("methods", "models", "montecarlo", "replication")
-COLUMNS = (("reproduced", "holds"), ("close",), ("differs", "fails"), ("undetermined",))  # of the README's table
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
     """The pages as `make docs` makes them."""
-    folder = tmp_path_factory.mktemp("docs")
+    folder = tmp_path_factory.mktemp("docs") / "html"
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(ROOT / "docs"), str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-3000:]
     return folder
 
 
@@ -67,8 +69,48 @@ def test_every_public_function_is_in_the_reference(pages, library):
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_paper_has_its_note_with_all_errata(pages, slug):
     text = (pages / "papers" / f"{slug}.html").read_text(encoding="utf-8")
-    found = re.findall(r"<strong>(E\w+)</strong>, printed", text)
-    assert found == [erratum.id for erratum in catalogue(slug).errata]
+    errata = re.findall(r"<strong>(E\w+)</strong>, printed", text)
+    assert errata == [erratum.id for erratum in catalogue(slug).errata]
+
+
+# A Greek letter or a symbol with an index, a power, a root: what stands for a formula where none can be set.
+GREEK = "alpha|beta|gamma|delta|eps|zeta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|psi|omega|Phi|Sigma|Theta|Lambda"
+ASCII_FORMULA = re.compile(rf"\b(?:{GREEK})_|[\w)\]]\^|_\{{|\bsqrt ?[(\d]|\bint [A-Z]")
+IN_CODE = re.compile(r"\^|_\{(?!\{)|\bsqrt\(|\bint [A-Z]|\w'[A-Z ]")  # of no language that the pages show in a line
+
+
+def ascii_formulas(text):
+    """What looks like a formula in the text of a page and is none, outside of blocks of code."""
+    text = re.sub(r"(?ms)^```.*?^```$|\$\$.*?\$\$|\$[^$]+\$", "", text)
+    found = ASCII_FORMULA.findall(re.sub(r"`[^`]*`", "", text))
+    return found + [code for code in re.findall(r"`([^`]+)`", text) if IN_CODE.search(code)]
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        ("the level $\\rho_k$, 5 m², and $$\n\\sqrt{x^2}\n$$", 0),
+        ("the level rho_k, 5 m^2", 2),
+        ("the set `x'P x <= rho` and its root `sqrt(rho)`", 2),
+        ("the field `final_state`, `gains.mean`, the table `rho_k`", 0),
+        ("```python\nx = rho_k^2\n```", 0),
+    ],
+)
+def test_formulas_that_are_typed_are_told_from_words_and_code(text, count):
+    assert len(ascii_formulas(text)) == count
+
+
+@pytest.mark.parametrize("page", PAGES[1:], ids=lambda page: str(page.relative_to(ROOT)))
+def test_formulas_of_the_pages_are_set_as_such(page):
+    assert ascii_formulas(page.read_text(encoding="utf-8")) == []
+
+
+def test_formulas_are_in_the_pages_as_mathml(pages):
+    for slug in SLUGS:
+        source = (ROOT / "docs" / "papers" / f"{slug}.md").read_text(encoding="utf-8")
+        page = (pages / "papers" / f"{slug}.html").read_text(encoding="utf-8")
+        assert page.count("<math") >= source.count("$") // 2 - 2 * source.count("$$") // 2
+        assert not re.search(r"\\[a-z]+\{|MathJax", page)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -80,29 +122,41 @@ def test_links_lead_to_files_that_exist(page):
 
 
 def test_every_picture_is_shown():
-    shown = {
+    pictures_shown = {
         Path(name).name for page in PAGES for name in re.findall(r"!\[[^]]+\]\(([^)]+)\)", page.read_text("utf-8"))
     }
-    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} <= shown
+    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} <= pictures_shown
 
 
-def test_the_readme_counts_the_committed_verdicts():
-    rows = re.findall(r"(?m)^\| \[`(\w+)`\].*?\| (\d+) \| (\d+) \| (\d+) \| (\d+) \|", PAGES[0].read_text("utf-8"))
-    assert {slug for slug, *_ in rows} == set(SLUGS)
-    assert sorted(verdict for column in COLUMNS for verdict in column) == sorted(COUNTED_VERDICTS)
-    for slug, *counts in rows:
-        verdicts = [
-            verdict["corrected"] for verdict in committed_verdicts(ROOT, slug).values() if "corrected" in verdict
-        ]
-        assert [int(count) for count in counts] == [sum(map(verdicts.count, column)) for column in COLUMNS], slug
+def with_committed_numbers(slug):
+    return with_numbers(catalogue(slug), committed(ROOT, slug))
 
 
-def test_the_badge_says_what_the_committed_verdicts_are():
-    committed = [verdict for slug in SLUGS for verdict in committed_verdicts(ROOT, slug).values()]
-    message = badge([{"verdict": verdict.get("corrected")} for verdict in committed])["message"]
-    drawn = (ROOT / "docs" / "images" / "badge.svg").read_text("utf-8")
-    assert set(re.findall(r"\d+ of \d+[^<\"]*", drawn)) == {message}
-    assert f"![replication: {message}](docs/images/badge.svg)" in PAGES[0].read_text("utf-8")
+@pytest.mark.parametrize("path", [readme.README, readme.BADGE], ids=str)
+def test_the_readme_says_what_the_committed_verdicts_are(path):
+    text = (ROOT / path).read_text("utf-8")
+    assert readme.filled(text, ROOT, map(with_committed_numbers, SLUGS)) == text, "run 'marsedl readme'"
+    message = badge([row for slug in SLUGS for row in readme.committed_rows(ROOT, slug)])["message"]
+    assert set(re.findall(r"\d+ of \d+ printed numbers; [^<\"\]]*", text)) == {message}
+
+
+def test_the_readme_has_a_line_for_every_paper_and_every_word():
+    text = PAGES[0].read_text("utf-8")
+    for slug in SLUGS:
+        (line,) = re.findall(rf"(?m)^- \*\*\[{slug}\]\(docs/papers/{slug}\.md\)\*\* .*$", text)
+        rows = readme.committed_rows(ROOT, slug)
+        headline = [row["verdict"] for row in rows if row["headline"]]
+        standing = len(headline) - sum(verdict in ("differs", "fails", "undetermined") for verdict in headline)
+        assert f"**{standing} of {len(headline)}** headline claims stand" in line
+        assert f"; {summary(rows)['numbers']['reproduced']} of " in line
+    for word, meaning in words().items():
+        assert f"- **{word.capitalize()}**: {meaning}\n" in text
+
+
+def test_the_page_on_verdicts_shows_the_thresholds_of_the_words():
+    rows = re.findall(r"(?m)^\| (.+?) \| ([\d.]+)( %)? \|", (ROOT / "docs" / "verdicts.md").read_text("utf-8"))
+    thresholds = {words: float(number) / (100 if percent else 1) for words, number, percent in rows}
+    assert thresholds == {limit.words: pytest.approx(limit.at(1.0), abs=0.005) for limit in WORDS.values()}
 
 
 def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
@@ -112,8 +166,9 @@ def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
     (tmp_path / "gram_run.csv").write_text("altitude_km,density_kg_m3\n0,0.02\n50,1e-4\n125,1e-9\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     shown = [text for page in PAGES for text in code_blocks(page, "yaml") if not text.startswith(" ")]
-    assert len(shown) >= 3
-    for text in shown:
+    texts = [text for text in shown if "\njobs:\n" not in text]  # those of a hosted workflow are no configurations
+    assert len(texts) >= 3
+    for text in texts:
         Path("mine.yaml").write_text(text, encoding="utf-8")
         config = yaml.safe_load(text)
         studies = load_studies(
@@ -128,13 +183,12 @@ def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
 )
 def test_the_lock_has_everything_that_is_installed_and_no_address(lock, extras):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    wanted = [
-        *project["dependencies"],
-        *(name for extra in extras for name in project["optional-dependencies"][extra]),
-    ]
+    optional = project["optional-dependencies"]
+    extras = {*extras, "pipeline", *re.search(r"\[(.*)]", optional["pipeline"][0])[1].split(",")}
+    expected = [*project["dependencies"], *(name for extra in extras for name in optional[extra] if "[" not in name)]
     lock = (ROOT / lock).read_text("utf-8")
     assert set(map(str.lower, re.findall(r"(?m)^([A-Za-z0-9_.-]+)==", lock))) >= {
-        re.split("[>=<]", name)[0] for name in wanted
+        re.split("[>=<]", name)[0] for name in expected
     }
     assert "://" not in lock
     assert "--index" not in lock

@@ -33,8 +33,8 @@ def test_make_installs_the_locks_and_the_project_alone(tmp_path, uv):
         (tmp_path / "uv").write_text("#!/bin/sh\n")
         (tmp_path / "uv").chmod(0o755)
     command = ["make", "--always-make", "--dry-run", "environment", "slurm"]
-    done = subprocess.run(command, cwd=ROOT, env={"PATH": str(tmp_path)}, capture_output=True, text=True, check=True)
-    lines = done.stdout.splitlines()
+    process = subprocess.run(command, cwd=ROOT, env={"PATH": str(tmp_path)}, capture_output=True, text=True, check=True)
+    lines = process.stdout.splitlines()
     steps = [number for number, line in enumerate(lines) if " install " in line and not line.startswith("echo")]
     assert [lines[step].startswith("uv ") for step in steps] == [uv] * 3
     assert [{*lines[step].split()} > FROM_A_LOCK for step in steps] == [True, False, True]
@@ -50,10 +50,10 @@ def test_an_environment_of_conda_takes_the_lock_and_nothing_else(tmp_path, folde
     (tmp_path / folder).mkdir(parents=True, exist_ok=True)
     environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
     script = ROOT / "workflow" / "envs" / "marsedl.post-deploy.sh"
-    done = subprocess.run(
+    process = subprocess.run(
         ["sh", script], cwd=tmp_path / folder, env=environment, capture_output=True, text=True, check=True
     )
-    assert {*done.stdout.split()} > FROM_A_LOCK
+    assert {*process.stdout.split()} > FROM_A_LOCK
     assert "pip:" not in script.with_name("marsedl.yaml").read_text("utf-8")
 
 
@@ -102,12 +102,12 @@ def test_make_builds_the_environment_of_the_lock_and_nothing_more(tmp_path):
     for name in ("Makefile", "pyproject.toml", "README.md", "LICENSE", LOCKS[0]):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "src", tmp_path / "src")
-    done = subprocess.run(["make", "environment"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    process = subprocess.run(["make", "environment"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stdout[-3000:] + process.stderr[-3000:]
     ask = "from importlib.metadata import distributions as d; print(*{p.name + '==' + p.version for p in d()})"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    said = subprocess.check_output([tmp_path / ".venv/bin/python", "-c", ask], env=environment, text=True)
-    installed = {canonicalize_name(name): version for name, version in (item.split("==") for item in said.split())}
+    output = subprocess.check_output([tmp_path / ".venv/bin/python", "-c", ask], env=environment, text=True)
+    installed = {canonicalize_name(name): version for name, version in (item.split("==") for item in output.split())}
     expected = {
         canonicalize_name(package.name): str(package.specifier).removeprefix("==")
         for package in locked(LOCKS[0])

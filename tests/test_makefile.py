@@ -36,15 +36,15 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
     command = ["make", "environment", "PYTHON=python-of-mine"]
     environment = without_make()
     environment["PATH"] = str(tools)
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    announced = [line for line in done.stdout.splitlines() if not line.startswith(("uv ", "python"))]
+    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    announced = [line for line in process.stdout.splitlines() if not line.startswith(("uv ", "python"))]
     assert announced == [
         "Making an environment in .venv",
         "Installing the packages of requirements.lock into it; this takes some minutes",
         "Installing marsedl itself",
         "The environment is ready; enter it with: . .venv/bin/activate",
     ]
-    installs = [line for line in done.stdout.splitlines() if " install " in line]
+    installs = [line for line in process.stdout.splitlines() if " install " in line]
     assert [line.rpartition(" ")[2] for line in installs] == ["requirements.lock", "."]
     assert not any(" -q" in line or "--quiet" in line for line in installs), "the installer shows how far it is"
     assert all(line.startswith("uv " if installer == "uv" else "python -m pip ") for line in installs)
@@ -52,8 +52,8 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
 
 def test_quick_selects_the_tests_that_compute_no_stage():
     asked = {"cwd": ROOT, "env": without_make(), "capture_output": True, "text": True, "check": True}
-    shown = subprocess.run(["make", "-n", "quick"], **asked)
-    (selection,) = re.findall(r'pytest .* -m "(.+)"', shown.stdout)
+    recipe = subprocess.run(["make", "-n", "quick"], **asked)
+    (selection,) = re.findall(r'pytest .* -m "(.+)"', recipe.stdout)
     files = ["tests/test_makefile.py", "tests/workflow/test_reruns.py", "tests/papers/test_powered_descent_design.py"]
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:xdist", "-m", selection, *files]
     collected = subprocess.run(command, **asked).stdout

@@ -42,13 +42,13 @@ def rule_of(path: Path) -> str:
     """Return the rule that a file of `benchmarks` is of, by its path below that folder."""
     parts = path.with_suffix("").parts
     if len(parts) == 1:
-        return {"claims": "all_claims", "report": "index"}.get(parts[0], parts[0])
+        return {"claims": "all_claims", "report": "site"}.get(parts[0], parts[0])
     if parts[0] not in SLUGS:
         return f"{parts[0]}_product"
     paper, name = catalogue(parts[0]), parts[-1]
     if len(parts) == 2:
-        if name == "claims":
-            return f"{parts[0]}_claims"
+        if name in ("claims", "counterexamples"):
+            return f"{parts[0]}_{name}"
         return "figure" if name in paper.figures else f"{parts[0]}_table_{name}"
     if name.startswith(SHORT):
         return f"{parts[0]}_{name}"
@@ -129,8 +129,8 @@ def rules() -> set[str]:
     """Return the rules that have a benchmark."""
     stages = {f"{slug}_{stage}" for slug in SLUGS for stage in catalogue(slug).stages}
     stages |= {f"{slug}_{SHORT}" for slug in SLUGS if len(input_model(slug).CASES) > 1}
-    claims = {f"{slug}_claims" for slug in SLUGS}
-    return stages | claims | groups().keys() | {"all_claims", "comparison_product", "digests", "index"}
+    claims = {f"{slug}_{name}" for slug in SLUGS for name in ("claims", "counterexamples")}
+    return stages | claims | groups().keys() | {"all_claims", "comparison_product", "digests", "site"}
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The command `marsedl`: what there is, what it is made of, what differs, one trial again, the proof, a new paper."""
+"""The command `marsedl`: lists, explains, compares and checks what the workflow builds, and starts new papers."""
 
 import argparse
 import contextlib
@@ -9,6 +9,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import marsedl
+from marsedl.extras import MissingExtra
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.sizes import FULL, build_folder, size_of
 from marsedl.replication.terminal import columns, printable_lines
@@ -18,11 +20,11 @@ KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of wha
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns 0, 1 if things differ or fail, 2 for a request that cannot be met."""
+    """Run the command; returns 0, 1 if something differs or a check fails, 2 if the request is not valid."""
     options = command_line().parse_args(arguments)
     try:
         return _COMMANDS[options.command](options)
-    except MarsedlError as error:
+    except (MarsedlError, MissingExtra) as error:
         print(f"marsedl: {printable_lines(error)}", file=sys.stderr)
         return 2
     except BrokenPipeError:
@@ -33,62 +35,151 @@ def main(arguments: list[str] | None = None) -> int:
 def command_line() -> argparse.ArgumentParser:
     """Return the parser of all commands with their arguments."""
     parser = argparse.ArgumentParser(
-        prog="marsedl", description="Replications of papers on Mars entry, descent and landing under uncertainty."
+        prog="marsedl",
+        description="Replications of papers on Mars entry, descent and landing under uncertainty. This command shows "
+        "and checks what 'snakemake' builds.",
+        epilog="A reading is a complete set of inputs: 'printed' as in the paper, 'corrected' with its errors mended. "
+        "A size says how much is computed: 'full', or 'smoke' with few trials. 'marsedl list' shows the papers.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(
         dest="command", required=True, metavar="command", help="'marsedl COMMAND --help' shows its arguments"
     )
 
-    shown = commands.add_parser("list", help="papers, their readings, figures, tables, stages, cases and claims")
-    shown.add_argument("paper", nargs="?", help="its name, such as powered_descent; all papers unless given")
+    def add(name: str, summary: str, details: str = "") -> argparse.ArgumentParser:
+        description = f"{summary[0].upper()}{summary[1:]}. {details}".strip()
+        return commands.add_parser(name, help=summary, description=description)
+
+    listing = add(
+        "list",
+        "list papers with their readings, figures, tables, stages, Monte Carlo cases and claims",
+        "Without arguments it counts them; with a paper or a kind it names each one.",
+    )
+    listing.add_argument("paper", nargs="?", help="a paper, such as powered_descent (default: all papers)")
     for kind in KINDS:
-        shown.add_argument(
-            f"--{kind}",
-            dest="kinds",
-            action="append_const",
-            const=kind,
-            help=f"the {kind}, and no other kind",
+        listing.add_argument(
+            f"--{kind}", dest="kinds", action="append_const", const=kind, help=f"list only the {kind} (can be combined)"
         )
-    explain = commands.add_parser("explain", help="what a paper, or its figure, table, stage or claim, is made of")
-    explain.add_argument("paper", help="its name, such as powered_descent")
-    explain.add_argument("item", nargs="?", help="a figure, table, stage or claim; the whole paper unless given")
-    explain.add_argument("--reading", default="corrected", help="the reading whose inputs are shown (%(default)s)")
-    diff = commands.add_parser("diff", help="compare two artifacts, figures, tables or folders of them")
+    explain = add(
+        "explain",
+        "show what a paper, figure, table, stage or claim depends on",
+        "Shows the artifacts, the inputs with their sources and the code behind it, and the verdict on a claim.",
+    )
+    explain.add_argument("paper", help="a paper, such as powered_descent")
+    explain.add_argument("item", nargs="?", help="a figure, table, stage or claim (default: the whole paper)")
+    explain.add_argument(
+        "--reading",
+        metavar="NAME",
+        default="corrected",
+        help="the reading whose inputs are shown (default: %(default)s)",
+    )
+    diff = add(
+        "diff",
+        "compare two artifacts, figures, tables or folders of them",
+        "Prints what differs and by how much. The exit status is 1 if anything differs.",
+    )
     diff.add_argument("a", type=Path, help="a file or folder")
-    diff.add_argument("b", type=Path, help="another one of the same kind")
-    trial = commands.add_parser("trial", help="fly one trial of a Monte Carlo case again")
-    trial.add_argument("paper", help="its name, such as powered_descent")
-    trial.add_argument("reading", help="the reading whose trial it is, such as corrected")
-    trial.add_argument("case", nargs="?", default=argparse.SUPPRESS, help="the paper's first case unless given")
-    trial.add_argument("number", type=int, help="the number of the trial, from 0")
-    trial.add_argument("--case", help="the case, as an option")
-    verify = commands.add_parser("verify", help="build the smoke size twice and compare; compare the full size")
+    diff.add_argument("b", type=Path, help="the file or folder to compare it with")
+    trial = add(
+        "trial",
+        "simulate one Monte Carlo trial again",
+        "Prints how the trial goes, and whether it agrees with the stored ensemble if there is one.",
+    )
+    trial.add_argument("paper", help="a paper, such as powered_descent")
+    trial.add_argument("reading", help="a reading, such as corrected")
+    trial.add_argument("case", nargs="?", default=argparse.SUPPRESS, help="a Monte Carlo case (default: the first one)")
+    trial.add_argument("number", type=int, help="the number of the trial, counted from 0")
+    trial.add_argument("--case", metavar="NAME", help="the Monte Carlo case, given as an option")
+    verify = add(
+        "verify",
+        "check that results are reproducible",
+        "Builds the smoke size twice and compares every file, then compares the full-size build with the stored "
+        "numbers. With --reference it only compares a build with numbers of your own. The exit status is 1 if anything "
+        "differs.",
+    )
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
-    machines = commands.add_parser("machines", help="compare the smoke size under other instruction sets and libraries")
-    machines.add_argument("names", nargs="*", metavar="machine", help="sse or avx512; both unless given")
+    machines = add(
+        "machines",
+        "check how results depend on the processor and on library versions",
+        "Builds the smoke size as pinned and under other instruction sets or libraries, and compares the results.",
+    )
+    machines.add_argument("names", nargs="*", metavar="machine", help="sse or avx512 (default: both)")
     machines.add_argument(
-        "--libraries", action="append", default=[], metavar="NAME=PYTHON", help="a Python with other versions"
+        "--libraries",
+        action="append",
+        default=[],
+        metavar="NAME=PYTHON",
+        help="a name, and the Python of an environment with other library versions; can be repeated",
     )
-    machines.add_argument("--paper", action="append", default=[], help="only this paper; may be given several times")
-    machines.add_argument("--cores", type=_positive, default=2, help="cores of each build (%(default)s)")
-    commands.add_parser("accept", help="show what the full size changes in the stored numbers, and store it")
-    commands.add_parser("audit", help="count claims, figures, inputs, errata, targets; find what is left hanging")
-    crate = commands.add_parser(
-        "crate", help="describe the build for others: workflow, inputs, products, digests (RO-Crate)"
+    machines.add_argument(
+        "--paper", metavar="NAME", action="append", default=[], help="only this paper; can be repeated"
     )
-    crate.add_argument("--config", nargs="*", default=[], help="as for snakemake, if it is not the full size")
-    new = commands.add_parser("new-paper", help="write a small complete paper to begin another replication with")
+    machines.add_argument(
+        "--cores", metavar="N", type=_positive, default=2, help="cores of each build (default: %(default)s)"
+    )
+    accept = add(
+        "accept",
+        "store the numbers of the full-size build as the reference",
+        "Prints what changes in data/reference. Run it after a full build whose changes you have looked at. With "
+        "--reference it stores the numbers of a build in a folder of your own.",
+    )
+    for command in (verify, accept):
+        command.add_argument(
+            "--reference", metavar="FOLDER", type=Path, help="a folder with reference numbers of your own"
+        )
+        command.add_argument(
+            "--paper",
+            metavar="NAME",
+            action="append",
+            default=[],
+            help="with --reference: only this paper; can be repeated",
+        )
+    add(
+        "readme",
+        "write what came out of each paper into README.md",
+        "Writes the answers and the badge from the stored verdicts.",
+    )
+    add(
+        "audit",
+        "check that nothing is missing or unused",
+        "Counts claims, figures, inputs, errata and targets. The exit status is 1 if one lacks what belongs to it.",
+    )
+    crate = add(
+        "crate",
+        "describe the build for an archive, as an RO-Crate",
+        "Writes ro-crate-metadata.json with the workflow, its inputs, and all products with their checksums.",
+    )
+    crate.add_argument(
+        "--config",
+        metavar="KEY=VALUE",
+        nargs="*",
+        default=[],
+        help="settings that the build was made with, as for snakemake",
+    )
+    new = add(
+        "new-paper",
+        "create a small complete paper as the start of another replication",
+        "Writes its files and prints the next steps.",
+    )
     new.add_argument("slug", help="its name in files and targets, such as powered_descent")
     new.add_argument("--title", default="Title to be given", help="the paper's title")
     new.add_argument("--authors", default="Authors to be named", help="the paper's authors, in one line")
-    new.add_argument("--without-monte-carlo", action="store_true", help="one stage and no flights of trials")
-    completion = commands.add_parser("completion", help="print a script that completes commands in your shell")
-    completion.add_argument("shell", choices=("bash", "zsh"), help='the shell; use: eval "$(marsedl completion bash)"')
-    for command in (shown, explain, trial):
-        command.add_argument("--size", metavar="NAME", help=f"of the build that is looked at, such as smoke ({FULL})")
-    for command in (explain, trial):
-        command.add_argument("--configfile", type=Path, help="a configuration of your own, as for snakemake")
+    new.add_argument("--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
+    completion = add(
+        "completion",
+        "print a script that completes commands in your shell",
+        'For bash, add this line to ~/.bashrc: eval "$(marsedl completion bash)"',
+    )
+    completion.add_argument("shell", choices=("bash", "zsh"), help="your shell")
+    for command in (listing, explain, trial, verify, accept):
+        where = "with --reference: " if command in (verify, accept) else ""
+        command.add_argument(
+            "--size", metavar="NAME", help=f"{where}use the build of this size, such as smoke (default: {FULL})"
+        )
+    for command in (explain, trial, verify, accept):
+        command.add_argument(
+            "--configfile", metavar="FILE", type=Path, help="a file with readings of your own, as for snakemake"
+        )
     return parser
 
 
@@ -96,9 +187,7 @@ class _Version(argparse.Action):
     """Print the version; it is looked up only then."""
 
     def __call__(self, parser, *_):
-        from importlib.metadata import version
-
-        print(f"marsedl {version('marsedl')}")
+        print(f"marsedl {marsedl.__version__}")
         parser.exit()
 
 
@@ -114,21 +203,21 @@ def project_root() -> Path:
 
     Raises InputError if there is none.
     """
-    here = Path.cwd()
-    for folder in (here, *here.parents):
+    current_folder = Path.cwd()
+    for folder in (current_folder, *current_folder.parents):
         if (folder / "Snakefile").exists() and (folder / "configs").is_dir():
             return folder
-    raise InputError(f"{here} is not inside a marsedl project; change to the folder that holds its Snakefile")
+    raise InputError(f"{current_folder} is not inside a marsedl project; change to the folder that holds its Snakefile")
 
 
 @dataclass(frozen=True)
 class _Project:
-    """The project as the options of a command show it: a size, and readings of the user's own."""
+    """The project in the size that a command asks for, with readings of the user's own."""
 
     root: Path
     size: str
     studies: dict
-    options: str  # of snakemake, which build this size with these readings
+    options: str  # of snakemake, to build this size with these readings
 
     @property
     def folder(self) -> Path:
@@ -136,20 +225,35 @@ class _Project:
         return build_folder(self.root, self.size)
 
     @functools.cached_property
-    def _judged(self) -> list[dict] | None:
-        """The joined verdicts of all papers; None if nothing was judged yet."""
+    def _verdict_rows(self) -> list[dict] | None:
+        """The verdicts of all papers; None if none are built yet."""
         from marsedl.replication.claims import read_claims
 
         path = self.folder / "report" / "claims.json"
         return read_claims(path) if path.exists() else None
 
     def claims(self, slug: str) -> list[dict] | None:
-        """A paper's rows of the joined verdicts; None if nothing was judged yet."""
-        return None if self._judged is None else [row for row in self._judged if row["paper"] == slug]
+        """A paper's rows of the verdicts; None if none are built yet."""
+        return None if self._verdict_rows is None else [row for row in self._verdict_rows if row["paper"] == slug]
+
+    def paper(self, slug: str, reading: str = "corrected"):
+        """The catalogue of a paper with the numbers that its texts quote: of this size, else the committed ones."""
+        from marsedl.replication.quotes import committed, with_numbers
+
+        if self._verdict_rows is None and reading == "corrected":
+            with contextlib.suppress(InputError):  # a quote that was not accepted yet
+                return with_numbers(_paper(slug), committed(self.root, slug))
+        return with_numbers(_paper(slug), self.quotes(slug, reading))
+
+    def quotes(self, slug: str, reading: str = "corrected"):
+        """The numbers of this size that texts of a paper can quote."""
+        from marsedl.replication.quotes import Quotes, by_id
+
+        return Quotes(by_id(self.claims(slug)), self.studies[slug].readings, reading)
 
 
 def _project(size: str | None = None, config_file: Path | None = None) -> _Project:
-    """Load the studies of all papers in a size, with a user's own readings; a size that is given wins."""
+    """Load the studies of all papers with a user's own readings; `size` overrides that of the file."""
     from marsedl.papers import SLUGS, input_model
     from marsedl.replication.inputs import SETTINGS, load_studies, read_own_file
 
@@ -170,7 +274,7 @@ def _project(size: str | None = None, config_file: Path | None = None) -> _Proje
 
 
 def _shared(size: str | None = None) -> dict:
-    """Whose file each artifact is, of all papers, in a size."""
+    """Which reading owns each artifact file, by paper."""
     from marsedl.replication.sharing import Shared
 
     return {slug: Shared(_paper(slug), study) for slug, study in _project(size).studies.items()}
@@ -202,7 +306,7 @@ def _published(root, slug) -> list:
 
 
 def _say(text: object = "") -> None:
-    """Print a text, in which no control character of a file acts on the terminal."""
+    """Print a text with its control characters escaped."""
     print(printable_lines(text))
 
 
@@ -213,7 +317,7 @@ def _list(options) -> int:
     if not (options.paper or options.kinds):
         return _list_papers(papers, options.size)
     project = _project(options.size)
-    for paper in papers:
+    for paper in (project.paper(paper.slug) for paper in papers):
         _say(paper.slug)
         if not options.kinds:
             _say(f"  {paper.title}\n  {paper.authors}")
@@ -226,19 +330,19 @@ def _list(options) -> int:
     return 0
 
 
-def _counted(items: dict) -> str:
-    """The number of items of each kind, in words."""
+def _counts_in_words(items: dict) -> str:
+    """The number of items of each kind, such as "7 figures, 1 table"."""
     return ", ".join(f"{len(of_kind)} {kind if len(of_kind) != 1 else kind[:-1]}" for kind, of_kind in items.items())
 
 
 def _list_papers(papers, size: str | None) -> int:
-    """What there is of every paper, counted. Readings are validated only for a size: it takes longer than all else."""
+    """Count what every paper has. Readings are validated only if a size is named: that takes longest."""
     from marsedl.papers import SLUGS, input_model
     from marsedl.replication.inputs import configured_readings
 
     root = project_root()
     if size:
-        _project(size)  # refuses one that there is not
+        _project(size)  # raises InputError for an unknown size
     for paper in papers:
         model = input_model(paper.slug)
         items = {
@@ -249,7 +353,7 @@ def _list_papers(papers, size: str | None) -> int:
             "cases": model.CASES,
             "claims": _published(root, paper.slug),
         }
-        _say(f"{paper.slug}\n  {paper.title}\n  {paper.authors}\n  {_counted(items)}\n")
+        _say(f"{paper.slug}\n  {paper.title}\n  {paper.authors}\n  {_counts_in_words(items)}\n")
     _say("'marsedl list PAPER' shows all of a paper, 'marsedl list --figures' all figures, and so on")
     _say("targets: " + ", ".join([*TARGETS, *SLUGS]))
     return 0
@@ -268,7 +372,7 @@ def _command(paper, kind, options) -> str:
 
 
 def _rows(project, paper, kind) -> list[tuple[str, ...]]:
-    """All that a paper has of a kind, a row for each with its name first."""
+    """The items of one kind that a paper has: a row for each, its name first."""
     study = project.studies[paper.slug]
     if kind == "readings":
         return [
@@ -308,7 +412,7 @@ def _first_sentence(caption) -> str:
 
 def _explain(options) -> int:
     from marsedl.replication.catalogue import FLIGHTS
-    from marsedl.replication.code_digest import reached
+    from marsedl.replication.code_digest import reachable_symbols
     from marsedl.replication.errors import nearest
     from marsedl.replication.sharing import Shared
 
@@ -326,7 +430,8 @@ def _explain(options) -> int:
         _say_verdict(project, paper.slug, name)
         return 0
     if name in paper.figures or name in paper.tables:
-        item, kind = paper.product(name), "figures" if name in paper.figures else "tables"
+        item = project.paper(paper.slug, reading.name).product(name)
+        kind = "figures" if name in paper.figures else "tables"
         entries = (f"marsedl.papers.{paper.slug}.{kind}:{name}",)
         folder = f"figures/{paper.slug}" + ("" if reading.name == "corrected" else f"/{reading.name}")
         target = f"{folder}/{name}.{'png' if kind == 'figures' else 'csv'}{project.options}"
@@ -337,31 +442,33 @@ def _explain(options) -> int:
         entries = item.entries
         _say(f"stage {name} of {paper.slug}, reading {reading.name}: {item.meaning}")
     else:
-        known = [*paper.figures, *paper.tables, *paper.stages, *claims]
-        raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, known)}")
+        item_names = [*paper.figures, *paper.tables, *paper.stages, *claims]
+        raise InputError(f"{paper.slug} has no figure, table, stage or claim '{name}'; {nearest(name, item_names)}")
     namesakes = [kind for kind in ("figures", "tables", "stages") if name in getattr(paper, kind)][1:]
     if namesakes:
         _say(f"  (also the name of a {' and a '.join(kind[:-1] for kind in namesakes)})")
     cases = reading.inputs.CASES
-    made, names = _behind(paper, item, cases)
-    own = [name] if name in paper.stages and item is paper.stages[name] else []
-    if FLIGHTS in own:  # of which every case is one artifact
-        own = [f"{FLIGHTS}.{case}" for case in reading.flown()]
-        names.update(cases[case] for case in reading.flown())
+    artifacts, input_names = _behind(paper, item, cases)
+    of_stage = [name] if name in paper.stages and item is paper.stages[name] else []
+    if FLIGHTS in of_stage:  # of which every case is one artifact
+        of_stage = [f"{FLIGHTS}.{case}" for case in reading.trial_counts()]
+        input_names.update(cases[case] for case in reading.trial_counts())
     shared = Shared(paper, study)
     _say("\nartifacts, in the order in which they are made")
-    _say(columns([_artifact(paper, shared, reading, name) for name in dict.fromkeys([*made, *own])], 2))
+    _say(columns([_artifact(paper, shared, reading, name) for name in dict.fromkeys([*artifacts, *of_stage])], 2))
     _say("\ninputs that it depends on")
-    _say_inputs(project, options, paper.slug, reading, names)
+    _say_inputs(project, options, paper.slug, reading, input_names)
     _say("\ncode that draws or computes it")
-    for symbol in dict.fromkeys(symbol for entry in entries for symbol in reached(entry, project.root / "src")):
+    for symbol in dict.fromkeys(
+        symbol for entry in entries for symbol in reachable_symbols(entry, project.root / "src")
+    ):
         if "(at import)" not in symbol:
             _say(f"  {symbol}")
     return 0
 
 
 def _artifact(paper, shared, reading, name) -> tuple[str, str]:
-    """The name and the meaning of an artifact, and whose it is if another reading owns its file."""
+    """The name and meaning of an artifact, and the reading that owns its file if it is another one."""
     stage = name.partition(".")[0]
     meaning = paper.stages[stage].meaning
     if not shared.has(reading.name, name):
@@ -385,14 +492,14 @@ def _say_inputs(project, options, slug, reading, names) -> None:
 
 
 def _unlimited(project, options, slug, reading):
-    """The inputs of a reading at full size, where no size limits them."""
+    """The inputs of a reading at full size, which limits none of them."""
     if project.size == FULL:
         return reading.inputs
     return _project(FULL, options.configfile).studies[slug].readings[reading.name].inputs
 
 
 def _explain_paper(project, paper, study, reading) -> int:
-    """Say what a whole paper is made of."""
+    """Show the readings, inputs, products and verdicts of a paper."""
     _say(f"{paper.slug}: {paper.title}\n  {paper.authors}")
     _say(f"  snakemake {paper.slug}{project.options}")
     _say("\nreadings")
@@ -400,7 +507,7 @@ def _explain_paper(project, paper, study, reading) -> int:
     _say(f"\ninputs in which readings differ from {reading.name}, of {len(reading.inputs.names())}")
     _say(columns(_differing(study, reading), 2))
     _say(f"\nwhat there is (marsedl list {paper.slug})")
-    _say(f"  {_counted({kind: _rows(project, paper, kind) for kind in KINDS})}")
+    _say(f"  {_counts_in_words({kind: _rows(project, paper, kind) for kind in KINDS})}")
     rows = project.claims(paper.slug)
     _say("\nverdicts")
     if not rows:
@@ -409,21 +516,21 @@ def _explain_paper(project, paper, study, reading) -> int:
     from marsedl.replication.claims import summary
 
     for how, counts in summary(rows).items():
-        given = [f"{count} {verdict.replace('_', ' ')}" for verdict, count in counts.items() if count]
-        _say(f"  {how}: {', '.join(given) or 'none'}")
+        verdict_counts = [f"{count} {verdict.replace('_', ' ')}" for verdict, count in counts.items() if count]
+        _say(f"  {how}: {', '.join(verdict_counts) or 'none'}")
     return 0
 
 
 def _differing(study, reading) -> list[tuple[str, str, str, str]]:
-    """Inputs that have another value in some reading: name, value in the given one, unit, values in the others."""
+    """Inputs whose value differs between readings: name, value in this one, unit, values in the others."""
     rows, values = [], {name: other.inputs.plain() for name, other in study.readings.items()}
-    for name, mine in values[reading.name].items():
-        others = [other for other in study.readings.values() if values[other.name][name] != mine]
-        if others:
+    for name, value in values[reading.name].items():
+        different = [other for other in study.readings.values() if values[other.name][name] != value]
+        if different:
             source = reading.sources[name]
-            written = "; ".join(f"{other.name} {other.sources[name].written}" for other in others)
+            texts = "; ".join(f"{other.name} {other.sources[name].written}" for other in different)
             key = f"{name.partition('.')[0]}.{source.key}"
-            rows.append((key, str(source.written), _unit(reading, name), written))
+            rows.append((key, str(source.written), _unit(reading, name), texts))
     return rows
 
 
@@ -434,22 +541,22 @@ def _unit(reading, name) -> str:
 
 
 def _behind(paper, item, cases) -> tuple[list[str], set[str]]:
-    """All artifacts behind an item, first things first, and all inputs that they and the item depend on.
+    """All artifacts behind an item, in the order in which they are made, and all inputs behind it.
 
     cases: the Monte Carlo cases of the paper, each with the input that holds its number of trials.
     """
-    made, names = [], set(item.inputs)
+    artifacts, input_names = [], set(item.inputs)
 
-    def visit(needed):
-        for need in needed:
-            if need not in made:
+    def visit(needs):
+        for need in needs:
+            if need not in artifacts:
                 name, _, case = need.partition(".")
                 visit(paper.stages[name].needs)
-                made.append(need)
-                names.update(paper.stages[name].inputs, [cases[case]] if case else ())
+                artifacts.append(need)
+                input_names.update(paper.stages[name].inputs, [cases[case]] if case else ())
 
     visit((*item.needs, *getattr(item, "optional", ())))
-    return made, names
+    return artifacts, input_names
 
 
 def _say_verdict(project, slug, claim) -> None:
@@ -516,8 +623,31 @@ def _verify(options) -> int:
     from marsedl.replication import verification
 
     root = project_root()
+    if _own_reference(options):
+        project, shared = _own_build(options)
+        folder = options.reference.absolute()
+        agree = verification.compare_reference(root, shared, rounding_noise(), size=project.size, folder=folder)
+        return 0 if agree else 1
     agree = True if options.no_rebuild else verification.build_twice(root)
     return 0 if verification.compare_reference(root, _shared(), rounding_noise()) and agree else 1
+
+
+def _own_reference(options) -> bool:
+    """Whether `verify` or `accept` is about a reference of the user's own; refuses options that only this takes."""
+    given = [name for name in ("paper", "size", "configfile") if getattr(options, name)]
+    if given and options.reference is None:
+        raise InputError(f"--{given[0]} needs --reference FOLDER, a folder with reference numbers of your own")
+    return options.reference is not None
+
+
+def _own_build(options) -> tuple[_Project, dict]:
+    """The build that is compared with a reference of the user's own, and its `Shared` of every paper asked for."""
+    from marsedl.papers import SLUGS
+    from marsedl.replication.sharing import Shared
+
+    papers = [_paper(slug) for slug in options.paper or SLUGS]
+    project = _project(options.size, options.configfile)
+    return project, {paper.slug: Shared(paper, project.studies[paper.slug]) for paper in papers}
 
 
 def _machines(options) -> int:
@@ -527,23 +657,47 @@ def _machines(options) -> int:
 
     if unknown := next((paper for paper in options.paper if paper not in SLUGS), None):
         raise InputError(f"there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
-    asked = machines.chosen(options.names, options.libraries)
+    selected = machines.select(options.names, options.libraries)
     slugs = options.paper or SLUGS
-    return 0 if machines.measure(project_root(), asked, slugs, rounding_noise(), options.cores) else 1
+    return 0 if machines.measure(project_root(), selected, slugs, rounding_noise(), options.cores) else 1
 
 
 def _accept(options) -> int:
-    from marsedl.papers import rounding_noise
-    from marsedl.replication import audit, verification
+    from marsedl.papers import SLUGS, rounding_noise
+    from marsedl.replication import audit, quotes, verification
 
     root = project_root()
+    if _own_reference(options):
+        project, shared = _own_build(options)
+        folder, arguments = options.reference.absolute(), shlex.split(project.options)
+        for path in verification.accept_own_reference(root, folder, shared, rounding_noise(), project.size, arguments):
+            _say(f"wrote {path}")
+        return 0
     for path in verification.accept_reference(root, _shared(), rounding_noise()):
         _say(f"wrote {path}")
-    _say(f"wrote {verification.accept_inputs(root, _project().studies)}")
-    results = _audited(root)
+    project = _project()
+    _say(f"wrote {verification.accept_inputs(root, project.studies)}")
+    _say(f"wrote {quotes.accept(root, {slug: (_paper(slug), project.quotes(slug)) for slug in SLUGS})}")
+    _write_readme(root)
+    results = _run_audit(root)
     _say(audit.format_results(results, audit.read_counts(root)))
     _say(f"wrote {audit.write_counts(root, results)}")
     return 1 if audit.findings(results) else 0
+
+
+def _readme(options) -> int:
+    _write_readme(project_root())
+    return 0
+
+
+def _write_readme(root: Path) -> None:
+    """Write what came out of each paper into the README, with the accepted numbers of its texts."""
+    from marsedl.papers import SLUGS
+    from marsedl.replication import readme
+    from marsedl.replication.quotes import committed, with_numbers
+
+    for path in readme.write(root, [with_numbers(_paper(slug), committed(root, slug)) for slug in SLUGS]):
+        _say(f"wrote {path}")
 
 
 def _audit(options) -> int:
@@ -551,19 +705,20 @@ def _audit(options) -> int:
     from marsedl.replication.verification import REMEDY
 
     root = project_root()
-    results, committed = _audited(root), audit.read_counts(root)
+    results, committed = _run_audit(root), audit.read_counts(root)
     _say(audit.format_results(results, committed))
-    changed = audit.count_changes(results, committed)
-    if changed:
+    changes = audit.count_changes(results, committed)
+    if changes:
         _say(REMEDY)
-    return 1 if changed or audit.findings(results) else 0
+    return 1 if changes or audit.findings(results) else 0
 
 
 def _crate(options) -> int:
-    from marsedl.papers import SLUGS, catalogue
+    from marsedl.papers import SLUGS
     from marsedl.replication.crate import write_crate
 
-    papers = {slug: catalogue(slug) for slug in SLUGS}
+    project = _project(size_of(options.config))
+    papers = {slug: project.paper(slug) for slug in SLUGS}
     _say(f"wrote {write_crate(project_root(), papers, _shared(size_of(options.config)), *options.config)}")
     return 0
 
@@ -572,27 +727,26 @@ def _new_paper(options) -> int:
     from marsedl.replication.scaffold import new_paper, next_steps
 
     root = project_root()
-    written = new_paper(root, options.slug, options.title, options.authors, not options.without_monte_carlo)
-    for path in written:
+    files = new_paper(root, options.slug, options.title, options.authors, not options.without_monte_carlo)
+    for path in files:
         _say(f"wrote {path.relative_to(root)}")
     _say(f"\n{next_steps(options.slug)}")
     return 0
 
 
-def _audited(root) -> list:
-    """The audit of the project, all of its papers and comparisons."""
-    from importlib import import_module
-
+def _run_audit(root) -> list:
+    """Audit all papers and comparisons of the project."""
     from marsedl.comparison import comparisons
     from marsedl.papers import catalogue
     from marsedl.replication import audit
+    from marsedl.replication.claiming import claims_of
 
     subjects = [
         audit.Subject(
             catalogue(slug),
             study,
             _published(root, slug),
-            import_module(f"marsedl.papers.{slug}.claims").DECLARATIONS,
+            claims_of(slug).declarations,
         )
         for slug, study in _project().studies.items()
     ]
@@ -608,6 +762,7 @@ _COMMANDS = {
     "verify": _verify,
     "machines": _machines,
     "accept": _accept,
+    "readme": _readme,
     "audit": _audit,
     "crate": _crate,
     "new-paper": _new_paper,

@@ -33,9 +33,9 @@ def test_every_comparison_is_of_the_same_papers_which_are_told_apart():
 
 @pytest.mark.parametrize(("stem", "slug"), EVERY)
 def test_artifacts_have_the_types_that_their_stages_return(stem, slug):
-    taken, hints = COMPARISONS[stem].takes[slug], typing.get_type_hints(function(stem, slug))
-    assert taken.needs, "nothing is said of a paper without its artifacts"
-    for need in taken.needs + taken.optional:
+    parameters, hints = COMPARISONS[stem].takes[slug], typing.get_type_hints(function(stem, slug))
+    assert parameters.needs, "nothing is said of a paper without its artifacts"
+    for need in parameters.needs + parameters.optional:
         kind, hint = artifact_type(slug, need), hints[need.split(".")[-1]]
         assert hint == kind or set(typing.get_args(hint)) == {kind, type(None)}
 

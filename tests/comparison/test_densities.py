@@ -9,9 +9,9 @@ import pytest
 from marsedl.comparison import densities
 from marsedl.comparison.records import NAMES
 from marsedl.papers import input_model
-from marsedl.papers.funnels.environment import log_density
+from marsedl.papers.funnels.environment import density, log_density
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FLOWN = np.array([20e3, 120e3])  # m, of nominals that are not looked at otherwise
@@ -44,48 +44,48 @@ def inputs(values):
 
 
 @pytest.fixture(scope="module")
-def found(values):
-    made = {}
+def records(values):
+    results = {}
     for slug in NAMES:
         function = getattr(densities, slug)
-        made[slug] = function(**given(function, values[slug], lambda name, _, slug=slug: ARTIFACTS[slug][name]))
-    return made
+        results[slug] = function(
+            **arguments_of(function, values[slug], lambda name, _, slug=slug: ARTIFACTS[slug][name])
+        )
+    return results
 
 
-def test_one_standard_deviation_above_the_top_altitude_is_that_of_the_inputs(inputs, found):
+def test_one_standard_deviation_above_the_top_altitude_is_that_of_the_inputs(inputs, records):
     for slug in ("random_field", "stochastic_entry"):
         top = inputs[slug].variance_top_altitude <= densities.ALTITUDE
-        assert found[slug].factors[1][top] == pytest.approx(1 + np.sqrt(inputs[slug].variance_at_top))
-        assert found[slug].factors[0] + found[slug].factors[1] == pytest.approx(2.0)
+        assert records[slug].factors[1][top] == pytest.approx(1 + np.sqrt(inputs[slug].variance_at_top))
+        assert records[slug].factors[0] + records[slug].factors[1] == pytest.approx(2.0)
         below = np.interp(inputs[slug].variance_top_altitude - inputs[slug].variance_growth_length,
-                          densities.ALTITUDE, found[slug].factors[1] - 1)  # fmt: skip
+                          densities.ALTITUDE, records[slug].factors[1] - 1)  # fmt: skip
         assert below == pytest.approx(np.sqrt(inputs[slug].variance_at_top / np.e))
 
 
-def test_the_largest_density_of_the_funnels_is_the_largest_over_the_disc(inputs, found):
+def test_the_largest_density_of_the_funnels_is_the_largest_over_the_disc(inputs, records):
     angle = np.linspace(0.0, 2 * np.pi, 20_001)
     for node in (20, 100, 240):
         altitude = densities.ALTITUDE[node]
-        values = log_density(inputs["funnels"], altitude, (np.cos(angle), np.sin(angle)))
+        values = np.log(density(inputs["funnels"], altitude, (np.cos(angle), np.sin(angle))))
         excess = values - log_density(inputs["funnels"], altitude)
-        assert found["funnels"].factors[1][node] == pytest.approx(np.exp(excess.max()), rel=1e-6)
-        assert found["funnels"].factors[0][node] == pytest.approx(np.exp(excess.min()), rel=1e-6)
+        assert records["funnels"].factors[1][node] == pytest.approx(np.exp(excess.max()), rel=1e-6)
+        assert records["funnels"].factors[0][node] == pytest.approx(np.exp(excess.min()), rel=1e-6)
 
 
-def test_the_reference_is_one_and_the_powered_descent_has_no_atmosphere(found):
-    header, *rows = densities.table(found)
-    assert all(len(row) == len(header) for row in rows)
-    ratio = header.index("mean density over the reference")
-    assert {row[ratio] for row in rows if row[0] == "random field"} == {"1.000"}
-    (bare,) = [row for row in rows if row[0] == "powered descent"]
-    assert set(bare[1:5]) == {"–"}
-    assert "360 N sqrt(s)" in bare[-1]
-    flown = {(row[0], row[1]): row[2] for row in rows}
-    assert (flown["funnels", "10"], flown["funnels", "50"]) == ("no", "yes")
+def test_the_reference_is_one_and_the_powered_descent_has_no_atmosphere(records):
+    table = densities.table(records).set_index("paper")
+    assert set(table.loc["random field", "mean density over the reference"]) == {1.0}
+    bare = table.loc["powered descent"]
+    assert bare[["altitude (km)", "mean density over the reference", "dispersion (%)"]].isna().all()
+    assert "360 N sqrt(s)" in bare["what the dispersion is"]
+    in_flight = table.loc["funnels"].set_index("altitude (km)")["flown"]
+    assert (in_flight[10.0], in_flight[50.0]) == (False, True)
 
 
-def test_the_figure_draws_four_models_and_names_all_five(found):
-    figure = densities.figure(found)
+def test_the_figure_draws_four_models_and_names_all_five(records):
+    figure = densities.figure(records)
     means, spreads = figure.axes
     drawn = [line for line in means.lines if len(line.get_xdata())]
     assert len(drawn) == 2 * 4, "thin everywhere, thick where it is flown"

@@ -68,8 +68,8 @@ class Descent:
         for _ in range(passes):
             start, masses = self.wet_mass, []
             for segment, grid in enumerate(self.grids):
-                changed = {"initial_mean": initial_mean} if segment == 0 and initial_mean is not None else {}
-                thrust = np.linalg.norm(steer(self.problem(segment, **changed)).feedforward, axis=1)
+                changes = {"initial_mean": initial_mean} if segment == 0 and initial_mean is not None else {}
+                thrust = np.linalg.norm(steer(self.problem(segment, **changes)).feedforward, axis=1)
                 masses.append(start - self.mass_flow_constant * CubicSpline(grid, thrust).antiderivative()(grid))
                 start = masses[-1][-1]
             self.masses = masses

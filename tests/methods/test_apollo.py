@@ -53,7 +53,7 @@ def flight():
         return state[1] - 500.0
 
     slow.terminal = True
-    flown = solve_ivp(
+    trajectory = solve_ivp(
         lambda t, y: rates(y),
         (0, 400),
         start(),
@@ -63,8 +63,8 @@ def flight():
         events=slow,
         dense_output=True,
     )
-    assert flown.status == 1
-    return flown.sol, float(flown.t[-1])
+    assert trajectory.status == 1
+    return trajectory.sol, float(trajectory.t[-1])
 
 
 def discrete(flight, intervals, substeps):
@@ -196,8 +196,8 @@ def test_a_changing_bank_breaks_that_constancy(flight):
     path, duration = flight
     reference = discrete(flight, 2000, 1)
     adjoint = adjoint_gains(reference.transition, reference.control, RANGE, 5.0).adjoint
-    changed = np.array([rates(state, 0.9 * COSINE) for state in reference.state])
-    influence = np.einsum("ki,ki->k", adjoint, changed)
+    changed_rates = np.array([rates(state, 0.9 * COSINE) for state in reference.state])
+    influence = np.einsum("ki,ki->k", adjoint, changed_rates)
     assert np.abs(influence - influence[-1]).max() > 0.1 * rates(path(duration))[3]
 
 
@@ -210,7 +210,7 @@ def test_gains_bring_a_deviating_flight_to_the_target_range(flight, reference):
     for size in (1.0, 0.5):
         deviation = size * largest
         cosine = COSINE + gains.gain[0] @ deviation
-        flown = solve_ivp(
+        trajectory = solve_ivp(
             lambda t, y, u=cosine: rates(y, u),
             (0, duration),
             start() + deviation,
@@ -218,7 +218,7 @@ def test_gains_bring_a_deviating_flight_to_the_target_range(flight, reference):
             rtol=1e-11,
             atol=[1e-4, 1e-7, 1e-11, 1e-4, 1e-16],
         )
-        errors.append(flown.y[3, -1] - path(duration)[3])
+        errors.append(trajectory.y[3, -1] - path(duration)[3])
     assert abs(errors[0]) < 0.05 * abs(gains.adjoint[0] @ largest)
     assert errors[0] / errors[1] == pytest.approx(4, abs=0.4)
 
@@ -236,12 +236,12 @@ def test_density_slaved_adjoint_is_the_projection_of_the_five_state_one(flight):
     for final_adjoint in (RANGE, projected):
         errors = []
         for substeps in (5, 10, 20):
-            flown = discrete(flight, round(duration), substeps)
-            full = adjoint_gains(flown.transition, flown.control, final_adjoint, 5.0)
-            slaved = adjoint_gains(flown.slaved_transition, flown.slaved_control, final_adjoint[:4], 5.0)
-            _, inverse, _ = profile(flown.state[:, 0])
+            trajectory = discrete(flight, round(duration), substeps)
+            full = adjoint_gains(trajectory.transition, trajectory.control, final_adjoint, 5.0)
+            slaved = adjoint_gains(trajectory.slaved_transition, trajectory.slaved_control, final_adjoint[:4], 5.0)
+            _, inverse, _ = profile(trajectory.state[:, 0])
             expected = full.adjoint[:, :4].copy()
-            expected[:, 0] -= full.adjoint[:, 4] * flown.state[:, 4] * inverse
+            expected[:, 0] -= full.adjoint[:, 4] * trajectory.state[:, 4] * inverse
             by_state = np.abs(slaved.adjoint - expected).max(axis=0) / np.abs(expected).max(axis=0)
             by_control = np.abs(slaved.control_adjoint - full.control_adjoint).max() / full.control_adjoint.max()
             errors.append(max(*by_state, by_control))

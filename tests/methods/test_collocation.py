@@ -165,12 +165,12 @@ def graded(intervals):
 def test_error_of_the_states_falls_with_the_order_of_the_scheme(scheme, mesh, forced_motion):
     problem, errors, integrals = forced(), [], []
     for intervals in (20, 40, 80):
-        found = Program(problem, mesh(intervals), scheme).solve(flat(problem, intervals, 3.0), tolerance=1e-12)
-        reference = forced_motion(found.time)
-        np.testing.assert_allclose(found.states[:, 2], found.time, rtol=0, atol=1e-13)  # the clock
-        errors.append(np.abs(found.states[:, :2] - reference[:2].T).max())
-        integrals.append(abs(found.running_cost - reference[2, -1]))
-    assert found.objective == found.running_cost
+        solution = Program(problem, mesh(intervals), scheme).solve(flat(problem, intervals, 3.0), tolerance=1e-12)
+        reference = forced_motion(solution.time)
+        np.testing.assert_allclose(solution.states[:, 2], solution.time, rtol=0, atol=1e-13)  # the clock
+        errors.append(np.abs(solution.states[:, :2] - reference[:2].T).max())
+        integrals.append(abs(solution.running_cost - reference[2, -1]))
+    assert solution.objective == solution.running_cost
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(orders, ORDERS[scheme], rtol=0, atol=0.075 * ORDERS[scheme])
     order = np.log2(integrals[1] / integrals[2])
@@ -179,11 +179,11 @@ def test_error_of_the_states_falls_with_the_order_of_the_scheme(scheme, mesh, fo
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_miss_of_an_optimum_that_is_flown_falls_with_the_order_of_the_scheme(scheme):
-    problem, found, misses = pendulum(), swing_guess(20), []
+    problem, solution, misses = pendulum(), swing_guess(20), []
     for intervals in (20, 40, 80):
-        start = found if intervals == 20 else found.guess(intervals)
-        found = Program(problem, intervals, scheme).solve(start)
-        misses.append(np.abs(resimulate(found)[-1] - found.states[-1]).max())
+        start = solution if intervals == 20 else solution.guess(intervals)
+        solution = Program(problem, intervals, scheme).solve(start)
+        misses.append(np.abs(resimulate(solution)[-1] - solution.states[-1]).max())
     orders = np.log2(np.divide(misses[:-1], misses[1:]))
     np.testing.assert_allclose(orders, ORDERS[scheme], rtol=0, atol=0.075 * ORDERS[scheme])
 
@@ -196,14 +196,14 @@ def test_flown_states_agree_with_another_integrator():
         given=("gravity",),
     )
     program = Program(problem, graded(15))
-    found = program.solve(swing_guess(15)._replace(free={"damping": 0.15}), {"gravity": 1.1})
-    states, substeps = [found.states[0]], 400
+    solution = program.solve(swing_guess(15)._replace(free={"damping": 0.15}), {"gravity": 1.1})
+    states, substeps = [solution.states[0]], 400
 
     def rates(y, torque):
-        damping, gravity = found.free["damping"], 1.1
+        damping, gravity = solution.free["damping"], 1.1
         return np.array([y[1], torque - gravity * np.sin(y[0]) - damping * y[1]])
 
-    for control, length in zip(found.controls[:, 0], np.diff(found.time), strict=True):
+    for control, length in zip(solution.controls[:, 0], np.diff(solution.time), strict=True):
         y, h = states[-1], length / substeps
         for _ in range(substeps):
             k1 = rates(y, control)
@@ -211,9 +211,9 @@ def test_flown_states_agree_with_another_integrator():
             k3 = rates(y + h / 2 * k2, control)
             y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(y + h * k3, control))
         states.append(y)
-    tight = resimulate(found, relative_tolerance=1e-13, absolute_tolerance=1e-13)
+    tight = resimulate(solution, relative_tolerance=1e-13, absolute_tolerance=1e-13)
     np.testing.assert_allclose(tight, states, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(resimulate(found), tight, rtol=0, atol=3e-8)
+    np.testing.assert_allclose(resimulate(solution), tight, rtol=0, atol=3e-8)
 
 
 def test_equations_are_those_of_the_schemes():
@@ -242,16 +242,16 @@ def test_equations_are_those_of_the_schemes():
 def test_double_integrator_with_least_energy(scheme):
     # All three are exact for it. Of controls held on N intervals the least cost is 12 / T^3 / (1 - 1/N^2).
     problem, intervals = double_integrator(), 10
-    found = Program(problem, intervals, scheme).solve(flat(problem, intervals, 2.0))
+    solution = Program(problem, intervals, scheme).solve(flat(problem, intervals, 2.0))
     share = 1 - 1 / intervals**2
-    assert found.objective == pytest.approx(12 / 2.0**3 / share, rel=1e-9)
-    middle = (found.time[1:] + found.time[:-1]) / 2
-    np.testing.assert_allclose(found.controls[:, 0], 6 / 4 * (1 - middle) / share, atol=1e-8)
-    np.testing.assert_allclose(resimulate(found), found.states, rtol=0, atol=1e-9)
+    assert solution.objective == pytest.approx(12 / 2.0**3 / share, rel=1e-9)
+    middle = (solution.time[1:] + solution.time[:-1]) / 2
+    np.testing.assert_allclose(solution.controls[:, 0], 6 / 4 * (1 - middle) / share, atol=1e-8)
+    np.testing.assert_allclose(resimulate(solution), solution.states, rtol=0, atol=1e-9)
     # From (x, v) at the end of an interval with t left the least cost is 12 d^2/t^3 + 12 d v/t^2 + 4 v^2/t, d = x - 1:
     # along the optimum its slope in x stays -24 / T^3, that in v is -12 / T^2 at first and vanishes half way.
-    np.testing.assert_allclose(found.costates[:, 0], -24 / 2.0**3 / share, rtol=1e-8)
-    np.testing.assert_allclose(found.costates[:, 1], -12 / 2.0**2 * (1 - middle) / share, atol=1e-7)
+    np.testing.assert_allclose(solution.costates[:, 0], -24 / 2.0**3 / share, rtol=1e-8)
+    np.testing.assert_allclose(solution.costates[:, 1], -12 / 2.0**2 * (1 - middle) / share, atol=1e-7)
 
 
 def test_least_time_by_bang_bang():
@@ -260,15 +260,15 @@ def test_least_time_by_bang_bang():
         running_cost=lambda position, velocity, acceleration: 1.0,
         final_time=Variable("final_time", 4.0, 0.1, 10.0),
     )
-    found = Program(problem, 20).solve(flat(problem, 20, 1.0))
-    assert found.final_time == pytest.approx(2.0, abs=1e-7)
-    assert found.objective == pytest.approx(found.final_time, abs=1e-12)
-    np.testing.assert_allclose(found.controls[:, 0], np.repeat([1.0, -1.0], 10), atol=1e-6)
+    solution = Program(problem, 20).solve(flat(problem, 20, 1.0))
+    assert solution.final_time == pytest.approx(2.0, abs=1e-7)
+    assert solution.objective == pytest.approx(solution.final_time, abs=1e-12)
+    np.testing.assert_allclose(solution.controls[:, 0], np.repeat([1.0, -1.0], 10), atol=1e-6)
     # The least time is 2 sqrt(distance): its slope in position is -1. That in velocity vanishes at the switch, which
     # an even number of intervals leaves undetermined by half an interval.
-    middle = (found.time[1:] + found.time[:-1]) / 2
-    np.testing.assert_allclose(found.costates[:, 0], -1.0, atol=1e-6)
-    late = found.costates[:, 1] - (middle - 1)
+    middle = (solution.time[1:] + solution.time[:-1]) / 2
+    np.testing.assert_allclose(solution.costates[:, 0], -1.0, atol=1e-6)
+    late = solution.costates[:, 1] - (middle - 1)
     np.testing.assert_allclose(late, late[0], atol=1e-6)
     assert abs(late[0]) < 0.05
     # An odd one must coast on its middle interval: 10 and 10 of 21, h^2 (10^2 + 10) = 1.
@@ -296,9 +296,9 @@ def test_brachistochrone_approaches_the_cycloid():
     for intervals in (20, 40):
         along = np.linspace(0.0, 1.0, intervals + 1)
         states = np.outer(along, [np.pi, 2.0, 2.0])
-        found = Program(problem, intervals).solve(Guess(states, np.full((intervals, 1), 0.8), 3.0))
-        excess.append(found.final_time - np.pi)
-        np.testing.assert_allclose(found.state("speed") ** 2, 2 * found.state("drop"), atol=1e-8)  # energy
+        solution = Program(problem, intervals).solve(Guess(states, np.full((intervals, 1), 0.8), 3.0))
+        excess.append(solution.final_time - np.pi)
+        np.testing.assert_allclose(solution.state("speed") ** 2, 2 * solution.state("drop"), atol=1e-8)  # energy
     assert 0 < excess[1] < 3e-4
     assert np.log2(excess[0] / excess[1]) == pytest.approx(2, abs=0.05)
 
@@ -308,16 +308,16 @@ def test_path_condition_is_active_where_it_should_be():
     limit, dips, costs, offs, excesses = 0.1, [], [], [], []
     for intervals in (30, 60, 120):
         problem = bryson_denham(limit)
-        found = Program(problem, intervals).solve(flat(problem, intervals, 1.0), tolerance=1e-12)
-        time, position = found.time, found.state("position")
+        solution = Program(problem, intervals).solve(flat(problem, intervals, 1.0), tolerance=1e-12)
+        time, position = solution.time, solution.state("position")
         assert position.max() < limit + 1e-8
         arrival, leave = round(0.3 * intervals), round(0.7 * intervals)
         np.testing.assert_allclose(position[[arrival, leave]], limit, rtol=0, atol=2e-9)
         dips.append(limit - position[arrival : leave + 1].min())
         offs.append(np.abs(position - limit * (1 - (1 - time / 0.3) ** 3))[: arrival + 1].max())
-        costs.append(found.objective - 4 / (9 * limit))
+        costs.append(solution.objective - 4 / (9 * limit))
         # A wall that moves away saves; all is saved where the wall is reached and left.
-        multipliers = found.path_multipliers["wall"]
+        multipliers = solution.path_multipliers["wall"]
         excesses.append(np.abs(multipliers[[arrival, leave]] + 2 / (9 * limit**2)).max())
         assert np.abs(np.delete(multipliers, [arrival, leave])).max() < 1e-3
     for errors in (dips, offs, costs, excesses):
@@ -326,11 +326,11 @@ def test_path_condition_is_active_where_it_should_be():
 
 def test_path_multipliers_are_slopes_of_the_optimum():
     limit, step, guess = 0.11, 1e-5, flat(bryson_denham(0.11), 25, 1.0)
-    below, found, above = (
+    below, solution, above = (
         Program(bryson_denham(limit + d), graded(25)).solve(guess, tolerance=1e-11) for d in (-step, 0.0, step)
     )
     slope = (above.objective - below.objective) / (2 * step)
-    assert found.path_multipliers["wall"].sum() == pytest.approx(slope, rel=1e-6)
+    assert solution.path_multipliers["wall"].sum() == pytest.approx(slope, rel=1e-6)
 
 
 def test_path_condition_from_below_has_positive_multipliers():
@@ -347,9 +347,9 @@ def test_path_condition_takes_the_controls_of_the_interval_that_begins():
     # Velocity and acceleration at once, as a limit of power would; the cost asks for most at the start.
     limit = Condition("limit", lambda position, velocity, acceleration: velocity + acceleration, -1.0, 1.4, 0.5)
     problem = double_integrator(path=(limit,))
-    found = Program(problem, 12).solve(flat(problem, 12, 2.0), tolerance=1e-11)
-    value = found.state("velocity") + np.append(found.controls[:, 0], found.controls[-1, 0])
-    multipliers = found.path_multipliers["limit"]
+    solution = Program(problem, 12).solve(flat(problem, 12, 2.0), tolerance=1e-11)
+    value = solution.state("velocity") + np.append(solution.controls[:, 0], solution.controls[-1, 0])
+    multipliers = solution.path_multipliers["limit"]
     at_top, at_bottom = np.isclose(value, 1.4, rtol=0, atol=1e-7), np.isclose(value, -1.0, rtol=0, atol=1e-7)
     assert value.min() > -1.0 - 1e-7
     assert value.max() < 1.4 + 1e-7
@@ -383,59 +383,59 @@ def test_path_and_boundary_conditions_with_bounds_apart_and_several_controls():
             Condition("speed", lambda *a: a[2] ** 2 + a[3] ** 2, -1.0, 100.0, 10.0),
         ),
     )
-    found = Program(problem, 20).solve(flat(problem, 20, 5.0))
-    assert found.final_time == pytest.approx(4.0, abs=1e-6)
-    np.testing.assert_allclose(found.states[-1, :2], [12 / 5, 16 / 5], atol=1e-5)
-    np.testing.assert_allclose(np.hypot(*found.controls.T), 1.0, atol=1e-6)
+    solution = Program(problem, 20).solve(flat(problem, 20, 5.0))
+    assert solution.final_time == pytest.approx(4.0, abs=1e-6)
+    np.testing.assert_allclose(solution.states[-1, :2], [12 / 5, 16 / 5], atol=1e-5)
+    np.testing.assert_allclose(np.hypot(*solution.controls.T), 1.0, atol=1e-6)
     # T = 2 sqrt(5 - sqrt(bound)): an active upper bound has a negative multiplier, an idle one none.
-    assert found.boundary_multipliers["distance"] == pytest.approx(-0.25, abs=1e-5)
-    assert found.boundary_multipliers["side"] == pytest.approx(0.0, abs=1e-6)
-    np.testing.assert_allclose(found.path_multipliers["speed"], 0.0, atol=1e-6)
+    assert solution.boundary_multipliers["distance"] == pytest.approx(-0.25, abs=1e-5)
+    assert solution.boundary_multipliers["side"] == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(solution.path_multipliers["speed"], 0.0, atol=1e-6)
     # T = 2 sqrt(d / a), a = sqrt(bound): d T / d bound = -T / 4 in all.
-    assert found.path_multipliers["thrust"].sum() == pytest.approx(-1.0, abs=1e-4)
+    assert solution.path_multipliers["thrust"].sum() == pytest.approx(-1.0, abs=1e-4)
 
 
 def test_free_parameters_come_before_the_given_ones():
     # x' = 1 + free - 10 given: two unlike parameters that a swap would show.
     problem = Problem(
-        rates=lambda x, push, chosen, told: (1 + chosen - 10 * told + push,),
+        rates=lambda x, push, chosen, wind: (1 + chosen - 10 * wind + push,),
         states=(Variable("x", 2.0),),
         controls=(Variable("push", 1.0, -1.0, 1.0),),
         final_time=Variable("final_time", 1.0, 1.0, 1.0),
         initial={"x": 0.0},
         final={"x": 0.5},
-        running_cost=lambda x, push, chosen, told: push**2 + told,
-        end_cost=lambda start, end, parameters: (parameters["chosen"] - 3 * parameters["told"]) ** 2,
+        running_cost=lambda x, push, chosen, wind: push**2 + wind,
+        end_cost=lambda start, end, parameters: (parameters["chosen"] - 3 * parameters["wind"]) ** 2,
         free=(Variable("chosen", 5.0),),
-        given=("told",),
+        given=("wind",),
     )
-    told = 0.2
-    found = Program(problem, 4).solve(flat(problem, 4, 1.0, free={"chosen": 0.0}), {"told": told}, tolerance=1e-11)
-    # chosen + push = 10 told - 1/2; least push^2 + (chosen - 3 told)^2 shares the gap of 7 told - 1/2.
-    gap = 7 * told - 0.5
-    np.testing.assert_allclose(found.controls, gap / 2, atol=1e-8)
-    assert found.free["chosen"] == pytest.approx(3 * told + gap / 2, abs=1e-8)
-    assert found.objective == pytest.approx(gap**2 / 2 + told, abs=1e-8)
-    assert found.running_cost == pytest.approx(gap**2 / 4 + told, abs=1e-8)
-    assert found.given == {"told": told}
-    np.testing.assert_allclose(resimulate(found), found.states, atol=1e-10)
+    wind = 0.2
+    solution = Program(problem, 4).solve(flat(problem, 4, 1.0, free={"chosen": 0.0}), {"wind": wind}, tolerance=1e-11)
+    # chosen + push = 10 wind - 1/2; least push^2 + (chosen - 3 wind)^2 shares the gap of 7 wind - 1/2.
+    gap = 7 * wind - 0.5
+    np.testing.assert_allclose(solution.controls, gap / 2, atol=1e-8)
+    assert solution.free["chosen"] == pytest.approx(3 * wind + gap / 2, abs=1e-8)
+    assert solution.objective == pytest.approx(gap**2 / 2 + wind, abs=1e-8)
+    assert solution.running_cost == pytest.approx(gap**2 / 4 + wind, abs=1e-8)
+    assert solution.given == {"wind": wind}
+    np.testing.assert_allclose(resimulate(solution), solution.states, atol=1e-10)
 
 
 def test_entry_with_two_reversals():
     # Check values of an independent solution: with the midpoint rule on 100 intervals the cost is 0.13777, the time
     # 265.76 s, the integral of |u| 5.1808 deg/s; the flown optimum misses by -14.9 m up, 24.1 m north, 10.1 m east.
     problem, guess = entry()
-    found = Program(problem, 100).solve(guess)
-    bank = np.degrees(found.state("bank"))
+    solution = Program(problem, 100).solve(guess)
+    bank = np.degrees(solution.state("bank"))
     expected = [-81.1, -72.6, -47.4, -8.9, 28.3, 47.8, 42.4, 13.0, -33.1, -86.8, -142.1]
     np.testing.assert_allclose(bank[::10], expected, rtol=0, atol=0.06)
-    assert found.objective == pytest.approx(0.13777, abs=1e-5)
-    assert found.final_time == pytest.approx(265.76, abs=0.01)
-    total = np.abs(np.degrees(found.controls)).sum() * found.final_time / 100
+    assert solution.objective == pytest.approx(0.13777, abs=1e-5)
+    assert solution.final_time == pytest.approx(265.76, abs=0.01)
+    total = np.abs(np.degrees(solution.controls)).sum() * solution.final_time / 100
     assert total == pytest.approx(5.1808, abs=1e-4)
-    miss = (resimulate(found)[-1] - found.states[-1])[:3] * [1.0, 3_397_000.0, 3_397_000.0]
+    miss = (resimulate(solution)[-1] - solution.states[-1])[:3] * [1.0, 3_397_000.0, 3_397_000.0]
     np.testing.assert_allclose(miss, [-14.9, 24.1, 10.1], rtol=0, atol=0.1)
-    assert found.residual.value < 1e-3  # metres, radians, (m/s)^2
+    assert solution.residual.value < 1e-3  # metres, radians, (m/s)^2
 
 
 # ---- multipliers -----------------------------------------------------------------------------------------------------
@@ -453,15 +453,15 @@ def slopes_of_the_optimum(problem, mesh, guess, end, step=1e-4):
 
 def test_costates_are_slopes_of_the_optimum():
     problem, mesh = pendulum(), graded(15)
-    found = Program(problem, mesh).solve(swing_guess(15), tolerance=1e-11)
-    middle, h = (found.states[1:] + found.states[:-1]) / 2, np.diff(found.time)
-    half = h[:, np.newaxis, np.newaxis] / 2 * linearize(problem.rates, middle, found.controls).state_matrix
+    solution = Program(problem, mesh).solve(swing_guess(15), tolerance=1e-11)
+    middle, h = (solution.states[1:] + solution.states[:-1]) / 2, np.diff(solution.time)
+    half = h[:, np.newaxis, np.newaxis] / 2 * linearize(problem.rates, middle, solution.controls).state_matrix
     # Of the midpoint rule: an addition to the change over an interval moves its end by (I - h/2 A)^-1; the cost holds
     # no state.
-    at_starts = np.einsum("ki,kij->kj", found.costates, np.eye(2) + half)
-    at_ends = np.einsum("ki,kij->kj", found.costates, np.eye(2) - half)
+    at_starts = np.einsum("ki,kij->kj", solution.costates, np.eye(2) + half)
+    at_ends = np.einsum("ki,kij->kj", solution.costates, np.eye(2) - half)
     np.testing.assert_allclose(at_ends[:-1], at_starts[1:], rtol=0, atol=1e-8)
-    guess = found.guess()
+    guess = solution.guess()
     np.testing.assert_allclose(at_starts[0], slopes_of_the_optimum(problem, mesh, guess, "initial"), rtol=1e-6)
     # To demand a final state that is higher by one is to lose one on the way.
     np.testing.assert_allclose(-at_ends[-1], slopes_of_the_optimum(problem, mesh, guess, "final"), rtol=1e-6)
@@ -478,11 +478,11 @@ def test_boundary_multipliers_are_slopes_of_the_optimum(scale):
 
     step = 1e-4
     for bounds, moves in (((0.5, 0.5), (1, 1)), ((0.5, 2.0), (1, 0))):
-        found = solved(*bounds)
+        solution = solved(*bounds)
         below, above = (solved(bounds[0] + d * moves[0], bounds[1] + d * moves[1]) for d in (-step, step))
         slope = (above.objective - below.objective) / (2 * step)
         assert slope > 0.1  # higher costs more
-        assert found.boundary_multipliers["height"] == pytest.approx(slope, rel=1e-5)
+        assert solution.boundary_multipliers["height"] == pytest.approx(slope, rel=1e-5)
 
 
 # ---- solver ----------------------------------------------------------------------------------------------------------
@@ -492,9 +492,9 @@ def test_boundary_multipliers_are_slopes_of_the_optimum(scale):
 def test_hessian_and_expansion_do_not_change_the_optimum(options):
     problem, guess = pendulum(), swing_guess(25)
     expected = Program(problem, 25).solve(guess, tolerance=1e-9)
-    found = Program(problem, 25, **options).solve(guess, tolerance=1e-9)
-    assert found.objective == pytest.approx(expected.objective, rel=1e-7)
-    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-4)
+    solution = Program(problem, 25, **options).solve(guess, tolerance=1e-9)
+    assert solution.objective == pytest.approx(expected.objective, rel=1e-7)
+    np.testing.assert_allclose(solution.states, expected.states, rtol=0, atol=1e-4)
 
 
 def test_equations_with_a_table():
@@ -509,9 +509,9 @@ def test_equations_with_a_table():
 
     guess = swing_guess(20)
     expected = Program(problem(lambda angle: angle**3 / 50), 20).solve(guess)
-    found = Program(problem(table), 20, expand=False).solve(guess)
-    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(resimulate(found), resimulate(expected), rtol=0, atol=1e-6)
+    solution = Program(problem(table), 20, expand=False).solve(guess)
+    np.testing.assert_allclose(solution.states, expected.states, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(resimulate(solution), resimulate(expected), rtol=0, atol=1e-6)
 
 
 def test_scales_do_not_change_the_optimum():
@@ -623,14 +623,14 @@ def near(before, after):
 def test_continuation_reaches_the_values_in_their_order(right_well):
     program, start = right_well
     values, seen = [0.3, 0.1, 0.1, -0.7, 0.35], []
-    found = program.follow(start, "tilt", values, same_branch=near, on_step=seen.append)
-    assert [solution.given["tilt"] for solution in found] == values
-    for solution in found:
+    solutions = program.follow(start, "tilt", values, same_branch=near, on_step=seen.append)
+    assert [solution.given["tilt"] for solution in solutions] == values
+    for solution in solutions:
         z = max(np.roots([1, 0, -1, solution.given["tilt"]]).real)
         assert solution.free["place"] == pytest.approx(z, abs=1e-7)
     steps = [solution.given["tilt"] for solution in seen]
     assert [v for v in steps if v in values] == [0.3, 0.1, -0.7, 0.35]  # staying takes no step
-    assert set(map(id, found)) <= set(map(id, seen))
+    assert set(map(id, solutions)) <= set(map(id, seen))
 
 
 def test_continuation_shortens_a_step_that_is_too_large(right_well):
@@ -641,8 +641,8 @@ def test_continuation_shortens_a_step_that_is_too_large(right_well):
     def close(before, after):
         return abs(after.free["place"] - before.free["place"]) < allowed
 
-    (found,) = program.follow(start, "tilt", [0.37], same_branch=close, on_step=seen.append)
-    assert found.given["tilt"] == 0.37
+    (end,) = program.follow(start, "tilt", [0.37], same_branch=close, on_step=seen.append)
+    assert end.given["tilt"] == 0.37
     assert len(seen) > 4
     places = [start.free["place"], *(solution.free["place"] for solution in seen)]
     assert np.abs(np.diff(places)).max() < allowed
@@ -690,15 +690,15 @@ def test_continuation_keeps_the_other_given_parameters():
     )
     program = Program(problem, 1)
     start = program.solve(flat(problem, 1, 1.0, free={"place": 0.0}), {"tilt": 0.0, "height": 3.0})
-    (found,) = program.follow(start, "tilt", [2.0])
-    assert found.given == {"tilt": 2.0, "height": 3.0}
-    assert found.free["place"] == pytest.approx(2.0, abs=1e-7)
-    assert found.objective == pytest.approx(3.0, abs=1e-9)
+    (solution,) = program.follow(start, "tilt", [2.0])
+    assert solution.given == {"tilt": 2.0, "height": 3.0}
+    assert solution.free["place"] == pytest.approx(2.0, abs=1e-7)
+    assert solution.objective == pytest.approx(3.0, abs=1e-9)
 
 
 def test_continuation_refuses_a_parameter_that_is_not_given(right_well):
     program, start = right_well
-    with pytest.raises(ValueError, match="'place' is no given parameter; they are tilt"):
+    with pytest.raises(ValueError, match="'place' is not a given parameter; these are tilt"):
         program.follow(start, "place", [1.0])
 
 
@@ -710,19 +710,19 @@ def test_an_unreachable_end_is_reported_with_the_worst_constraint():
     problem = double_integrator(bound=0.5)
     with pytest.raises(NotConvergedError, match="Infeasible_Problem_Detected after") as caught:
         Program(problem, 10).solve(flat(problem, 10, 2.0))
-    found = caught.value.solution
-    defects = np.diff(found.states, axis=0) - 0.2 * np.column_stack(
-        [(found.states[1:, 1] + found.states[:-1, 1]) / 2, found.controls[:, 0]]
+    solution = caught.value.solution
+    defects = np.diff(solution.states, axis=0) - 0.2 * np.column_stack(
+        [(solution.states[1:, 1] + solution.states[:-1, 1]) / 2, solution.controls[:, 0]]
     )
     scaled = np.abs(defects) / [3.0, 0.5]
     interval, state = np.unravel_index(scaled.argmax(), scaled.shape)
-    assert found.residual.value == pytest.approx(np.abs(defects)[interval, state], rel=1e-9)
-    assert found.residual.value > 0.01
-    name, start = problem.states[state].name, f"{found.time[interval]:.4g}"
-    expected = f"the equation of {name} on interval {interval} at {start} s, off by {found.residual.value:.3g}"
-    assert str(found.residual) == expected
+    assert solution.residual.value == pytest.approx(np.abs(defects)[interval, state], rel=1e-9)
+    assert solution.residual.value > 0.01
+    name, start = problem.states[state].name, f"{solution.time[interval]:.4g}"
+    expected = f"the equation of {name} on interval {interval} at {start} s, off by {solution.residual.value:.3g}"
+    assert str(solution.residual) == expected
     assert str(caught.value).endswith(f"the worst constraint is {expected}")
-    assert found.states.shape == (11, 2)
+    assert solution.states.shape == (11, 2)
 
 
 def test_an_impossible_condition_is_named():
@@ -812,8 +812,8 @@ def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
 @pytest.mark.parametrize(
     ("changes", "arguments", "message"),
     [
-        ({}, {"scheme": "euler"}, "scheme: 'euler' is none of midpoint, trapezoid, hermite_simpson"),
-        ({}, {"hessian": "bfgs"}, "hessian: 'bfgs' is none of exact, limited-memory"),
+        ({}, {"scheme": "euler"}, "scheme: 'euler' is not one of midpoint, trapezoid, hermite_simpson"),
+        ({}, {"hessian": "bfgs"}, "hessian: 'bfgs' is not one of exact, limited-memory"),
         ({}, {"intervals": 0}, "intervals: their number must be whole and positive, got 0"),
         ({}, {"intervals": 2.5}, "whole and positive, got 2.5"),
         ({}, {"intervals": [0.0, 0.5, 0.5, 1.0]}, "must increase from 0 to 1"),
@@ -821,8 +821,8 @@ def test_a_declaration_that_cannot_be_meant_is_refused(changes, message):
         ({}, {"intervals": [0.0, np.nan, 1.0]}, "must increase from 0 to 1"),
         ({"rates": lambda x, v, a: (v,)}, {}, "rates must return one value per state: 1 values for 2 states"),
         ({"rates": lambda x, v, a: v}, {}, "rates must return one value per state: no tuple for 2 states"),
-        ({"end_cost": lambda s, e, p: e["height"]}, {}, "there is no 'height'; known are position, velocity"),
-        ({"end_cost": lambda s, e, p: p["mass"]}, {}, "there is no 'mass'; known are none"),
+        ({"end_cost": lambda s, e, p: e["height"]}, {}, "there is no 'height'; there are position, velocity"),
+        ({"end_cost": lambda s, e, p: p["mass"]}, {}, "there is no 'mass'; there are none"),
         ({"running_cost": lambda *a: np.ones(2)}, {}, "running_cost: must be one number, got 2"),
         ({"end_cost": lambda *a: np.ones(3)}, {}, "end_cost: must be one number, got 3"),
         ({"path": (Condition("wall", lambda *a: np.ones(2)),)}, {}, "wall: must be one number, got 2"),
@@ -841,7 +841,7 @@ def test_guesses_and_parameters_that_do_not_fit_are_refused():
         given=("drag",),
     )
     program, good = Program(problem, 4), flat(problem, 4, 2.0, free={"spring": 0.5})
-    given = {"drag": 0.1}
+    parameters = {"drag": 0.1}
     shapes = r"shapes \(\(5, 2\), \(4, 1\)\), got \(\({}, 2\), \({}, 1\)\)"
     holed = np.where(np.arange(10).reshape(5, 2) == 3, np.nan, 0.0)
     for guess, message in (
@@ -854,7 +854,7 @@ def test_guesses_and_parameters_that_do_not_fit_are_refused():
         (good._replace(free={"spring": np.nan}), "the guess's free parameters: not all finite"),
     ):
         with pytest.raises(ValueError, match=message):
-            program.solve(guess, given)
+            program.solve(guess, parameters)
     with pytest.raises(ValueError, match="given parameters must be drag; got none"):
         program.solve(good)
     with pytest.raises(ValueError, match="given parameters must be drag; got drag, mass"):
@@ -862,15 +862,15 @@ def test_guesses_and_parameters_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="given parameter drag: must be finite, got nan"):
         program.solve(good, {"drag": np.nan})
     with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
-        program.solve(good, given, warm=True)
-    found = program.solve(good, given)
+        program.solve(good, parameters, warm=True)
+    solution = program.solve(good, parameters)
     constrained = Program(replace(problem, path=(Condition("idle", lambda *a: a[0], -9.0, 9.0),)), 4)
     with pytest.raises(ValueError, match="a warm start needs a solution of this program"):
-        constrained.solve(found, given, warm=True)
+        constrained.solve(solution, parameters, warm=True)
     with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(4, 1\), \(2,\)\), got"):
-        simulate(problem, found.states[0], found.controls, found.time)
+        simulate(problem, solution.states[0], solution.controls, solution.time)
     with pytest.raises(ValueError, match=r"must have shapes \(\(2,\), \(3, 1\), \(2,\)\), got"):
-        simulate(problem, found.states[0], found.controls, found.time[1:], [0.5, 0.1])
+        simulate(problem, solution.states[0], solution.controls, solution.time[1:], [0.5, 0.1])
 
 
 def test_a_simulation_that_does_not_come_on_says_so(monkeypatch):

@@ -161,9 +161,9 @@ def test_stacked_system_reproduces_the_recursion():
             system.transition[k] @ states[k] + system.control[k] @ controls[k] + system.affine[k] + disturbances[k]
         )
     whole = stacked(system)
-    found = whole.transition @ states[0] + whole.control @ controls.ravel() + whole.affine
-    found += whole.disturbance @ disturbances.ravel()
-    assert found == pytest.approx(np.ravel(states), rel=1e-13)
+    actual = whole.transition @ states[0] + whole.control @ controls.ravel() + whole.affine
+    actual += whole.disturbance @ disturbances.ravel()
+    assert actual == pytest.approx(np.ravel(states), rel=1e-13)
     # Not A_1 c_1, as Eq. 29 prints the third block.
     assert whole.affine[6:9] == pytest.approx(system.transition[1] @ system.affine[0] + system.affine[1], rel=1e-14)
 
@@ -220,8 +220,8 @@ def test_closed_loop_covariance_matches_the_response_to_every_single_deviation()
                     + system.control[k] @ controls[k, :, column]
                     + deviation[3 * (k + 1) : 3 * (k + 2)]
                 )
-        found = closed_loop(system, gain, covariance)
-        for response, result in ((states, found.covariance), (controls, found.control_covariance)):
+        actual = closed_loop(system, gain, covariance)
+        for response, result in ((states, actual.covariance), (controls, actual.control_covariance)):
             expected = response @ blocks @ response.swapaxes(1, 2)
             assert result == pytest.approx(expected, rel=1e-11, abs=1e-11 * np.abs(expected).max())
 
@@ -235,9 +235,9 @@ def test_gains_are_causal_and_reproduce_the_statistics_of_the_design(rich):
     )
     assert all(not law.gain[k, k + 1 :].any() for k in range(4))
     assert law.largest_gain == np.abs(law.gain).max()
-    flown = closed_loop(rich.system, law.gain)
-    assert flown.covariance == pytest.approx(law.covariance, abs=1e-12)
-    assert flown.control_covariance == pytest.approx(law.control_covariance, abs=1e-12)
+    statistics = closed_loop(rich.system, law.gain)
+    assert statistics.covariance == pytest.approx(law.covariance, abs=1e-12)
+    assert statistics.control_covariance == pytest.approx(law.control_covariance, abs=1e-12)
     assert law.mean[0] == pytest.approx(rich.system.initial_mean, rel=1e-15)
 
 
@@ -249,10 +249,10 @@ def test_forms_and_solvers_agree_on_every_kind_of_cost_and_constraint(rich, form
     assert law.objective == pytest.approx(reference.objective, rel=1e-7)
     assert law.control == pytest.approx(reference.control, abs=2e-4)
     assert law.gain == pytest.approx(reference.gain, abs=1e-4 * reference.largest_gain)
-    found = margins(rich, law)
-    assert max(margin.excess for margin in found) < 1e-6
+    all_margins = margins(rich, law)
+    assert max(margin.excess for margin in all_margins) < 1e-6
     # The comparison says little about a constraint that is not active.
-    active = {margin.name for margin in found if margin.excess > -1e-6}
+    active = {margin.name for margin in all_margins if margin.excess > -1e-6}
     assert {"state constraint wall at step 2", "control constraint 0 at step 1", "final covariance"} <= active
 
 
@@ -325,7 +325,7 @@ def test_active_chance_constraints_have_their_probability(rich):
         for item in items:
             deviation = np.sqrt(item.normal @ covariances[item.step] @ item.normal)
             violation = norm.sf(item.bound, item.normal @ means[item.step], deviation)
-            margin = next(found for found in margins(rich, law) if found.limit == item.bound)
+            margin = next(item_margin for item_margin in margins(rich, law) if item_margin.limit == item.bound)
             assert violation <= item.probability * (1 + 1e-5)
             assert violation == pytest.approx(item.probability, rel=1e-5) or margin.excess < -1e-5
 
@@ -534,10 +534,10 @@ def test_compiled_program_solves_others_of_its_structure_without_translation(mon
 
     monkeypatch.setattr(ConeMatrixStuffing, "apply", refuse)
     for other, law in zip(others, expected, strict=True):
-        found = compiled.solve(other)
-        assert found.objective == pytest.approx(law.objective, rel=1e-8)
-        assert found.control == pytest.approx(law.control, abs=1e-5)
-        assert found.covariance == pytest.approx(law.covariance, abs=1e-5)
+        compiled_law = compiled.solve(other)
+        assert compiled_law.objective == pytest.approx(law.objective, rel=1e-8)
+        assert compiled_law.control == pytest.approx(law.control, abs=1e-5)
+        assert compiled_law.covariance == pytest.approx(law.covariance, abs=1e-5)
 
 
 def test_compiled_program_of_every_kind_of_constraint(rich):

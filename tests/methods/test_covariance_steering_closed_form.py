@@ -283,10 +283,10 @@ def test_nonlinear_flight_without_noise_follows_the_mean_and_ends_with_the_prior
 
 def linear_mass_gramian(t, mass, flow):
     """int_0^t s^k / (mass - flow s)^2 ds for k = 0, 1, 2."""
-    left = mass - flow * t
-    zero = t / (mass * left)
-    one = (flow * t / left + np.log(left / mass)) / flow**2
-    two = (mass * (mass / left - 1) + flow * t + 2 * mass * np.log(left / mass)) / flow**3
+    mass_at = mass - flow * t
+    zero = t / (mass * mass_at)
+    one = (flow * t / mass_at + np.log(mass_at / mass)) / flow**2
+    two = (mass * (mass / mass_at - 1) + flow * t + 2 * mass * np.log(mass_at / mass)) / flow**3
     return np.array([[two, -one], [-one, zero]])
 
 
@@ -418,7 +418,7 @@ def test_bad_models_are_refused(changes, message):
     }
     ends = {name: np.zeros(2) for name in ("initial_mean", "final_mean")}
     ends |= {name: np.eye(2) for name in ("initial_covariance", "final_covariance")}
-    given = model | ends | {"noise_density": 1.0} | changes
-    given["model"] = tuple(given.pop(name) for name in ("state_matrix", "control_matrix", "affine"))
+    arguments = model | ends | {"noise_density": 1.0} | changes
+    arguments["model"] = tuple(arguments.pop(name) for name in ("state_matrix", "control_matrix", "affine"))
     with pytest.raises(SteeringError, match=message):
-        SteeringProblem.from_linear_model(**given)
+        SteeringProblem.from_linear_model(**arguments)

@@ -1,5 +1,7 @@
 """The closed form against the differential equations of the paper, which share no formula with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -55,6 +57,21 @@ def test_h_and_the_transition_matrices_obey_their_identities(descent, segment):
     np.testing.assert_allclose(result.h_matrix, h, rtol=0, atol=1e-9 * np.abs(h).max())
     product = result.adjoint_transition.swapaxes(1, 2) @ result.closed_loop_transition  # Eq. 29
     np.testing.assert_allclose(product, np.tile(np.eye(4), (6, 1, 1)), atol=1e-8)
+
+
+def test_rounding_error_in_what_is_not_coupled_sets_no_step(descent):
+    """The axes meet in the target covariance alone: what is zero at the start stays far below all else."""
+    target = np.array([[6, 0.4, -0.3, 0.05], [0.4, 0.5, 0.02, -0.1], [-0.3, 0.02, 0.3, 0.03], [0.05, -0.1, 0.03, 0.2]])
+    problem = replace(descent.problem(1, noise_density=540.0), final_covariance=target)
+    moved, times = motion(descent, problem, 1), []
+
+    def state_matrix(t):
+        times.append(t)
+        return moved.state_matrix(t)
+
+    result = integrate_forward(moved._replace(state_matrix=state_matrix), riccati_initial(problem), problem.final_mean)
+    np.testing.assert_allclose(result.covariance[-1], target, atol=1e-9)
+    assert len(times) < 10_000
 
 
 def test_a_perturbed_start_misses_the_target(descent):

@@ -252,8 +252,8 @@ def test_any_multipliers_bound_the_cost_from_below(solved):
     for size in (0.01, 0.3, 2.0):
         factors = [np.exp(size * rng.normal(size=xi.shape)) for xi in solution[3:5]]
         final, control = solution.final_multipliers * factors[0], solution.control_multipliers * factors[1]
-        changed = solution._replace(final_multipliers=final, control_multipliers=control)
-        _, value = lqg_gains(problem.system, *multiplier_weights(problem, changed))
+        perturbed = solution._replace(final_multipliers=final, control_multipliers=control)
+        _, value = lqg_gains(problem.system, *multiplier_weights(problem, perturbed))
         bound = np.sum(value[0] * problem.initial_covariance) + np.sum(value[1:] * problem.system.noise)
         assert bound - final @ problem.final_limits**2 - control @ problem.control_limits**2 < solution.cost
 

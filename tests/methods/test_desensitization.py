@@ -72,10 +72,10 @@ VALUES = (-0.4, 0.7, -1.2, 0.25)
 
 def matrix(gains, values):
     """The feedback matrix K, (2, 4)."""
-    found = np.zeros((2, 4))
+    feedback = np.zeros((2, 4))
     for gain, value in zip(gains, values, strict=True):
-        found[("thrust", "turn").index(gain.control), NAMES.index(gain.state)] += gain.unit * value
-    return found
+        feedback[("thrust", "turn").index(gain.control), NAMES.index(gain.state)] += gain.unit * value
+    return feedback
 
 
 def changes(scheme, rates, start, end, nominal_start, nominal_end, gain, h, control):
@@ -132,21 +132,21 @@ def test_columns_are_the_derivatives_of_the_discrete_flow(scheme, gains, base):
     values = VALUES[: len(gains)]
     perturbations = (PUSH, AIR, MIXED)
     extended = Desensitized(base, perturbations, {"speed": 0.5, "range": 2.0}, held(gains, values))
-    found = Program(extended.problem, MESH, scheme).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
-    columns = extended.columns(found)
+    solution = Program(extended.problem, MESH, scheme).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
+    columns = extended.columns(solution)
     assert columns.shape == (8, 4, 3)
     feedback = matrix(gains, values)
     for number, perturbation in enumerate(perturbations):
-        expected = derivative_of_the_discrete_flow(scheme, found, perturbation, feedback)
+        expected = derivative_of_the_discrete_flow(scheme, solution, perturbation, feedback)
         assert np.abs(expected[-1]).max() > 0.2
         np.testing.assert_allclose(columns[:, :, number], expected, rtol=0, atol=1e-9)
     # The base problem is solved as it was.
     alone = Program(base, MESH, scheme).solve(flat(), GIVEN, tolerance=1e-11)
-    assert found.objective == pytest.approx(alone.objective, abs=1e-9)
-    assert found.running_cost == pytest.approx(alone.running_cost, abs=1e-8)
-    np.testing.assert_allclose(found.states[:, :4], alone.states, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(found.path_multipliers["corridor"], alone.path_multipliers["corridor"], atol=1e-5)
-    assert found.path_multipliers["corridor"].max() > 1e-3
+    assert solution.objective == pytest.approx(alone.objective, abs=1e-9)
+    assert solution.running_cost == pytest.approx(alone.running_cost, abs=1e-8)
+    np.testing.assert_allclose(solution.states[:, :4], alone.states, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(solution.path_multipliers["corridor"], alone.path_multipliers["corridor"], atol=1e-5)
+    assert solution.path_multipliers["corridor"].max() > 1e-3
 
 
 def recursion(base, solution, perturbations, gain):
@@ -172,9 +172,9 @@ def recursion(base, solution, perturbations, gain):
 def test_columns_of_the_midpoint_rule_are_those_of_its_recursion(base):
     perturbations, gain = (PUSH, AIR, MIXED), matrix(GAINS, VALUES)
     extended = Desensitized(base, perturbations, gains=held(GAINS, VALUES))
-    found = Program(extended.problem, MESH).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
-    columns = extended.columns(found)
-    expected, transitions = recursion(base, found, perturbations, gain)
+    solution = Program(extended.problem, MESH).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
+    columns = extended.columns(solution)
+    expected, transitions = recursion(base, solution, perturbations, gain)
     np.testing.assert_allclose(columns, expected, rtol=0, atol=1e-10)
     # Rows that are carried backward from the end meet the column of initial states anywhere.
     backward = adjoint_rows(transitions, np.eye(4))
@@ -189,9 +189,9 @@ def test_columns_approach_those_of_the_continuous_flow_with_the_order_of_the_sch
     misses = []
     for intervals in (10, 20):
         guess = extended.guess(flat(intervals), GIVEN)
-        found = Program(extended.problem, intervals, scheme).solve(guess, GIVEN)
-        flown = resimulate(found, relative_tolerance=1e-12, absolute_tolerance=1e-13)
-        misses.append(np.abs(flown - found.states)[:, 4:].max())
+        solution = Program(extended.problem, intervals, scheme).solve(guess, GIVEN)
+        flight = resimulate(solution, relative_tolerance=1e-12, absolute_tolerance=1e-13)
+        misses.append(np.abs(flight - solution.states)[:, 4:].max())
     order = 4 if scheme == "hermite_simpson" else 2
     assert np.log2(misses[0] / misses[1]) == pytest.approx(order, abs=0.1 * order)
 
@@ -202,12 +202,12 @@ def test_rows_that_are_always_zero_are_left_out(base):
     extended = Desensitized(base, (ahead, push))
     names = [v.name for v in extended.problem.states[4:]]
     assert names == [column("range", "ahead"), *(column(name, "push") for name in NAMES)]
-    found = Program(extended.problem, MESH).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
-    columns = extended.columns(found)
+    solution = Program(extended.problem, MESH).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
+    columns = extended.columns(solution)
     assert (columns[:, 0, 0] == 3.0).all()  # to the last bit
     assert (columns[:, 1:, 0] == 0.0).all()
     for number, perturbation in enumerate((ahead, push)):
-        expected = derivative_of_the_discrete_flow("midpoint", found, perturbation, np.zeros((2, 4)))
+        expected = derivative_of_the_discrete_flow("midpoint", solution, perturbation, np.zeros((2, 4)))
         np.testing.assert_allclose(columns[:, :, number], expected, rtol=0, atol=1e-9)
     # Fed back, it reaches everything that the control reaches.
     fed_back = Desensitized(base, (ahead,), gains=(Gain("turn", "range"),))
@@ -230,9 +230,9 @@ def test_a_guess_holds_the_columns_along_it(base):
     np.testing.assert_allclose(guess.states[:, 4:], stacked(alone, np.zeros((2, 4))), rtol=0, atol=1e-12)
     # Along a guess with gains of its own, on equal intervals.
     on_equal = alone.guess(7)
-    told = {gain.parameter: value for gain, value in zip(GAINS, VALUES, strict=True)}
-    guess = extended.guess(on_equal._replace(free={**alone.free, **told}), GIVEN)
-    assert guess.free == {**alone.free, **told}
+    gain_values = {gain.parameter: value for gain, value in zip(GAINS, VALUES, strict=True)}
+    guess = extended.guess(on_equal._replace(free={**alone.free, **gain_values}), GIVEN)
+    assert guess.free == {**alone.free, **gain_values}
     equal = replace(alone, time=np.linspace(0, alone.final_time, 8), states=on_equal.states, controls=on_equal.controls)
     np.testing.assert_allclose(guess.states[:, 4:], stacked(equal, matrix(GAINS, VALUES)), rtol=0, atol=1e-12)
 
@@ -276,10 +276,10 @@ def test_weight_buys_a_smaller_sensitivity_at_its_price():
     start = program.solve(guess, {"weight": 0.0}, tolerance=1e-11)
     centres = np.array([0.3, 3.0, 30.0])
     weights = np.repeat(centres, 2) * np.tile([1 - 1e-3, 1 + 1e-3], 3)
-    found = program.follow(start, "weight", weights, tolerance=1e-11)
-    norms = np.array([norm(extended.columns(s)[-1]) for s in (start, *found)])
-    efforts = np.array([s.running_cost for s in (start, *found)])
-    np.testing.assert_allclose(efforts[1:] + weights * norms[1:], [s.objective for s in found], rtol=1e-12)
+    branch = program.follow(start, "weight", weights, tolerance=1e-11)
+    norms = np.array([norm(extended.columns(s)[-1]) for s in (start, *branch)])
+    efforts = np.array([s.running_cost for s in (start, *branch)])
+    np.testing.assert_allclose(efforts[1:] + weights * norms[1:], [s.objective for s in branch], rtol=1e-12)
     assert (np.diff(norms) < 0).all()
     assert (np.diff(efforts) > 0).all()
     assert norms[-1] < 0.8 * norms[0]
@@ -295,17 +295,17 @@ def test_a_gain_goes_where_the_sensitivity_is_least(lower):
     gain = Gain("torque", "rate", 2.0, lower, 0.0)
     extended, problem, guess = oscillator((gain,))
     program, weight = Program(problem, 30), {"weight": 0.5}
-    found = program.solve(guess, weight, tolerance=1e-11)
-    chosen = found.free["torque/rate"]
+    solution = program.solve(guess, weight, tolerance=1e-11)
+    chosen = solution.free["torque/rate"]
     # Of the nominal that it found, the norm of the recursion's column over the gain.
-    middle = (found.states[1:, :2] + found.states[:-1, :2]) / 2
-    model = linearize(extended.base.rates, middle, found.controls, [0.5])
+    middle = (solution.states[1:, :2] + solution.states[:-1, :2]) / 2
+    model = linearize(extended.base.rates, middle, solution.controls, [0.5])
 
     def final(value):
         closed = closed_loop(model.state_matrix, model.control_matrix, np.array([[0.0, 2.0 * value]]))
         return propagate_columns(midpoint_transitions(closed, 2.0 / 30), np.array([[1.0], [0.0]]))[-1]
 
-    np.testing.assert_allclose(extended.columns(found)[-1], final(chosen), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(extended.columns(solution)[-1], final(chosen), rtol=0, atol=1e-9)
     best = minimize_scalar(lambda value: norm(final(value)), bounds=(lower, 0.0), method="bounded")
     if lower == -0.2:
         assert chosen == pytest.approx(lower, abs=1e-7)
@@ -316,8 +316,8 @@ def test_a_gain_goes_where_the_sensitivity_is_least(lower):
     # A nominal has no deviation to feed back: reshaped for nothing but what the norm gains by it.
     plain, plain_problem, plain_guess = oscillator()
     without = Program(plain_problem, 30).solve(plain_guess, weight, tolerance=1e-11)
-    assert norm(extended.columns(found)[-1]) < 0.9 * norm(plain.columns(without)[-1])
-    assert found.objective < without.objective
+    assert norm(extended.columns(solution)[-1]) < 0.9 * norm(plain.columns(without)[-1])
+    assert solution.objective < without.objective
 
 
 def test_columns_with_a_table_in_the_rates():
@@ -350,10 +350,10 @@ def test_feedback_of_an_integrator_in_closed_form():
     gain = Gain("u", "x", 0.1, -8.0, -8.0)
     extended = Desensitized(base, (Perturbation("start", {"x": 5.0}),), gains=(gain,))
     guess = Guess(np.zeros((11, 1)), np.zeros((10, 1)), 2.0)
-    found = Program(extended.problem, 10).solve(extended.guess(guess))
+    solution = Program(extended.problem, 10).solve(extended.guess(guess))
     expected = 5 * ((1 - 0.08) / (1 + 0.08)) ** np.arange(11)
-    np.testing.assert_allclose(extended.columns(found)[:, 0, 0], expected, rtol=1e-9)
-    np.testing.assert_allclose(found.controls, 0.5, atol=1e-9)
+    np.testing.assert_allclose(extended.columns(solution)[:, 0, 0], expected, rtol=1e-9)
+    np.testing.assert_allclose(solution.controls, 0.5, atol=1e-9)
 
 
 # ---- refusals --------------------------------------------------------------------------------------------------------
@@ -415,10 +415,10 @@ def test_sensitivities_through_a_table_are_those_of_the_closed_form():
 
     perturbations = (Perturbation("height", {"height": 1.0}), Perturbation("air", parameters={"factor": 1.0}))
     guess = Guess(np.column_stack([np.linspace(2e4, 1.4e4, 11), np.full(11, -300.0)]), np.zeros((10, 1)), 20.0)
-    found = []
+    solutions = []
     for density, expand in ((lambda h: np.exp(log_density(h)), False), (lambda h: 0.02 * np.exp(-h / 11e3), True)):
         falls = Desensitized(falling(density), perturbations, {"height": 1e3, "speed": 1e2})
         solution = Program(falls.problem, 10, expand=expand).solve(falls.guess(guess, {"factor": 1.0}), {"factor": 1.0})
-        found.append(falls.columns(solution)[-1])
-    np.testing.assert_allclose(found[0], found[1], rtol=2e-3)
-    assert np.abs(found[1]).min() > 0.0
+        solutions.append(falls.columns(solution)[-1])
+    np.testing.assert_allclose(solutions[0], solutions[1], rtol=2e-3)
+    assert np.abs(solutions[1]).min() > 0.0

@@ -38,8 +38,10 @@ def field_example():
 
 def test_every_example_is_tested():
     tested = re.findall(r'run\("(\w+)"\)', Path(__file__).read_text(encoding="utf-8"))
-    elsewhere = ["scaling"]  # it reads a build: tests/workflow/test_large_ensembles.py
-    assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == dict.fromkeys(tested + elsewhere, 1)
+    # These read a build: tests/workflow/test_large_ensembles.py, tests/results/test_results.py.
+    elsewhere = {"scaling": 1, "results": 6, "formats": 1, "using": 1}
+    expected = dict.fromkeys(tested, 1) | elsewhere
+    assert {page.stem: len(examples(page)) for page in PAGES if examples(page)} == expected
     assert len(tested) == 5
 
 
@@ -81,8 +83,8 @@ def fly(example, fields, gain):
 
 def test_field_example_keeps_its_chance_constraint_in_sampled_fields(field_example, fields):
     law = field_example["law"]
-    flown = fly(field_example, fields, law.gain)
-    too_fast = np.mean(flown[:, :, 1] > 1.1, axis=0)
+    flight = fly(field_example, fields, law.gain)
+    too_fast = np.mean(flight[:, :, 1] > 1.1, axis=0)
     assert (too_fast[1:] <= 0.01 + 3 * np.sqrt(0.01 * 0.99 / TRIALS)).all()
     assert too_fast[-1] >= 0.01 - 4 * np.sqrt(0.01 * 0.99 / TRIALS)  # the constraint is active there: 1 % it is
     free = fly(field_example, fields, np.zeros_like(law.gain))
@@ -94,9 +96,9 @@ def test_field_example_predicts_its_deviations(field_example, fields):
     # The flights have no navigation errors, which only the design has.
     covariance, _ = closed_loop(system, law.gain, field_example["covariance"])
     predicted = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    flown = fly(field_example, fields, law.gain)
-    np.testing.assert_allclose(flown.std(axis=0, ddof=1), predicted, rtol=4 / np.sqrt(2 * TRIALS))
-    assert (np.abs(flown[:, -1].mean(axis=0) - [8.0, 1.0]) < 4 * predicted[-1] / np.sqrt(TRIALS)).all()
+    flight = fly(field_example, fields, law.gain)
+    np.testing.assert_allclose(flight.std(axis=0, ddof=1), predicted, rtol=4 / np.sqrt(2 * TRIALS))
+    assert (np.abs(flight[:, -1].mean(axis=0) - [8.0, 1.0]) < 4 * predicted[-1] / np.sqrt(TRIALS)).all()
     assert (law.covariance[-1].diagonal() <= 0.05**2 * (1 + 1e-6)).all()
 
 
@@ -167,8 +169,8 @@ def test_flights_of_the_funnel_example_stay_within_proven_levels_only(pendulum):
     assert 0.97 < steady[-1] / funnel.rho[-1] < 0.985
     assert 1e-6 < (steady[slices[1:]] / funnel.rho[1:]).max() - 1.0 < 1e-5
     changing = highest(pendulum, random.choice([-1.0, 1.0], (len(slices) - 1, TRIALS, 1)))
-    for flown in (steady, changing):
-        assert (flown[1:] <= proven[1:]).all()
+    for flight in (steady, changing):
+        assert (flight[1:] <= proven[1:]).all()
     excess = proven[slices[1:]] / funnel.rho[1:] - 1.0
     assert excess.min() > 0.0
     assert 0.0008 < excess.max() < 0.0012

@@ -89,7 +89,7 @@ def windy_funnel(windy):
     return forward(*windy, 0.15, WINDY)
 
 
-def flown(problem, level, count, seed, additive=None):
+def flights(problem, level, count, seed, additive=None):
     """V at the slices of flights from the boundary of the first one, under a constant disturbance, (N, count)."""
     loop, shapes, slices = problem
     state = np.sqrt(2 * level) * np.linalg.solve(np.linalg.cholesky(shapes[0]).T, unit(count, 3, seed).T)
@@ -105,8 +105,8 @@ def test_initial_level_is_the_least_that_contains_the_initial_set():
     root = generator(1).standard_normal((2, 3, 3)) + 2 * np.eye(3)
     shape, initial_set = (matrix @ matrix.T / np.outer(units, units) for matrix in root)
     level = initial_level(shape, initial_set)
-    left = (initial_set - shape / level) * np.outer(units, units)
-    eigenvalues = np.linalg.eigvalsh(left)
+    difference = (initial_set - shape / level) * np.outer(units, units)
+    eigenvalues = np.linalg.eigvalsh(difference)
     np.testing.assert_allclose(eigenvalues[0], 0, atol=1e-12 * eigenvalues[-1])
     inside = np.sqrt(2) * np.linalg.solve(np.linalg.cholesky(initial_set).T, unit(20_000, 3, 2).T)
     values = np.sum(inside * (shape @ inside), axis=0) / 2
@@ -193,7 +193,7 @@ def test_levels_increase_with_the_initial_set_and_with_the_disturbance(calm, win
 def test_no_flight_leaves_the_funnel_and_some_come_close(wind, calm_funnel, windy_funnel):
     """Neither at the slices nor at the fine steps between, where the level is interpolated."""
     funnel = windy_funnel if wind else calm_funnel
-    values = flown(dubins(wind, every=1), 0.15, 4000, seed=3)
+    values = flights(dubins(wind, every=1), 0.15, 4000, seed=3)
     ratios = values.max(axis=1) / funnel.levels(np.arange(81))
     assert ratios.max() <= 1 + 1e-12
     assert ratios.min() > 0.75
@@ -256,7 +256,7 @@ def test_additive_disturbance_adds_to_the_root_of_the_level(calm, calm_funnel):
         np.sqrt(funnel.rho[1:]), np.sqrt(funnel.growth * funnel.rho[:-1]) + np.sqrt(growth), rtol=1e-13
     )
     np.testing.assert_array_equal(forward(*calm, 0.15, CALM, additive=0 * growth).rho, calm_funnel.rho)
-    values = flown(calm, 0.15, 4000, seed=5, additive=list(amplitudes[:, None] * unit(4000, 3, 6).T))
+    values = flights(calm, 0.15, 4000, seed=5, additive=list(amplitudes[:, None] * unit(4000, 3, 6).T))
     assert (values.max(axis=1)[1:] < funnel.rho[1:]).all()
     assert (values.max(axis=1)[6:] > calm_funnel.rho[6:]).any()
     returned = backward(*calm, funnel.rho[-1], CALM, additive=growth)

@@ -233,8 +233,10 @@ def test_levels_of_proven_stages_hold_at_every_node():
     for first, stage in zip((0, 4), stages, strict=True):
         np.testing.assert_array_equal(stage.nodes, first + np.arange(1, 5))
         for node, proven in zip(stage.nodes.tolist(), stage.levels, strict=True):
-            found = FunnelStage(loop, first, node, shapes[first], shapes[node], level)
-            largest = level * polished(found.true_values, ball_points((3, 2), 1000, 8, inside=True), (3, 2), True)
+            funnel_stage = FunnelStage(loop, first, node, shapes[first], shapes[node], level)
+            largest = level * polished(
+                funnel_stage.true_values, ball_points((3, 2), 1000, 8, inside=True), (3, 2), True
+            )
             assert largest <= proven < 1.005 * largest
         parts = stage.polynomial_bound + stage.truncation + stage.remainder + stage.rise
         assert stage.levels[-1] == pytest.approx(level * parts, rel=1e-14)

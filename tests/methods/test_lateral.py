@@ -184,23 +184,23 @@ def aligned(form, gain=GAIN):
 
 @pytest.mark.parametrize("crossrange", [-1.1e3, 1.1e3])
 def test_heading_alignment_nulls_the_crossrange_over_a_planet_at_rest(crossrange):
-    flown = fly(start_of_heading_alignment(crossrange), 120, aligned(CORRECTED), rotation_rate=0.0)
-    assert len(flown) < 120  # 500 m/s are reached
-    assert flown[0] == pytest.approx(crossrange, abs=1)
-    assert abs(flown[-1]) < 0.1
+    flight = fly(start_of_heading_alignment(crossrange), 120, aligned(CORRECTED), rotation_rate=0.0)
+    assert len(flight) < 120  # 500 m/s are reached
+    assert flight[0] == pytest.approx(crossrange, abs=1)
+    assert abs(flight[-1]) < 0.1
 
 
 def test_rotation_of_the_planet_leaves_a_crossrange_inversely_proportional_to_the_gain():
     # Drag slows the planet-relative velocity, which turns the inertial one and with it the orbit plane.
-    left = [fly(start_of_heading_alignment(1.1e3), 120, aligned(CORRECTED, gain))[-1] for gain in (50.0, 100.0, 200.0)]
-    assert abs(left[0]) < 0.03 * 1.1e3
-    np.testing.assert_allclose(np.divide(left[:-1], left[1:]), 2, rtol=0.2)
+    final = [fly(start_of_heading_alignment(1.1e3), 120, aligned(CORRECTED, gain))[-1] for gain in (50.0, 100.0, 200.0)]
+    assert abs(final[0]) < 0.03 * 1.1e3
+    np.testing.assert_allclose(np.divide(final[:-1], final[1:]), 2, rtol=0.2)
 
 
 def test_printed_heading_alignment_drives_the_crossrange_away():
-    flown = fly(start_of_heading_alignment(1.1e3), 120, aligned(PRINTED))
-    assert flown[-1] > 2 * flown[0] > 0
-    assert (np.diff(flown) > 0).all()
+    flight = fly(start_of_heading_alignment(1.1e3), 120, aligned(PRINTED))
+    assert flight[-1] > 2 * flight[0] > 0
+    assert (np.diff(flight) > 0).all()
 
 
 def test_heading_alignment_with_its_sign_mended_chatters_between_its_limits():
@@ -210,8 +210,8 @@ def test_heading_alignment_with_its_sign_mended_chatters_between_its_limits():
         banks.append(law(*arguments))
         return banks[-1]
 
-    flown = fly(start_of_heading_alignment(1.1e3), 120, guidance)
-    assert abs(flown[-1]) < 100
+    flight = fly(start_of_heading_alignment(1.1e3), 120, guidance)
+    assert abs(flight[-1]) < 100
     late = np.array(banks[-30:])
     np.testing.assert_allclose(np.abs(late), np.radians(35), rtol=1e-12)
     assert np.count_nonzero(np.diff(np.sign(late))) >= 5
@@ -230,14 +230,14 @@ def printed_bank(command, previous, largest_change):
 
 
 def test_bank_changes_by_no_more_than_the_limit():
-    for flown in (-1.0, 0.0, 0.5):
+    for flight in (-1.0, 0.0, 0.5):
         for command in (-1.3, -0.6, 0.0, 0.1, 1.3):
-            bank = rate_limited_bank(command, flown, 0.25)
-            assert bank == pytest.approx(flown + np.clip(command - flown, -0.25, 0.25), rel=1e-15)
-            assert bank == command or abs(bank - flown) == pytest.approx(0.25, rel=1e-15)
-            printed = rate_limited_bank_as_printed(command, flown, 0.25)
-            assert printed == pytest.approx(printed_bank(command, flown, 0.25), rel=1e-15)
-            assert compiled_banks(command, flown, 0.25) == (bank, printed)
+            bank = rate_limited_bank(command, flight, 0.25)
+            assert bank == pytest.approx(flight + np.clip(command - flight, -0.25, 0.25), rel=1e-15)
+            assert bank == command or abs(bank - flight) == pytest.approx(0.25, rel=1e-15)
+            printed = rate_limited_bank_as_printed(command, flight, 0.25)
+            assert printed == pytest.approx(printed_bank(command, flight, 0.25), rel=1e-15)
+            assert compiled_banks(command, flight, 0.25) == (bank, printed)
 
 
 def test_a_full_reversal_takes_as_long_as_the_rate_allows():

@@ -3,11 +3,14 @@ import pytest
 from scipy.linalg import expm
 
 from marsedl.methods.sensitivity import (
+    POINTS,
     adjoint_rows,
     closed_loop,
     midpoint_responses,
     midpoint_transitions,
     propagate_columns,
+    scheme_responses,
+    scheme_transitions,
 )
 
 
@@ -188,3 +191,75 @@ NOT_FINITE[2, 1, 1] = np.nan
 def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def scheme_example(scheme, intervals=6, n=3, m=2):
+    """Matrices and forcing at the points of a scheme, and unequal steps."""
+    random = np.random.default_rng(7)
+    points = POINTS[scheme]
+    return (
+        random.standard_normal((intervals, points, n, n)),
+        random.standard_normal((intervals, points, n, m)),
+        random.uniform(0.1, 0.4, intervals),
+    )
+
+
+def collocated(scheme, matrices, forcing, step, start):
+    """The end of one interval from its start: the scheme's equations written down for unknown columns, and solved."""
+    n = len(start)
+    unknown = np.eye(n)
+
+    def slope(matrix, columns):
+        return matrix @ columns[0], matrix @ columns[1], matrix @ columns[2]
+
+    first, last = (unknown, 0 * unknown, 0 * start), (0 * unknown, unknown, 0 * start)
+    if scheme == "trapezoid":
+        rates = [(step / 2, slope(matrices[0], first), forcing[0]), (step / 2, slope(matrices[1], last), forcing[1])]
+    else:
+        f0 = [a + b for a, b in zip(slope(matrices[0], first), (0, 0, forcing[0]), strict=True)]
+        f1 = [a + b for a, b in zip(slope(matrices[2], last), (0, 0, forcing[2]), strict=True)]
+        middle = [(a + b) / 2 + step / 8 * (p - q) for a, b, p, q in zip(first, last, f0, f1, strict=True)]
+        rates = [
+            (step / 6, slope(matrices[0], first), forcing[0]),
+            (4 * step / 6, slope(matrices[1], middle), forcing[1]),
+            (step / 6, slope(matrices[2], last), forcing[2]),
+        ]
+    before = sum(weight * part[0] for weight, part, _ in rates)
+    after = sum(weight * part[1] for weight, part, _ in rates)
+    pushed = sum(weight * (part[2] + force) for weight, part, force in rates)
+    return np.linalg.solve(unknown - after, (unknown + before) @ start + pushed)
+
+
+@pytest.mark.parametrize("scheme", ["trapezoid", "hermite_simpson"])
+def test_the_columns_of_a_scheme_obey_its_equations_on_every_interval(scheme):
+    matrices, forcing, step = scheme_example(scheme)
+    responses = scheme_responses(scheme, matrices, forcing, step)
+    columns = propagate_columns(scheme_transitions(scheme, matrices, step), np.eye(3, 2), responses.sum(axis=1))
+    for k in range(len(step)):
+        expected = collocated(scheme, matrices[k], forcing[k], step[k], columns[k])
+        np.testing.assert_allclose(columns[k + 1], expected, rtol=0, atol=1e-12)
+
+
+def test_by_the_midpoint_rule_they_are_the_printed_recursion():
+    matrices, forcing, step = scheme_example("midpoint")
+    assert (scheme_transitions("midpoint", matrices, step) == midpoint_transitions(matrices[:, 0], step)).all()
+    pushed = scheme_responses("midpoint", matrices, forcing, step)
+    assert (pushed[:, 0] == midpoint_responses(matrices[:, 0], forcing[:, 0], step)).all()
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("midpoint", 2), ("trapezoid", 2), ("hermite_simpson", 4)])
+def test_each_scheme_has_its_order_against_the_matrix_exponential(scheme, order):
+    constant, errors = np.array([[0.0, 1.0], [-4.0, -0.3]]), []
+    for intervals in (10, 20, 40):
+        matrices = np.tile(constant, (intervals, POINTS[scheme], 1, 1))
+        final = propagate_columns(scheme_transitions(scheme, matrices, 2.0 / intervals), np.eye(2))[-1]
+        errors.append(np.abs(final - expm(2.0 * constant)).max())
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), order, atol=0.1)
+
+
+def test_an_unknown_scheme_and_missing_points_are_refused():
+    matrices, _, step = scheme_example("trapezoid")
+    with pytest.raises(ValueError, match="scheme: 'euler' is none of midpoint, trapezoid, hermite_simpson"):
+        scheme_transitions("euler", matrices, step)
+    with pytest.raises(ValueError, match=r"matrices must have shape \(N, 3, n, m\) by hermite_simpson"):
+        scheme_transitions("hermite_simpson", matrices, step)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from marsedl.methods.sensitivity import POINTS
 from marsedl.methods.sensitivity_gains import (
     GainProblem,
     final_errors,
@@ -231,8 +232,8 @@ def test_where_whole_steps_go_back_and_forth_shorter_ones_converge():
     k, steps = np.zeros(6), []
     for _ in range(300):
         slope = jacobian(problem, k)
-        wanted = np.linalg.pinv(slope) @ (slope @ k - final_errors(problem, k).ravel()) - k
-        steps.append(wanted * min(1, 0.1 / np.linalg.norm(wanted)))
+        expected = np.linalg.pinv(slope) @ (slope @ k - final_errors(problem, k).ravel()) - k
+        steps.append(expected * min(1, 0.1 / np.linalg.norm(expected)))
         k = k + steps[-1]
     np.testing.assert_allclose(steps[-1], -steps[-2], rtol=0, atol=1e-6)
     assert np.linalg.norm(steps[-1]) == pytest.approx(0.1)
@@ -355,9 +356,9 @@ def test_regularized_gains_are_stationary_for_several_columns_at_once():
         assert np.abs(slope.T @ errors).max() > 100 * rounding
         np.testing.assert_allclose(design.history[-1, 1], np.linalg.norm(errors), rtol=1e-9)
     sizes = [np.linalg.norm(design.k) for design in designs]
-    left = [np.linalg.norm(design.errors) for design in designs]
+    remaining = [np.linalg.norm(design.errors) for design in designs]
     assert sizes[0] < sizes[1] < sizes[2]
-    assert left[0] > left[1] > left[2]
+    assert remaining[0] > remaining[1] > remaining[2]
 
 
 def test_regularized_gains_approach_the_smallest_that_null_the_errors():
@@ -567,3 +568,27 @@ def test_a_problem_that_does_not_fit_is_refused(changes, message):
 def test_bad_arguments_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.parametrize("scheme", ["trapezoid", "hermite_simpson"])
+def test_the_jacobian_of_another_scheme_is_the_limit_of_its_differences(scheme):
+    plain, random = random_problem(), np.random.default_rng(2)
+    at_points = {
+        name: getattr(plain, name)[:, None] + 0.2 * random.standard_normal((30, POINTS[scheme], 1, 1))
+        for name in ("state_matrix", "control_matrix", "forcing")
+    }
+    problem, k = replace(plain, scheme=scheme, **at_points), small_gains()
+    exact, errors = jacobian(problem, k), []
+    for distance in (4e-3, 2e-3):
+        shifts = distance * np.eye(k.size).reshape(-1, *k.shape)
+        differences = [final_errors(problem, k + s) - final_errors(problem, k - s) for s in shifts]
+        errors.append(np.abs(np.reshape(differences, (k.size, -1)).T / (2 * distance) - exact).max())
+    assert errors[1] < 1e-4 * np.abs(exact).max()
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_scheme_without_its_points_is_refused():
+    with pytest.raises(ValueError, match=r"control_matrix must be a non-empty array of shape \(N, s, n, m\), s = 2"):
+        random_problem(scheme="trapezoid")
+    with pytest.raises(ValueError, match="scheme: 'euler' is none of midpoint"):
+        random_problem(scheme="euler")

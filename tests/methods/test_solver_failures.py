@@ -49,10 +49,10 @@ def test_an_optimum_or_an_error_with_status_iterations_and_residuals(monkeypatch
 
 
 def test_an_optimum_is_that_of_cvxpy_itself():
-    found, again = bounded(), bounded()
-    iterations = clarabel.solve_to_optimum(found, "the case")
+    actual, again = bounded(), bounded()
+    iterations = clarabel.solve_to_optimum(actual, "the case")
     again.solve(solver=cvxpy.CLARABEL, direct_solve_method="qdldl")
-    assert found.value == again.value
+    assert actual.value == again.value
     assert iterations == again.solver_stats.num_iters
 
 

@@ -170,8 +170,8 @@ def test_conditioning_of_the_bases():
 
 
 def test_condition_number_of_a_known_matrix():
-    left, _ = np.linalg.qr(generator().standard_normal((8, 4)))
-    values = left * np.array([8.0, 4.0, 2.0, 0.5])
+    remaining, _ = np.linalg.qr(generator().standard_normal((8, 4)))
+    values = remaining * np.array([8.0, 4.0, 2.0, 0.5])
     assert condition_number(values) == pytest.approx(16)
     assert condition_number(values, rank=3) == pytest.approx(4)
 

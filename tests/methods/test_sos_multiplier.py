@@ -100,29 +100,29 @@ def test_the_largest_eigenvalue_is_the_bound_of_a_quadratic_form():
 
     coefficients, error = polynomial_coefficients(function, 6, 4, 1)
     assert error < 1e-12
-    found = MultiplierProgram((6,), solver="SCS").solve(coefficients)
-    assert found.bound == pytest.approx(np.linalg.eigvalsh(matrix)[-1], rel=1e-7)
+    certificate = MultiplierProgram((6,), solver="SCS").solve(coefficients)
+    assert certificate.bound == pytest.approx(np.linalg.eigvalsh(matrix)[-1], rel=1e-7)
 
 
 @pytest.mark.parametrize("full_ball", [False, True])
 def test_the_identity_holds_away_from_the_spheres_too(full_ball):
     coefficients, function = random_quartic((3, 2), 1)
     program = MultiplierProgram((3, 2), full_ball)
-    found = program.solve(coefficients)
+    certificate = program.solve(coefficients)
     anywhere = generator(8).standard_normal((200, 5))
-    right = program.right_hand_side(found, anywhere)
-    np.testing.assert_allclose(found.bound - function(anywhere), right, atol=1e-5)
+    right = program.right_hand_side(certificate, anywhere)
+    np.testing.assert_allclose(certificate.bound - function(anywhere), right, atol=1e-5)
     assert np.abs(right).max() > 10  # so that the tolerance means something
     # Term by term: squares, multipliers times what vanishes or is positive.
     z, n = program.evaluate(anywhere), program.spheres
-    expected = np.einsum("mi,ij,mj->m", z, found.gram, z)
-    free = z @ found.multipliers.T  # of degree 2, as z
+    expected = np.einsum("mi,ij,mj->m", z, certificate.gram, z)
+    free = z @ certificate.multipliers.T  # of degree 2, as z
     expected += free[:, 0] * (np.sum(anywhere[:, :3] ** 2, axis=1) - 1)
     excess = np.sum(anywhere[:, 3:] ** 2, axis=1) - 1
     if full_ball:
         linear = n.evaluate(n.monomials(1), anywhere)
-        expected -= np.einsum("mi,ij,mj->m", linear, found.ball_grams[0], linear) * excess
-        assert np.linalg.eigvalsh(found.ball_grams[0])[0] > -1e-12
+        expected -= np.einsum("mi,ij,mj->m", linear, certificate.ball_grams[0], linear) * excess
+        assert np.linalg.eigvalsh(certificate.ball_grams[0])[0] > -1e-12
     else:
         expected += free[:, 1] * excess
     np.testing.assert_allclose(right, expected, rtol=1e-9, atol=1e-9)
@@ -156,13 +156,13 @@ def test_both_balls_may_be_full():
 
     coefficients, _ = polynomial_coefficients(function, 5, 4, 1)
     programs = [MultiplierProgram((3, 2), flags) for flags in (False, (False, True), (True, False), (True, True))]
-    found = [program.solve(coefficients) for program in programs]
-    for program, certificate in zip(programs, found, strict=True):
+    certificates = [program.solve(coefficients) for program in programs]
+    for program, certificate in zip(programs, certificates, strict=True):
         highest, _ = maximize(function, (3, 2), 1, program.full_ball)
         assert highest <= certificate.safe_bound < highest + 1e-6
         assert len(certificate.ball_grams) == sum(program.full_ball)
-    assert found[3].bound == pytest.approx(1.0, abs=1e-6)
-    assert found[0].bound < min(found[1].bound, found[2].bound) < found[3].bound
+    assert certificates[3].bound == pytest.approx(1.0, abs=1e-6)
+    assert certificates[0].bound < min(certificates[1].bound, certificates[2].bound) < certificates[3].bound
 
 
 def test_the_full_disc_costs_nothing_where_the_worst_disturbance_lies_on_its_circle():
@@ -214,13 +214,13 @@ def test_the_proven_bound_repairs_an_indefinite_matrix_of_the_ball():
 def test_the_proven_bound_is_sharper_than_the_sum_of_the_residual(entry_size):
     _, coefficients, function = entry_size
     program = MultiplierProgram((6, 2), solver="SCS", tolerance=1e-2)
-    found = program.solve(coefficients)
+    certificate = program.solve(coefficients)
     residual, _ = polynomial_coefficients(
-        lambda x: found.bound - function(x) - program.right_hand_side(found, x), 8, 4, 1
+        lambda x: certificate.bound - function(x) - program.right_hand_side(certificate, x), 8, 4, 1
     )
-    assert found.residual == pytest.approx(np.abs(residual).max(), rel=1e-6)
-    assert found.safe_bound >= maximize(function, (6, 2), 1)[0]
-    assert 0 < found.safe_bound - found.bound < 0.5 * np.abs(residual).sum()
+    assert certificate.residual == pytest.approx(np.abs(residual).max(), rel=1e-6)
+    assert certificate.safe_bound >= maximize(function, (6, 2), 1)[0]
+    assert 0 < certificate.safe_bound - certificate.bound < 0.5 * np.abs(residual).sum()
 
 
 def test_the_proven_bound_keeps_what_is_exact():
@@ -236,8 +236,8 @@ def test_the_proven_bound_keeps_what_is_exact():
 
 def test_coefficients_come_back_from_values():
     coefficients, function = random_quartic((6, 2), 4)
-    found, error = polynomial_coefficients(function, 8, 4, 1)
-    np.testing.assert_allclose(found, coefficients, atol=1e-12)
+    recovered, error = polynomial_coefficients(function, 8, 4, 1)
+    np.testing.assert_allclose(recovered, coefficients, atol=1e-12)
     assert error < 1e-12
     # A term of higher degree shows in the difference.
     _, error = polynomial_coefficients(lambda x: function(x) + 0.01 * x[:, 0] ** 5, 8, 4, 1)
@@ -256,17 +256,17 @@ def test_a_failed_solver_leaves_no_bound(monkeypatch):
         raise cvxpy.error.SolverError("numerical trouble")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", fail)
-    for found in (sampled.solve(function(design.points)), matched.solve(coefficients)):
-        assert found.bound == found.safe_bound == np.inf
-        assert found.status == "CLARABEL failed: numerical trouble"
+    for certificate in (sampled.solve(function(design.points)), matched.solve(coefficients)):
+        assert certificate.bound == certificate.safe_bound == np.inf
+        assert certificate.status == "CLARABEL failed: numerical trouble"
 
 
 def test_an_unfinished_solution_says_so(monkeypatch):
     monkeypatch.setattr(conic_program, "_MOST_ITERATIONS", 3)
     coefficients, function = random_quartic((3,), 1)
-    found = MultiplierProgram((3,), solver="SCS", tolerance=1e-12).solve(coefficients)
-    assert found.status.startswith("SCS says ")
-    assert found.safe_bound >= maximize(function, (3,), 1)[0]
+    certificate = MultiplierProgram((3,), solver="SCS", tolerance=1e-12).solve(coefficients)
+    assert certificate.status.startswith("SCS says ")
+    assert certificate.safe_bound >= maximize(function, (3,), 1)[0]
 
 
 @pytest.mark.parametrize(

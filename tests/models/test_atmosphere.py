@@ -115,11 +115,11 @@ def test_temperature_pressure_fit_is_pressure_over_gas_constant_and_temperature(
 
 
 def test_temperature_pressure_fit_has_the_constants_it_says():
-    found, h = TEMPERATURE_PRESSURE_FIT, 70e3
-    temperature = np.polynomial.Polynomial(found.temperature)(h)
-    pressure = found.surface_pressure * np.exp(-found.pressure_decay * h)
+    actual, h = TEMPERATURE_PRESSURE_FIT, 70e3
+    temperature = np.polynomial.Polynomial(actual.temperature)(h)
+    pressure = actual.surface_pressure * np.exp(-actual.pressure_decay * h)
     assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(
-        pressure / (found.gas_constant * temperature), rel=1e-14
+        pressure / (actual.gas_constant * temperature), rel=1e-14
     )
 
 
@@ -179,11 +179,11 @@ def test_casadi_curve_is_the_same(table):
     altitudes = np.concatenate([np.linspace(-10e3, 150e3, 641), table[:, 0]])
     value, slope, curvature = profile(altitudes)
     evaluate = [function.map(altitudes.size), derivative.map(altitudes.size), hessian.map(altitudes.size)]
-    found = [f(altitudes[np.newaxis]).full()[0] for f in evaluate]
-    np.testing.assert_allclose(found[0], value, rtol=1e-12)
-    np.testing.assert_allclose(found[1], slope, rtol=1e-11)
+    actual = [f(altitudes[np.newaxis]).full()[0] for f in evaluate]
+    np.testing.assert_allclose(actual[0], value, rtol=1e-12)
+    np.testing.assert_allclose(actual[1], slope, rtol=1e-11)
     off_nodes = np.abs(altitudes[:, np.newaxis] - table[:, 0]).min(axis=1) > 1e-6  # it jumps at the nodes
-    np.testing.assert_allclose(found[2][off_nodes], curvature[off_nodes], rtol=1e-10, atol=1e-20)
+    np.testing.assert_allclose(actual[2][off_nodes], curvature[off_nodes], rtol=1e-10, atol=1e-20)
 
 
 @pytest.mark.parametrize(
@@ -234,14 +234,14 @@ def test_cells_are_the_hermite_cubics_between_the_nodes_and_lines_beyond():
     nodes = uniform_nodes(lambda h: (value, slope), altitude[0], altitude[-1], 700.0)
     spline = CubicHermiteSpline(altitude, value, slope)
     inside = np.linspace(altitude[0], altitude[-1], 300)
-    found = curve_of_cells(nodes)
-    np.testing.assert_allclose(found(inside), spline(inside), rtol=0, atol=1e-13)
+    actual = curve_of_cells(nodes)
+    np.testing.assert_allclose(actual(inside), spline(inside), rtol=0, atol=1e-13)
     for end, beyond in (
         (0, altitude[0] - np.array([1.0, 699.0, 5e3])),
         (-1, altitude[-1] + np.array([1.0, 701.0, 5e3])),
     ):
         line = value[end] + slope[end] * (beyond - altitude[end])
-        np.testing.assert_allclose(found(beyond), line, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(actual(beyond), line, rtol=0, atol=1e-13)
 
 
 def test_cells_are_the_curve_of_a_table_whose_altitudes_are_nodes(table):
@@ -303,13 +303,13 @@ NAMES = ("log_quadratic", "temperature_pressure_fit", "two_exponential", "table"
 )
 def test_log_density_by_name_is_the_curve_of_the_profile(name, symbol, table):
     casadi.GlobalOptions.setNumpyMode(-1)
-    given = {"coefficients": CALIBRATED[:3], "upper_altitude": CALIBRATED[3], "table": table}
+    arguments = {"coefficients": CALIBRATED[:3], "upper_altitude": CALIBRATED[3], "table": table}
     altitude = symbol.sym("altitude")
-    traced = named_log_density(name, **given)(altitude)
+    traced = named_log_density(name, **arguments)(altitude)
     assert traced.shape == (1, 1)
     function = casadi.Function("both", [altitude], [traced, casadi.jacobian(traced, altitude)])
     altitudes = np.linspace(-10e3, 150e3, 641)  # the ends of the parabola, the layers and the table among them
-    expected, slope, _ = named_profile(name, **given)(altitudes)
-    found = [value.full()[0] for value in function.map(altitudes.size)(altitudes[np.newaxis])]
-    np.testing.assert_allclose(found[0], expected, rtol=1e-12)
-    np.testing.assert_allclose(found[1], slope, rtol=1e-11)
+    expected, slope, _ = named_profile(name, **arguments)(altitudes)
+    actual = [value.full()[0] for value in function.map(altitudes.size)(altitudes[np.newaxis])]
+    np.testing.assert_allclose(actual[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(actual[1], slope, rtol=1e-11)

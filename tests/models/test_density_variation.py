@@ -77,7 +77,7 @@ def test_coefficients_are_those_of_the_remark():
 
 def test_variance_against_an_adaptive_integrator():
     phi = dv.diffusion(decay_at(GRID), dv.exponential_variance(GRID, *VARIANCE)[0])
-    found = dv.process_variance(GRID, decay_at(GRID), phi, 0.1)
+    actual = dv.process_variance(GRID, decay_at(GRID), phi, 0.1)
 
     def slope(s, variance):
         h = 127e3 - s
@@ -89,7 +89,7 @@ def test_variance_against_an_adaptive_integrator():
     growth = 1 / 20e3
     bound = 100**2 * growth * (4 * inverse_scale_height(80e3) + growth) / 12
     assert bound < 2.4e-5
-    np.testing.assert_allclose(found[every], solution.y[0], rtol=1.05 * bound)  # higher orders
+    np.testing.assert_allclose(actual[every], solution.y[0], rtol=1.05 * bound)  # higher orders
 
 
 def test_variance_is_exact_for_constant_coefficients_and_second_order_otherwise():
@@ -130,8 +130,8 @@ def test_the_exact_diffusion_has_no_bias():
         return -2 * decay * variance + dv.exact_diffusion(decay, zeta, zeta_slope)
 
     sunk = np.linspace(0, 130e3, 27)
-    found = solve_ivp(slope, (0, 130e3), [VARIANCE[0]], "DOP853", rtol=1e-11, atol=1e-15, t_eval=sunk).y[0]
-    np.testing.assert_allclose(found, dv.exponential_variance(top - sunk, *VARIANCE)[0], rtol=1e-8)
+    actual = solve_ivp(slope, (0, 130e3), [VARIANCE[0]], "DOP853", rtol=1e-11, atol=1e-15, t_eval=sunk).y[0]
+    np.testing.assert_allclose(actual, dv.exponential_variance(top - sunk, *VARIANCE)[0], rtol=1e-8)
 
 
 def test_the_exact_diffusion_on_a_grid():
@@ -157,23 +157,23 @@ def test_covariance_of_the_process_sampler_in_closed_form():
     phi = dv.diffusion(decay, np.array([0.01, 0.012, 0.013, 0.02, 0.03]))
     kept = dv.retention(grid, decay)
     deviation = np.sqrt(dv.innovation_variance(grid, decay, phi))
-    found = covariance_of_samples(lambda z: dv.sample_process(z, kept, deviation, 0.2), 5)
+    actual = covariance_of_samples(lambda z: dv.sample_process(z, kept, deviation, 0.2), 5)
     variance = dv.process_variance(grid, decay, phi, 0.04)
-    np.testing.assert_allclose(np.diag(found), variance, rtol=1e-14)
+    np.testing.assert_allclose(np.diag(actual), variance, rtol=1e-14)
     for low in range(5):
         for high in range(low, 5):
             # the past enters through the upper node alone
             expected = np.prod(kept[low:high]) * variance[high]
-            assert found[low, high] == pytest.approx(expected, rel=1e-13)
+            assert actual[low, high] == pytest.approx(expected, rel=1e-13)
 
 
 def test_covariance_of_the_exact_sampler_in_closed_form():
     decay, deviation = decay_at(GRID), np.sqrt(dv.exponential_variance(GRID, *VARIANCE)[0])
-    found = covariance_of_samples(lambda z: dv.sample_exact(z, dv.retention(GRID, decay), deviation), GRID.size)
-    np.testing.assert_allclose(np.diag(found), deviation**2, rtol=1e-12)
+    actual = covariance_of_samples(lambda z: dv.sample_exact(z, dv.retention(GRID, decay), deviation), GRID.size)
+    np.testing.assert_allclose(np.diag(actual), deviation**2, rtol=1e-12)
     accumulated = np.concatenate([[0], np.cumsum(np.diff(GRID) * (decay[:-1] + decay[1:]) / 2)])
     correlation = np.exp(-np.abs(accumulated[:, np.newaxis] - accumulated))
-    np.testing.assert_allclose(found, correlation * np.outer(deviation, deviation), rtol=1e-10)
+    np.testing.assert_allclose(actual, correlation * np.outer(deviation, deviation), rtol=1e-10)
 
 
 def test_correlation_over_half_a_scale_height_is_one_over_e():

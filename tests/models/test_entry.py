@@ -76,8 +76,8 @@ def test_rates_from_sines_are_those_from_angles():
     point = random_arguments(1)[:, 0]
     radius, _, latitude, velocity, path, azimuth, bank, density, drag, lift, mu, rotation, sign = point
     sines = [(np.sin(angle), np.cos(angle)) for angle in (latitude, path, azimuth, bank)]
-    found = entry_rates_from_sines(radius, velocity, *sines, density, (drag, lift), (mu, rotation), sign)
-    assert found == broadcast_rates(*point)
+    actual = entry_rates_from_sines(radius, velocity, *sines, density, (drag, lift), (mu, rotation), sign)
+    assert actual == broadcast_rates(*point)
 
 
 def test_rates_give_the_inertial_acceleration_of_gravity_lift_and_drag():

@@ -31,9 +31,9 @@ def recursion(kernel, altitudes):
     return lambda normals: dv.sample_process(normals, *coefficients)
 
 
-def assert_same_covariance(found, expected, relative=1e-12):
+def assert_same_covariance(actual, expected, relative=1e-12):
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
-    assert (np.abs(found - expected) <= relative * scale).all()
+    assert (np.abs(actual - expected) <= relative * scale).all()
 
 
 def assert_statistics(samples, expected):
@@ -65,8 +65,8 @@ def as_printed(first, second, sign):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_altitude_exponential_against_the_printed_cases(sign):
     expected = [[as_printed(first, second, sign) for second in UNEVEN] for first in UNEVEN]
-    found = rf.covariance_matrix(partial(DENSITY, growth_sign=sign), UNEVEN)
-    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    actual = rf.covariance_matrix(partial(DENSITY, growth_sign=sign), UNEVEN)
+    np.testing.assert_allclose(actual, expected, rtol=1e-14)
 
 
 def test_the_printed_sign_is_a_covariance_of_a_wild_atmosphere():
@@ -103,7 +103,7 @@ def test_upper_variance_needs_a_correlation_that_decays_faster():
     upper = partial(DENSITY, correlation_altitude="upper", growth_length=20e3)
     rf.markov(partial(upper, correlation_length=39e3), FINE)
     for call in (lambda k: rf.markov(k, FINE), lambda k: rf.root(rf.covariance_matrix(k, FINE[:600:20]))):
-        with pytest.raises(ValueError, match=r"is no covariance|is not positive semidefinite"):
+        with pytest.raises(ValueError, match=r"is not a covariance|is not positive semidefinite"):
             call(partial(upper, correlation_length=45e3))
 
 
@@ -140,20 +140,20 @@ def test_locally_periodic_is_positive_semidefinite_though_not_to_rounding():
 def test_squared_exponential_on_a_line_and_in_the_plane():
     assert SMOOTH(0.3, 0.9) == pytest.approx(1.7 * np.exp(-0.5), rel=1e-14)
     points = np.random.default_rng(2).uniform(size=(6, 2))
-    found = rf.covariance_matrix(partial(rf.squared_exponential, variance=1.7, length=(0.5, 0.2)), points)
+    actual = rf.covariance_matrix(partial(rf.squared_exponential, variance=1.7, length=(0.5, 0.2)), points)
     for i, first in enumerate(points):
         for j, second in enumerate(points):
             x, y = first - second
-            assert found[i, j] == pytest.approx(1.7 * np.exp(-(x**2) / 0.5 - y**2 / 0.08), rel=1e-13)
+            assert actual[i, j] == pytest.approx(1.7 * np.exp(-(x**2) / 0.5 - y**2 / 0.08), rel=1e-13)
 
 
 # ---- covariance matrices ----
 
 
 def test_covariance_matrix_between_two_sets():
-    found = rf.covariance_matrix(DENSITY, UNEVEN[:4], UNEVEN[3:9])
-    assert found.shape == (4, 6)
-    np.testing.assert_array_equal(found, rf.covariance_matrix(DENSITY, UNEVEN)[:4, 3:9])
+    actual = rf.covariance_matrix(DENSITY, UNEVEN[:4], UNEVEN[3:9])
+    assert actual.shape == (4, 6)
+    np.testing.assert_array_equal(actual, rf.covariance_matrix(DENSITY, UNEVEN)[:4, 3:9])
 
 
 def test_process_along_a_trajectory_is_the_field_at_its_positions():
@@ -189,8 +189,8 @@ def test_positive_semidefinite_matrices_are_let_pass():
     for good in (np.zeros((3, 3)), np.ones((4, 4)), np.diag([1.0, 1e-30]), [[2.0]]):
         np.testing.assert_array_equal(rf.require_positive_semidefinite(good, "good"), good)
     nearly = np.array([[1.0, 0.5 + 1e-13], [0.5, 1.0]])
-    found = rf.require_positive_semidefinite(nearly, "nearly")
-    np.testing.assert_array_equal(found, found.T)
+    actual = rf.require_positive_semidefinite(nearly, "nearly")
+    np.testing.assert_array_equal(actual, actual.T)
 
 
 @pytest.mark.parametrize(
@@ -225,8 +225,8 @@ def test_root_is_symmetric_and_squares_to_the_covariance(kernel, points):
     np.testing.assert_array_equal(root, root.T)
     assert np.abs(root @ root - covariance).max() < 1e-13 * covariance.max()
     assert np.linalg.eigvalsh(root)[0] > -1e-13 * np.linalg.eigvalsh(root)[-1]
-    found = covariance_of_samples(lambda normals: rf.sample(normals, root), len(points))
-    assert np.abs(found - covariance).max() < 1e-13 * covariance.max()
+    actual = covariance_of_samples(lambda normals: rf.sample(normals, root), len(points))
+    assert np.abs(actual - covariance).max() < 1e-13 * covariance.max()
 
 
 def test_root_of_matrices_with_a_known_one():
@@ -269,8 +269,8 @@ def test_statistics_of_the_recursion_and_of_a_cholesky_factor():
 )
 def test_recursion_has_exactly_the_covariance_of_the_kernel(kernel):
     for altitudes in (UNEVEN, FINE[:1301]):
-        found = covariance_of_samples(recursion(kernel, altitudes), altitudes.size)
-        assert_same_covariance(found, rf.covariance_matrix(kernel, altitudes))
+        actual = covariance_of_samples(recursion(kernel, altitudes), altitudes.size)
+        assert_same_covariance(actual, rf.covariance_matrix(kernel, altitudes))
 
 
 def test_recursion_against_the_one_that_runs_upwards():
@@ -281,8 +281,8 @@ def test_recursion_against_the_one_that_runs_upwards():
     for i in range(1, 15):
         response[:, i] = kept[i - 1] * response[:, i - 1]
         response[i, i] = np.sqrt(b[i] - b[i - 1] * kept[i - 1] ** 2)
-    found = covariance_of_samples(recursion(DENSITY, UNEVEN), 15)
-    assert_same_covariance(found, response.T @ response)
+    actual = covariance_of_samples(recursion(DENSITY, UNEVEN), 15)
+    assert_same_covariance(actual, response.T @ response)
 
 
 def test_recursion_in_closed_form():
@@ -330,14 +330,14 @@ def test_markov_with_zero_variance():
     def exact(first, second):
         return np.where((first - pinned) * (second - pinned) > 0, bridge(first, second), 0.0)
 
-    found = covariance_of_samples(recursion(exact, UNEVEN), 15)
-    assert_same_covariance(found, rf.covariance_matrix(exact, UNEVEN))
+    actual = covariance_of_samples(recursion(exact, UNEVEN), 15)
+    assert_same_covariance(actual, rf.covariance_matrix(exact, UNEVEN))
 
 
 def test_white_noise_is_markov():
-    found = rf.markov(lambda first, second: 4.0 * (first == second), UNEVEN)
-    np.testing.assert_array_equal(found.retention, 0)
-    np.testing.assert_array_equal(found.innovation_deviation, 2)
+    actual = rf.markov(lambda first, second: 4.0 * (first == second), UNEVEN)
+    np.testing.assert_array_equal(actual.retention, 0)
+    np.testing.assert_array_equal(actual.innovation_deviation, 2)
 
 
 def hidden_far_apart(first, second):
@@ -449,8 +449,8 @@ def test_conditioned_samples_have_exactly_the_conditional_covariance():
 
     mean, covariance = rf.condition(SMOOTH, POINTS, MEASURED, VALUES, NOISE, mean=0.4)
     np.testing.assert_allclose(conditioned(np.zeros((1, 17)))[0], mean, rtol=1e-11)
-    found = covariance_of_samples(lambda normals: conditioned(normals) - mean, 17)
-    np.testing.assert_allclose(found, covariance, atol=1e-12)
+    actual = covariance_of_samples(lambda normals: conditioned(normals) - mean, 17)
+    np.testing.assert_allclose(actual, covariance, atol=1e-12)
 
 
 def test_conditioned_samples_share_the_numbers_of_the_prior():
@@ -496,14 +496,14 @@ def test_interpolation_against_one_row_after_the_other():
     rng = np.random.default_rng(8)
     values = rng.standard_normal((7, UNEVEN.size))
     positions = np.concatenate([rng.uniform(0, 300e3, 40), UNEVEN, [-1e9, 1e9]])
-    found = rf.interpolate(positions, UNEVEN, values)
-    np.testing.assert_allclose(found, [np.interp(positions, UNEVEN, row) for row in values], atol=1e-13)
+    actual = rf.interpolate(positions, UNEVEN, values)
+    np.testing.assert_allclose(actual, [np.interp(positions, UNEVEN, row) for row in values], atol=1e-13)
     np.testing.assert_array_equal(rf.interpolate(UNEVEN, UNEVEN, values), values)
     np.testing.assert_array_equal(rf.interpolate([0.0, 20e3, 260e3, np.inf], UNEVEN, values), values[:, [0, 0, -1, -1]])
     own = rf.interpolate(positions[:7, np.newaxis], UNEVEN, values)[:, 0]
-    np.testing.assert_array_equal(own, found[range(7), range(7)])
-    np.testing.assert_array_equal(rf.interpolate(positions[3], UNEVEN, values), found[:, 3])
-    np.testing.assert_array_equal(rf.interpolate(positions, UNEVEN, values[2]), found[2])
+    np.testing.assert_array_equal(own, actual[range(7), range(7)])
+    np.testing.assert_array_equal(rf.interpolate(positions[3], UNEVEN, values), actual[:, 3])
+    np.testing.assert_array_equal(rf.interpolate(positions, UNEVEN, values[2]), actual[2])
     assert np.isnan(rf.interpolate(np.nan, UNEVEN, values)).all()
 
 
@@ -581,7 +581,7 @@ EYE2 = np.eye(2)
         (lambda: rf.markov(DENSITY, [0.0, 1.0, 1.0]), "altitudes must be"),
         (lambda: rf.markov(DENSITY, [0.0, np.inf]), "altitudes must be"),
         (lambda: rf.markov(DENSITY, [0.0]), "altitudes must be"),
-        (lambda: rf.markov(lambda a, b: -DENSITY(a, b), UNEVEN), "kernel is no covariance: at 20000 m"),
+        (lambda: rf.markov(lambda a, b: -DENSITY(a, b), UNEVEN), "kernel is not a covariance: at 20000 m"),
         (lambda: rf.interpolate(1.0, [1.0, 0.0], [1.0, 1.0]), "grid must be"),
         (lambda: rf.interpolate(1.0, [0.0, 1.0], [1.0, 1.0, 1.0]), "one entry per node, shape \\(..., 2\\)"),
     ],

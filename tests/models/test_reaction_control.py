@@ -19,9 +19,9 @@ FUEL = np.array([0.204, 0.202, 0.242, 0.506, 0.812, 6.583])
 
 
 def test_the_printed_fuels_follow_from_the_printed_cumulative_rates():
-    found = bank_propellant(np.radians(CUMULATIVE), **VEHICLE)
-    np.testing.assert_array_equal(found.round(3)[:5], FUEL[:5])
-    assert found.round(3)[5] == 6.582  # a unit of the last digit less
+    actual = bank_propellant(np.radians(CUMULATIVE), **VEHICLE)
+    np.testing.assert_array_equal(actual.round(3)[:5], FUEL[:5])
+    assert actual.round(3)[5] == 6.582  # a unit of the last digit less
     assert bank_propellant(np.radians(1.0), **VEHICLE) == pytest.approx(0.0394294, abs=5e-8)
 
 

@@ -103,9 +103,9 @@ def test_rates_are_those_of_speed_path_angle_and_azimuth_on_a_planet_at_rest():
         radius, drag_factor = planet_radius + altitude, 1 / (2 * ballistic_coefficient)
         constants = (rho, (drag_factor, ratio * drag_factor), (mu, 0.0), 1.0)
         polar = np.array(entry_rates((radius, longitude, latitude, speed, path, azimuth), bank, *constants))
-        found = np.array(broadcast_rates(*point))
+        actual = np.array(broadcast_rates(*point))
         rounding = 1e-14 * (rho * speed**2 * drag_factor + 20)  # of the accelerations
-        np.testing.assert_allclose(found[[0, 2, 1]], polar[:3], rtol=1e-13, atol=1e-18)
+        np.testing.assert_allclose(actual[[0, 2, 1]], polar[:3], rtol=1e-13, atol=1e-18)
 
         # forth: the components move as speed and angles do
         sin_g, cos_g, sin_a, cos_a = np.sin(path), np.cos(path), np.sin(azimuth), np.cos(azimuth)
@@ -116,12 +116,12 @@ def test_rates_are_those_of_speed_path_angle_and_azimuth_on_a_planet_at_rest():
                 [cos_g * sin_a, -speed * sin_g * sin_a, speed * cos_g * cos_a],
             ]
         )
-        np.testing.assert_allclose(found[3:6], derivative @ polar[3:], rtol=0, atol=rounding)
+        np.testing.assert_allclose(actual[3:6], derivative @ polar[3:], rtol=0, atol=rounding)
 
         # back: speed and angles move as the components do
-        speed_rate = found[3:6] @ velocity / speed
-        path_rate = (found[3] - sin_g * speed_rate) / horizontal
-        azimuth_rate = (north * found[5] - east * found[4]) / horizontal**2
+        speed_rate = actual[3:6] @ velocity / speed
+        path_rate = (actual[3] - sin_g * speed_rate) / horizontal
+        azimuth_rate = (north * actual[5] - east * actual[4]) / horizontal**2
         scale = np.array([1, 1 / horizontal, speed / horizontal**2])
         np.testing.assert_array_less(np.abs([speed_rate, path_rate, azimuth_rate] - polar[3:]), rounding * scale)
 

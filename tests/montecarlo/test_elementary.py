@@ -117,8 +117,8 @@ def test_sine_and_cosine_are_accurate(scale):
     angles = np.concatenate([angles, turns, np.nextafter(turns, np.inf), np.nextafter(turns, -np.inf)])
     with localcontext(prec=DIGITS + 30):
         exact = np.array([exact_sine_cosine(Decimal(angle)) for angle in angles]).T
-        for found, expected in zip(evaluated(sines_and_cosines, angles, 2), exact, strict=True):
-            error = np.abs(errors_in_ulp(found, expected)).max()
+        for actual, expected in zip(evaluated(sines_and_cosines, angles, 2), exact, strict=True):
+            error = np.abs(errors_in_ulp(actual, expected)).max()
             assert 0.5 < error <= 1.5
 
 
@@ -155,9 +155,9 @@ def test_logarithm_is_accurate():
     x = np.concatenate([x, 10.0 ** rng.uniform(-307, 308, 500)])
     with localcontext(prec=DIGITS):
         exact = [Decimal(v).ln() for v in x]
-        found = evaluated(logarithms, x)[0]
-        assert (found[x == 1.0] == 0.0).all()
-        error = np.abs(errors_in_ulp(found[x != 1.0], [e for e in exact if e != 0])).max()
+        actual = evaluated(logarithms, x)[0]
+        assert (actual[x == 1.0] == 0.0).all()
+        error = np.abs(errors_in_ulp(actual[x != 1.0], [e for e in exact if e != 0])).max()
     assert 0.5 < error < 1.0
 
 
@@ -168,8 +168,8 @@ def test_sine_and_cosine_of_a_turn_are_accurate():
     bits[:9] = np.concatenate([np.arange(8, dtype=np.uint64) << np.uint64(61), np.array([2**64 - 2**11], np.uint64)])
     with localcontext(prec=DIGITS + 30):
         exact = np.array([exact_sine_cosine(2 * PI * int(b) / 2**64) for b in bits]).T
-        found = evaluated(sines_and_cosines_of_turns, bits, 2)
-        for values, expected in zip(found, exact, strict=True):
+        actual = evaluated(sines_and_cosines_of_turns, bits, 2)
+        for values, expected in zip(actual, exact, strict=True):
             expected = [Decimal(0) if abs(e) < Decimal("1e-45") else e for e in expected]
             assert 0.5 < np.abs(errors_in_ulp(values[9:], expected[9:])).max() < 2.0
             np.testing.assert_allclose(values[:9], np.array(expected[:9], float), rtol=3e-16, atol=0)
@@ -220,8 +220,8 @@ def test_not_a_number_and_infinite_arguments():
     # and they do not spoil the lanes beside them
     angles = np.linspace(-3.0, 3.0, LANES)
     angles[::2] = np.nan
-    found = evaluated(sines_and_cosines, angles, 2)
-    assert np.isnan(found[:, ::2]).all() and np.isfinite(found[:, 1::2]).all()
+    actual = evaluated(sines_and_cosines, angles, 2)
+    assert np.isnan(actual[:, ::2]).all() and np.isfinite(actual[:, 1::2]).all()
 
 
 def test_vectors_give_the_bits_of_single_values():

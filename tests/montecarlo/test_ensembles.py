@@ -412,8 +412,8 @@ def test_moments_are_those_of_the_trials_still_flying():
 def test_what_stands_beyond_the_end_of_a_trial_is_ignored():
     expected = merge(run_chunks(2, simulate=ending))
     for beyond in (np.inf, -1e9):
-        found = merge(run_chunks(2, simulate=lambda first, last, beyond=beyond: ending(first, last, beyond)))
-        assert_identical(found, expected)
+        actual = merge(run_chunks(2, simulate=lambda first, last, beyond=beyond: ending(first, last, beyond)))
+        assert_identical(actual, expected)
 
 
 @pytest.mark.parametrize("chunks", [2, 5, 12])
@@ -510,7 +510,7 @@ def test_wrong_bounds_and_chunks_are_refused():
         run_blocks(simulate_block, 100, 100, block_size=100)
     with pytest.raises(ValueError, match="came back with"):
         run_blocks(lambda first, last: simulate_block(first, last + 1), 0, 100, block_size=100)
-    for edges in (EDGES[0], EDGES[:, ::-1], np.tile(EDGES, (2, 1))):
+    for edges in (EDGES[0], EDGES[:, ::-1], np.tile(EDGES, (2, 1)), EDGES[:0]):
         with pytest.raises(ValueError, match="histogram_edges"):
             run_blocks(simulate_block, 0, 10, histogram_edges=edges)
     chunks = run_chunks(3)

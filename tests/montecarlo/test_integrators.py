@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 
 from marsedl.montecarlo.ensembles import Brownian, Segment, observe_nothing, propagator
-from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4
+from marsedl.montecarlo.integrators import euler_maruyama, runge_kutta_4, semi_implicit_euler
 from marsedl.montecarlo.lanes import LANES, inline_njit
 
 RK4, EULER = "rk4", "euler"
@@ -121,3 +121,32 @@ def test_runge_kutta_reproduces_the_moments_of_the_ornstein_uhlenbeck_process():
 def test_one_euler_step_is_the_formula():
     moved = final_values(EULER, 1, 2.0, 1, 0.1, 1, np.array([3.0, 9.9, 9.9]), 0.5, 0.0)[0]
     assert moved == pytest.approx(2.0 + 0.1 * (3.0 * 2.0 - 0.5 * 8.0), rel=1e-15)
+
+
+@inline_njit
+def oscillate(half_index, state, noise, parameters, out):
+    for lane in range(LANES):
+        out[0, lane] = state[1, lane]
+        out[1, lane] = -state[0, lane]
+
+
+semi_implicit = propagator(semi_implicit_euler(1), oscillate, observe_nothing)
+explicit = propagator(euler_maruyama, oscillate, observe_nothing)
+
+
+@pytest.mark.parametrize(("propagate", "keeps_energy"), [(semi_implicit, True), (explicit, False)])
+def test_semi_implicit_euler_is_of_first_order_and_keeps_the_energy_of_an_oscillator(propagate, keeps_energy):
+    @njit(error_model="numpy")
+    def fly(steps, step):
+        state = np.zeros((2, LANES))
+        state[0] = 1.0
+        history, observed, maximum = np.empty((2, 2, LANES)), np.empty((2, 0, LANES)), np.empty((0, LANES))
+        brownian = Brownian(0, 0, 0, 0, 0, 1)
+        propagate((0.0,), Segment(steps, step, steps), brownian, state, history, observed, maximum)
+        return state[:, 0]
+
+    errors = [np.abs(fly(n, 1.0 / n) - [np.cos(1.0), -np.sin(1.0)]).max() for n in (64, 128, 256, 512)]
+    assert observed_order(errors) == pytest.approx(1.0, abs=0.1)
+    position, velocity = fly(10_000, 0.1)  # x' = v with the new v: x^2 + v^2 - h x v stays what it was
+    energy = position**2 + velocity**2 - 0.1 * position * velocity
+    assert (abs(energy - 1.0) < 1e-9) == keeps_energy

@@ -156,7 +156,7 @@ def test_what_does_not_match_is_refused():
     with pytest.raises(ValueError, match="another size"):
         first = run_blocks(simulate_block, 0, 780, block_size=BLOCK, kept=KEPT)
         merge([first, *chunks[1:]])
-    with pytest.raises(ValueError, match="other centres"):
+    with pytest.raises(ValueError, match="different centres"):
         merge([chunks[0], *chunks_of(3, centre=CENTRE + 1.0)[1:]])
     with pytest.raises(ValueError, match="finite numbers"):
         chunks_of(1, centre=CENTRE * np.nan)
@@ -195,10 +195,10 @@ def test_percentiles_are_those_of_the_librarys_sketch_and_within_its_bound(name)
         library.add(value)
     ordered = np.sort(samples)
     for level in LEVELS:
-        found, _ = sketched_percentile(cells, 0, level)
-        assert found == library.get_quantile_value(level)
+        actual, _ = sketched_percentile(cells, 0, level)
+        assert actual == library.get_quantile_value(level)
         exact = ordered[int(level * (len(samples) - 1))]
-        assert abs(found - exact) <= RELATIVE_ACCURACY * (1 + 1e-9) * abs(exact)
+        assert abs(actual - exact) <= RELATIVE_ACCURACY * (1 + 1e-9) * abs(exact)
     assert cells.cell_count.sum() == len(samples)
     assert (cells.lowest[0], cells.highest[0]) == (ordered[0], ordered[-1])
 
@@ -224,13 +224,15 @@ def test_standard_errors_shrink_with_the_root_of_the_number_of_trials():
     for trials in (1_000, 10_000, 100_000):
         generator = np.random.Generator(np.random.Philox(trials))
         drawn = [generator.normal(size=trials) for _ in range(sets)]
-        found = np.array([[sketched_percentile(cells, 0, p) for p in levels] for cells in map(sketch_of, drawn)])
-        np.testing.assert_allclose(found[..., 1].mean(axis=0), theory / np.sqrt(trials), rtol=0.15)
-        np.testing.assert_allclose(found[..., 0].std(axis=0), theory / np.sqrt(trials), rtol=0.4)
-        assert (np.abs(found[..., 0].mean(axis=0) - stats.norm.ppf(levels)) < 4 * theory / np.sqrt(trials * sets)).all()
+        actual = np.array([[sketched_percentile(cells, 0, p) for p in levels] for cells in map(sketch_of, drawn)])
+        np.testing.assert_allclose(actual[..., 1].mean(axis=0), theory / np.sqrt(trials), rtol=0.15)
+        np.testing.assert_allclose(actual[..., 0].std(axis=0), theory / np.sqrt(trials), rtol=0.4)
+        assert (
+            np.abs(actual[..., 0].mean(axis=0) - stats.norm.ppf(levels)) < 4 * theory / np.sqrt(trials * sets)
+        ).all()
         exact = np.array([[percentile(samples, level) for level in levels] for samples in drawn[:3]])
-        np.testing.assert_allclose(found[:3, :, 0], exact[..., 0], rtol=RELATIVE_ACCURACY, atol=3e-6)
-        np.testing.assert_allclose(found[:3, :, 1], exact[..., 1], rtol=0.02)
+        np.testing.assert_allclose(actual[:3, :, 0], exact[..., 0], rtol=RELATIVE_ACCURACY, atol=3e-6)
+        np.testing.assert_allclose(actual[:3, :, 1], exact[..., 1], rtol=0.02)
 
 
 def test_occupied_bins_hardly_grow_with_the_number_of_values():
@@ -257,9 +259,9 @@ def test_what_users_ask_for_agrees_between_both_kinds(monkeypatch):
     exact = merge(chunks_of(3))
     assert type(exact) is Ensemble
     for level in LEVELS[1:-1]:
-        found, expected = (final_percentile(ensemble, 0, level, reference=5.0) for ensemble in (streamed, exact))
-        assert found[0] == pytest.approx(expected[0], abs=0.2 * expected[1])  # interpolated between samples, or not
-        assert found[1] == pytest.approx(expected[1], rel=1e-3)
+        actual, expected = (final_percentile(ensemble, 0, level, reference=5.0) for ensemble in (streamed, exact))
+        assert actual[0] == pytest.approx(expected[0], abs=0.2 * expected[1])  # interpolated between samples, or not
+        assert actual[1] == pytest.approx(expected[1], rel=1e-3)
     assert outcome_count(exact, CRASHED) == outcome_count(streamed, CRASHED) == 2
 
     samples = FLIGHTS.final_state[:, FINITE].T

@@ -1,6 +1,7 @@
 """The papers' stages as the tests use them: called directly, computed once, never through files."""
 
 import inspect
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -11,9 +12,10 @@ import pytest
 from marsedl.methods.sos.design import well_chosen_design
 from marsedl.papers import catalogue, input_model
 from marsedl.replication.catalogue import Flown
+from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import load_published
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import computed, given
+from marsedl.replication.jobs import arguments_of, compute_record
 from marsedl.replication.sections import by_section
 
 ROOT = Path(__file__).parents[2]
@@ -30,6 +32,8 @@ REDUCED = {
         "trials": TRIALS,
         "paper_trials": 1000,
         "source_trials": 300,
+        "compared_trials": TRIALS,
+        "combined_trials": 300,
         "partition_study": np.array([2.0, 4.0, 8.0, 20.0]),
         "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
     },
@@ -92,7 +96,7 @@ class Given:
             taken = self.of(kind) if fields else {}
             return kind(**taken) if fields and len(taken) == len(fields) else None
 
-        return given(function, self.values, built)
+        return arguments_of(function, self.values, built)
 
     def changed(self, **changes):
         """These inputs with others in place of some, by their names without that of the section."""
@@ -114,7 +118,6 @@ class Pipeline:
     def __init__(self, slug):
         self.paper, self.model = catalogue(slug), input_model(slug)
         self.montecarlo = import_module(f"marsedl.papers.{slug}.montecarlo")
-        self.claims = import_module(f"marsedl.papers.{slug}.claims")
         self.study = load_study(slug, self.model, ROOT / "configs" / f"{slug}.yaml")
         self.done = {}
 
@@ -188,10 +191,10 @@ class Pipeline:
         """A Monte Carlo case in one go, as a job flies it, under any artifacts."""
 
         def give(function, **others):
-            return given(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
+            return arguments_of(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
 
         options = {"case": case, "trials": trials, "block_size": block_size}
-        return computed(self.paper.stages["montecarlo"].entries, give, options)
+        return compute_record(self.paper.stages["montecarlo"].entries, give, options)
 
     def simulator(self, case, reading="corrected", changes=None, **inputs):
         """The function `simulate_block` of a Monte Carlo case; changes: further arguments of `block_simulator`."""
@@ -215,18 +218,27 @@ class Pipeline:
         """All inputs of a reading, as the evaluation of claims gets them."""
         return self.model.given(self.inputs(reading, **changes).values)
 
-    def evaluate(self, reading, artifacts, **others):
-        """What the claims are measured to be in a reading, from artifacts by name."""
-        arguments = given(
-            self.claims.evaluate, self.inputs(reading).values, lambda name, kind: artifacts.get(name), **others
+    def evaluate(self, reading, artifacts, changes=None, **others):
+        """What the claims are measured to be in a reading, from artifacts by name; changes: of inputs."""
+        return claims_of(self.paper.slug).evaluate(
+            self.inputs(reading, **(changes or {})).values,
+            lambda name, kind: artifacts.get(name),
+            published_of(self.paper.slug),
+            **others,
         )
-        return self.claims.evaluate(**arguments)
+
+    def of_readings(self, kind, artifacts):
+        """What a table over readings is made from, as its job gives it: inputs and artifacts by reading."""
+        return {
+            name: (self.all_inputs(name), kind(**{f.name: made[f.name] for f in fields(kind) if f.name in made}))
+            for name, made in artifacts.items()
+        }
 
     def product(self, kind, stem, reading, artifacts, **others):
         """What the function of a figure or table returns, from artifacts by name; kind: figures or tables."""
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.{kind}"), stem)
         inputs = self.inputs(reading, self.paper.product(stem).inputs).values
-        return function(**given(function, inputs, lambda name, kind: artifacts.get(name), **others))
+        return function(**arguments_of(function, inputs, lambda name, kind: artifacts.get(name), **others))
 
 
 @pytest.fixture(scope="session")
@@ -298,6 +310,7 @@ def coarse_funnel(funnels):
     return of
 
 
+@cache
 def published_of(slug):
     return {claim.id: claim for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml")}
 

@@ -9,6 +9,7 @@ import numpy as np
 from marsedl.papers.funnels.closeups import funnel
 from marsedl.papers.powered_descent.closeups import final_states
 from marsedl.papers.random_field.closeups import iterations
+from marsedl.papers.random_field.records import Convergence
 
 
 def made_up(**fields):
@@ -16,8 +17,8 @@ def made_up(**fields):
     return SimpleNamespace(**{name: np.asarray(values) for name, values in fields.items()})
 
 
-def drawn(function, **found):
-    data = function(**found).data
+def closeup_data(function, **artifacts):
+    data = function(**artifacts).data
     json.dumps(data, allow_nan=False)
     return data
 
@@ -26,7 +27,7 @@ def test_the_scatter_holds_the_trials_and_both_covariances():
     covariance = np.stack([np.eye(5), np.diag([4.0, 3.0, 2.0, 1.0, 0.5])])
     flown = made_up(final_state=np.arange(15.0).reshape(3, 5), mean=np.ones((2, 5)), covariance=covariance)
     gains = made_up(mean=np.zeros((2, 4)), covariance=covariance[:, :4, :4] * 2)
-    closed, opened = drawn(final_states, gains=gains, closed_loop=flown, open_loop=flown)["cases"]
+    closed, opened = closeup_data(final_states, gains=gains, closed_loop=flown, open_loop=flown)["cases"]
     assert closed["points"] == [[0.0, 1.0, 2.0, 3.0], [5.0, 6.0, 7.0, 8.0], [10.0, 11.0, 12.0, 13.0]]
     assert [ellipse["covariance"][0][0] for ellipse in closed["ellipses"]] == [8.0, 4.0]
     assert [ellipse["mean"][0] for ellipse in closed["ellipses"]] == [0.0, 1.0]
@@ -43,7 +44,7 @@ def test_the_slices_of_the_car_are_those_of_their_level_and_shape():
         slice_time=[0.0, 0.4],
     )
     flights = made_up(kept_history=np.zeros((2, 5, 3)))
-    data = drawn(funnel, dubins=car, dubins_calm=flights, dubins_wind=flights)
+    data = closeup_data(funnel, dubins=car, dubins_calm=flights, dubins_wind=flights)
     assert data["centre"] == [[0.0, 0.0, 0.0], [8.0, 16.0, 80.0]]
     calm, windy = (np.array(case["half_axes"]) for case in data["cases"])
     np.testing.assert_allclose(calm, [np.diag([1.0, 0.5, 1.0]), np.diag([2.0, 1.0, 2.0])], atol=1e-3)
@@ -53,9 +54,11 @@ def test_the_slices_of_the_car_are_those_of_their_level_and_shape():
 
 def test_the_histories_say_how_they_ended():
     rows = {name: [[1.0, 2.0], [3.0, math.nan]] for name in ("percentile", "percentile_error", "predicted", "apoapsis")}
-    rows |= {name: [[1.0, 2.0], [3.0, 4.0]] for name in ("nominal_delta_v", "control_change")}
-    ending = {"variant": ["one_branch", "both"], "outcome": ["cycling", "converged"], "period": [2, 1]}
-    data = drawn(iterations, convergence=made_up(**rows, **ending))
+    rows |= {name: [[1.0, 2.0], [3.0, 4.0]] for name in ("nominal_delta_v", "control_change", "lost")}
+    rows |= {"variant": ["one_branch", "both"], "outcome": ["cycling", "converged"], "period": [2, 1]}
+    convergence = Convergence(**{name: np.array(values) for name, values in rows.items()})
+    data = closeup_data(iterations, convergence=convergence)
     assert data["series"] == ["one branch: cycling with period 2", "both: converged"]
     assert data["quantities"][0]["values"] == [[1.0, 2.0], [3.0, None]]
     assert data["quantities"][0]["errors"] == [[1.0, 2.0], [3.0, None]]
+    assert [quantity["unit"] for quantity in data["quantities"]] == ["m/s", "m/s", "planet radii", "m/s", ""]

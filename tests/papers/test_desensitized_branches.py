@@ -14,8 +14,9 @@ from marsedl.methods.linearization import linearize
 from marsedl.methods.sensitivity import adjoint_rows, midpoint_responses, midpoint_transitions
 from marsedl.papers.desensitized import branches as stage
 from marsedl.papers.desensitized import entry_problem, minimum_fuel, tradeoff
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
 from marsedl.replication import artifacts
+from marsedl.replication.units import DEGREE
 
 # A coarse mesh and few weights: the same branches and fold, in seconds.
 SMALL = {

@@ -11,14 +11,12 @@ from scipy.integrate import solve_ivp
 from marsedl.methods import sensitivity_gains
 from marsedl.methods.collocation import SCHEMES, SOLVED, resimulate, simulate
 from marsedl.methods.linearization import linearize
-from marsedl.methods.sensitivity import midpoint_transitions, propagate_columns
 from marsedl.models import atmosphere
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.papers.desensitized import certificates as module
 from marsedl.papers.desensitized import entry_problem, environment, nominal, records
 from marsedl.papers.desensitized import further_perturbations as further
 from marsedl.papers.desensitized.inputs import MODEL
-from marsedl.papers.desensitized.linearization import along as linear_model
 from marsedl.replication import artifacts
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import load_study
@@ -118,7 +116,7 @@ def test_schemes_agree_on_fine_meshes(refined):
 def test_flights_of_the_meshes_agree_with_an_adaptive_integration(refined):
     inputs, runs = refined
     solution = runs["midpoint"][100]
-    miss, error = inputs.call(module.flown, module.trajectory(solution))
+    miss, error = inputs.call(module.flown, entry_problem.of_solution(solution))
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
     # The flights look the density up in cubics of 1 km, which leave 1.3e-5 m; their steps leave 1e-5 m here.
@@ -138,14 +136,6 @@ def test_sensitivity_is_the_derivative_of_the_discrete_flow(refined, scheme):
     assert inputs.call(module.flow_deviation, solution) < 1e-8
     other = SCHEMES[SCHEMES.index(scheme) - 1]
     assert inputs.call(module.flow_deviation, replace(solution, scheme=other)) > 1e-6  # not that of another scheme
-
-
-def test_sensitivity_by_the_midpoint_rule_is_the_recursion(inputs, rows):
-    along = row_of(rows, LAST)
-    matrix, _ = inputs.call(linear_model, *along)
-    expected = propagate_columns(midpoint_transitions(matrix, np.diff(along.time)), np.eye(8))
-    scale = np.abs(expected).max(axis=(0, 2))[:, np.newaxis]
-    assert np.abs((inputs.call(module.sensitivities, "midpoint", along)[0] - expected) / scale).max() < 1e-12
 
 
 @pytest.mark.parametrize("profile", ["temperature_pressure_fit", "log_quadratic"])

@@ -4,6 +4,7 @@ The flights are real ones on a coarser mesh with fewer weights, where the verdic
 studies beside them are stand-ins with what claims look at.
 """
 
+import itertools
 import json
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -11,22 +12,34 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from marsedl.papers.desensitized import PAPER, claims, entry_problem
-from marsedl.papers.desensitized.claims import (
-    ALL_LAW,
+from marsedl.papers import catalogue
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.claims import sec4_1_radius, sec4_1_table3
+from marsedl.papers.desensitized.claims.measures import (
     CROSSRANGE,
-    DECLARATIONS,
     DOWNRANGE,
     LAW_OF,
     PLAIN,
     RADIUS,
     SHAPED,
 )
-from marsedl.papers.desensitized.entry_problem import BANK, DEGREE
+from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.nominal import as_guess
-from marsedl.papers.desensitized.records import Branches, Certificates, FurtherPerturbations, GainStudy, MinimumFuel
+from marsedl.papers.desensitized.records import (
+    Branches,
+    Certificates,
+    FurtherPerturbations,
+    GainStudy,
+    LargerWeights,
+    MinimumFuel,
+)
+from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import collect, judge, write_claims
+from marsedl.replication.units import DEGREE
 
+PAPER = catalogue("desensitized")
+
+DECLARATIONS = claims_of("desensitized").declarations
 SMALL = {
     "intervals": 60,
     "weight_path": np.array([0.03, 0.5, 6.0, 60.0, 600.0]),
@@ -38,14 +51,21 @@ STUDIED = {  # rest on studies of `corrected`
     "dr_column_independent_of_scheme_and_shape",
 }
 FAILS = {
-    *("min_energy_fuel_near_min_fuel", "lower_altitude_when_desensitized", "more_reversals_when_desensitized"),
-    *("fig04_phase2_position_effects", "fig04_phase3_position_effects", "more_perturbations_more_fuel"),
+    *("more_reversals_when_desensitized", "fig04_phase2_crossrange_corrected", "fig04_phase3_lift_and_drag"),
+    "fig11_phase2_position_effects",
 }
-DIFFERS = {"tab03_c0p01", "tab03_c0p1", "fig11_nofeedback_crossrange_1000m"}
-CLOSE = {
-    *("tab03_c0", "tab03_c0p001", "tab03_c1", "tab03_cinf_error"),
-    *("nodoc_text_error_j0_fuel", "max_reduction_percent"),
+UNDETERMINED = {  # by a word, by gains that reduce nothing, by the weight that stands for infinity
+    *("min_energy_fuel_near_min_fuel", "fig04_phase3_position_effects", "more_perturbations_more_fuel"),
+    "fuel_not_above_msl",
 }
+BY_CONSTRUCTION = {
+    *("desensitized_j0_larger", "nodoc_smallest_j0", "j0_increases_with_c1"),  # rows chosen for their printed J0
+    *("nodoc_two_reversals", "nodoc_rate_within_bounds", "nodoc_accel_within_bounds", "fig04_fig05_same_trajectory"),
+    *("dfdy_third_column_zero", "dr_column_e3", "dr_column_independent_of_scheme_and_shape", "dr_sensitivity_nodoc"),
+    "fig08_nofeedback_final_errors",
+}
+DIFFERS = {"tab03_c0", "tab03_c0p01", "tab03_c0p1", "max_reduction_percent"}
+CLOSE = {"tab03_c0p001", "tab03_c1", "tab03_cinf_error"}
 
 
 def stand_ins():
@@ -58,6 +78,12 @@ def stand_ins():
         ),
         "branches": SimpleNamespace(
             name=np.array(["1 reversal", "2 reversals"]),
+            set_fixed=np.array(list(itertools.product((False, True), repeat=4))),
+            set_effort=np.linspace(0.12, 0.15, 16),
+            set_cumulative=np.linspace(5.0, 5.5, 16) * DEGREE,
+            curve_weight=np.array([0.02, 0.036, 0.03]),
+            curve_effort=np.array([0.138, 0.14, 0.142]),
+            rolls=np.array([0, 0]),
             effort=np.array([0.0491, 0.1378]),
             row_weight=np.array([0.0, 0.001, 0.01, 0.1, 1.0]),
             least_solution=np.array([0, 0, -1, -1, 2]),
@@ -74,8 +100,12 @@ def stand_ins():
             propellant=np.array([[0.204, 0.097, 0.118], [0.204, 0.097, 0.118]]),
             branch_cumulative=np.array([4.44, 4.44]) * DEGREE,
         ),
+        "larger_weights": SimpleNamespace(
+            weight=np.array([1e4, 1e5]), propellant=np.array([3.0, 10.6]), error=np.tile([0.0, 0.0, 5963.0], (2, 1))
+        ),
         "certificates": SimpleNamespace(
             scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
+            intervals=np.array([50, 100]),
             mesh_effort=np.array([[[0.1378, 0.1373], [0.1374, np.nan], [0.1373, 0.1373]]]),
             mesh_longitude_deviation=np.zeros((2, 3, 2)),
             row_weight=np.zeros(7),
@@ -88,6 +118,7 @@ def stand_ins():
 TYPES = {
     "gain_study": GainStudy,
     "branches": Branches,
+    "larger_weights": LargerWeights,
     "minimum_fuel": MinimumFuel,
     "certificates": Certificates,
     "further_perturbations": FurtherPerturbations,
@@ -107,9 +138,8 @@ def evaluate(desensitized, flown):
     """Evaluation of a reading's inputs with the flights of `corrected`, some artifacts or inputs replaced."""
 
     def of(reading="corrected", inputs=None, **replaced):
-        changed = desensitized.all_inputs(reading, **(SMALL | (inputs or {})))
         studies = stand_ins() if reading == "corrected" else {}
-        return claims.evaluate(changed, claims.Records(**(flown | studies | replaced)))
+        return desensitized.evaluate(reading, flown | studies | replaced, SMALL | (inputs or {}))
 
     return of
 
@@ -131,8 +161,8 @@ def rows(desensitized_published, evaluations):
 
 def test_every_printed_claim_is_evaluated_in_every_reading(desensitized_published, evaluations):
     wanted = {name for name, claim in desensitized_published.items() if claim.kind != "context"}
-    assert len(wanted) == 99
-    assert len(evaluations) == 6
+    assert len(wanted) == 103
+    assert len(evaluations) == 7
     for name, found in evaluations.items():
         assert set(found) == wanted, name
         missing = {claim for claim, evaluation in found.items() if evaluation is None}
@@ -149,7 +179,7 @@ def test_declarations_name_existing_claims_and_all_errata(desensitized_published
     for name, close in tolerances.items():
         # No number is called close that is further off than the least J0 may be.
         share = np.asarray(close.absolute) / np.abs(desensitized_published[name].printed)
-        assert (share < 0.033).all() or name == "max_reduction_percent", name
+        assert (share < 0.033).all(), name
 
 
 def test_stand_ins_have_the_fields_of_the_artifacts():
@@ -159,8 +189,8 @@ def test_stand_ins_have_the_fields_of_the_artifacts():
 
 def test_reasons_quote_numbers_that_exist(rows):
     assert not [name for name, row in rows.items() if "{" in row["reason"] or "nan" in row["reason"].split()]
-    assert "2.1 times the least found" in rows["min_energy_fuel_near_min_fuel"]["reason"]
-    assert "of 5 rows with a weight 1 stays longer" in rows["lower_altitude_when_desensitized"]["reason"]
+    assert "2.1 times the least" in rows["min_energy_fuel_near_min_fuel"]["reason"]
+    assert "of 45 pairs of a row with a weight and an altitude" in rows["lower_altitude_when_desensitized"]["reason"]
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -175,6 +205,11 @@ def test_verdicts_of_the_corrected_reading(rows):
             **dict.fromkeys(FAILS, "fails"),
             **dict.fromkeys(DIFFERS, "differs"),
             **dict.fromkeys(CLOSE, "close"),
+            **dict.fromkeys(UNDETERMINED, "undetermined"),
+            **dict.fromkeys(BY_CONSTRUCTION, "by_construction"),
+            # By the coarser mesh; on that of the paper the row is close, and one set of gains reduces nothing.
+            "tab03_c0p001": "differs",
+            "more_perturbations_more_fuel": "fails",
         }
         assert row["verdict"] == expected.get(name, good), name
         assert name not in FAILS | DIFFERS or (row["reason"] and (row["errata"] or row["withheld"])), name
@@ -187,10 +222,7 @@ def test_inputs_are_used_as_stated_but_for_the_infinite_weight(rows, evaluate):
     assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"c1_values", "node_count"}
     assert evaluate(inputs={"intervals": 100})["node_count"].value == 101
     assert rows["c1_values"]["readings"]["corrected"]["value"][-1] == 1e4
-    other = evaluate(inputs={"density_profile": "two_exponential"})
-    assert (
-        np.isnan(other["atm_temperature_poly"].value).all() and "two_exponential" in other["atm_gas_constant"].evidence
-    )
+    assert evaluate(inputs={"temperature_cubic": 2e-13})["atm_temperature_poly"].value[0] == 2e-13
 
 
 def test_the_row_of_a_printed_weight_has_its_numbers(flown, evaluations):
@@ -221,7 +253,7 @@ def test_printed_numbers_would_be_reproduced(flown, evaluate, desensitized_publi
         error=error[:, np.newaxis] * direction,
     )
     found = evaluate(tradeoff=made)
-    for name in (*CLOSE, "tab03_c0p01", "tab03_c0p1"):
+    for name in (*CLOSE, *DIFFERS):
         assert judge(desensitized_published[name], found[name])[0] == "reproduced", name
     for name in ("error_decreases_with_c1", "fuel_increases_except_first_step", "nodoc_smallest_j0"):
         assert found[name].value is True, name
@@ -251,7 +283,7 @@ def test_a_claim_about_a_lost_flight_or_unfinished_gains_is_not_met(flown, evalu
     }
     unfinished = replace(gains, converged=np.zeros(6, bool), ended=np.full(6, "Maximum_Iterations_Exceeded"))
     crashed = {"responses": replace(responses, **lost)}
-    for changes, words in ((crashed, "the flight is lost"), ({"gains": unfinished}, "did not converge")):
+    for changes, words in ((crashed, "comes to its end: no"), ({"gains": unfinished}, "Exceeded): no")):
         found = evaluate(**changes)
         for name in (
             "feedback_radius_greatly_reduced",
@@ -281,11 +313,58 @@ def test_a_reading_without_fold_or_with_other_branches_is_evaluated(flown, evalu
 # --- measures ---------------------------------------------------------------------------------------------------------
 
 
-def test_time_below_an_altitude_has_its_closed_form():
+def test_the_share_below_an_altitude_has_its_closed_form():
     time = np.linspace(0.0, 10.0, 11)
-    assert claims.time_below(time, 100.0 - 10.0 * time, 25.0) == pytest.approx(2.5, abs=0.02)
-    assert claims.time_below(time, 100.0 - 10.0 * time, -1.0) == 0.0
-    assert claims.time_below(time, 4.0 * (time - 5.0) ** 2, 36.0) == pytest.approx(6.0, abs=0.05)
+    assert sec4_1_table3.share_below(time, 100.0 - 10.0 * time, 25.0) == pytest.approx(0.25, abs=0.002)
+    assert sec4_1_table3.share_below(time, 100.0 - 10.0 * time, -1.0) == 0.0
+    assert sec4_1_table3.share_below(time, 4.0 * (time - 5.0) ** 2, 36.0) == pytest.approx(0.6, abs=0.005)
+    assert sec4_1_table3.share_below(3.0 * time, 100.0 - 10.0 * time, 25.0) == pytest.approx(0.25, abs=0.002)
+
+
+def test_altitudes_are_judged_by_shares_of_flights_that_are_not_equally_long(evaluate, flown):
+    """A flight that is stretched in time is no lower for it; one that is lower is, at whatever length."""
+    same = replace(
+        flown["tradeoff"],
+        state=np.repeat(flown["tradeoff"].state[:1], 7, axis=0),
+        time=np.repeat(flown["tradeoff"].time[:1], 7, axis=0) * np.linspace(1.0, 2.0, 7)[:, np.newaxis],
+    )
+    assert evaluate(tradeoff=same)["lower_altitude_when_desensitized"].value is False
+    assert evaluate(**lower_rows(flown))["lower_altitude_when_desensitized"].value is True
+
+
+def test_the_printed_fuels_are_judged_by_the_formula(evaluate):
+    assert evaluate()["fuel_proportional_to_cumulative_rate"].value is True
+    assert evaluate(inputs={"roll_inertia": 6000.0})["fuel_proportional_to_cumulative_rate"].value is False
+
+
+def test_rows_that_are_not_chosen_for_their_energy_can_fail(evaluate, flown, desensitized_published):
+    proportional = {"weight_rule": "proportional"}
+    lower = of("tradeoff", effort=lambda e: changed(e, 0.05, 1))(flown)
+    for name in ("desensitized_j0_larger", "nodoc_smallest_j0", "j0_increases_with_c1"):
+        verdicts = [
+            judge(desensitized_published[name], evaluate(inputs=inputs, **records)[name], DECLARATIONS[name])[0]
+            for inputs, records in (({}, {}), (proportional, {}), (proportional, lower))
+        ]
+        assert verdicts == ["by_construction", "holds", "fails"], name
+
+
+def test_fuel_is_judged_by_all_weights_that_stand_for_infinity(evaluate):
+    open_weight = evaluate()["fuel_not_above_msl"]
+    assert open_weight.undetermined and not open_weight.value
+    below = stand_ins()["larger_weights"]
+    below.propellant = np.array([3.0, 8.0])
+    assert evaluate(larger_weights=below)["fuel_not_above_msl"].value is True
+    unstudied = evaluate("one_reversal")["fuel_not_above_msl"]
+    assert unstudied.value is True and "does not study larger weights" in unstudied.undetermined
+
+
+def test_a_reading_without_a_row_of_the_table_says_so(evaluate, flown, desensitized_published):
+    t = flown["tradeoff"]
+    own = replace(t, printed_weight=changed(t.printed_weight, 0.02, 2))
+    found = evaluate(tradeoff=own)
+    assert found["tab03_c0p01"].failed and "no row of Table 3 has c1 = 0.01" in found["tab03_c0p01"].evidence
+    assert judge(desensitized_published["tab03_c0p01"], found["tab03_c0p01"])[0] == "differs"
+    assert np.isfinite(found["tab03_c0p1"].value).all()
 
 
 @pytest.mark.parametrize(("curvature", "expected"), [(1e-3, 850.0), (4e-3, 200.0), (0.0, 2000.0)])
@@ -304,9 +383,9 @@ def test_the_linear_domain_of_a_parabola(curvature, expected):
         wide_error=errors(wide)[None, None],
         narrow_error=errors(narrow)[None, None],
     )
-    assert claims.linear_domain(gains, swept, 0, 0) == expected
+    assert sec4_1_radius.linear_domain(gains, swept, 0, 0) == expected
     swept.wide_error[0, 0, 20] = np.nan  # a flight that is lost, at -1000 m
-    assert claims.linear_domain(gains, swept, 0, 0) == min(expected, 950.0)
+    assert sec4_1_radius.linear_domain(gains, swept, 0, 0) == min(expected, 950.0)
 
 
 # --- the tests of statements can fail ---------------------------------------------------------------------------------
@@ -379,7 +458,6 @@ def lower_rows(a):
 RADIUS_LAW, CROSSRANGE_LAW, DOWNRANGE_LAW = LAW_OF
 ROW, LATE = slice(1, None), slice(-14, None)  # rows with a weight; the last minute
 BROKEN = {
-    "fuel_proportional_to_cumulative_rate": of("tradeoff", propellant=lambda p: changed(p, 1.05, 2, times=True)),
     "min_fuel_bang_coast_bang": of("minimum_fuel", at_bound=lambda b: changed(b, 0.02, 1, 1)),
     "desensitized_j0_larger": of("tradeoff", effort=lambda e: changed(e, 0.05, 1)),
     "nodoc_rate_within_bounds": of("nominal", largest_bank_rate=lambda _: 21.0 * DEGREE),
@@ -389,11 +467,12 @@ BROKEN = {
     "error_decreases_with_c1": of("tradeoff", error=lambda e: changed(e, e[2], 3)),
     "j0_increases_with_c1": of("tradeoff", effort=lambda e: changed(e, 6.0, 3)),
     "fuel_increases_except_first_step": of("tradeoff", propellant=lambda p: changed(p, 0.21, 1)),
-    "more_fuel_when_desensitized": of("tradeoff", propellant=lambda p: changed(p, 0.1, slice(1, 4))),
-    "fig02_reshaping_evident": of("tradeoff", state=lambda s: changed(s, s[0] + 0.01, 2)),
+    "more_fuel_when_desensitized": of("tradeoff", propellant=lambda p: changed(p, 0.1, 3)),
+    "lower_altitude_when_desensitized": of("tradeoff", state=lambda s: changed(s, -3e3, 0, slice(None), 0, add=True)),
+    "fig02_reshaping_evident": of("tradeoff", state=lambda s: changed(s, s[0] + 0.01, ROW)),
     "reshaping_alone_insufficient": of("tradeoff", error=lambda e: changed(e, 0.1, 6, times=True)),
     "radius_reducible_by_reshaping": of("tradeoff", error=lambda e: changed(e, 0.95 * e[0], ROW)),
-    "feedback_radius_greatly_reduced": of("gains", final=lambda f: changed(f, 2.0, RADIUS_LAW, 2, RADIUS)),
+    "feedback_radius_greatly_reduced": of("gains", final=lambda f: changed(f, 7.0, RADIUS_LAW, 2, RADIUS)),
     "fig03_nofeedback_below_nodoc": of(
         "responses", wide_error=lambda e: changed(e, 2.0, SHAPED, RADIUS, 1, times=True)
     ),
@@ -401,17 +480,22 @@ BROKEN = {
     "fig03b_feedback_best_small_errors": of(
         "responses", narrow_error=lambda e: changed(e, e[SHAPED, RADIUS, 0], RADIUS_LAW, RADIUS, 0)
     ),
-    "fig04_nodoc_mainly_downrange": of("responses", error=lambda e: changed(e, 900.0, PLAIN, RADIUS, -1, RADIUS)),
-    "fig04_ordering": of("responses", error=lambda e: changed(e, 0.3, SHAPED, RADIUS, -1, times=True)),
+    "fig04_nodoc_mainly_downrange": of("responses", error=lambda e: changed(e, 2900.0, PLAIN, RADIUS, -1, RADIUS)),
+    "fig04_ordering": of("responses", error=lambda e: changed(e, 0.1, SHAPED, RADIUS, -1, times=True)),
+    "fig04_nofeedback_somewhat_below": of(
+        "responses", error=lambda e: changed(e, e[PLAIN, RADIUS, -1], SHAPED, RADIUS, -1)
+    ),
+    "fig04_phase2_position_effects": drifting(RADIUS, DOWNRANGE, 180.0, 900.0),
+    "fig05a_no_excessive_fuel": of("responses", cumulative=lambda c: changed(c, 1.8, RADIUS_LAW, times=True)),
     "fig04_fig05_same_trajectory": of("responses", error=lambda e: changed(e, 1.0, RADIUS_LAW, RADIUS, 30, add=True)),
     "fig05b_phase1_more_reversed": deviating(RADIUS, (0.0, 40.0), 0.5),
-    "fig05b_phase2_larger_positive": deviating(RADIUS, (120.0, 140.0), -1.0),
+    "fig05b_phase2_larger_positive": deviating(RADIUS, (120.0, 150.0), -1.0),
     "fig05b_phase3_smaller_reversed": deviating(RADIUS, (200.0, 240.0), -1.0),
     "fig04_phase1_position_effects": drifting(RADIUS, RADIUS, 60.0, 150.0),
     "fig05a_comparable_acceleration": of(
         "responses", acceleration=lambda u: changed(u, 1.6, RADIUS_LAW, RADIUS, times=True)
     ),
-    "dfdy_third_column_zero": of("linearization", state_matrix=lambda m: changed(m, 1e-12, 5, 3, 2)),
+    "dfdy_third_column_zero": of("linearization", state_matrix=lambda m: changed(m, 1e-12, 5, 0, 3, 2)),
     "dr_column_independent_of_scheme_and_shape": of(
         "certificates", mesh_longitude_deviation=lambda d: changed(d, 1e-6, 1, 2, 0)
     ),
@@ -436,25 +520,22 @@ BROKEN = {
         "responses", tabulated_error=lambda e: changed(e, 0.1, CROSSRANGE_LAW, CROSSRANGE, times=True)
     ),
     "fig11_nofeedback_only_crossrange": of(
-        "responses", error=lambda e: changed(e, 2.0, PLAIN, CROSSRANGE, -1, DOWNRANGE)
+        "responses", error=lambda e: changed(e, 60.0, PLAIN, CROSSRANGE, -1, DOWNRANGE)
     ),
     "fig10b_phase1_smaller_reversed": deviating(CROSSRANGE, (0.0, 40.0), -0.5),
     "fig10b_phase2_larger_positive": deviating(CROSSRANGE, (100.0, 140.0), -0.5),
     "fig10b_phase3_smaller_reversed": deviating(CROSSRANGE, (200.0, 240.0), -0.5),
     "fig11_phase1_position_effects": drifting(CROSSRANGE, DOWNRANGE, 60.0, -1.0),
-    "fig11_phase2_position_effects": drifting(CROSSRANGE, DOWNRANGE, 170.0, 170.0),
+    "fig11_phase2_crossrange_drops": drifting(CROSSRANGE, CROSSRANGE, 150.0, 990.0),
     "fig11_phase3_position_effects": drifting(CROSSRANGE, RADIUS, 250.0, -100.0),
     "gains_perturbation_specific": of("gains", final=lambda f: changed(f, 0.1, RADIUS_LAW, slice(None), CROSSRANGE)),
-    "nominal_fuel_below_msl": of("nominal", propellant=lambda _: 1.0),
-    "fuel_not_above_msl": of("tradeoff", propellant=lambda p: changed(p, 9.5, 6)),
+    "nominal_fuel_below_msl": of("nominal", propellant=lambda _: 5.0),
 }
 MENDED = {
-    "min_energy_fuel_near_min_fuel": of("minimum_fuel", propellant=lambda p: changed(p, 0.17, slice(None), 1)),
-    "lower_altitude_when_desensitized": lower_rows,
-    "more_reversals_when_desensitized": of("tradeoff", reversals=lambda r: changed(r, 3, slice(2, 5))),
-    "fig04_phase2_position_effects": drifting(RADIUS, CROSSRANGE, 180.0, 50.0),
-    "fig04_phase3_position_effects": at_other_speed(RADIUS, 195.0, 0.98),
-    "more_perturbations_more_fuel": of("responses", nominal_cumulative=lambda c: changed(c, 1.2, ALL_LAW, times=True)),
+    "more_reversals_when_desensitized": of("tradeoff", reversals=lambda r: changed(r, 3, slice(1, 7))),
+    "fig04_phase2_crossrange_corrected": drifting(RADIUS, CROSSRANGE, 180.0, 50.0),
+    "fig04_phase3_lift_and_drag": at_other_speed(RADIUS, 195.0, 0.98),
+    "fig11_phase2_position_effects": drifting(CROSSRANGE, DOWNRANGE, 150.0, -50.0),
 }
 
 
@@ -466,9 +547,8 @@ PARTS = [
     ("min_fuel_bang_coast_bang", of("minimum_fuel", switching_violation=lambda v: changed(v, 0.1, 0))),
     (
         "feedback_radius_greatly_reduced",
-        of("responses", error=lambda e: changed(e, 700.0, RADIUS_LAW, RADIUS, -1, DOWNRANGE)),
+        of("responses", error=lambda e: changed(e, 900.0, RADIUS_LAW, RADIUS, -1, DOWNRANGE)),
     ),
-    ("fig04_ordering", of("responses", error=lambda e: changed(e, 1.5, SHAPED, RADIUS, -1, times=True))),
     ("fig04_ordering", of("responses", error=lambda e: changed(e, 900.0, RADIUS_LAW, RADIUS, -1, RADIUS))),
     ("fig04_phase1_position_effects", drifting(RADIUS, CROSSRANGE, 60.0, -300.0)),
     ("fig04_phase1_position_effects", drifting(RADIUS, DOWNRANGE, 60.0, 900.0)),
@@ -482,7 +562,6 @@ PARTS = [
         ),
     ),
     ("fig05a_comparable_acceleration", of("responses", acceleration=lambda u: changed(u, 0.5, RADIUS_LAW, times=True))),
-    ("fig05a_comparable_acceleration", of("responses", cumulative=lambda c: changed(c, 1.4, RADIUS_LAW, times=True))),
     ("dr_needs_feedback", of("gains", final=lambda f: changed(f, 1.0, DOWNRANGE_LAW, 2, DOWNRANGE))),
     ("dr_gain_on_longitude_nonzero", of("gains", scaled_gain=lambda k: changed(k, 0.0, DOWNRANGE_LAW))),
     ("fig07b_phase2_more_positive", deviating(DOWNRANGE, (140.0, 200.0), -1.0)),
@@ -494,9 +573,6 @@ PARTS = [
     ("fig11_phase1_position_effects", drifting(CROSSRANGE, RADIUS, 60.0, -1.0)),
     ("fig11_phase1_position_effects", drifting(CROSSRANGE, CROSSRANGE, 60.0, 995.0)),
     ("fig11_phase1_position_effects", at_other_speed(CROSSRANGE, 0.0, 0.9)),
-    ("fig11_phase2_position_effects", drifting(CROSSRANGE, CROSSRANGE, 150.0, 990.0)),
-    ("fig11_phase2_position_effects", drifting(CROSSRANGE, RADIUS, 150.0, 30.0)),
-    ("fig11_phase2_position_effects", at_other_speed(CROSSRANGE, 80.0, 1.2)),
     ("fig11_phase3_position_effects", drifting(CROSSRANGE, DOWNRANGE, 250.0, 100.0)),
     ("gains_perturbation_specific", of("gains", final=lambda f: changed(f, 5.0, RADIUS_LAW, slice(None), RADIUS))),
 ]
@@ -521,8 +597,16 @@ def test_statements_are_decided_by_the_numbers(evaluate, evaluations, flown, nam
 
 def test_every_statement_has_a_counterexample(desensitized_published):
     statements = {name for name, claim in desensitized_published.items() if claim.kind == "qualitative"}
-    assert statements == set(BROKEN) | set(MENDED)
+    others = UNDETERMINED | {"fuel_proportional_to_cumulative_rate"}  # tests of their own, and the real records
+    assert statements == set(BROKEN) | set(MENDED) | others
     assert set(MENDED) == FAILS
+
+
+def test_every_counted_claim_names_its_counterexample(rows):
+    own = claims_of("desensitized").claims
+    counted = {name for name, row in rows.items() if row["verdict"] not in ("by_construction", "quoted")}
+    judged = {name for name in counted if rows[name]["kind"] in ("qualitative", "deterministic")}
+    assert not [name for name in judged if own[name].counterexample is None]
 
 
 def test_with_one_reversal_there_is_no_last_one(evaluate, flown):

@@ -13,7 +13,14 @@ from scipy.optimize import root
 
 from marsedl.methods.collocation import Guess, resimulate, simulate
 from marsedl.methods.sensitivity_gains import final_errors
-from marsedl.papers.desensitized import entry_problem, records, tradeoff
+from marsedl.papers.desensitized import (
+    entry_problem,
+    larger_weights,
+    linearization,
+    mean_density,
+    records,
+    tradeoff,
+)
 from marsedl.papers.desensitized import gain_study as study
 from marsedl.papers.desensitized import gains as design
 from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
@@ -21,6 +28,7 @@ from marsedl.papers.desensitized.linearization import position_columns, position
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS
 from marsedl.replication import artifacts
+from marsedl.replication.errors import MarsedlError
 
 RADIUS, MU = 3397e3, 4.282837e13
 DEGREE = np.pi / 180.0
@@ -173,8 +181,8 @@ def test_multipliers_are_those_of_the_minimum_principle(desensitized):
     np.testing.assert_allclose(
         found.bank_acceleration / DEGREE**2, -costate[:, BANK_RATE] / 2, rtol=0, atol=1e-6 / DEGREE**2
     )
-    before = costate - step / 2 * np.einsum("kij,ki->kj", linear.state_matrix, costate)
-    after = costate + step / 2 * np.einsum("kij,ki->kj", linear.state_matrix, costate)
+    before = costate - step / 2 * np.einsum("kij,ki->kj", linear.state_matrix[:, 0], costate)
+    after = costate + step / 2 * np.einsum("kij,ki->kj", linear.state_matrix[:, 0], costate)
     assert (np.abs((before[:-1] - after[1:]) * SCALES).max(axis=0) < 1e-6 * size + 1e-9).all()
     # Free: bank at both ends, bank rate at the end; the final velocity has one multiplier for all its components.
     assert abs(after[0, BANK]) < 1e-6 * size[BANK] and np.abs(before[-1, [BANK, BANK_RATE]]).max() < 1e-6 * size[BANK]
@@ -217,7 +225,7 @@ def test_finer_meshes_and_other_schemes_lead_to_the_same_nominal(desensitized):
 def test_the_mirror_image_and_a_turned_planet_are_solutions_as_well(desensitized):
     usual = desensitized.nominal()
     inputs = desensitized.stage_inputs("corrected", "nominal")
-    mirrored = desensitized.nominal("corrected", guess_banks=-inputs.guess_banks)
+    mirrored = desensitized.nominal("corrected", guess_banks=-inputs.guess_banks, nominal_first_bank="positive")
     signs = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])
     turned = desensitized.nominal("corrected", entry_longitude=2.0, final_longitude=inputs.final_longitude + 2.0)
     for found, expected in (
@@ -706,3 +714,104 @@ def test_gains_that_are_alike_are_one_candidate():
     study.keep(candidates, "b", np.array([[1.01, 2.0]]))
     study.keep(candidates, "c", np.array([[1.01, 2.0]]))
     assert [(c.method, c.found) for c in candidates] == [("a", 2), ("b", 2)]
+
+
+# --- other choices ----------------------------------------------------------------------------------------------------
+
+COARSE = {
+    "intervals": 40,
+    "weight_rule": "proportional",
+    "weight_factor": 57.3,
+    "weight_path": np.array([200.0]),
+    "infinite_weights": np.array([573.0, 1500.0]),
+    "nominal_reversals": 1,
+    "guess_banks": np.radians([-60.0, 60.0]),
+    "guess_switch_times": np.array([100.0]),
+    "guess_final_time": 240.0,
+    "all_columns_regularization": np.array([0.1]),
+}
+
+
+@pytest.mark.parametrize("scheme", ["trapezoid", "hermite_simpson"])
+def test_sensitivities_and_gains_obey_the_scheme_that_was_solved_with(desensitized, scheme):
+    """The columns of the solver are those of its scheme; the midpoint rule along the same trajectory has others."""
+    rows = desensitized.tradeoff(scheme=scheme, **COARSE)
+    linear = desensitized.linearization(scheme=scheme, **COARSE)
+    of_solver = np.linalg.norm(rows.error, axis=1) / 1000.0
+    np.testing.assert_allclose(np.linalg.norm(linear.final[:, :, 0], axis=1), of_solver, rtol=1e-8)
+    inputs = desensitized.stage_inputs("corrected", "linearization", **COARSE)
+    as_midpoint = inputs.call(
+        linearization.compute, nominal=desensitized.nominal(scheme=scheme, **COARSE), tradeoff=rows
+    )
+    apart = np.abs(np.linalg.norm(as_midpoint.final[:, :, 0], axis=1) / of_solver - 1.0)
+    assert apart.max() > 1e-4
+    gains = desensitized.gains(scheme=scheme, **COARSE)
+    assert gains.converged[2]
+    for number, law in enumerate((2, 3, 4)):
+        assert not gains.converged[law] or np.linalg.norm(gains.final[law, :, number]) < 1e-8
+
+
+def test_larger_weights_cost_more_and_gain_nothing(desensitized):
+    rows = desensitized.tradeoff(**COARSE)
+    inputs = desensitized.stage_inputs("corrected", "larger_weights", **COARSE)
+    study = inputs.call(larger_weights.compute, tradeoff=rows)
+    np.testing.assert_allclose(study.weight, 1500.0 * np.array([1.0, 10.0, 100.0, 1000.0]))
+    assert study.effort[0] == pytest.approx(rows.effort[-1], rel=1e-6)
+    assert (np.diff(study.effort) > 0.0).all() and (np.diff(study.propellant) > 0.0).all()
+    errors = np.linalg.norm(study.error, axis=1)
+    assert (np.diff(errors) < 0.0).all() and errors[0] - errors[-1] < 0.02 * errors[0]
+    assert study.ended == "at the largest weight wanted"
+
+
+def test_a_continuation_that_ends_early_keeps_what_it_reached(desensitized, monkeypatch):
+    def lost(solver, design, transcribed, first, weights):
+        if weights[0] > 2e4:
+            raise MarsedlError("no solution")
+        return tradeoff.follow(solver, design, transcribed, first, weights)
+
+    monkeypatch.setattr(larger_weights, "follow", lost)
+    inputs = desensitized.stage_inputs("corrected", "larger_weights", **COARSE)
+    study = inputs.call(larger_weights.compute, tradeoff=desensitized.tradeoff(**COARSE))
+    assert len(study.weight) == 2 and study.ended.startswith("between the weights 15000 and 150000")
+
+
+def test_thin_air_is_where_the_dynamic_pressure_is_below_a_hundredth_of_the_largest(desensitized):
+    time, state = np.arange(5.0), np.zeros((5, 8))
+    state[:, 0], state[:, 5] = [120e3, 120e3, 20e3, 20e3, 20e3], 1000.0
+    along = entry_problem.Trajectory(time, state, np.array([-3.0, 0.0, 1.0, 0.0]))
+    inputs = desensitized.stage_inputs("corrected", "larger_weights")
+    assert inputs.call(larger_weights.thin_air_share, along) == pytest.approx(0.75)
+
+
+def test_least_gains_of_another_start_are_those_of_the_study(desensitized):
+    linear = desensitized.linearization()
+    inputs = desensitized.stage_inputs("corrected", "gains")
+    found = [inputs.changed(gain_start=n).call(design.least_gains, linear, "radius") for n in range(4)]
+    assert found[0].converged
+    starts = inputs.call(design.random_starts, "radius")
+    assert len({gains.iterations for gains in found}) > 1  # other starts, whether they lead elsewhere or not
+    assert np.abs(starts[:3] - inputs.changed(gain_start=3).call(design.random_starts, "radius")[:3]).max() == 0.0
+    for gains in found:
+        assert not gains.converged or np.linalg.norm(gains.errors) < 1e-8
+
+
+def test_regularised_gains_trade_the_column_against_their_size(desensitized):
+    inputs = desensitized.stage_inputs("corrected", "gains", gain_design="regularized")
+    linear, nominal = desensitized.linearization(), desensitized.nominal()
+    plain = design.Law(nominal.time, nominal.state, nominal.bank_acceleration)
+    tuning = inputs.call(design.Tuning)
+    regularised = design.channel_gains(tuning, linear, plain, "radius")
+    least = inputs.call(design.least_gains, linear, "radius")
+    assert np.linalg.norm(regularised.k) < np.linalg.norm(least.k)
+    assert 0.0 < np.linalg.norm(regularised.errors) < 0.1 * np.linalg.norm(linear.final[0, :, 0])
+
+
+def test_the_constants_of_the_air_are_inputs(desensitized):
+    inputs = desensitized.inputs("corrected", temperature_constant=210.0, pressure_exponent=-1.1e-4)
+    altitude = np.array([0.0, 30e3, 100e3])
+    temperature = 1.4e-13 * altitude**3 - 8.85e-9 * altitude**2 - 1.245e-3 * altitude + 210.0
+    expected = 559.351005946503 * np.exp(-1.1e-4 * altitude) / (188.95110711075 * temperature)
+    np.testing.assert_allclose(np.exp(inputs.call(mean_density.profile)(altitude)[0]), expected, rtol=1e-13)
+    np.testing.assert_allclose(
+        np.exp(desensitized.inputs("corrected").call(mean_density.profile)(altitude)[0]), density(altitude), rtol=1e-13
+    )

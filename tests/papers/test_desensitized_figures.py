@@ -64,7 +64,10 @@ SMALL = {
 
 def invented(kind, extents=None, **known):
     """An artifact of a type, of random numbers between 1 and 2 but for what is known; its names are numbered."""
-    random, sizes = np.random.default_rng(7), {"time": 12, "intervals": 11} | (extents or {})
+    random, sizes = (
+        np.random.default_rng(7),
+        {"time": 12, "node": 12, "intervals": 11, "perturbation": 6} | (extents or {}),
+    )
     fields = {}
     for name, declared in artifacts.quantities(kind).items():
         shape = tuple(sizes.get(extent, 3) if isinstance(extent, str) else extent for extent in declared.dims)
@@ -82,14 +85,14 @@ def invented(kind, extents=None, **known):
 
 @pytest.fixture(scope="module")
 def gains():
-    return invented(Gains, {"laws": 6}, law=np.array(LAWS))
+    return invented(Gains, {"law": 6}, law=np.array(LAWS))
 
 
 @pytest.fixture(scope="module")
 def responses():
     time = np.linspace(0.0, 200.0, 12) + np.arange(6)[:, np.newaxis]
     sweep = np.array([np.linspace(-size, size, 9) for size in (2000.0, 1000.0, 500.0)])
-    made = invented(Responses, {"laws": 6, "points": 9}, law=np.array(LAWS), time=time, wide=sweep, narrow=0.1 * sweep)
+    made = invented(Responses, {"law": 6, "points": 9}, law=np.array(LAWS), time=time, wide=sweep, narrow=0.1 * sweep)
     bank = made.nominal.copy()
     bank[:, :, 6] = np.linspace(-1.0, 1.0, 12) + 0.1 * np.arange(6)[:, np.newaxis]
     return replace(made, nominal=bank, drawn_error=np.array([200.0, 1000.0, 300.0]))
@@ -99,7 +102,7 @@ def responses():
 def tradeoff():
     return invented(
         Tradeoff,
-        {"rows": 7, "steps": 8, "branches": 2, "folds": 1},
+        {"rows": 7, "steps": 8, "branch": 2, "folds": 1},
         printed_weight=np.array([0.0, 1e-3, 1e-2, 0.1, 1.0, np.nan, np.nan]),
         weight=np.array([0.0, 0.03, 0.6, 5.3, 45.0, 1e6, 2.5e7]),
         path_branch=np.array([0, 0, 0, 1, 1, 1, 1, 1]),
@@ -139,6 +142,17 @@ def curves(axes, color=None, style=None, least=3):
         line
         for line in lines
         if (color is None or same_color(line.get_color(), color)) and style in (None, line.get_linestyle())
+    ]
+
+
+def sides(axes):
+    """Label and points of each curve that is drawn in two pieces, on either side of zero."""
+    lines = [line for line in axes.lines if line.get_marker() == "." and len(line.get_xdata())]
+    assert all(line.get_xdata()[-1] < 0.0 for line in lines[::2])
+    assert all(line.get_xdata()[0] > 0.0 for line in lines[1::2])
+    return [
+        (below.get_label(), np.concatenate([below.get_xydata(), above.get_xydata()]))
+        for below, above in zip(lines[::2], lines[1::2], strict=True)
     ]
 
 
@@ -189,12 +203,14 @@ def test_fig01_draws_a_bound_that_is_near(desensitized):
 
 def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff):
     figure = figures.fig02(tradeoff)
-    lines = curves(figure.axes[0])
-    assert len(lines) == 7
+    finite, infinite = (curves(axes) for axes in figure.axes)
+    lines = finite + infinite
+    assert (len(finite), len(infinite)) == (5, 2)
     for number, line in enumerate(lines):
         np.testing.assert_array_equal(line.get_xdata(), tradeoff.time[number])
         np.testing.assert_allclose(line.get_ydata(), tradeoff.state[number, :, 6] / DEGREE)
-    assert [line.get_linestyle() for line in lines] == ["-"] * 5 + ["--", ":"]
+    assert [line.get_linestyle() for line in lines] == ["-"] * 6 + ["--"]
+    assert infinite[0].get_linewidth() > infinite[1].get_linewidth()  # one is seen behind the other
     shown = labels(figure)
     assert shown[0] == "$c_1$ = 0: 2 reversals" and shown[4] == "$c_1$ = 1: 1 reversal"
     assert shown[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in shown[6]
@@ -206,7 +222,7 @@ def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff):
 @pytest.mark.parametrize("stem", SWEEPS)
 def test_sweeps_show_the_norm_of_the_final_error(draw, responses, stem):
     channel, kind, compared = SWEEPS[stem]
-    (axes,) = draw(stem).axes
+    axes, *logarithmic = draw(stem).axes
     names = (
         ("no_doc", "reshaped", CHANNELS[channel])[-compared - 1 :] if compared == 2 else ("no_doc", CHANNELS[channel])
     )
@@ -217,7 +233,16 @@ def test_sweeps_show_the_norm_of_the_final_error(draw, responses, stem):
         error = getattr(responses, f"{kind}_error")[law(name), channel]
         np.testing.assert_allclose(line.get_ydata(), np.sqrt((error**2).sum(axis=1)))
     assert same_color(lines[-1].get_color(), VERMILION) and lines[-1].get_linestyle() == "-"
-    assert axes.get_xlabel() == f"{CHANNELS[channel]} error at entry (m)" and axes.get_ylabel().endswith("(m)")
+    assert axes.get_xlabel() == f"{CHANNELS[channel]} error at entry (m)"
+    assert axes.get_ylabel() == "final position error (m)"
+    assert len(logarithmic) == (kind == "narrow")
+    for other in logarithmic:
+        assert other.get_yscale() == "log" and other.get_xlabel() == axes.get_xlabel()
+        sides = curves(other)
+        assert len(sides) == 2 * len(lines)  # without the flight without error, at which the logarithm has no end
+        for number, line in enumerate(lines):
+            pieces = np.concatenate([side.get_ydata() for side in sides[2 * number : 2 * number + 2]])
+            np.testing.assert_array_equal(pieces, np.delete(line.get_ydata(), 4))
 
 
 @pytest.mark.parametrize("stem", HISTORIES)
@@ -228,27 +253,47 @@ def test_histories_show_three_errors_of_the_flights(draw, responses, stem):
     for component, axes in enumerate(figure.axes):
         lines = curves(axes)
         assert len(lines) == len(names)
+        ends = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"]
         for name, line in zip(names, lines, strict=True):
             np.testing.assert_array_equal(line.get_xdata(), responses.time[law(name)])
             np.testing.assert_array_equal(line.get_ydata(), responses.error[law(name), channel, :, component])
+        # The invented flights of law number n end at 200 + n s.
+        early = [line for name, line in zip(names, lines, strict=True) if law(name) < law(names[-1]) - 1]
+        np.testing.assert_array_equal(ends, [line.get_xydata()[-1] for line in early])
         assert axes.get_ylabel() == f"{CHANNELS[component]} error (m)"
     assert f"{responses.drawn_error[channel]:+g} m" in figure.axes[0].get_title()
-    assert labels(figure) == [*("no DOC", "DOC without feedback")[:compared], "DOC with feedback"]
+    assert labels(figure) == [*("no DOC, ends at 200 s", "DOC without feedback")[:compared], "DOC with feedback"]
 
 
 @pytest.mark.parametrize("stem", RATES)
 def test_bank_rates_are_those_of_the_law_of_the_channel(draw, responses, stem):
     channel = RATES[stem]
     number = law(CHANNELS[channel])
-    rate, acceleration = draw(stem).axes
-    for axes, nominal, perturbed in (
-        (rate, responses.nominal[number, :, 7], responses.state[number, channel, :, 7]),
-        (acceleration, responses.nominal_acceleration[number], responses.acceleration[number, channel]),
+    rate, rate_difference, acceleration, acceleration_difference = draw(stem).axes
+    for axes, difference, steps, nominal, perturbed in (
+        (
+            rate,
+            rate_difference,
+            "default",
+            responses.nominal[number, :, 7],
+            responses.state[number, channel, :, 7],
+        ),
+        (
+            acceleration,
+            acceleration_difference,
+            "steps-post",
+            responses.nominal_acceleration[number],
+            responses.acceleration[number, channel],
+        ),
     ):
         (dashed,), (solid,) = curves(axes, BLACK, "--"), curves(axes, VERMILION, "-")
         np.testing.assert_allclose(dashed.get_ydata(), nominal / DEGREE)
         np.testing.assert_allclose(solid.get_ydata(), perturbed / DEGREE)
-    assert "deg/s)" in rate.get_ylabel() and "deg/s$^2$" in acceleration.get_ylabel()
+        assert (dashed.get_drawstyle(), solid.get_drawstyle()) == (steps, steps)
+        (apart,) = curves(difference)
+        np.testing.assert_allclose(apart.get_ydata(), (perturbed - nominal) / DEGREE)
+    assert rate.get_ylabel() == "bank rate (deg/s)"
+    assert acceleration.get_ylabel() == "bank acceleration (deg/s$^{2}$)"
 
 
 @pytest.mark.parametrize("stem", ANGLES)
@@ -304,7 +349,7 @@ def test_feedback_that_fails_does_not_hide_the_rest(draw, responses):
 def test_one_surviving_flight_is_seen(draw, responses):
     errors = responses.narrow_error.copy()
     errors[law("radius"), RADIUS, [0, 1, 2, 4, 5, 6, 7, 8]] = np.nan
-    (axes,) = draw("fig03b", changed_responses=replace(responses, narrow_error=errors)).axes
+    axes, _ = draw("fig03b", changed_responses=replace(responses, narrow_error=errors)).axes
     assert [line.get_marker() for line in curves(axes)] == ["None", "None", "."]
 
 
@@ -347,6 +392,22 @@ def test_pareto_labels_crowded_rows_together(tradeoff, minima):
     assert shown == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
 
+def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, desensitized_published):
+    """Rows there are labelled in the inset, and not beside the crowd."""
+    ends = np.concatenate([tradeoff.fold_error.ravel(), minima.curve_error])
+    error, effort = np.zeros((7, 3)), np.array([1.5, 1.5, 0.3, 3.0, 4.0, 500.0, 6500.0])
+    error[:, 2] = [ends.max(), ends.mean(), 7000.0, 6800.0, 6300.0, 6000.0, 6000.5]
+    figure = figures.pareto(ERRORS, replace(tradeoff, error=error, effort=effort), minima, desensitized_published)
+    axes = figure.axes[0]
+    (inset,) = axes.child_axes
+    assert [text.get_text() for text in inset.texts] == ["$c_1$ = 0", "$c_1$ = 0.001"]
+    assert axes.texts[0].get_text() == "$c_1$ = 0.01"
+    (left, right), (low, high) = inset.get_xlim(), inset.get_ylim()
+    assert left < ends.min() and ends.max() < right and low < tradeoff.fold_effort.min() < high
+    for shown, enlarged in zip(curves(axes), curves(inset), strict=True):
+        np.testing.assert_array_equal(shown.get_xydata(), enlarged.get_xydata())
+
+
 def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
     plain = replace(
         tradeoff,
@@ -358,6 +419,7 @@ def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
     none |= {"continued_solution": np.empty(0, int), "continued_error": np.empty((0, 3))}
     bare = replace(minima, **none, fold_weight=np.nan, fold_error=np.nan)
     (axes,) = figures.pareto(ERRORS, plain, bare).axes
+    assert not axes.child_axes
     assert not [line for line in axes.lines if line.get_linestyle() == ":" or line.get_marker() == "x"]
     figure = figures.pareto(ERRORS, plain, replace(minima, fold_weight=np.nan))
     assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
@@ -381,7 +443,7 @@ def test_gain_candidates_are_drawn_against_flights_without_feedback(gains):
     sizes = np.array([-1000.0, -200.0, 200.0, 1000.0])
     study = invented(
         GainStudy,
-        {"candidates": 5, "sizes": 4, "all_sizes": 4},
+        {"candidates": 5, "tuning_error": 4, "all_sizes": 4},
         channel=np.array([0, 0, 1, 2, 2]),
         rank=np.array([1, 0, 0, 1, 0]),
         tuning_error=sizes[[1, 0, 3, 2]],
@@ -390,15 +452,18 @@ def test_gain_candidates_are_drawn_against_flights_without_feedback(gains):
     study.flown_error[3, 1] = np.nan
     *panels, together = figures.gain_candidates(gains, study).axes
     for channel, (axes, numbers) in enumerate(zip(panels, ((1, 0), (2,), (4, 3)), strict=True)):
-        plain, *lines = curves(axes)
-        np.testing.assert_array_equal(plain.get_xdata(), sizes)
-        np.testing.assert_allclose(plain.get_ydata(), np.abs(sizes) * np.linalg.norm(gains.final[0, :, channel]))
-        for number, line in zip(numbers, lines, strict=True):
-            np.testing.assert_array_equal(line.get_ydata(), study.flown_error[number, [1, 0, 3, 2]])
-            assert f"{np.linalg.norm(study.scaled_gain[number]):.3g}" in line.get_label()
-    for number, line in enumerate(curves(together)):
-        np.testing.assert_array_equal(line.get_ydata(), study.all_flown_error[number // 3, number % 3])
-        assert line.get_label().startswith(CHANNELS[number % 3])
+        (_, plain), *lines = sides(axes)
+        np.testing.assert_array_equal(plain[:, 0], sizes)
+        np.testing.assert_allclose(plain[:, 1], np.abs(sizes) * np.linalg.norm(gains.final[0, :, channel]))
+        for number, (label, line) in zip(numbers, lines, strict=True):
+            np.testing.assert_array_equal(line[:, 1], study.flown_error[number, [1, 0, 3, 2]])
+            assert f"{np.linalg.norm(study.scaled_gain[number]):.3g}" in label
+        lost = [line for line in axes.lines if line.get_marker() == "x" and len(line.get_xdata())]
+        assert [line.get_xdata().tolist() for line in lost] == ([[-1000.0]] if channel == DOWNRANGE else [])
+        assert ("flight lost" in [text.get_text() for text in axes.get_legend().get_texts()]) == (channel == DOWNRANGE)
+    for number, (label, line) in enumerate(sides(together)):
+        np.testing.assert_array_equal(line[:, 1], study.all_flown_error[number // 3, number % 3])
+        assert label.startswith(CHANNELS[number % 3])
 
 
 def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
@@ -406,12 +471,14 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     errors = np.random.default_rng(3).standard_normal((trials, 3)) * deviations
     final = np.einsum("lij,nj->lni", gains.final, errors)
     final[2, :7], final[3] = np.nan, np.nan
-    ensemble = invented(FlightEnsemble, {"laws": 6}, final_error=final)
+    ensemble = invented(FlightEnsemble, {"law": 6}, final_error=final)
     figure = figures.dispersion(Ensemble.given({"initial_deviations": deviations}), gains, ensemble)
     for number, axes in enumerate(figure.axes):
         (dots,) = curves(axes, SKY, least=100)
         np.testing.assert_allclose(dots.get_xdata(), final[number, :2000, DOWNRANGE] / 1e3)
         np.testing.assert_allclose(dots.get_ydata(), final[number, :2000, CROSSRANGE] / 1e3)
+        assert len(curves(axes, GREY, ":")) == (number > 0)  # the square of the first axes
+        assert axes.get_xlim() == axes.get_ylim()
         (curve,) = curves(axes, VERMILION)
         sampled = np.cov(final[number, 7:][:, [DOWNRANGE, CROSSRANGE]].T / 1e3)
         if number != 3:
@@ -419,11 +486,14 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
             np.testing.assert_allclose(distance, 9.0, rtol=0.25)  # three standard deviations, twice squared
             assert "linear" in axes.get_title()
     assert "7 lost" in figure.axes[2].get_title() and "4,000 lost" in figure.axes[3].get_title()
+    limits = [axes.get_xlim()[1] for axes in figure.axes]
+    assert len(set(limits)) > 1
+    np.testing.assert_allclose(np.abs(curves(figure.axes[1], GREY, ":")[0].get_xydata()), limits[0])
     assert "2,000 of 4,000 flights" in labels(figure)
 
 
 def test_dispersion_with_a_single_error_is_a_line(gains):
-    ensemble = invented(FlightEnsemble, {"laws": 6, "trials": 5})
+    ensemble = invented(FlightEnsemble, {"law": 6, "trials": 5})
     figure = figures.dispersion(Ensemble.given({"initial_deviations": np.array([0.0, 1000.0, 0.0])}), gains, ensemble)
     for number, axes in enumerate(figure.axes):
         (curve,) = curves(axes, VERMILION)
@@ -439,7 +509,7 @@ def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
     miss = np.exp(falling)[..., np.newaxis] * np.array([3.0, 4.0, 0.0]) * np.array([1.0, 2.0]).reshape(2, 1, 1, 1)
     made = invented(
         Certificates,
-        {"cases": 2, "schemes": 3, "meshes": 4},
+        {"cases": 2, "scheme": 3, "meshes": 4},
         scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
         intervals=intervals,
         mesh_miss=miss,
@@ -466,7 +536,7 @@ def test_minimum_fuel_shows_three_solutions_under_each_bound():
     time = np.linspace(0.0, 200.0, 12) + np.arange(6).reshape(2, 3, 1)
     made = invented(
         MinimumFuel,
-        {"bounds": 2, "solutions": 3},
+        {"bound": 2, "solution": 3},
         solution=np.array(SOLUTIONS),
         bound=np.array([5.0, 0.1]) * np.pi / 180,
         time=time,
@@ -482,11 +552,12 @@ def test_minimum_fuel_shows_three_solutions_under_each_bound():
         np.testing.assert_array_equal(function.get_ydata(), made.switching[bound])
         np.testing.assert_allclose(function.get_xdata(), (time[bound, 1, 1:] + time[bound, 1, :-1]) / 2)
         assert f"bound {(5, 0.1)[bound]:g} deg/s" in acceleration.get_title()
-        assert all(f"{mass:.3g}" in acceleration.get_title() for mass in made.propellant[bound])
+        masses = [text.get_text() for text in acceleration.get_legend().get_texts()]
+        assert masses == [f"{mass:.3g} kg" for mass in made.propellant[bound]]
 
 
 def test_minimum_fuel_that_was_not_found_is_left_out():
-    made = invented(MinimumFuel, {"bounds": 2, "solutions": 3}, solution=np.array(SOLUTIONS))
+    made = invented(MinimumFuel, {"bound": 2, "solution": 3}, solution=np.array(SOLUTIONS))
     for name in ("time", "bank", "bank_acceleration", "propellant"):
         getattr(made, name)[:, 1:] = np.nan
     made.switching[:] = np.nan
@@ -495,14 +566,15 @@ def test_minimum_fuel_that_was_not_found_is_left_out():
         warnings.simplefilter("error")
         figure.draw_without_rendering()
     assert len(figure.axes[0].patches) == 1
-    assert figure.axes[0].get_title().count("not solved") == 2
+    masses = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert masses[1:] == ["not solved", "not solved"]
 
 
 def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
     laws = np.array(["no feedback", "density null", "density and radius null", "density tuned", "both tuned"])
     made = invented(
         FurtherPerturbations,
-        {"rows": 7, "steps": 6, "branches": 2, "laws": 5, "densities": 4},
+        {"rows": 7, "steps": 6, "branch": 2, "law": 5, "density_error": 4},
         perturbation=np.array(["density", "velocity", "flight path angle", *CHANNELS]),
         path_branch=np.array([0, 0, 0, 1, 1, 1]),
         law=laws,
@@ -524,11 +596,18 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
     np.testing.assert_allclose(rows.get_xdata(), norms[:, 0])
     np.testing.assert_array_equal(rows.get_ydata(), tradeoff.effort)
     assert "5 % of density" in energy.get_xlabel()
-    for number, line in enumerate(curves(density)):
-        np.testing.assert_allclose(line.get_xdata(), [-5.0, -1.0, 1.0, 5.0])
+    assert [line.get_linestyle() for line in curves(over_rows)] == ["-", "--"] * 3  # seen where they coincide
+    shown = [text.get_text() for text in over_rows.get_xticklabels()]
+    assert len(set(shown)) == 7 and shown[5].endswith("$c$ = $10^{6}$")
+    for number, (_, line) in enumerate(sides(density)):
+        np.testing.assert_allclose(line[:, 0], [-5.0, -1.0, 1.0, 5.0])
         flown = np.linalg.norm(made.density_flown_error[number, [3, 1, 0, 2]], axis=-1) / 1e3
-        np.testing.assert_allclose(line.get_ydata(), flown)
-    assert len(curves(radius)) == 5
+        np.testing.assert_allclose(line[:, 1], flown)
+    (lost,) = [line for line in density.lines if line.get_marker() == "x" and len(line.get_xdata())]
+    np.testing.assert_allclose(lost.get_xdata(), [5.0])
+    assert same_color(lost.get_color(), curves(density, least=2)[2].get_color())
+    assert "flight lost" in labels(figure)
+    assert len({line.get_color() for line in radius.lines}) == 5
     assert "density and radius null (not converged)" in labels(figure)
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from marsedl.methods.collocation import NotConvergedError
 from marsedl.papers.desensitized import entry_problem, tradeoff
-from marsedl.papers.desensitized.entry_problem import STATES
+from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
 from marsedl.papers.desensitized.inputs import MODEL, Design, Solver
-from marsedl.papers.desensitized.nominal import zero_crossings
+from marsedl.papers.desensitized.nominal import refuse_other_branch, zero_crossings
 from marsedl.replication.errors import InputError, MarsedlError, SolverError
 from marsedl.replication.inputs import load_study
 
@@ -46,8 +46,18 @@ def reading_of(based_on="corrected", **inputs):
         ({"guess_switch_times": [211.0, 61.0]}, ["guess_switch_times does not increase: 211, 61"]),
         ({"guess_width": 0.0}, ["guess_width", "greater than 0"]),
         ({"printed_weights": [0.001, 0.1, 0.01, 1.0]}, ["printed_weights does not increase"]),
-        ({"printed_weights": [0.001, 0.01, 0.1]}, ["printed_weights"]),
-        ({"matched_efforts": [0.3, 0.2, 1.0, 5.0]}, ["matched_efforts does not increase: 0.3, 0.2, 1, 5"]),
+        (
+            {"printed_weights": [0.001, 0.01, 0.1]},
+            ["weight_rule is 'matched'", "matched_efforts has 4 values for 3 printed_weights"],
+        ),
+        ({"matched_efforts": [0.3]}, ["matched_efforts has 1 values for 4 printed_weights", "for each weight"]),
+        ({"tabulated_error": 0.0}, ["tabulated_error has a zero"]),
+        ({"compared_errors": [-930.0, 0.0]}, ["compared_errors has a zero"]),
+        ({"drawn_errors": [200.0, 0.0, 200.0]}, ["drawn_errors has a zero"]),
+        ({"larger_weight_factors": [0.5, 10.0]}, ["larger_weight_factors does not increase: 1, 0.5, 10"]),
+        ({"low_heights_km": [10.0, 2.0]}, ["low_heights does not increase: 10000, 2000"]),
+        ({"pressure_exponent": 1.05e-4}, ["pressure_exponent", "less than 0"]),
+        ({"nominal_first_bank": "left"}, ["nominal_first_bank", "negative", "positive"]),
         ({"infinite_weights": [1e7, 1e6]}, ["infinite_weights does not increase: 1e+07, 1e+06"]),
         ({"weight_path": [0.1, 0.1]}, ["weight_path does not increase: 0.1, 0.1"]),
         ({"weight_path": []}, ["weight_path"]),
@@ -73,7 +83,7 @@ def reading_of(based_on="corrected", **inputs):
         ({"bank_acceleration_bound_deg_s": 5.0}, ["wrong unit suffix '_deg_s'", "bank_acceleration_bound_deg_s2"]),
         ({"bank_acceleration_bound_deg_s2": None}, ["bank_acceleration_bound", "number"]),
         ({"final_velocity": None}, ["final_velocity", "number"]),
-        ({"density_profile": "table"}, ["density_table names none"]),
+        ({"density_profile": "table"}, ["density_table is empty"]),
         ({"downrange_gain_start": [0.0, 0.0, 0.0]}, ["downrange_gain_start"]),
         ({"initial_deviations": [200.0, -1.0, 200.0]}, ["initial_deviations", "greater than or equal to 0"]),
         ({"roll_inerta": 0.0}, ["roll_inerta", "did you mean 'roll_inertia'"]),
@@ -152,18 +162,38 @@ def test_too_few_iterations_say_so(desensitized):
 @pytest.mark.parametrize(
     ("changes", "found"),
     [
-        ({"nominal_reversals": 3}, "2 reversals, not the 3"),
-        ({"nominal_reversals": 0}, "2 reversals, not the 0"),
-        ({"lift_to_drag": 0.19}, "1 reversal, not the 2"),  # no such branch: it is narrow in the vehicle
-        ({"ballistic_coefficient": 120.0}, "1 reversal, not the 2"),
+        ({"nominal_reversals": 3}, "nominal_reversals 2 instead of 3"),
+        ({"nominal_first_bank": "positive"}, "nominal_first_bank negative instead of positive"),
+        ({"nominal_full_rolls": 1}, "nominal_full_rolls 0 instead of 1"),
+        ({"lift_to_drag": 0.19}, "nominal_reversals 1 instead of 2"),  # no such branch: it is narrow in the vehicle
+        ({"ballistic_coefficient": 120.0}, "nominal_reversals 1 instead of 2"),
+        ({"guess_banks": np.radians([85.5, -38.1, 63.3])}, "nominal_first_bank positive instead of negative"),
     ],
 )
 def test_a_solution_on_another_branch_is_refused(desensitized, changes, found):
     said, _ = refused(desensitized, **changes)
-    assert f"the nominal has {found} of nominal_reversals" in said
-    energy = float(re.search(r"at a control energy of ([\d.]+) deg\^2/s\^3", said)[1])
-    assert energy == pytest.approx(0.1378, abs=5e-5) if "2 reversals," in found else 0.06 < energy < 0.09
-    assert "guess_banks" in said and "set nominal_reversals to what was found" in said
+    assert f"the nominal lies on another branch: {found}" in said
+    energy = float(re.search(r"control energy ([\d.]+) deg\^2/s\^3", said)[1])
+    assert 0.06 < energy < 0.09 if "reversals 1" in found else energy == pytest.approx(0.1378, abs=5e-5)
+    mirrored = found.startswith("nominal_first_bank")
+    assert ("It is the mirror image" if mirrored else "Change guess_width first") in said and "guess_banks" in said
+
+
+def test_all_that_tells_branches_apart_is_refused_at_once():
+    """A bank angle that rolls on has two reversals as well, at other times: it is no solution with two reversals."""
+    time = np.linspace(0.0, 100.0, 101)
+    bank = np.radians(np.interp(time, [0.0, 20.0, 40.0, 100.0], [60.0, -60.0, 80.0, 440.0]))
+    states = np.zeros((101, len(STATES)))
+    states[:, STATES.index("bank")] = bank
+    wanted = Solver.given(
+        {"nominal_reversals": 2, "nominal_full_rolls": 0, "nominal_first_bank": "negative", "guess_width": 15.0}
+    )
+    with pytest.raises(MarsedlError) as error:
+        refuse_other_branch(wanted, Trajectory(time, states, np.full(100, 1e-3)))
+    said = str(error.value)
+    assert "nominal_reversals 3 instead of 2, nominal_full_rolls 1 instead of 0, nominal_first_bank positive" in said
+    assert "reversals at 10.0, 28.6, 86.7 s" in said
+    assert "mirror image" not in said
 
 
 def test_what_is_refused_can_be_asked_for(desensitized):
@@ -258,6 +288,21 @@ def test_branches_are_told_apart_by_their_bank(bank, reversals, rolls, name):
         assert entry_problem.reversals(sign * bank) == reversals
         assert entry_problem.full_rolls(sign * bank) == rolls
         assert entry_problem.branch_name(sign * bank) == name
+
+
+def test_reversals_are_timed_by_the_rule_that_counts_them():
+    time = np.array([0.0, 1.0, 3.0, 4.0, 5.0])
+    for turns in (-1.0, 0.0, 2.0):
+        bank = np.radians([-10.0, 30.0, -10.0, -20.0, -15.0]) + 2.0 * np.pi * turns
+        np.testing.assert_allclose(entry_problem.reversal_times(time, bank), [0.25, 2.5])
+    grazing = np.radians([-10.0, 0.2, -0.2, 0.1, -10.0])  # within what counts as level
+    assert entry_problem.reversals(grazing) == len(entry_problem.reversal_times(time, grazing)) == 0
+    resting = np.radians([-10.0, 0.0, 0.0, 0.0, 10.0])  # on zero at nodes
+    assert entry_problem.reversals(resting) == len(entry_problem.reversal_times(time, resting)) == 1
+    over_the_top = np.radians([170.0, -170.0, -150.0, -160.0, -170.0])  # through 180 degrees, not through zero
+    assert entry_problem.reversals(over_the_top) == 0
+    assert entry_problem.first_bank(np.radians([0.1, -0.4, -3.0, 5.0])) == "negative"
+    assert entry_problem.first_bank(np.zeros(3)) == "level"
 
 
 def test_zero_crossings_are_interpolated():

@@ -583,3 +583,12 @@ def test_flights_refuse_a_nominal_beyond_the_bound(desensitized):
     inputs = desensitized.stage_inputs("corrected", "responses", bank_acceleration_bound=0.03 * DEGREE)
     with pytest.raises(ValueError, match=r"bank acceleration on interval \d+, .* is beyond its bound"):
         flight.fly_nominal(*inputs.call(environment.surroundings), flown_law(made, PLAIN)[0], 5)
+
+
+def test_the_compared_errors_may_be_any_two(desensitized):
+    """Those at the ends of the wide sweep are flown as there; the figures' errors may be negative."""
+    found = desensitized.responses(compared_errors=np.array([-2000.0, 2000.0]))
+    np.testing.assert_array_equal(found.tabulated_error, found.wide_error[:, :, [0, -1]])
+    mirrored = desensitized.responses(drawn_errors=np.array([200.0, -1000.0, 200.0]))
+    plain = desensitized.responses()
+    np.testing.assert_allclose(mirrored.error[0, 1, -1, 1], -plain.error[0, 1, -1, 1], rtol=1e-4)

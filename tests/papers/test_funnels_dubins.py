@@ -48,6 +48,22 @@ def generator(seed=3):
 # ---- the path and the loop -------------------------------------------------------------------------------------------
 
 
+def test_levels_do_not_depend_on_where_the_path_begins(inputs_of, short):
+    """Moved and turned, the path is the same, and so are weights that are equal in x and y: rho stays."""
+    moved = inputs_of("corrected", **SHORT, dubins_start=np.array([2.0, -1.0, 0.7])).call(dubins.compute)
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    expected = short.state[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + [2.0, -1.0]
+    np.testing.assert_allclose(moved.state[:, :2], expected, atol=1e-12)
+    np.testing.assert_allclose(moved.level, short.level, rtol=1e-5)
+
+
+def test_without_amplitude_the_mean_turn_rate_makes_a_circle(inputs_of):
+    circle = {"dubins_turn_rate": 0.0, "dubins_mean_turn_rate": 0.5, "dubins_start": np.array([0.0, -2.0, 0.0])}
+    path = inputs_of("corrected", **SHORT, **circle).call(dubins.compute)
+    np.testing.assert_allclose(np.hypot(path.state[:, 0], path.state[:, 1]), 2.0, atol=1e-9)
+    assert (path.turn_rate == 0.5).all() and inputs_of("corrected").dubins_periods == 1.0
+
+
 def test_path_is_the_integral_of_one_sine(car):
     def heading(time):
         return 0.8 * 4.0 / (2 * np.pi) * (1 - np.cos(2 * np.pi * time / 4.0))

@@ -35,9 +35,9 @@ from marsedl.papers.funnels.records import (
 )
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_figure
 from marsedl.replication import artifacts
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
+from marsedl.replication.units import DEGREE, KM
 
-KM, DEGREE = 1e3, np.pi / 180
 SLICES, FINE, FLIGHTS = 7, 12, 50
 INPUTS = {
     "planet_radius": 3.4e6,
@@ -63,23 +63,24 @@ EXTENTS = {
     "final": 8,
     "states": 6,
     "repeats": 10,
-    "funnels": 3,
+    "funnel": 3,
     "proven": 2,
     "steps": FINE,
     "optima": 4,
-    "starts": 9,
+    "start": 9,
     "grid": 9,
     "circle": 8,
-    "samples": 20,
-    "spacings": 2,
-    "conditions": 2,
+    "sample": 20,
+    "spacing": 2,
+    "condition": 2,
     "coarse": 4,
-    "changes": 3,
-    "varieties": 3,
-    "forms": 4,
-    "counts": 5,
-    "bases": 4,
-    "designs": 3,
+    "change": 3,
+    "invariance": 3,
+    "variety": 3,
+    "form": 4,
+    "few_samples": 5,
+    "basis": 4,
+    "design": 3,
 }
 TIME = np.linspace(0.0, 240.0, FINE + 1)
 STEP = np.arange(0, FINE + 1, 2)
@@ -184,7 +185,7 @@ def draw(made):
     def drawn(stem, **changed):
         values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
         function = getattr(figures, stem)
-        return function(**given(function, values, lambda name, kind: changed.get(name, made[name])))
+        return function(**arguments_of(function, values, lambda name, kind: changed.get(name, made[name])))
 
     return drawn
 
@@ -251,7 +252,7 @@ def test_fig01_shows_the_projections_of_the_slices(draw, made):
     funnel, linearization = made["funnel"], made["linearization"]
     small = replace(funnel, shape=1e6 * funnel.shape)
     figure = draw("fig01", funnel=small)
-    whole, end = figure.axes
+    whole, end, height = figure.axes
     outlines = [patch.get_xy() for patch in whole.patches if isinstance(patch, Polygon) and len(patch.get_xy()) > 2]
     assert len(outlines) == SLICES and len([p for p in end.patches if len(p.get_xy()) > 2]) == 2
     unit = np.array([3.4e6 / KM, 1 / KM])
@@ -267,16 +268,25 @@ def test_fig01_shows_the_projections_of_the_slices(draw, made):
     np.testing.assert_allclose(path.get_ydata(), linearization.state[:, 0] / KM)
     assert labels(figure) == ["nominal", "entry", "deployment of the parachute", "slices"]
     assert whole.get_title(loc="left") == ""
+    lower, upper = curves(height, BLUE)
+    reach = np.sqrt(2.0 * small.level * np.linalg.inv(small.shape)[:, 0, 0]) / KM
+    np.testing.assert_allclose(upper.get_ydata(), reach)
+    np.testing.assert_allclose(lower.get_ydata(), -reach)
+    np.testing.assert_allclose(upper.get_xdata(), path.get_xdata()[2 * STEP])
+    assert height.get_ylim()[1] > reach.max() and height.get_xlim() == whole.get_xlim()
 
 
 def test_fig01_is_not_stretched_by_large_slices_and_says_where_a_funnel_ends(draw, made):
     funnel = made["funnel"]
     level = np.where(np.arange(SLICES) < 4, funnel.level, np.nan)
-    whole, _ = draw("fig01", funnel=replace(funnel, level=1e6 * level, outcome="diverges")).axes
+    whole, _, height = draw("fig01", funnel=replace(funnel, level=1e6 * level, outcome="diverges")).axes
     widest = np.sqrt(2e6 * level[:4] * np.linalg.inv(funnel.shape[:4])[:, 1, 1]).max() * 3.4e3
     assert f"{widest:.2g} km" in whole.get_title(loc="left") and "ends at slice 4" in whole.get_title(loc="left")
     longitude = made["linearization"].state[:, 1]
     assert np.ptp(whole.get_xlim()) == pytest.approx(np.ptp(longitude) * 3.4e3 + 2 * 1.3 * figures.LARGEST_DRAWN)
+    assert 0.0 < height.get_ylim()[1] < figures.LARGEST_DRAWN
+    *_, height = draw("fig01", funnel=replace(funnel, level=1e12 * level)).axes
+    assert height.get_ylim()[1] == pytest.approx(1.1 * figures.LARGEST_DRAWN)
 
 
 def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, made, monkeypatch):
@@ -294,6 +304,26 @@ def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, made, monkeypatch)
     np.testing.assert_allclose(lines[1].get_data_3d()[2], (path + flights.kept_history[1])[:, 2] / DEGREE)
     np.testing.assert_allclose(np.transpose(lines[-1].get_data_3d()), path / [1.0, 1.0, DEGREE])
     assert labels(figure) == ["nominal", "4 of 50 flights", "7 of 7 slices"]
+
+
+def test_fig02_draws_the_last_slice_of_any_number_of_slices(draw, made, monkeypatch):
+    centres = []
+    monkeypatch.setattr(
+        Axes3D, "plot_surface", lambda self, *surface, **_: centres.append(np.mean(surface[:2], (1, 2)))
+    )
+    count, step = 24, np.arange(24)
+    dubins = invented(
+        Dubins,
+        {"slices": count, "stages": count - 1, "time": count, "half": 2 * count - 1},
+        funnel=np.array(["flow", "euler", "wind"]),
+        slice_step=step,
+        shape=shapes(count, 3),
+    )
+    flights = replace(made["dubins_calm"], kept_history=np.zeros((2, count, 3)))
+    figure = draw("fig02", dubins=dubins, dubins_calm=flights)
+    assert "11 of 24 slices" in labels(figure)
+    for centre, place in ((centres[0], 0), (centres[-1], -1)):
+        np.testing.assert_allclose(centre, dubins.state[place, :2], atol=0.2)
 
 
 def test_fig03_has_levels_over_steps_and_times(draw, made):
@@ -372,7 +402,7 @@ def test_nominal_shows_the_flight_and_all_optima(draw, made):
     (flown,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
     np.testing.assert_allclose(flown, [linearization.half_time[-1], nominal.cost / DEGREE**2])
     shown = [text.get_text() for text in costs.get_legend().get_texts()]
-    assert shown == ["100 intervals", "200 intervals", "flown"]
+    assert shown == ["100 intervals", "200 intervals", "the nominal"]
     heights = np.concatenate([line.get_ydata() for line in peaks.lines if line.get_marker() == "o"])
     np.testing.assert_allclose(heights, optima.peak_heat_rate / 1e4)
 
@@ -410,6 +440,8 @@ def test_heating_compares_nominal_flights_and_funnel(draw, made):
         (BLUE, made["funnel"].heat_rate),
     ):
         np.testing.assert_allclose(curves(axes, color)[0].get_ydata(), values / 1e4)
+    peak = made["nominal"].peak_heat_rate / 1e4
+    assert f"nominal, up to {peak:.2f}" in [text.get_text() for text in axes.get_legend().get_texts()]
     hot = made["funnel"].heat_rate * 1e140
     (axes,) = draw("heating", funnel=replace(made["funnel"], heat_rate=hot)).axes
     assert axes.get_ylim()[1] == pytest.approx(1.3 * figures.FAR)  # W/cm^2; the limit is 1.3
@@ -497,10 +529,13 @@ def test_fragility_marks_where_funnels_end(draw, made):
     level = found.change_level.copy()
     level[1, 2:] = np.nan
     figure = draw("fragility", divergence=replace(found, change_level=level))
-    (axes,) = figure.axes
+    axes, flights = figure.axes
     (cross,) = [line for line in axes.lines if line.get_marker() == "x"]
     np.testing.assert_allclose(cross.get_xydata(), [[80.0, level[1, 1]]])
-    assert [label.endswith("(ends)") for label in labels(figure)] == [False, False, True, False, False]
+    assert [label.endswith("(ends)") for label in labels(figure)] == [False, False, True, False]
+    np.testing.assert_array_equal([line.get_ydata()[0] for line in flights.lines], found.change_flown)
+    lines = [same_color(line.get_color(), flights.lines[k].get_color()) for k, line in enumerate(axes.lines[1:3])]
+    assert all(lines)
     np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made["coarse_funnels"].variant_level[0])
 
 
@@ -514,10 +549,8 @@ def test_proven_is_relative_to_the_funnel(draw, made):
     between = (funnel.level[1:] + funnel.level[:-1]) / 2
     np.testing.assert_allclose(nodes.get_ydata()[1::2], proven.node_level[1::2] / between)
     np.testing.assert_array_equal(curves(parts, VERMILION)[0].get_ydata(), proven.remainder)
-    assert labels(figure)[-3:-1] == [
-        "remainder",
-        "inside of the slice (none)",
-    ] or "inside of the slice (none)" in labels(figure)
+    assert labels(figure)[:2] == ["known terms of higher degree", "remainder"]
+    assert parts.get_title(loc="left") == "nothing for: inside of the slice"
     assert levels.get_yscale() == "linear"
     far = draw("proven", funnel=replace(funnel, level=1e9 * funnel.level)).axes[0]
     assert far.get_yscale() == "log"

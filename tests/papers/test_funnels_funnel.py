@@ -6,6 +6,7 @@ otherwise.
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +14,13 @@ from scipy.optimize import minimize
 
 from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.montecarlo.streams import normals, uniforms
-from marsedl.papers.funnels import PAPER, environment, funnel
+from marsedl.papers import catalogue
+from marsedl.papers.funnels import environment, funnel
 from marsedl.replication import artifacts
+from marsedl.replication.quotes import committed, with_numbers
+
+# With the numbers that its texts quote of the accepted build.
+PAPER = with_numbers(catalogue("funnels"), committed(Path(__file__).parents[2], "funnels"))
 
 DEGREE = np.pi / 180.0
 RADIUS = 3389.5e3

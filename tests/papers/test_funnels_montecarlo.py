@@ -200,6 +200,21 @@ def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
 # --- independence of chunks -------------------------------------------------------------------------------------------
 
 
+def test_flights_without_feedback_are_the_same_flights_but_for_it(funnels, made):
+    result = funnels.stage("open_loop", "corrected", trials=60)
+    gains = made[2]
+    still = flown(made, trials=60, gains=replace(gains, half_gain=np.zeros_like(gains.half_gain)))
+    ends = np.abs(still.final_state[:, 1:3]) * RADIUS
+    assert (result.trials, result.lost) == (60, 0)
+    np.testing.assert_allclose(result.flown_half_width, ends.max(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(result.repeat_half_width[3], ends[3::10].max(axis=0), rtol=1e-12)
+    # Feedback takes something away, of flights as of linear motion, which bounds neither.
+    under = np.abs(flown(made, trials=60).final_state[:, 1:3]) * RADIUS
+    assert under.max() < 0.9 * ends.max()
+    without, with_feedback = result.linear_half_width.max(axis=1)
+    assert with_feedback < 0.9 * without and 0.5 * without < ends.max() < 1.1 * without
+
+
 @pytest.mark.parametrize("case", FLOWN)
 def test_results_do_not_depend_on_chunks(made, case):
     whole = flown(made, case, 60, 20)

@@ -22,7 +22,9 @@ from marsedl.papers.funnels import (
     gains,
     monotonicity,
     programs,
+    regulators,
     stage_study,
+    stationary,
     undisturbed_funnel,
 )
 from marsedl.papers.funnels.basics import SPHERES
@@ -39,7 +41,7 @@ SMALL = {
     "check_points": 500,
     "tightness_polished": 4,
     "stationary_points": 300,
-    "studied_slices": np.array([26.0]),
+    "studied_slices": np.array([0.4167]),
     "studied_levels": np.array([3.0]),
     "studied_samples": np.array([50.0, 200.0, 406.0]),
     "studied_trials": 30,
@@ -84,6 +86,18 @@ def found(inputs, model, regulator):
         return vars(inputs().call(stage_study.compute, model, regulator))
 
 
+@pytest.fixture(scope="module")
+def still(inputs, model, regulator):
+    """Stationary disturbances."""
+    return inputs().call(stationary.compute, model, regulator)
+
+
+@pytest.fixture(scope="module")
+def several(inputs, model, regulator):
+    """Stages over levels and with linear motion."""
+    return inputs().call(monotonicity.compute, model, regulator)
+
+
 # --- one stage --------------------------------------------------------------------------------------------------------
 
 
@@ -126,12 +140,12 @@ def test_all_forms_give_one_bound(found):
     assert found["fit_error"] < 1e-12
 
 
-def test_stages_with_linear_motion_have_known_bounds(found):
-    assert (found["linear_gram_size"], found["linear_samples"]) == (9, 43)
-    np.testing.assert_allclose(found["linear_exact"], 1.1482555, rtol=2e-6)
-    np.testing.assert_allclose(found["linear_small_bound"], found["linear_exact"], rtol=1e-8)
-    np.testing.assert_allclose(found["linear_large_bound"], found["linear_exact"], rtol=1e-8)
-    np.testing.assert_allclose(found["linear_still_bound"], found["linear_still_exact"], rtol=1e-7)
+def test_stages_with_linear_motion_have_known_bounds(several):
+    assert (several.linear_gram_size, several.linear_samples) == (9, 43)
+    np.testing.assert_allclose(several.linear_exact, 1.1482555, rtol=2e-6)
+    np.testing.assert_allclose(several.linear_small_bound, several.linear_exact, rtol=1e-8)
+    np.testing.assert_allclose(several.linear_large_bound, several.linear_exact, rtol=1e-8)
+    np.testing.assert_allclose(several.linear_still_bound, several.linear_still_exact, rtol=1e-7)
 
 
 def test_too_few_samples_give_a_bound_that_is_too_small(found):
@@ -170,13 +184,13 @@ def test_the_bound_does_not_depend_on_coordinates(found):
 
 @pytest.fixture(scope="module")
 def euler_stage(inputs, loop, regulator):
-    at = inputs().stationary_slice, inputs().stationary_level
+    at = environment.slice_at(loop, 4, inputs().stationary_slice), inputs().stationary_level
     return programs.stage_at(inputs().recursion, loop, regulator, *at, 4, condition="euler")
 
 
 def test_the_polynomial_in_the_disturbance_is_that_of_the_stage(euler_stage):
     points = SPHERES.random_points(40, np.random.Generator(np.random.Philox(3)))
-    polynomial, w = stage_study.in_disturbances(euler_stage, points[:, :6]), 3.0 * points[:, 6:]
+    polynomial, w = stationary.in_disturbances(euler_stage, points[:, :6]), 3.0 * points[:, 6:]
     value, gradient, hessian = polynomial(w)
 
     def at(change):
@@ -202,21 +216,28 @@ def test_newton_finds_stationary_points_of_a_cubic():
         hessian = np.moveaxis(np.array([[2.0 + 0.6 * u, 0.0 * u], [0.0 * u, -1.0 + 0.0 * v]]), -1, 0)
         return u**2 + 0.1 * u**3 - v**2 / 2.0, np.stack([2.0 * u + 0.3 * u**2, -v], axis=1), hessian
 
-    found, gradient, start = stage_study.newton(polynomial)
+    found, gradient, start = stationary.newton(polynomial)
     np.testing.assert_allclose(found, centre, atol=1e-12)
     assert np.abs(gradient).max() < 1e-12
     np.testing.assert_array_equal(start, polynomial(np.zeros(2))[1])
 
 
-def test_stationary_disturbances_are_saddles_outside_of_the_disc(found):
-    assert found["stationary_converged"] > 0.9
-    assert found["stationary_inside"] == 0 and found["stationary_norm"][0] > 1.0 < found["stationary_norm"][1] / 100.0
-    assert found["stationary_saddles"] == 1.0
-    assert found["stationary_value"] > 1.5 * found["boundary_value"]
-    assert found["interior_better"] == 0
-    assert found["gradient_deviation"] < 1e-8
+def test_stationary_disturbances_are_saddles_outside_of_the_disc(still):
+    assert still.stationary_converged > 0.9
+    assert still.stationary_inside == 0 and still.stationary_norm[0] > 1.0 < still.stationary_norm[1] / 100.0
+    assert still.stationary_saddles == 1.0
+    assert still.stationary_value > 1.5 * still.boundary_value
+    assert still.interior_better == 0
+    assert still.gradient_deviation < 1e-8
     # The rates know the density only: their gradient is along its own, nowhere zero, their Hessian of rank one.
-    assert found["gradient_angle"] < 1e-9 and found["gradient_least"] > 0.0 and found["hessian_rank_one"] < 1e-9
+    assert still.gradient_angle < 1e-9 and still.gradient_least > 0.0 and still.hessian_rank_one < 1e-9
+
+
+def test_an_additive_disturbance_has_no_stationary_point(inputs, model, regulator):
+    given = inputs(density_disturbance="additive").call(stationary.compute, model, regulator)
+    # V' is affine in w then: nothing but rounding is left of its Hessian.
+    assert given.interior_better == 0 and given.stationary_inside == 0
+    assert given.gradient_deviation < 1e-8 and given.gradient_least > 0.0
 
 
 def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_density(
@@ -276,11 +297,10 @@ def test_without_disturbance_the_level_never_rises(inputs, model, regulator):
     assert (np.diff(found.undisturbed_level) < 0.0).all() and found.undisturbed_level[-1] > 0.0
 
 
-def test_a_larger_slice_reaches_a_larger_one(inputs, model, regulator):
-    found = inputs().call(monotonicity.compute, model, regulator)
-    assert (np.diff(found.reached_level, axis=1) > 0.0).all()
+def test_a_larger_slice_reaches_a_larger_one(several):
+    assert (np.diff(several.reached_level, axis=1) > 0.0).all()
     base = monotonicity.FACTORS.index(1.0)
-    assert found.reached_level[0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
+    assert several.reached_level[0, base] == pytest.approx(3.0 * BENCHMARK, rel=2e-6)
 
 
 def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
@@ -288,7 +308,7 @@ def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
         studied_bank_factors=np.array([]),
         studied_initial_factors=np.array([1.0]),
         studied_density_factors=np.array([8.0]),
-        backward_steps_per_slice=24,
+        coarse_stages=10,
     )
     found = wide.call(divergence.compute, model)
     assert found.change.tolist() == ["disturbance of the density", "initial set"]
@@ -307,14 +327,18 @@ def small_of(inputs):
     few = {
         "fine_steps": 16,
         "steps_per_slice": 4,
-        "backward_steps_per_slice": 8,
-        "studied_spacings": np.array([8.0, 4.0]),
-        "studied_slices": np.array([2.0]),
+        "coarse_stages": 2,
+        "studied_stages": np.array([2.0]),  # beside the four of the reading
+        "studied_slices": np.array([0.25]),
         "studied_levels": np.array([0.4]),
         "studied_bank_factors": np.array([0.5]),
         "studied_density_factors": np.array([1.5]),
         "studied_initial_factors": np.array([2.0]),
         "backward_level": 5.0,
+        "regulator_state_factors": np.array([2.0]),
+        "regulator_bank_factors": np.array([]),
+        "regulator_time_factors": np.array([]),
+        "regulator_terminal_factors": np.array([3.0]),
     }
     return lambda **changes: inputs(**(few | changes))
 
@@ -346,6 +370,24 @@ def coarse(small, part, spacings):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coarse_funnels, "SECOND_SOLVER", "SCS")
         return small.call(coarse_funnels.compute, *part, spacings)
+
+
+def test_other_weights_make_other_funnels(small_of, small, part, spacings):
+    lines, designed = part
+    study = small.call(regulators.compute, lines)
+    assert study.variant.tolist() == [
+        *("as the reading", "shape of least trace", "scales of the states", "weight at the end")
+    ]
+    np.testing.assert_array_equal(study.level[0], spacings.level[0, 0][:3])
+    np.testing.assert_array_equal(study.slice_time, lines.time[::8])
+    # One weight, and that alone: the regulator that a reading with this weight has.
+    heavy = small_of(terminal_weight=3.0 * small.terminal_weight)
+    given = heavy.call(gains.compute, lines)
+    air = environment.disturbed_air(heavy.planet, heavy.uncertainty)
+    loop = environment.closed_loop(heavy.planet, heavy.vehicle, air, lines, given.half_gain)
+    level, _ = programs.propagate(heavy.recursion, loop, given, programs.samples(heavy.recursion), 8)
+    np.testing.assert_array_equal(study.level[3], level)
+    assert designed.initial_level != study.level[1, 0]
 
 
 def variant(study, name):
@@ -389,7 +431,8 @@ def test_the_backward_funnel_returns(coarse):
 
 def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
     study = spacings
-    slices = small.fine_steps // small.studied_spacings.astype(int) + 1
+    assert study.spacing.tolist() == [8, 4]
+    slices = small.fine_steps // study.spacing + 1
     for i, j in np.ndindex(2, 2):
         levels = study.level[i, j]
         assert np.isfinite(levels[: slices[j]]).all() == (study.outcome[i, j] == "complete")
@@ -404,7 +447,7 @@ def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
     assert variant(coarse, "order 1")[-1] < variant(coarse, "order 2")[-1]
 
 
-@pytest.mark.parametrize("made", ["spacings", "coarse", "found"])
+@pytest.mark.parametrize("made", ["spacings", "coarse", "found", "still", "several"])
 def test_artifacts_are_kept(made, request, tmp_path):
     artifact = request.getfixturevalue(made)
     artifact = StageStudy(**artifact) if made == "found" else artifact
@@ -428,10 +471,8 @@ def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"studied_spacings": [8, 7]}, "fine_steps (240) is not a multiple of studies.studied_spacings (7)"),
-        ({"studied_slices": [16, 26, 61]}, "studied_slices: no stage begins at slice 61, as there are 61"),
         ({"studied_levels": [0.4, 3.0]}, "studied_levels: give one level for each of studied_slices"),
-        ({"stationary_slice": 61}, "stationary_slice: no stage begins at slice 61"),
+        ({"stationary_slice": 1.0}, "stationary_slice"),
         ({"studied_samples": [42, 406]}, "studied_samples"),
         ({"studied_bank_factors": [0.0]}, "studied_bank_factors"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.funnels import PAPER, tables
+from marsedl.papers.funnels import tables
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
     Discretization,
@@ -24,13 +24,15 @@ from marsedl.papers.funnels.records import (
     LinearBounds,
     Optima,
     Proven,
+    Regulators,
     StageStudy,
 )
 from marsedl.replication.artifacts import quantities
-from marsedl.replication.tables import read_table, write_table
+from marsedl.replication.tables import csv_text, write_table
+
+PAPER = catalogue("funnels")
 
 DEGREE, RADIUS = np.pi / 180.0, 3389.5e3
-DASH = "–"
 SLICES, STAGES = 13, 12
 STEPS = 5 * np.arange(SLICES)
 # Extents of the dimensions that must fit together; any other has two.
@@ -86,12 +88,12 @@ def proven(**values):
 
 
 def dubins(**values):
-    return made_up(Dubins, 8, {"funnels": 3}, **{"funnel": FUNNELS, "slice_step": STEPS} | values)
+    return made_up(Dubins, 8, {"funnel": 3}, **{"funnel": FUNNELS, "slice_step": STEPS} | values)
 
 
 def dubins_study(**values):
     given = {"funnel": FUNNELS, "proven_funnel": FUNNELS[[0, 2]]}
-    return made_up(DubinsStudy, 9, {"funnels": 3}, **given | values)
+    return made_up(DubinsStudy, 9, {"funnel": 3}, **given | values)
 
 
 MAKERS = {
@@ -103,6 +105,7 @@ MAKERS = {
     "discretization": discretization,
     "coarse_funnels": lambda: made_up(CoarseFunnels, 15, coarse_step=np.array([0, 8])),
     "divergence": lambda: made_up(Divergence, 16),
+    "regulators": lambda: made_up(Regulators, 17, slice_time=np.array([0.0, 240.0])),
     "proven": proven,
     "dubins": dubins,
     "dubins_study": dubins_study,
@@ -116,7 +119,7 @@ MAKERS = {
 
 @pytest.fixture(scope="module")
 def table(funnels):
-    """The rows of a table, some artifacts replaced."""
+    """A table, some artifacts replaced."""
 
     def rows(name, reading="corrected", **artifacts):
         needed = {need.split(".")[-1]: MAKERS[need.split(".")[-1]]() for need in funnels.paper.tables[name].needs}
@@ -127,7 +130,7 @@ def table(funnels):
 
 @pytest.fixture(scope="module")
 def readings(funnels):
-    """Rows of the summary over readings, by reading; some artifacts of `corrected` replaced."""
+    """The table over readings; some artifacts of `corrected` replaced."""
 
     def rows(**artifacts):
         items = {name: MAKERS[name]() for name in ("funnel", "constant", "redrawn", "adversarial")}
@@ -156,134 +159,148 @@ def test_tables_are_those_of_the_catalogue():
 
 
 @pytest.mark.parametrize("name", PAPER.tables)
-def test_tables_are_texts_and_can_be_written(table, name, tmp_path):
-    rows = table(name)
-    assert len({len(row) for row in rows}) == 1 and len(rows) > 2
-    assert all(isinstance(cell, str) and "nan" not in cell for row in rows for cell in row)
-    write_table(rows, tmp_path / "table.csv", tmp_path / "table.md")
-    assert read_table(tmp_path / "table.csv") == [list(row) for row in rows]
+def test_tables_are_data_and_can_be_written(table, name, tmp_path):
+    data = table(name)
+    assert len(data) > 1 and csv_text(data)
+    write_table(data, tmp_path / "table.csv", tmp_path / "table.md")
+
+
+def row_of(data, **cells):
+    """The row whose cells are these, by the heads of the columns."""
+    [number] = np.flatnonzero(np.logical_and.reduce([data[head] == cell for head, cell in cells.items()]))
+    return data.iloc[number]
 
 
 def test_what_is_withheld_has_its_number_and_source(table):
-    rows = {row[0]: row for row in table("withheld")}
-    assert rows["its scale height"][1:3] == ("10.3324", "km")
-    assert rows["weights of the regulator: equal deviations"][1] == "1, 2, 2; 30; 0.6, 0.6"
-    assert rows["number of slices"][1] == "61" and rows["limit of the heat rate"][1:3] == ("61", "W/cm^2")
-    assert all(row[3] for row in rows.values())
+    data = table("withheld").set_index("input")
+    assert data.loc["its scale height", "here"] == pytest.approx(10.3324, abs=5e-5)
+    assert data.loc["equal deviation in the regulator: downrange", "here"] == 2.0
+    assert data.loc["equal deviation in the regulator: heading", "here"] == pytest.approx(0.6)
+    assert data.loc["number of slices", "here"] == 61
+    assert tuple(data.loc["limit of the heat rate", ["here", "unit"]]) == (61.0, "W/cm^2")
+    assert data["source"].notna().all() and data.index.is_unique
+    assert table("withheld_forms")["source"].notna().all()
 
 
 def test_optima_are_in_the_units_of_their_head(table):
-    given = {"cost": np.array([10.0, 20.0]) * DEGREE**2, "peak_heat_rate": np.array([611579.0, 5e5])}
-    first, second = table("optima", optima=optima(intervals=np.array([100, 200]), **given))[1:]
-    assert first[:2] == ("100", "10.0000") and first[4] == "61.1579" and first[6] == "6 of 21"
-    assert second[:2] == ("200", "20.0000") and second[6] == "9 of 21"
+    values = {"cost": np.array([10.0, 20.0]) * DEGREE**2, "peak_heat_rate": np.array([611579.0, 5e5])}
+    data = table("optima", optima=optima(intervals=np.array([100, 200]), **values))
+    assert list(data["intervals"]) == [100, 200]
+    np.testing.assert_allclose(data["cost (deg^2/s)"], [10.0, 20.0])
+    assert data["largest heat rate (W/cm^2)"][0] == pytest.approx(61.1579)
+    assert list(data["starts"]) == [6, 9]
 
 
 def test_levels_stand_at_their_slices(table):
-    made, flown = funnel(), ensemble()
-    rows = table("levels", funnel=made, constant=flown)
-    assert [row[0] for row in rows[1:]] == [str(k + 1) for k in range(SLICES)]
+    own, flights = funnel(), ensemble()
+    data = table("levels", funnel=own, constant=flights)
+    assert list(data["k"]) == [k + 1 for k in range(SLICES)]
     k = 7
-    assert float(rows[k + 1][2]) == pytest.approx(made.level[k], rel=1e-4)
-    assert float(rows[k + 1][6]) == pytest.approx(flown.maximum_over_trials[5 * k, 0], rel=1e-4)
-    assert float(rows[k + 1][10]) == pytest.approx(made.level[k] / flown.maximum_over_trials[5 * k, 0], rel=1e-3)
-    deviation = np.std(flown.repeat_maximum[:, 5 * k, 0], ddof=1)
-    assert float(rows[k + 1][7]) == pytest.approx(deviation, rel=0.06)
-    assert "40 flights" in rows[0][6]
+    largest_v = flights.maximum_over_trials[5 * k, 0]
+    assert data["rho"][k] == own.level[k]
+    assert data["constant disturbance"][k] == largest_v
+    assert data["rho over flights"][k] == pytest.approx(own.level[k] / largest_v)
+    deviation = np.std(flights.repeat_maximum[:, 5 * k, 0], ddof=1)
+    assert data["its standard deviation"][k] == pytest.approx(deviation)
 
 
 def test_half_widths_are_lengths_on_the_ground(table):
     widths = np.zeros((SLICES, 6))
     widths[-1] = [1500.0, 2000.0 / RADIUS, 3000.0 / RADIUS, 4.0, 5.0 * DEGREE, 6.0 * DEGREE]
-    made = funnel(half_width=widths, feedback=np.full(SLICES, 7.0 * DEGREE), level=np.arange(1.0, SLICES + 1))
-    rows = table("half_widths", funnel=made)
-    assert rows[-4][1:] == ("funnel", "1.5", "2", "3", "4", "5", "6", "7")
-    flown = np.zeros((40, 8))
-    flown[3, 0], flown[5, 0] = -2500.0, np.nan
-    assert table("half_widths", funnel=made, constant=ensemble(final_state=flown))[-1][1:3] == ("40 flights", "2.5")
+    own = funnel(half_width=widths, feedback=np.full(SLICES, 7.0 * DEGREE), level=np.arange(1.0, SLICES + 1))
+    row = row_of(table("half_widths", funnel=own), slice="last", of="funnel")
+    np.testing.assert_allclose(row.iloc[3:].astype(float), [1.5, 2, 3, 4, 5, 6, 7])
+    final = np.zeros((40, 8))
+    final[3, 0], final[5, 0] = -2500.0, np.nan
+    row = table("half_widths", funnel=own, constant=ensemble(final_state=final)).iloc[-1]
+    assert (row["of"], row["altitude (km)"]) == ("40 flights", 2.5)
+    assert np.isnan(row["bank angle of the feedback (deg)"])
 
 
-def test_a_stage_that_is_not_reached_is_a_dash(table):
+def test_a_stage_that_is_not_reached_has_no_value(table):
     nothing = np.full(STAGES, np.nan)
     empty = dict.fromkeys(("bound", "growth", "gap", "residual", "true_maximum", "violation"), nothing)
     status = np.array(["optimal"] * 11 + ["not solved"])
-    made = funnel(status=status, stage_sound=np.zeros(STAGES, bool), tightness=np.array([1e-6, np.nan]), **empty)
-    rows = table("verification", funnel=made)
-    assert rows[-1][2] == DASH and rows[-1][8] == "not solved" and rows[-1][13] == "no"
-    assert rows[1][-1] == "1.0e-06" and rows[2][-1] == "" and rows[-1][-1] == DASH
+    own = funnel(status=status, stage_sound=np.zeros(STAGES, bool), tightness=np.array([1e-6, np.nan]), **empty)
+    data = table("verification", funnel=own)
+    assert data["bound over rho"].isna().all() and not data["sound"].any()
+    assert data["solver"].iloc[-1] == "not solved"
+    tight = data["polynomial below its bound"]
+    assert tight[0] == 1e-6 and tight[1:].isna().all()
 
 
 def test_forms_are_compared_with_the_first(table):
     bound = np.array([1.25, 1.25 * (1 + 1e-6)])
-    rows = table("forms", stage_study=stage_study(form_bound=bound, polynomial_maximum=1.25 * (1 - 2e-7)))
-    assert [row[2] for row in rows[1:4]] == ["+0.0e+00", "+1.0e-06", "-2.0e-07"]
+    study = stage_study(form_bound=bound, polynomial_maximum=1.25 * (1 - 2e-7))
+    np.testing.assert_allclose(table("forms", stage_study=study)["difference"], [0.0, 1e-6], atol=1e-12)
+    assert table("ascents", stage_study=study)["difference"][0] == pytest.approx(-2e-7, rel=1e-6)
 
 
 def test_ranks_that_are_not_computed_are_none(table):
-    rows = table("counts")
-    assert rows[1][4] == "27" and rows[1][8] == "182"
-    assert rows[2][4] == rows[2][8] == "not computed"
+    data = table("counts")
+    assert (data["rank at samples"][0], data["rank of products"][0]) == (27, 182)
+    assert data["rank at samples"].isna()[1] and data["rank of products"].isna()[1]
 
 
-def test_the_euler_step_is_judged_in_its_own_rows(table):
-    made = discretization(least_excess=np.array([-0.0056, 0.01]), unsafe_share=np.array([0.35, 0.0]))
-    rows = table("numbers_of_slices", discretization=made)
-    assert [row[1] for row in rows[1:]] == ["flow", "euler"] * 2
-    assert rows[1][5:] == ("",) * 5 and rows[2][5:7] == ("35.0", "0.560")
+def test_bounds_by_the_samples_taken_stand_beside_each_other(table):
+    study = stage_study()
+    data = table("exponents", stage_study=study)
+    np.testing.assert_array_equal(data["in x, set 2"], study.exponent_bound[:, 1])
+
+
+def test_the_euler_step_has_a_table_of_its_own(table):
+    study = discretization(least_excess=np.array([-0.0056, 0.01]), unsafe_share=np.array([0.35, 0.0]))
+    assert list(table("numbers_of_slices", discretization=study)["condition"]) == ["flow", "euler"] * 2
+    row = table("euler_step", discretization=study).iloc[0]
+    assert row["stages where it is too small (%)"] == pytest.approx(35.0)
+    assert row["too small by at most (%)"] == pytest.approx(0.56)
 
 
 def test_proven_levels_stand_beside_those_by_samples(table):
-    made = funnel()
-    rows = table("proof", funnel=made, proven=proven(level=1.125 * made.level))
-    assert {row[3] for row in rows[1:]} == {"1.12500"} and rows[-1][4:] == ("",) * 5
+    own = funnel()
+    data = table("proof", funnel=own, proven=proven(level=1.125 * own.level))
+    np.testing.assert_allclose(data["over that by samples"], 1.125)
+    assert data.iloc[-1, 4:].isna().all()
 
 
 def test_levels_of_the_dubins_car_are_named(table):
     study, calm = dubins_study(), ensemble(13)
-    rows = table("dubins_levels", dubins_study=study, dubins_calm=calm)
-    assert [row[1] for row in rows[1:6]] == ["samples", "multipliers", "linear dynamics, exact", "40 runs", "proven"]
-    assert rows[4][4] == f"{calm.maximum_over_trials[30, 0]:.5f}"
-    assert float(rows[5][2]) == pytest.approx(study.proven_level[0, 0], abs=1e-5)
-    assert [row[0] for row in rows[6:9]] == ["euler"] * 3
+    data = table("dubins_levels", dubins_study=study, dubins_calm=calm)
+    assert list(data["by"][:5]) == ["samples", "multipliers", "linear dynamics, exact", "40 runs", "proven"]
+    assert data.iloc[3, 4] == calm.maximum_over_trials[30, 0]
+    assert data.iloc[4, 2] == study.proven_level[0, 0]
+    assert list(data["funnel"][5:8]) == ["euler"] * 3
 
 
-def test_readings_tell_what_differs_and_count_what_is_outside(readings):
+def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels):
     laws = {
         name: ensemble(seed, outside_at_slices=count, outside_between=0)
         for name, seed, count in (("constant", 4, 1), ("redrawn", 11, 2), ("adversarial", 12, 4))
     }
     growth = np.full(STAGES, 2.0)
-    made = funnel(growth=growth, true_maximum=np.where(np.arange(STAGES) < 5, 2.5, 1.5), violation=growth / 100.0)
-    rows = readings(funnel=made, **laws)
-    by_name = {row[0]: dict(zip(rows[0], row, strict=True)) for row in rows[1:]}
-    assert list(by_name)[:2] == ["printed", "corrected"] and len(by_name) == 7
-    corrected = by_name["corrected"]
-    assert corrected["inputs that differ from corrected (SI)"] == ""
-    assert corrected["flights outside, of all kinds"] == "7" and corrected["flights"] == "120"
-    assert corrected["stages beyond whose bound motion was found, additive disturbances apart"] == "5 of 12"
-    assert corrected["by at most (%)"] == "2.000"
-    assert by_name["euler"]["inputs that differ from corrected (SI)"] == "condition euler"
-    assert "largest_feedback any" in by_name["printed"]["inputs that differ from corrected (SI)"]
-    assert by_name["printed"]["samples on the slices"] == "no"
+    own = funnel(growth=growth, true_maximum=np.where(np.arange(STAGES) < 5, 2.5, 1.5), violation=growth / 100.0)
+    data = readings(funnel=own, **laws).set_index("reading")
+    assert list(data.index) == list(funnels.study.readings)
+    corrected = data.loc["corrected"]
+    assert corrected.isna()["inputs that differ"]
+    assert (corrected["flights outside"], corrected["flights"]) == (7, 120)
+    assert (corrected["stages exceeded"], corrected["stages"]) == (5, 12)
+    assert corrected["exceeded by at most (%)"] == pytest.approx(2.0)
+    assert data.loc["euler", "inputs that differ"] == "condition euler"
+    assert "largest_feedback any" in data.loc["printed", "inputs that differ"]
+    assert not data.loc["printed", "samples on the slices"]
 
 
 def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
     nothing = np.full(STAGES, np.nan)
     level = np.where(np.arange(SLICES) < 4, np.arange(1.0, SLICES + 1), np.nan)
-    made = funnel(true_maximum=nothing, violation=nothing, level=level, outcome="the funnel diverges")
-    rows = readings(funnel=made)
-    row = next(dict(zip(rows[0], row, strict=True)) for row in rows[1:] if row[0] == "corrected")
-    assert (
-        row["stages beyond whose bound motion was found, additive disturbances apart"] == DASH
-        and row["last rho"] == DASH
-    )
-    assert row["local maxima of rho (s)"] == "none" and row["largest rho"] == "4"
-    assert row["outcome"] == "the funnel diverges"
+    own = funnel(true_maximum=nothing, violation=nothing, level=level, outcome="the funnel diverges")
+    row = row_of(readings(funnel=own), reading="corrected")
+    assert row.isna()[["stages exceeded", "last rho", "times of local maxima"]].all()
+    assert (row["largest rho"], row["outcome"]) == (4.0, "the funnel diverges")
 
 
-def test_numbers_have_no_more_digits_than_can_be_read(funnels):
-    assert tables._number(-0.0001, ".2f") == "0.00"
-    assert tables._number(6.5e9, ".2f") == "6.5e+09" and tables._number(np.inf, ".2f") == DASH
+def test_inputs_of_the_size_alone_do_not_count_as_different(funnels):
     changed, default = (
         funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)
         for number, radius in ((5, 1.0), (7, 2.0))

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from marsedl.papers import catalogue
-from marsedl.papers.powered_descent import claims, figures, tables
-from marsedl.papers.powered_descent.claims import Records
-from marsedl.papers.powered_descent.records import THRUST
+from marsedl.papers.powered_descent import figures, tables
+from marsedl.papers.powered_descent.claims import measures
+from marsedl.papers.powered_descent.claims.measures import UPPER
+from marsedl.replication.claiming import claims_of
 from marsedl.replication.claims import collect
 from marsedl.replication.errors import InputError
 
 PAPER = catalogue("powered_descent")
+DECLARATIONS = claims_of("powered_descent").declarations
 READINGS = ("corrected", "printed", "target4")
 
 
@@ -30,7 +32,7 @@ def evaluations(pipeline):
 @pytest.fixture(scope="module")
 def rows(published, evaluations):
     known = {erratum.id for erratum in PAPER.errata}
-    made = collect(list(published.values()), claims.DECLARATIONS, evaluations, known_errata=known)
+    made = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=known)
     return {row["id"]: row for row in made}
 
 
@@ -70,13 +72,13 @@ def test_every_printed_claim_has_an_evaluator_in_every_reading(published, evalua
 def test_a_claim_without_evaluator_is_noticed(published, evaluations):
     without = {name: value for name, value in evaluations["corrected"].items() if name != "gain_jump_26s"}
     with pytest.raises(InputError, match="without an evaluator: gain_jump_26s"):
-        collect(list(published.values()), claims.DECLARATIONS, evaluations | {"corrected": without})
+        collect(list(published.values()), DECLARATIONS, evaluations | {"corrected": without})
 
 
 def test_declarations_name_existing_claims_and_errata(published):
     known = [erratum.id for erratum in PAPER.errata]
     assert known == [f"E{number}" for number in range(1, 18)]
-    for name, declaration in claims.DECLARATIONS.items():
+    for name, declaration in DECLARATIONS.items():
         assert name in published
         assert set(declaration.errata) <= set(known), name
         assert declaration.close is None  # nothing is excused by a tolerance
@@ -92,7 +94,6 @@ def test_readings_over_which_reasons_speak_exist(pipeline):
 
 DIFFERS = {
     "prior_final_mass": "E10",
-    "fig3_ellipse_confidence": "E14",
     "mc_final_mean": "E11",
     "mc_final_cov_diag": "E7",
     "mc_final_cov_lower": "E8",
@@ -101,6 +102,11 @@ DIFFERS = {
     "eq46_boundary_conditions": "E1",
     "alg1_meets_boundary_conditions": "E2",
 }
+# By the paper itself, or by half or twice the threshold of its words.
+UNDETERMINED = {"compute_effort", "fig3_ellipse_confidence", "intermediate_cov_met", "var_endpoints_nearly_exact"}
+# By noise, with the trials of these tests: the full size has five times as many.
+UNDETERMINED |= {"var_midcourse_minor_deviation"}
+BY_CONSTRUCTION = {"mass_iteration_converges", "mass_variation_from_feedback_only", "q_invertible_all_t"}
 
 
 def test_verdicts_of_the_corrected_reading(rows):
@@ -108,8 +114,10 @@ def test_verdicts_of_the_corrected_reading(rows):
         if name in DIFFERS:
             assert row["verdict"] in ("differs", "fails"), name
             assert DIFFERS[name] in row["errata"] and row["reason"], name
-        elif name == "compute_effort":
-            assert row["verdict"] == "undetermined"
+        elif name in UNDETERMINED:
+            assert row["verdict"] == "undetermined", name
+        elif name in BY_CONSTRUCTION:
+            assert row["verdict"] == "by_construction", name
         else:
             assert row["verdict"] == ("holds" if row["kind"] == "qualitative" else "reproduced"), name
         assert "{" not in row["reason"]
@@ -126,7 +134,7 @@ def test_the_smaller_target_reproduces_the_printed_variances(rows):
 
 
 def test_failures_of_the_literal_reading_are_visible(rows):
-    for name in ("mc_mean_final_mass", "prior_final_mass", "mc_final_cov_diag"):
+    for name in ("mc_mean_final_mass", "prior_final_mass"):
         assert verdict(rows, name, "printed") == "differs", name
     for name in ("final_cov_steered", "prior_mass_sufficient", "alg1_meets_boundary_conditions"):
         assert verdict(rows, name, "printed") == "fails", name
@@ -148,85 +156,101 @@ def test_values_are_those_of_the_artifacts(pipeline, evaluations):
     assert found["mc_final_mean"].trials == len(state)
 
 
-# --- the tests of statements can fail ---------------------------------------------------------------------------------
+# --- verdicts can fail ------------------------------------------------------------------------------------------------
 
 
-def shifted(ensemble, **changes):
-    """An ensemble that ends elsewhere: `state` is added to the final states, `spread` scales their deviations."""
-    mean = ensemble.final_state.mean(axis=0)
-    final = mean + changes.get("spread", 1.0) * (ensemble.final_state - mean) + changes.get("state", 0.0)
-    means, covariance = ensemble.mean.copy(), ensemble.covariance.copy()
-    means[-1], covariance[-1] = final.mean(axis=0), np.cov(final, rowvar=False)
-    return replace(ensemble, final_state=final, mean=means, covariance=covariance)
+@pytest.fixture(scope="module")
+def turned(pipeline, published, rows):
+    made = pipeline.artifacts("corrected", large=True)
+    values = pipeline.inputs("corrected").values
+    return claims_of("powered_descent").turned(rows.values(), values, lambda name, kind: made.get(name), published)
 
 
-def scaled_variance(ensemble, output, factor):
-    covariance = ensemble.covariance.copy()
-    covariance[output] *= factor
-    return replace(ensemble, covariance=covariance)
+def test_every_counted_claim_is_turned_by_its_counterexample(turned):
+    assert len(turned) == 31 - 2 - len(BY_CONSTRUCTION)  # two are left open by the paper
+    assert not [name for name, example in turned.items() if example is None]
 
 
-BROKEN = {
-    "mc_mass_above_prior": lambda a: {"closed_loop": shifted(a["closed_loop"], state=[0, 0, 0, 0, 1.0])},
-    "mass_iteration_converges": lambda a: {
-        "nominal": replace(a["nominal"], integrated_change=np.array([1.0, 0.5, 0.6]))
-    },
-    "mass_variation_from_feedback_only": lambda a: {"open_loop": a["closed_loop"]},
-    "final_mean_steered": lambda a: {"closed_loop": shifted(a["closed_loop"], state=[0, 0.2, 0, 0, 0])},
-    "final_cov_steered": lambda a: {"closed_loop": shifted(a["closed_loop"], spread=1.2)},
-    "prior_mass_sufficient": lambda a: {"closed_loop": shifted(a["closed_loop"], spread=0.8)},
-    "intermediate_cov_met": lambda a: {"closed_loop": scaled_variance(a["closed_loop"], slice(52, 54), 1.4)},
-    "disperse_then_contract": lambda a: {"closed_loop": scaled_variance(a["closed_loop"], slice(1, 52), 0.2)},
-    "open_loop_mean_equals_closed_loop_mean": lambda a: {
-        "open_loop": shifted(a["open_loop"], state=[0, 30.0, 0, 0, 0])
-    },
-    "gain_jump_26s": lambda a: {"gains": replace(a["gains"], gain=np.ones_like(a["gains"].gain))},
-    "control_jump_26s": lambda a: {"gains": replace(a["gains"], feedforward=np.ones_like(a["gains"].feedforward))},
-    "max_thrust_not_exceeded": lambda a: {"closed_loop": with_largest_thrust(a["closed_loop"], 18_001.0)},
-    "var_endpoints_nearly_exact": lambda a: {"closed_loop": scaled_variance(a["closed_loop"], -1, 1.2)},
-    "var_midcourse_minor_deviation": lambda a: {"closed_loop": scaled_variance(a["closed_loop"], 26, 1.3)},
-    "midcourse_deviation_cause": lambda a: {"closed_loop": scaled_variance(a["closed_loop"], 26, 1.3)},
-    "control_is_optimal": lambda a: {
-        "certificates": replace(a["certificates"], mean_cost_ratio=a["certificates"].mean_cost_ratio - 1e-3)
-    },
-    "eq37_equals_eq39": lambda a: {
-        "certificates": replace(a["certificates"], costate_error_eq37=np.array([0.0, 1e-3]))
-    },
-    "q_invertible_all_t": lambda a: {"gains": replace(a["gains"], escape_margin=a["gains"].escape_margin - 0.01)},
-}
+def test_counterexamples_are_changes_of_plausible_size(turned):
+    for name, example in turned.items():
+        if example["change"] in ("scaled", "spread"):
+            assert 0.3 < example["amount"] < 4, name
+        if example["change"] == "shifted":
+            assert abs(example["amount"]) < 0.5, name
 
 
-def with_largest_thrust(ensemble, thrust):
-    largest = ensemble.observed_maximum.copy()
-    largest[7, THRUST] = thrust
-    return replace(ensemble, observed_maximum=largest)
+def with_variances(ensemble, factor):
+    return replace(ensemble, covariance=factor * ensemble.covariance)
 
 
-@pytest.mark.parametrize("name", BROKEN)
-def test_statements_are_decided_by_the_numbers(pipeline, evaluations, name):
-    changed = BROKEN[name](pipeline.artifacts("corrected"))
-    assert evaluate(pipeline, "corrected", **changed)[name].value is not evaluations["corrected"][name].value
+def test_the_cause_of_the_deviation_is_refuted_by_a_deviation_that_stays(pipeline):
+    """A prediction that is wrong whatever the mass: neither sampling nor the profile explains it."""
+    made = pipeline.artifacts("corrected", large=True)
+    wrong = {name: with_variances(made[name], 1.4) for name in made if name.startswith(("closed_loop", "prior_mass"))}
+    wrong = {name: ensemble for name, ensemble in wrong.items() if hasattr(ensemble, "covariance")}
+    assert evaluate(pipeline, "corrected", large=True)["midcourse_deviation_cause"].value is True
+    evaluation = pipeline.evaluate("corrected", made | wrong)["midcourse_deviation_cause"]
+    assert evaluation.value is False and not evaluation.undetermined
 
 
-MENDED = {
-    "eq23_equality": lambda a: {"certificates": replace(a["certificates"], index_eq23=a["certificates"].index_eq20)},
-    "eq46_boundary_conditions": lambda a: {"certificates": replace(a["certificates"], eq46_residual=np.zeros(2))},
-    "alg1_meets_boundary_conditions": lambda a: {
-        "fixed_point": replace(a["fixed_point"], covariance_error=0.0 * a["fixed_point"].covariance_error)
-    },
-}
+def test_a_pure_turn_of_the_control_is_a_jump(pipeline):
+    gains = pipeline.gains()
+    turned = np.where(gains.segment[:, np.newaxis] == 0, [3000.0, 4000.0], [4000.0, 3000.0])
+    steady = np.tile([3000.0, 4000.0], (len(gains.time), 1))
+    for feedforward, jumps in ((turned, True), (steady, False)):
+        made = pipeline.artifacts("corrected") | {"gains": replace(gains, feedforward=feedforward)}
+        assert pipeline.evaluate("corrected", made)["control_jump_26s"].value is jumps
 
 
-@pytest.mark.parametrize("name", MENDED)
-def test_statements_that_fail_would_hold_if_the_numbers_agreed(pipeline, evaluations, name):
-    assert evaluations["corrected"][name].value is False
-    assert evaluate(pipeline, "corrected", **MENDED[name](pipeline.artifacts("corrected")))[name].value is True
+def test_without_the_study_a_reading_still_has_its_verdicts(pipeline):
+    made = pipeline.artifacts("target4")
+    assert "choices" not in made and "fixed_point" not in made
+    found = pipeline.evaluate("target4", made)
+    assert {name for name, evaluation in found.items() if evaluation is None} == {
+        *("control_is_optimal", "eq23_equality", "eq37_equals_eq39", "eq46_boundary_conditions"),
+        "alg1_meets_boundary_conditions",
+    }
 
 
-def test_every_statement_has_a_counterexample(published):
-    statements = {name for name, claim in published.items() if claim.kind == "qualitative"}
-    # The remaining one is the monotone dependence on the start covariance, tested with the design.
-    assert statements - set(BROKEN) - set(MENDED) == {"segment2_depends_on_intermediate"}
+# --- what was tried ---------------------------------------------------------------------------------------------------
+
+
+def test_the_reason_of_the_prior_mass_counts_what_was_tried(pipeline, published, rows):
+    choices = pipeline.choices()
+    masses = choices.final_mass
+    assert masses.shape == (2, 2, 2, 3, 2, 4)
+    tried = measures.tried_masses(choices, published)
+    assert (tried.number, tried.converged) == (192, 24)
+    assert tried.lowest_converged == pytest.approx(1349.40, abs=5e-3) == masses[..., 0, -1].min()
+    # What rounds to the printed number: exchanged speeds, in a first pass whose flight has no feedback.
+    near = np.argwhere(np.abs(masses - 1346) <= 0.5)
+    assert [tuple(index) for index in near] == [(0, 1, 1, constant, 1, 0) for constant in range(3)]
+    assert (
+        "3 round to the printed number (pass 1, without feedback, speeds exchanged)"
+        in rows["prior_final_mass"]["reason"]
+    )
+
+
+def test_a_choice_that_burns_all_of_the_mass_has_no_final_mass(pipeline, published):
+    choices = pipeline.choices(choice_mass_flow_constants=np.array([4.8541333e-4, 5e-3]), choice_trials=2)
+    assert np.isfinite(choices.final_mass[:, :, :, 0]).all()
+    # Ten times the mass flow: some iterations burn all of the mass on the way, and go no further.
+    lost = np.isnan(choices.final_mass[:, :, :, 1])
+    assert 0 < lost[..., -1].sum() < lost[..., -1].size
+    assert (lost[..., 1:] >= lost[..., :-1]).all()
+    assert measures.tried_masses(choices, published).number == np.isfinite(choices.final_mass).sum() < 128
+
+
+def test_the_chi_square_of_a_choice_is_that_of_its_mean(pipeline, published):
+    choices = pipeline.choices()
+    chi_square = measures.mean_chi_square(published, choices)
+    assert chi_square.shape == (3, 3, 9)
+    index = (2, 1, 4)
+    difference = np.array([100.111, 49.807, 0.092, -0.005]) - choices.mean[index]
+    error = choices.covariance[index] / 2000 + choices.mean_error[index]
+    assert chi_square[index] == pytest.approx(difference @ np.linalg.inv(error) @ difference)
+    tried = measures.tried_means(choices, published)
+    assert tried.chi_square == chi_square.min() > 30 and tried.p_value < 1e-5
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -236,37 +260,59 @@ def test_printed_covariance_is_mended_as_the_errata_say(published):
     covariance = tables.printed_covariance(published)
     np.testing.assert_array_equal(covariance, covariance.T)
     np.testing.assert_array_equal(np.diag(covariance), [3.889, 0.250, 0.243, 0.276])
-    upper = covariance[claims.UPPER]
+    upper = covariance[UPPER]
     np.testing.assert_allclose(upper, [-0.055, 0.036, -0.009, 0.013, 0.0105, -0.0065], atol=1e-12)
 
 
 def test_table_of_equation_54(pipeline, published):
     ensemble = pipeline.ensemble()
-    table = tables.eq54(published, ensemble)
-    assert {len(row) for row in table} == {7}
-    by_name = {row[0]: row for row in table[1:]}
-    assert len(by_name) == 4 + 10 + 2
-    name, printed, value, error, paper_error, z, _ = by_name["mean r2"]
-    state = ensemble.final_state
-    assert (name, printed, value) == ("mean r2", "49.8070", f"{state[:, 1].mean():.4f}")
-    assert float(error) == pytest.approx(0.5 / np.sqrt(2000), rel=0.05)
-    assert error == paper_error  # as many trials as the paper's
-    assert float(z) == pytest.approx((49.807 - state[:, 1].mean()) / (np.sqrt(2) * 0.5 / np.sqrt(2000)), rel=0.1)
-    assert by_name["var r1"][2] == f"{state[:, 0].var(ddof=1):.4f}"
+    table = tables.eq54(published, ensemble).set_index("quantity")
+    assert len(table) == 4 + 10
+    mean, state = table.loc["mean r2"], ensemble.final_state
+    assert (mean["unit"], mean["in the paper"], mean["trials"]) == ("m", 49.807, 2000)
+    assert mean["here"] == pytest.approx(state[:, 1].mean(), rel=1e-12)
+    assert mean["standard error"] == pytest.approx(0.5 / np.sqrt(2000), rel=0.05)
+    assert mean["standard error"] == mean["paper's standard error"]  # as many trials as the paper's
+    assert mean["z"] == pytest.approx((49.807 - state[:, 1].mean()) / (np.sqrt(2) * 0.5 / np.sqrt(2000)), rel=0.1)
+    assert table.loc["var r1", "here"] == pytest.approx(state[:, 0].var(ddof=1), rel=1e-12)
+    assert table.loc[["cov r1, r2", "cov r2, v1", "cov v1, v2"], "unit"].tolist() == ["m^2", "m^2/s", "m^2/s^2"]
     # and the large ensemble where there is one
     large = pipeline.ensemble(case="closed_loop_large", trials=20_000)
-    assert tables.eq54(published, ensemble, large)[1][-1] == "20000"
+    assert set(tables.eq54(published, ensemble, large)["trials"]) == {20_000}
+    tests = tables.eq54_tests(published, ensemble, large)
+    assert tests["degrees of freedom"].tolist() == [10, 6] and set(tests["trials"]) == {20_000}
+
+
+def test_table_of_algorithm_1_gives_variances_of_the_printed_order_alone(pipeline):
+    study = pipeline.fixed_point()
+    table = tables.algorithm_1(study)
+    assert len(table) == study.iterations.size
+    errors = table.set_index("order")["largest error of the final variances (%)"]
+    assert errors["gauss_seidel"].isna().all()
+    np.testing.assert_array_equal(errors["jacobi"], 100 * study.covariance_error.ravel())
 
 
 def test_table_of_readings(pipeline, published):
-    made = {name: (pipeline.all_inputs(name), Records(**pipeline.artifacts(name))) for name in READINGS}
-    header, *table = tables.readings(made, published)
-    assert [row[0] for row in table] == list(READINGS)
-    assert all(len(row) == len(header) for row in table)
-    corrected, printed, target4 = (dict(zip(header, row, strict=True)) for row in table)
-    assert corrected["design / plant noise (N s^1/2)"] == "360 / 360"
-    assert printed["design / plant noise (N s^1/2)"] == "7.071 / 0.02"
-    assert corrected["prior final mass (kg)"] == "1349.445"
-    assert (corrected["target var r1 (m^2)"], target4["target var r1 (m^2)"]) == ("5", "4")
-    assert float(corrected["p"]) < 1e-3 < 0.01 < float(target4["p"])
-    assert 0.83 < float(corrected["largest thrust / maximum"]) < 0.88
+    large = {name: pipeline.artifacts(name, large=name != "printed") for name in READINGS}
+    whole = tables.readings(pipeline.of_readings(tables.Records, large), published)
+    # Rows of equal trials stand together.
+    assert whole["reading"].tolist() == [*READINGS, "corrected", "target4"]
+    assert whole["trials"].tolist() == [2000] * 3 + [20_000] * 2
+    table = whole.iloc[:3].set_index("reading")
+    corrected, printed, target4 = (table.loc[name] for name in ("corrected", "printed", "target4"))
+    noise = ["design noise (N sqrt(s))", "plant noise (N sqrt(s))"]
+    assert corrected[noise].tolist() == [360.0, 360.0]
+    assert printed[noise].tolist() == pytest.approx([50 / np.sqrt(50), 0.02])
+    assert corrected["prior final mass (kg)"] == pytest.approx(1349.445, abs=5e-4)
+    assert (corrected["target var r1 (m^2)"], target4["target var r1 (m^2)"]) == (5.0, 4.0)
+    assert corrected["p"] < 1e-3 < 0.01 < target4["p"]
+    assert 0.83 < corrected["largest thrust over the maximum"] < 0.88
+
+
+def test_tables_of_choices(pipeline, published):
+    choices = pipeline.choices()
+    masses = tables.choices_of_mass(published, choices)
+    assert len(masses) == 24 and masses["rounds to the printed"].sum() == 3
+    assert masses["final mass (kg)"].min() == pytest.approx(1349.40, abs=5e-3)
+    simulated = tables.choices_of_simulation(published, choices)
+    assert len(simulated) == 81 and simulated["chi-square"].min() == measures.tried_means(choices, published).chi_square

@@ -85,6 +85,27 @@ def test_final_mass_of_other_inputs(pipeline, reading, changes, final_mass, tole
     assert pipeline.nominal(reading, **changes).mass[-1] == pytest.approx(final_mass, abs=tolerance)
 
 
+FIRST_PASSES = [("first_pass", 1350.152), ("first_pass_without_feedback", 1341.67)]
+
+
+@pytest.mark.parametrize(("profile", "final_mass"), FIRST_PASSES)
+def test_a_profile_of_the_first_pass_is_what_the_design_assumes(pipeline, profile, final_mass):
+    made = pipeline.nominal(mass_profile=profile)
+    assert made.mass[-1] == pytest.approx(final_mass, abs=0.01)
+    np.testing.assert_array_equal(made.mass, made.mass_of_pass[1])
+    # Both iterations end at the same profile, and the design of the gains is that of the stored mean.
+    np.testing.assert_allclose(made.mass_of_pass[-1], pipeline.nominal().mass, atol=1e-6)
+    gains = pipeline.gains(mass_profile=profile)
+    np.testing.assert_allclose(gains.mean, made.mean, atol=1e-8)
+    np.testing.assert_allclose(gains.feedforward, made.feedforward, atol=1e-5)
+    assert np.abs(gains.feedforward - pipeline.gains().feedforward).max() > 1.0
+
+
+def test_without_feedback_the_second_pass_is_known(pipeline):
+    masses = pipeline.nominal(mass_profile="first_pass_without_feedback").mass_of_pass[:, -1]
+    np.testing.assert_allclose(masses[1:5], [1341.67, 1349.739, 1349.435, 1349.445], atol=5e-3)
+
+
 @pytest.mark.parametrize("reading", ["newton_noise", "target4", "printed_eq46"])
 def test_mass_and_mean_do_not_depend_on_noise_and_covariances(pipeline, reading):
     # The feedback is idle at the fixed point; what is left is the stopping tolerance of the iteration.
@@ -474,6 +495,16 @@ def test_printed_algorithm_in_newtons_is_slow_and_its_stopping_rule_wrong(pipeli
     assert not study.converged[0, 0].any()
     assert study.loose_iterations[0].tolist() == [88, 31]
     assert study.loose_variance[0, 0, 0] == pytest.approx(1307, abs=1)
+
+
+def test_the_range_of_the_sweep_and_of_the_search_are_inputs(pipeline):
+    study = pipeline.fixed_point(density_range=np.array([200.0, 400.0]), density_points=5)
+    np.testing.assert_allclose(study.density[[0, -1]], [200.0, 400.0])
+    assert study.sweep_error.shape == (5, 2, 2)
+    above = pipeline.fixed_point(critical_density_range=np.array([300.0, 400.0]))
+    assert (above.critical_density == 0).all()  # none in the range
+    tight = pipeline.fixed_point(fixed_point_loose_tolerance=1e-9)
+    assert (tight.loose_iterations >= pipeline.fixed_point().loose_iterations).all()
 
 
 def test_iterations_grow_with_less_noise_and_stop_at_critical_densities(pipeline):

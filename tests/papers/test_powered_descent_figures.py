@@ -110,11 +110,15 @@ def ellipses(axes, color):
 
 
 def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
-    left, right = draw("fig03").axes
+    left, right, *targets = draw("fig03").axes
     closed, opened = pipeline.ensemble(), pipeline.ensemble(case="open_loop")
     gains = pipeline.gains()
     assert len(curves(left, ORANGE)) == len(opened.kept_history) == DRAWN and not curves(right, ORANGE)
-    for axes in (left, right):
+    for axes, (r1, r2), (var1, var2) in zip(targets, ((50, 150), (100, 50)), ((10, 10), (5, 0.25)), strict=True):
+        reach = 1.6 * 3 * np.sqrt([var1, var2])
+        np.testing.assert_allclose(np.diff([axes.get_xlim(), axes.get_ylim()])[:, 0], 2 * reach, rtol=1e-3)
+        np.testing.assert_allclose(np.mean([axes.get_xlim(), axes.get_ylim()], axis=1), [r1, r2], atol=0.05)
+    for axes in (left, right, *targets):
         trials = curves(axes, BLUE)
         assert len(trials) == len(closed.kept_history) == DRAWN
         for line, trial in zip(trials, closed.kept_history, strict=True):
@@ -141,7 +145,7 @@ def test_fig03_trials_ellipses_and_markers(draw, pipeline, node):
         assert all(inside)
         paths = [line for line in curves(axes, BLACK) if len(line.get_xdata()) == len(gains.time)]
         assert len(paths) == 1
-    assert "sigma" in right.get_title() and "98.9 %" in right.get_title()
+    assert any("3-sigma ellipses (98.9 %)" in text.get_text() for text in draw("fig03").legends[0].get_texts())
 
 
 def test_fig04_shows_the_components_of_the_same_trials(draw, pipeline):
@@ -171,7 +175,16 @@ def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node
     assert third[at_20] == pytest.approx(expected, abs=1e-9)
     expected = ensemble.mean[at_20, 4] - made.mass[node(made, 20.0)]
     assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
-    assert "2000 trials" in mean.get_label()
+    assert "2,000 trials" in mean.get_label()
+
+
+def test_fig05_marks_the_printed_final_masses(pipeline, published):
+    artifacts = {"nominal": pipeline.nominal(), "closed_loop": pipeline.ensemble()}
+    masses, difference = pipeline.product("figures", "fig05", "corrected", artifacts, published=published).axes
+    crosses = [
+        [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "x"] for axes in (masses, difference)
+    ]
+    assert crosses == [[[[41.0, 1349.0]], [[41.0, 1346.0]]], [[[41.0, 3.0]]]]
 
 
 def test_fig06a_shows_position_and_velocity_gains(draw, pipeline):
@@ -232,13 +245,17 @@ def test_fixed_point_figure_shows_both_orders_and_segments(draw, pipeline):
         assert len(curves(axes, color)) == len(curves(errors, color)) == 2
 
 
-def test_integrator_figure_shows_five_components_of_two_schemes(draw, pipeline):
-    strong, bias = draw("integrator_error").axes
+def test_integrator_figure_shows_every_component_with_those_of_its_unit(draw, pipeline):
     errors = pipeline.integrator_error()
-    marked = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
-    assert len(marked) == 10
-    for line in marked:
-        np.testing.assert_array_equal(line.get_xdata(), errors.step)
-    resolved = [line for line in bias.lines if line.get_marker() == "s" and len(line.get_xdata())]
-    assert len(resolved) == 5  # of Euler-Maruyama, whose bias in altitude is resolved at every step
-    assert all(np.isfinite(resolved[1].get_ydata()))
+    panels = np.reshape(draw("integrator_error").axes, (3, 2))
+    for (strong, bias), unit, components in zip(panels, ("m", "m/s", "kg"), ((0, 1), (2, 3), (4,)), strict=True):
+        assert strong.get_ylabel() == f"difference ({unit})"
+        expected = [errors.strong_error[scheme, :, component] for scheme in (0, 1) for component in components]
+        drawn = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
+        for line, values in zip(drawn, expected, strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), np.transpose([errors.step, values]))
+        lowest, highest = strong.get_ylim()
+        assert lowest <= np.min(expected) and np.max(expected) <= highest
+        resolved = [line for line in bias.lines if line.get_marker() == "s"]
+        assert len(resolved) == len(components)
+    assert all(np.isfinite(panels[0, 1].lines[3].get_ydata()))  # altitude, by Euler-Maruyama, is resolved at every step

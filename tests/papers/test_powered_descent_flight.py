@@ -1,6 +1,7 @@
 """The simulated flight: the compiled kernel against a plain oracle, and that nothing depends on how it is run."""
 
 from dataclasses import fields, replace
+from functools import partial
 
 import numba
 import numpy as np
@@ -9,12 +10,13 @@ from scipy.interpolate import CubicSpline
 
 from marsedl.montecarlo.ensembles import Trajectories
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.statistics import wishart_deviance
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.powered_descent import flight, montecarlo, segments
 from marsedl.papers.powered_descent.records import DEPTH, THRUST
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Flown, Trial
-from marsedl.replication.jobs import computed, given
+from marsedl.replication.jobs import arguments_of, compute_record
 
 GRAVITY, MASS_FLOW, NOISE_DENSITY, WET_MASS = 3.71, 1 / (210 * 9.81), 360.0, 1500.0
 DURATIONS = (26.0, 15.0)
@@ -22,7 +24,8 @@ DURATIONS = (26.0, 15.0)
 
 def simulator(pipeline, case="closed_loop", reading="corrected", **changes):
     inputs = pipeline.stage_inputs(reading, "montecarlo_chunk", **changes)
-    return inputs.call(montecarlo.block_simulator, gains=pipeline.gains(reading), case=case)
+    made = {"nominal": pipeline.nominal(reading), "gains": pipeline.gains(reading)}
+    return inputs.call(montecarlo.block_simulator, **made, case=case)
 
 
 def assert_identical(first, second):
@@ -41,15 +44,18 @@ def control_law(gains, number, feedback):
     return lambda t, x: feedforward(t) - feedback * gain(t) @ (x[:4] - mean(t))
 
 
-def rates(thrust, t, x, force):
-    """Eqs. 1, 2 and 49."""
+def rates(thrust, t, x, force, mass=None):
+    """Eqs. 1, 2 and 49; mass: the prior profile, m(t), if the plant has it in place of its own."""
     u = thrust(t, x)
-    acceleration = (u + force) / x[4] + np.array([0.0, -GRAVITY])
+    acceleration = (u + force) / (x[4] if mass is None else mass(t)) + np.array([0.0, -GRAVITY])
     return np.concatenate([x[2:4], acceleration, [-MASS_FLOW * np.linalg.norm(u)]])
 
 
-def oracle(gains, seed, trial, step, scheme, feedback=True):
-    """One trial, slowly; states (k, 5) and thrust magnitudes (k,) at all steps of both segments."""
+def oracle(gains, seed, trial, step, scheme, feedback=True, prior=None, hold=None):
+    """One trial, slowly; states (k, 5) and thrust magnitudes (k,) at all steps of both segments.
+
+    prior: `Nominal` of the mass that the plant has. hold: steps over which a command is held.
+    """
     counts = [round(duration / step) for duration in DURATIONS]
     draws = iter(normals(seed, flight.NOISE_STREAM, [trial], 2 * sum(counts))[0].reshape(-1, 2))
     initial = normals(seed, flight.INITIAL_STREAM, [trial], 4)[0]
@@ -58,38 +64,57 @@ def oracle(gains, seed, trial, step, scheme, feedback=True):
     state[:4] += np.sqrt([40.0, 40.0, 5.0, 5.0]) * initial
     states, thrusts = [], []
     for number, count in enumerate(counts):
-        thrust = control_law(gains, number, feedback)
-        for t in step * np.arange(count):
+        law = thrust = control_law(gains, number, feedback)
+        mass = None
+        if prior is not None:
+            nodes = np.flatnonzero(prior.segment == number)
+            mass = CubicSpline(prior.time[nodes] - prior.time[nodes[0]], prior.mass[nodes])
+        for k in range(count):
+            t = step * k
+            if hold and k % hold == 0:
+                thrust = partial(lambda held, t, x: held, law(t, state))
             states.append(state)
             thrusts.append(np.linalg.norm(thrust(t, state)))
             force = NOISE_DENSITY * next(draws) / np.sqrt(step)
-            slope_1 = rates(thrust, t, state, force)
+            slope_1 = rates(thrust, t, state, force, mass)
             if scheme == "euler_maruyama":
                 state = state + step * slope_1
                 continue
-            slope_2 = rates(thrust, t + step / 2, state + step / 2 * slope_1, force)
-            slope_3 = rates(thrust, t + step / 2, state + step / 2 * slope_2, force)
-            slope_4 = rates(thrust, t + step, state + step * slope_3, force)
+            if scheme == "semi_implicit_euler":
+                later = state + step * slope_1
+                state = np.concatenate([state[:2] + step * later[2:4], later[2:]])
+                continue
+            slope_2 = rates(thrust, t + step / 2, state + step / 2 * slope_1, force, mass)
+            slope_3 = rates(thrust, t + step / 2, state + step / 2 * slope_2, force, mass)
+            slope_4 = rates(thrust, t + step, state + step * slope_3, force, mass)
             state = state + step / 6 * (slope_1 + 2 * slope_2 + 2 * slope_3 + slope_4)
         states.append(state)
-        thrusts.append(np.linalg.norm(thrust(DURATIONS[number], state)))
+        thrusts.append(np.linalg.norm((thrust if hold and count % hold else law)(DURATIONS[number], state)))
     return np.array(states), np.array(thrusts)
 
 
 @pytest.mark.parametrize(
-    ("scheme", "case", "trial"),
+    ("scheme", "case", "trial", "hold"),
     [
-        ("rk4", "closed_loop", 0),
-        ("rk4", "closed_loop", 77),
-        ("rk4", "open_loop", 3),
-        ("euler_maruyama", "closed_loop", 5),
+        ("rk4", "closed_loop", 0, None),
+        ("rk4", "closed_loop", 77, None),
+        ("rk4", "open_loop", 3, None),
+        ("rk4", "prior_mass", 9, None),
+        ("rk4", "closed_loop", 11, 1),
+        ("rk4", "closed_loop", 11, 5),
+        ("rk4", "prior_mass", 12, 7),  # divides neither segment
+        ("euler_maruyama", "closed_loop", 5, None),
+        ("semi_implicit_euler", "closed_loop", 6, None),
+        ("semi_implicit_euler", "prior_mass", 6, 5),
     ],
 )
-def test_kernel_flies_the_equations(pipeline, scheme, case, trial):
+def test_kernel_flies_the_equations(pipeline, scheme, case, trial, hold):
     step, gains = 0.1, pipeline.gains()
     seed = pipeline.stage_inputs("corrected", "montecarlo_chunk").seed
-    states, thrusts = oracle(gains, seed, trial, step, scheme, feedback=case == "closed_loop")
-    flown = simulator(pipeline, case, integrator=scheme, time_step=step)(trial, trial + 1)
+    prior = pipeline.nominal() if case == "prior_mass" else None
+    states, thrusts = oracle(gains, seed, trial, step, scheme, case != "open_loop", prior, hold)
+    interval = {"command_interval": hold and hold * step}
+    flown = simulator(pipeline, case, integrator=scheme, time_step=step, **interval)(trial, trial + 1)
     outputs = np.r_[0:261:5, 261:412:5]  # every 0.5 s, the switch twice
     # Rounding of 410 steps, of the order of 1e-12 of the largest state.
     np.testing.assert_allclose(flown.history[..., 0], states[outputs], rtol=1e-9, atol=1e-9)
@@ -129,6 +154,47 @@ def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, no
         expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
         np.testing.assert_allclose(flown.observed[output, THRUST], expected, rtol=1e-9)
     assert (flown.observed[switch + 1, THRUST] < 0.6 * flown.observed[switch, THRUST]).all()
+
+
+@pytest.mark.parametrize("interval", [0.1, 0.5])
+def test_a_held_command_changes_only_when_it_is_renewed(pipeline, interval):
+    flown = simulator(pipeline, command_interval=interval, output_interval=0.1)(0, 3)
+    thrust, hold = flown.observed[:260, THRUST], round(interval / 0.1)
+    steady = np.diff(thrust, axis=0) == 0
+    renewed = np.arange(1, 260) % hold == 0
+    assert steady[~renewed].all() and not steady[renewed].any()
+
+
+def test_a_command_held_for_ever_shorter_times_is_the_continuous_one(pipeline):
+    exact = simulator(pipeline, time_step=0.01)(0, 20).final_state[:4]
+    errors = [
+        np.abs(simulator(pipeline, time_step=0.01, command_interval=held)(0, 20).final_state[:4] - exact).max()
+        for held in (0.5, 0.25, 0.125)
+    ]
+    assert errors[0] > 1.7 * errors[1] > 1.7**2 * errors[2] > 0  # first order in the interval
+
+
+def test_a_wide_switch_scales_the_scatter_at_the_switch_and_nothing_before(pipeline, node):
+    gains, switch = pipeline.gains(), 52
+    plain, wide = simulator(pipeline)(0, 40), simulator(pipeline, "wide_switch")(0, 40)
+    np.testing.assert_array_equal(wide.history[: switch + 1], plain.history[: switch + 1])
+    mean = gains.mean[node(gains, 26.0, True)][:, np.newaxis]
+    before, after = plain.history[switch, :4] - mean, wide.history[switch + 1, :4] - mean
+    np.testing.assert_allclose(after, np.sqrt(1.5) * before, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(wide.history[switch + 1, 4], plain.history[switch, 4])
+    same = simulator(pipeline, "wide_switch", wide_switch_factor=1.0)(0, 40)
+    np.testing.assert_array_equal(same.final_state, plain.final_state)
+
+
+def test_flights_with_the_prior_mass_have_the_moments_of_the_linear_design(pipeline):
+    # The motion is then linear with the noise of the design: mean and covariance are those of the targets, exactly.
+    final = simulator(pipeline, "prior_mass")(0, 20_000).final_state[:4].T
+    target = np.diag([5.0, 0.25, 0.25, 0.25])
+    assert (np.abs(final.mean(axis=0) - [100, 50, 0, 0]) < 4 * np.sqrt(np.diag(target) / 20_000)).all()
+    assert wishart_deviance(np.cov(final, rowvar=False), 20_000, target).p_value > 1e-3
+    # and those whose mass flows do not
+    own = simulator(pipeline)(0, 20_000).final_state[:4].T
+    assert wishart_deviance(np.cov(own, rowvar=False), 20_000, target).p_value < 1e-3
 
 
 # --- without noise ----------------------------------------------------------------------------------------------------
@@ -198,10 +264,12 @@ def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
     inputs, gains = pipeline.stage_inputs("corrected", "montecarlo"), pipeline.gains()
     options = {"case": "closed_loop", "trials": 1200, "block_size": 500}
 
-    def give(function, **others):
-        return given(function, inputs.values, lambda name, kind: {"gains": gains}.get(name), **others)
+    artifacts = {"gains": gains, "nominal": pipeline.nominal()}
 
-    made = computed(pipeline.paper.stages["montecarlo"].entries, give, options)
+    def give(function, **others):
+        return arguments_of(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
+
+    made = compute_record(pipeline.paper.stages["montecarlo"].entries, give, options)
     assert_identical(made, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
 
 
@@ -224,10 +292,11 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
     if trial < len(ensemble.kept_history):
         np.testing.assert_array_equal(alone.history[..., 0], ensemble.kept_history[trial])
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
-    text = inputs.call(montecarlo.replay, gains=gains, trial=Trial("closed_loop", trial, ensemble))
+    made = {"nominal": pipeline.nominal(), "gains": gains}
+    text = inputs.call(montecarlo.replay, **made, trial=Trial("closed_loop", trial, ensemble))
     assert "the same to the last bit" in text and f"trial {trial} of closed_loop: completed" in text
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.call(montecarlo.replay, gains=gains, trial=Trial("closed_loop", trial, other))
+    assert "DIFFERS" in inputs.call(montecarlo.replay, **made, trial=Trial("closed_loop", trial, other))
 
 
 def test_another_seed_gives_other_trials(pipeline):
@@ -300,8 +369,9 @@ def absurd(gains):
 
 def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     gains, inputs = pipeline.gains(), pipeline.stage_inputs("corrected", "montecarlo_chunk")
+    nominal = pipeline.nominal()
     good, bad = (
-        inputs.call(montecarlo.simulate, gains=flown, flown=Flown("closed_loop", 400, 200, chunk, 2))
+        inputs.call(montecarlo.simulate, nominal=nominal, gains=flown, flown=Flown("closed_loop", 400, 200, chunk, 2))
         for chunk, flown in enumerate((gains, absurd(gains)))
     )
     both = pipeline.stage_inputs("corrected", "montecarlo_gather").call(montecarlo.gather, [good, bad])
@@ -311,13 +381,14 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     for name in ("mean", "covariance", "observed_mean", "histogram", "maximum_over_trials"):
         np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
     assert not np.isfinite(both.final_state[200:]).all(axis=1).any()
-    trial = inputs.call(montecarlo.replay, gains=absurd(gains), trial=Trial("closed_loop", 3))
+    trial = inputs.call(montecarlo.replay, nominal=nominal, gains=absurd(gains), trial=Trial("closed_loop", 3))
     assert "trial 3 of closed_loop: not finite" in trial
 
 
 def test_a_case_with_only_non_finite_trials_can_still_be_stored(pipeline, tmp_path):
     gains, inputs = absurd(pipeline.gains()), pipeline.stage_inputs("corrected", "montecarlo_chunk")
-    chunk = inputs.call(montecarlo.simulate, gains=gains, flown=Flown("closed_loop", 100, 100))
+    made = {"nominal": pipeline.nominal(), "gains": gains}
+    chunk = inputs.call(montecarlo.simulate, **made, flown=Flown("closed_loop", 100, 100))
     gather = pipeline.stage_inputs("corrected", "montecarlo_gather")
     for made in (chunk, gather.call(montecarlo.gather, [chunk])):
         artifacts.save(tmp_path / "case.h5", made, paper="powered_descent", reading="corrected", provenance={})
@@ -385,3 +456,30 @@ def test_the_reference_of_the_study_is_the_finest_run(pipeline, errors):
     assert errors.reference_step == pytest.approx(0.01)
     assert errors.trials == 2000
     np.testing.assert_allclose(errors.step, [0.02, 0.05, 0.1, 0.2, 0.5])
+
+
+# --- choices of the simulation ----------------------------------------------------------------------------------------
+
+
+def test_the_mean_of_a_choice_is_that_of_many_trials(pipeline):
+    """The estimate from flights compared with linear ones, against plain means of forty times the trials."""
+    choices = pipeline.choices()
+    for index, changes in (
+        ((0, 0, 0), {}),
+        ((0, 0, 3), {"integrator": "euler_maruyama", "time_step": 0.05}),
+        ((0, 2, 0), {"command_interval": 0.5}),
+        ((2, 0, 0), {"mass_profile": "first_pass_without_feedback"}),
+    ):
+        many = pipeline.ensemble(trials=20_000, **changes)
+        error = np.sqrt(np.diag(many.covariance[-1, :4, :4] / many.count + choices.mean_error[index]))
+        assert (np.abs(choices.mean[index] - many.mean[-1, :4]) < 4 * error).all(), index
+        # and far more precise than the plain mean of as many trials
+        plain = np.diag(choices.covariance[index]) / choices.trials
+        assert (np.diag(choices.mean_error[index]) < 0.1 * plain).all(), index
+
+
+def test_a_command_that_is_held_for_one_euler_step_is_the_continuous_one(pipeline):
+    choices = pipeline.choices()
+    coarsest = np.flatnonzero((choices.step == 0.1) & (choices.scheme != "rk4"))
+    assert choices.command_interval[1] == 0.1
+    np.testing.assert_array_equal(choices.mean[:, 1, coarsest], choices.mean[:, 0, coarsest])

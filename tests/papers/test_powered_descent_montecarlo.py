@@ -15,7 +15,7 @@ from marsedl.montecarlo.statistics import (
     mean_standard_error,
     wishart_deviance,
 )
-from marsedl.papers.powered_descent import claims
+from marsedl.papers.powered_descent.claims.measures import UPPER
 from marsedl.papers.powered_descent.records import THRUST
 from marsedl.papers.powered_descent.tables import printed_covariance
 
@@ -61,7 +61,7 @@ def test_final_state_agrees_with_sixty_thousand_trials(large, reading):
     half_digit = 6e-4  # of the coarsest known value
     assert (np.abs(state.mean(axis=0) - known["mean"]) < SIGMAS * mean_errors + half_digit).all()
     assert (np.abs(np.diag(covariance) - known["variance"]) < SIGMAS * np.diag(errors) + half_digit).all()
-    assert (np.abs(covariance[claims.UPPER] - known["covariance"]) < SIGMAS * errors[claims.UPPER] + half_digit).all()
+    assert (np.abs(covariance[UPPER] - known["covariance"]) < SIGMAS * errors[UPPER] + half_digit).all()
     mass = ensemble.final_state[:, 4]
     mass_error = combined(mean_standard_error(mass.var(), TRIALS), TRIALS, REFERENCE_TRIALS)
     assert abs(mass.mean() - known["mass"]) < SIGMAS * mass_error + half_digit
@@ -149,6 +149,13 @@ def test_control_jumps_down_at_the_switch(pipeline, node):
         ensemble.observed_mean[node(ensemble, 26.0, side), THRUST] / MAXIMUM_THRUST for side in (False, True)
     )
     assert before == pytest.approx(0.58, abs=0.01) and after == pytest.approx(0.21, abs=0.01)
+
+
+def test_only_the_thrust_is_counted(pipeline):
+    ensemble = pipeline.fly("corrected", pipeline.gains(), trials=100, thrust_bins=50, thrust_range=2.0)
+    assert ensemble.histogram.shape == (len(ensemble.time), 1, 52)
+    np.testing.assert_allclose(ensemble.histogram_edges, [np.linspace(0.0, 36_000.0, 51)])
+    assert (ensemble.histogram.sum(axis=-1) == 100).all()
 
 
 # --- against the design -----------------------------------------------------------------------------------------------

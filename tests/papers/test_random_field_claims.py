@@ -9,18 +9,35 @@ import pytest
 from scipy import stats
 
 from marsedl.models import orbits
-from marsedl.papers.random_field import PAPER, claims, tables
-from marsedl.papers.random_field.claims import DECLARATIONS
-from marsedl.papers.random_field.components import BANK_COSINE, DYNAMIC_PRESSURE
+from marsedl.papers import catalogue
+from marsedl.papers.random_field import tables
+from marsedl.papers.random_field.claims import measures
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Regularization
-from marsedl.replication.claims import collect, judge, write_claims
+from marsedl.replication.claiming import claims_of
+from marsedl.replication.claims import COUNTED_VERDICTS, collect, judge, write_claims
+from marsedl.replication.tables import csv_text, printed_cells
 
+PAPER = catalogue("random_field")
+
+CLAIMS = claims_of("random_field")
+DECLARATIONS = CLAIMS.declarations
 TRIALS = 5000
 # Flown here; the other readings are evaluated with their own inputs and the artifacts of `corrected`.
-FLOWN = {"corrected": TRIALS, "printed": 1000, "literal_gains": 1000, "both_branches": 1000, "metres": 1000}
+FLOWN = {
+    "corrected": TRIALS,
+    **dict.fromkeys(("printed", "literal_gains", "both_branches", "metres"), 1000),
+    **dict.fromkeys(("angle_printed", "doc_fit", "doc_fit_correlated"), 2000),
+}
 STUDIED = {  # rest on studies of `corrected`
-    *("psi_hat_statistics", "w_joint_gaussian", "w_correlated", "history_feedback_needed", "subproblem_convex"),
+    *(
+        "psi_hat_statistics",
+        "w_joint_gaussian",
+        "w_correlated",
+        "w_not_identical",
+        "history_feedback_needed",
+        "subproblem_convex",
+    ),
     *("mean_from_v_covariance_from_gains", "l_variable_identities", "acap_short_end_steps_no_benefit"),
 }
 DOUBLE = ("dint_chance_constraints_satisfied", "dint_ellipses_protrude")
@@ -78,8 +95,7 @@ def artifacts(random_field, reading):
 
 
 def evaluate(random_field, reading="corrected", inputs=None, **replaced):
-    changed = random_field.all_inputs(reading, **(inputs or {}))
-    return claims.evaluate(changed, claims.Records(**(artifacts(random_field, reading) | replaced)))
+    return random_field.evaluate(reading, artifacts(random_field, reading) | replaced, inputs)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +125,7 @@ def test_every_table_and_summary_of_the_catalogue_has_its_function():
 
 def test_every_printed_claim_is_evaluated_in_every_reading(random_field, random_field_published, evaluations):
     wanted = {name for name, claim in random_field_published.items() if claim.kind != "context"}
-    assert len(wanted) == 80
+    assert len(wanted) == 82
     assert set(evaluations) > {*FLOWN, "cc_to_4", "tf_500", "doc_fit"}
     for name, found in evaluations.items():
         assert set(found) == wanted, name
@@ -135,7 +151,15 @@ def test_reasons_quote_numbers_that_exist(rows):
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
 
-FAILS = {"acap_p99_decreases_each_iteration", "acap_j2_is_p99"}
+FAILS = {
+    *("acap_p99_decreases_each_iteration", "acap_j2_is_p99"),
+    *("acap_lc_approximates_dv", "acap_zero_lift_at_max_q"),
+}
+UNDETERMINED = {
+    *("acap_lc_mismatch_iteration_2", "acap_control_within_bounds", "dint_chance_constraints_satisfied"),
+    # With as few trials as are flown here.
+    *("acap_mc_three_sigma_slightly_outside", "acap_density_lc_agrees"),
+}
 DIFFERS = {"acap_entry_fpa", "acap_dv_p99_closed", "acap_dv_p99_open", "dint_constraint_slopes"}
 
 
@@ -144,7 +168,9 @@ def test_verdicts_of_the_corrected_reading(rows):
         if name in FAILS | DIFFERS:
             assert row["verdict"] == ("fails" if name in FAILS else "differs"), name
             assert row["errata"] and row["reason"], name
-        elif row["kind"] in ("qualitative", "deterministic", "monte_carlo"):
+        elif name in UNDETERMINED:
+            assert row["verdict"] == "undetermined" and row["readings"]["corrected"]["doubt"], name
+        elif row["verdict"] != "by_construction" and row["kind"] in ("qualitative", "deterministic", "monte_carlo"):
             assert row["verdict"] == ("holds" if row["kind"] == "qualitative" else "reproduced"), name
 
 
@@ -181,6 +207,10 @@ def test_other_readings_do_what_the_reasons_say(rows):
     assert verdict("acap_dv_p99_closed", "literal_gains") == "differs"
     assert verdict("acap_control_within_bounds", "literal_gains") == "fails"
     assert verdict("acap_lc_mismatch_iteration_2", "both_branches") == "fails"  # there the prediction fits
+    assert verdict("acap_lc_approximates_dv", "both_branches") == "fails"  # of the open loop it does not
+    assert verdict("acap_p99_decreases_each_iteration", "angle_printed") != "fails"
+    assert verdict("acap_lc_better_for_guess_dv", "angle_printed") == "fails"
+    assert verdict("acap_dv_p99_open", "doc_fit_correlated") == "reproduced"
     assert verdict("acap_zero_lift_at_max_q", "metres") == "fails"
     assert verdict("acap_max_variance_above_h_trans", "sign_printed") == "fails"
     assert verdict("acap_end_steps_longer", "end_step_25") == "fails"
@@ -231,7 +261,7 @@ def test_a_percentile_among_lost_trials_does_not_exist(random_field, random_fiel
         ensemble = with_lost(artifacts(random_field, "corrected")["aerocapture"], law, 51)
         found = evaluate(random_field, aerocapture=ensemble)
         assert np.isnan(found[name].value) and "there is no 99th percentile" in found[name].evidence
-        assert judge(random_field_published[name], found[name])[0] == "differs"
+        assert judge(random_field_published[name], found[name]).verdict == "differs"
         # Statements about the distribution of the trials are not met by those that are left.
         for statement in ("acap_abs_value_error_source", "acap_lc_mismatch_iteration_2", "acap_lc_approximates_dv"):
             assert found[statement].value is False, statement
@@ -244,25 +274,24 @@ def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_
         moved = ensemble.delta_v.copy()
         moved[law] += printed - own
         found = evaluate(random_field, aerocapture=replace(ensemble, delta_v=moved))[name]
-        assert judge(random_field_published[name], found)[0] == "reproduced"
+        assert judge(random_field_published[name], found).verdict == "reproduced"
 
 
 @pytest.mark.parametrize(("count", "trials"), [(0, 50), (1, 1000), (15, 5000), (49, 50), (50, 50)])
 def test_binomial_tests_are_exact(count, trials):
     chance = stats.binomtest(count, trials, 0.0027, alternative="greater").pvalue
-    assert claims.chance_of_more(count, trials, 0.0027) == pytest.approx(chance, rel=1e-9)
-    assert claims.exceeds(count, trials, 0.0027) == (chance < 0.00135)
+    assert measures.chance_of_more(count, trials, 0.0027) == pytest.approx(chance, rel=1e-9)
 
 
 def test_distances_of_distributions_and_tails():
     sample = stats.norm(3.0, 2.0).rvs(500, random_state=np.random.default_rng(3))
-    assert claims.distribution_distance(sample, 3.3, 1.8) == pytest.approx(
+    assert measures.distribution_distance(sample, 3.3, 1.8) == pytest.approx(
         stats.kstest(sample, stats.norm(3.3, 1.8).cdf).statistic, rel=1e-12
     )
-    assert np.isnan(claims.distribution_distance(sample, 3.0, 0.0))
+    assert np.isnan(measures.distribution_distance(sample, 3.0, 0.0))
     expected = stats.norm(-0.2, 0.4).cdf(-1.0) + stats.norm(-0.2, 0.4).sf(1.0)
-    assert claims.normal_violation(-0.2, 0.4, (-1.0, 1.0)) == pytest.approx(expected, rel=1e-12)
-    np.testing.assert_array_equal(claims.normal_violation([0.2, 1.2], 0.0, (-1.0, 1.0)), [0.0, 1.0])
+    assert measures.normal_violation(-0.2, 0.4, (-1.0, 1.0)) == pytest.approx(expected, rel=1e-12)
+    np.testing.assert_array_equal(measures.normal_violation([0.2, 1.2], 0.0, (-1.0, 1.0)), [0.0, 1.0])
 
 
 def test_without_the_absolute_value_the_predicted_means_are_right(random_field, evaluations):
@@ -275,10 +304,10 @@ def test_without_the_absolute_value_the_predicted_means_are_right(random_field, 
     kinked, smooth = (raising + abs(change)).mean() - predicted, (raising - change).mean() - predicted
     assert kinked > 15.0 and abs(smooth) < 1.0
     evidence = evaluations["corrected"]["acap_abs_value_error_source"].evidence
-    assert f", {kinked:.1f} m/s above" in evidence and f", {smooth:.1f} m/s; a source" in evidence
+    assert f", {kinked:.1f} m/s above" in evidence and evidence.endswith(f", {smooth:.1f} m/s")
 
 
-# --- the tests of statements can fail ---------------------------------------------------------------------------------
+# --- verdicts can fail ------------------------------------------------------------------------------------------------
 
 
 def changed(array, value, *index, add=False):
@@ -287,116 +316,72 @@ def changed(array, value, *index, add=False):
     return array
 
 
-def scaled(array, factor, *index):
-    array = np.array(array)
-    array[index] *= factor
-    return array
-
-
-def certified(**values):
-    return lambda a: {"certificates": replace(a["certificates"], **values)}
-
-
-def designed(**functions):
-    return lambda a: {
-        "gains": replace(a["gains"], **{name: make(getattr(a["gains"], name)) for name, make in functions.items()})
-    }
-
-
-def flown(**functions):
-    return lambda a: {
-        "aerocapture": replace(
-            a["aerocapture"], **{name: make(getattr(a["aerocapture"], name)) for name, make in functions.items()}
-        )
-    }
-
-
-def as_predicted(law):
-    """Delta-v of a law's trials as linear covariance predicts it."""
-
-    def make(a):
-        gains, ensemble = a["gains"], a["aerocapture"]
-        levels = (np.arange(TRIALS) + 0.5) / TRIALS
-        values = stats.norm(gains.delta_v_mean[law], gains.delta_v_deviation[law]).ppf(levels)
-        return {"aerocapture": replace(ensemble, delta_v=changed(ensemble.delta_v, values, law))}
-
-    return make
-
-
 def violated(a, share=0.02):
     """Trials beyond the upper limit in the interval from 150 s."""
-    row = int(np.argmin(np.abs(a["aerocapture"].time - 150.0)))
-    return flown(histogram=lambda h: changed(h, int(share * TRIALS), LAST, row, 0, -1, add=True))(a)
+    ensemble = a["aerocapture"]
+    row = int(np.argmin(np.abs(ensemble.time - 150.0)))
+    more = changed(ensemble.histogram, int(share * TRIALS), LAST, row, 0, -1, add=True)
+    return {"aerocapture": replace(ensemble, histogram=more)}
 
 
-def shorter_steps_help(a):
-    percentile = scaled(a["convergence"].percentile, 0.95, VARIANTS.index("short_end_steps"))
-    return {"convergence": replace(a["convergence"], percentile=percentile)}
+def test_every_counted_claim_is_turned_by_its_counterexample(random_field, random_field_published, rows):
+    found = artifacts(random_field, "corrected")
+    turned = CLAIMS.turned(
+        rows.values(),
+        random_field.inputs("corrected").values,
+        lambda name, kind: found.get(name),
+        random_field_published,
+    )
+    counted = {
+        name for name, row in rows.items() if row["verdict"] in COUNTED_VERDICTS and row["kind"] != "undetermined"
+    }
+    assert set(turned) == counted and len(counted) > 20
+    assert not {name for name, turning in turned.items() if turning is None}
 
 
-NEAR_PEAK, EARLY, LATE = slice(4, 6), slice(0, 4), slice(6, None)  # intervals about the peak, before and after it
-BROKEN = {
-    "conditioned_1d_samples": {"example_noise": 2.0},
-    "conditioned_2d_right_edges": {"example_length": 0.05},
-    "psi_hat_statistics": certified(process_score=6.0),
-    "w_joint_gaussian": certified(normality_score=6.0),
-    "w_correlated": certified(largest_correlation=0.05),
-    "history_feedback_needed": certified(history_information=0.01),
-    "mean_from_v_covariance_from_gains": certified(mean_shift=1e-3),
-    "l_variable_identities": certified(triangular_residual=1e-3),
-    "subproblem_convex": certified(convexity=-1e-3),
-    "dint_chance_constraints_satisfied": lambda a: {
-        "double_integrator_flights": replace(
-            a["double_integrator_flights"],
-            paper_any_violations=changed(a["double_integrator_flights"].paper_any_violations, 12, 1, -1),
-        )
-    },
-    "dint_ellipses_protrude": lambda a: {
-        "double_integrator": replace(a["double_integrator"], support=a["double_integrator"].support - 0.01)
-    },
-    "acap_guess_hits_target": lambda a: {"nominal": replace(a["nominal"], apoapsis=5.01)},
-    "acap_max_variance_above_h_trans": {"variance_growth_sign": -1},
-    "acap_end_steps_longer": {"partition": np.arange(0.0, 401.0, 25.0)},
-    "acap_short_end_steps_no_benefit": shorter_steps_help,
-    "acap_lc_approximates_dv": flown(delta_v=lambda d: changed(d, d[0], LAST)),
-    "acap_abs_value_error_source": designed(delta_v_mean=lambda mean: mean - 100.0),
-    "acap_lc_mismatch_iteration_2": as_predicted(2),
-    "acap_lift_up_early": designed(control=lambda c: changed(c, -0.2, LAST, EARLY, add=True)),
-    "acap_lift_down_late": designed(control=lambda c: changed(c, 0.2, LAST, LATE, add=True)),
-    "acap_zero_lift_at_max_q": designed(control=lambda c: changed(c, 0.3, LAST, NEAR_PEAK)),
-    "acap_control_variance_high_at_max_q": designed(control_deviation=lambda d: scaled(d, 0.5, LAST, NEAR_PEAK)),
-    "acap_control_within_bounds": violated,
-    "acap_mc_three_sigma_slightly_outside": flown(
-        covariance=lambda c: scaled(c, 4.0, LAST, slice(None), BANK_COSINE, BANK_COSINE)
-    ),
-    "acap_control_saturated": flown(observed_maximum=lambda m: np.minimum(m, -0.1)),
-    "acap_lc_better_for_guess_state": designed(covariance=lambda c: scaled(c, 2.0, 0)),
-    "acap_lc_better_for_guess_dv": as_predicted(LAST),
-    "acap_q_deviation_grows": flown(
-        covariance=lambda c: scaled(c, 100.0, 0, slice(None), DYNAMIC_PRESSURE, DYNAMIC_PRESSURE)
-    ),
-    "acap_density_lc_agrees": designed(variation_deviation=lambda d: 1.2 * d),
-}
-MENDED = {
-    "acap_p99_decreases_each_iteration": flown(delta_v=lambda d: changed(d, d[2] - 5.0, LAST)),
-    "acap_j2_is_p99": flown(delta_v=lambda d: 300.0 + 0.01 * d),
-}
+def test_what_cannot_fail_is_not_counted(rows):
+    assert {name for name, row in rows.items() if row["verdict"] == "by_construction"} == {
+        *("conditioned_1d_samples", "conditioned_2d_right_edges"),
+        *("mean_from_v_covariance_from_gains", "l_variable_identities"),
+        *(
+            "acap_guess_hits_target",
+            "acap_max_variance_above_h_trans",
+            "acap_end_steps_longer",
+            "acap_control_saturated",
+        ),
+    }
+    # Where it is no input, it is judged; where a reading breaks it, it fails.
+    entry = rows["acap_entry_fpa"]["readings"]
+    assert entry["corrected"]["verdict"] == "differs" and entry["angle_printed"]["verdict"] == "by_construction"
+    assert rows["acap_guess_hits_target"]["readings"]["angle_printed"]["verdict"] == "fails"
 
 
-@pytest.mark.parametrize("name", [*BROKEN, *MENDED])
-def test_statements_are_decided_by_the_numbers(random_field, evaluations, name):
-    change, before = BROKEN.get(name) or MENDED[name], name in BROKEN
-    assert evaluations["corrected"][name].value is before
-    if isinstance(change, dict):
-        found = evaluate(random_field, inputs=change)
-    else:
-        found = evaluate(random_field, **change(artifacts(random_field, "corrected")))
-    assert found[name].value is not before
+def test_lost_flights_prove_no_statement_about_the_last_law(random_field):
+    """Zero lift at the peak counts for nothing where the flights are lost."""
+    found = artifacts(random_field, "corrected")
+    still = replace(found["gains"], control=changed(found["gains"].control, 0.0, LAST, 4))
+    assert evaluate(random_field, gains=still)["acap_zero_lift_at_max_q"].value is True
+    lost = with_lost(found["aerocapture"], LAST, 51)
+    assert evaluate(random_field, gains=still, aerocapture=lost)["acap_zero_lift_at_max_q"].value is False
 
 
-def test_every_statement_has_a_counterexample(random_field_published):
-    statements = {name for name, claim in random_field_published.items() if claim.kind == "qualitative"}
-    assert statements == set(BROKEN) | set(MENDED)
+def test_lift_is_judged_in_the_interval_that_holds_the_peak(random_field):
+    """Not over its neighbours, which may cancel it."""
+    gains = artifacts(random_field, "corrected")["gains"]
+    for k, met in ((4, False), (3, True), (5, True)):
+        control = changed(gains.control, 0.0, LAST, 4)
+        control = changed(control, 0.3, LAST, k)
+        found = evaluate(random_field, gains=replace(gains, control=control))
+        assert found["acap_zero_lift_at_max_q"].value is met, k
+
+
+def test_deviations_of_next_to_nothing_do_not_decide_which_prediction_is_better(random_field):
+    """A prediction ten times too large where a state hardly deviates changes nothing."""
+    gains = artifacts(random_field, "corrected")["gains"]
+    before = evaluate(random_field)["acap_lc_better_for_guess_state"]
+    wrong = replace(gains, covariance=changed(gains.covariance, 100.0 * gains.covariance[0, 1], 0, 1))
+    assert evaluate(random_field, gains=wrong)["acap_lc_better_for_guess_state"].evidence == before.evidence
+    assert "left out" in before.evidence
 
 
 def test_a_cycle_is_no_steady_descent(random_field):
@@ -415,148 +400,184 @@ def test_control_that_falls_in_between_does_not_rise_from_iteration_to_iteration
     assert found["acap_lift_up_early"].value is False and found["acap_lift_down_late"].value is False
 
 
-def test_few_violations_more_are_not_told_from_what_is_allotted(random_field):
-    made = artifacts(random_field, "corrected")
-    within = evaluate(random_field, **violated(made, share=0.0008))["acap_control_within_bounds"]
-    beyond = evaluate(random_field, **violated(made, share=0.003))["acap_control_within_bounds"]
-    assert within.value is True and "not shown to be more" in within.evidence
-    assert beyond.value is True and "not shown" not in beyond.evidence  # beyond Eq. 77, and still unlikely
-    row = int(np.argmin(np.abs(made["aerocapture"].time - 150.0)))
-    counts = made["aerocapture"].histogram[LAST, row, 0]
-    interval = stats.binomtest(int(counts[0] + counts[-1]) + 15, TRIALS).proportion_ci(0.9973, method="exact")
+def test_few_violations_more_are_not_told_from_what_is_allotted(random_field, random_field_published):
+    found, printed = artifacts(random_field, "corrected"), random_field_published["acap_control_within_bounds"]
+    verdicts = {}
+    for share in (0.0, 0.001, 0.02):
+        evaluation = evaluate(random_field, **violated(found, share=share))["acap_control_within_bounds"]
+        verdicts[share] = judge(printed, evaluation).verdict
+        if share == 0.001:
+            assert "trials would settle it" in evaluation.undetermined
+    assert verdicts[0.001] == "undetermined" and verdicts[0.02] == "fails"
+    row = int(np.argmin(np.abs(found["aerocapture"].time - 150.0)))
+    counts = found["aerocapture"].histogram[LAST, row, 0]
+    beyond = evaluate(random_field, **violated(found, share=0.02))["acap_control_within_bounds"]
+    interval = stats.binomtest(int(counts[0] + counts[-1]) + 100, TRIALS).proportion_ci(0.9973, method="exact")
     assert (beyond.numbers["low"], beyond.numbers["high"]) == pytest.approx((100 * interval.low, 100 * interval.high))
 
 
-def test_more_trials_can_tell_what_the_paper_cannot(random_field):
-    """The verdict follows the first trials; the evidence says what all of them show."""
+def test_all_trials_decide_on_the_chance_constraint(random_field, random_field_published):
+    """Noise decides near what is allotted; far beyond it the verdict is sure, whatever the first trials say."""
     flights = random_field.stage("double_integrator_flights", "corrected")
-    total = int(flights.count[1])
-    many = changed(flights.any_violations, round(0.02 * total), 1, -1)
-    found = evaluate(random_field, double_integrator_flights=replace(flights, any_violations=many))[DOUBLE[0]]
-    assert found.value is True and found.trials == flights.paper_trials == 1000
-    assert found.numbers["all_share"] == pytest.approx(2.0, abs=0.05) and found.numbers["chance"] < 1e-6
+    total, printed = int(flights.count[1]), random_field_published[DOUBLE[0]]
+    for share, verdict in ((0.0028, "undetermined"), (0.02, "fails")):
+        many = changed(flights.any_violations, round(share * total), 1, -1)
+        found = evaluate(random_field, double_integrator_flights=replace(flights, any_violations=many))[DOUBLE[0]]
+        assert found.trials == total and judge(printed, found).verdict == verdict
+        assert found.numbers["share"] == pytest.approx(100 * share, abs=0.05)
+    assert found.numbers["chance"] < 1e-6
+
+
+def test_lines_of_the_printed_slopes_would_lie_far_from_the_law_and_near_the_open_loop(random_field):
+    """By hand: the distance of the mean from both lines, in deviations across them."""
+    design = random_field.stage("double_integrator", "corrected")
+    distance = []
+    for law in (0, 1):
+        for node in range(6):
+            position, velocity = design.mean[law, node]
+            for slope, side in ((-0.5, 1.0), (0.5, -1.0)):
+                across = np.array([-slope, 1.0])
+                room = side * (0.1 + slope * (position - 0.7) - velocity)
+                distance.append((law, room / np.sqrt(across @ design.covariance[law, node] @ across)))
+    numbers = evaluate(random_field)["dint_constraint_slopes"].numbers
+    assert numbers["open_distance"] == pytest.approx(min(value for law, value in distance if law == 0), rel=1e-4)
+    assert numbers["closed_distance"] == pytest.approx(min(value for law, value in distance if law == 1), rel=1e-4)
+    assert numbers["open_distance"] < np.sqrt(-2.0 * np.log(0.0027)) < numbers["closed_distance"]
+    assert numbers["flatter"] == pytest.approx(20.0, rel=1e-3)
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 
 def table(random_field, published, stem, reading="corrected", **replaced):
-    """A table from what the catalogue declares for it, and no more."""
+    """A table from what the catalogue declares for it, and no more; it can be written."""
     made = artifacts(random_field, reading) | replaced
     found = random_field.product("tables", stem, reading, made, published=published)
-    assert len({len(row) for row in found}) == 1
-    assert all(isinstance(cell, str) for row in found for cell in row)
-    assert not any("nan" in cell for row in found for cell in row)
+    assert csv_text(found)
     return found
 
 
 def test_iterations_beside_the_paper(random_field, random_field_published, evaluations):
-    header, *body = table(random_field, random_field_published, "iterations")
-    assert [row[0] for row in body] == ["open loop", "iteration 1", "iteration 2", "iteration 3"]
-    found = [dict(zip(header, row, strict=True)) for row in body]
-    assert [row["99th percentile in the paper (m/s)"] for row in found] == ["717", "", "", "314"]
-    evaluation = evaluations["corrected"]["acap_dv_p99_closed"]
-    assert found[-1]["99th percentile (m/s)"] == f"{evaluation.value:.2f} ± {evaluation.standard_error:.2f}"
+    found = table(random_field, random_field_published, "iterations")
+    assert found["law"].tolist() == ["open loop", "iteration 1", "iteration 2", "iteration 3"]
+    assert found["99th percentile in the paper (m/s)"].fillna(0).tolist() == [717, 0, 0, 314]
+    last, evaluation = found.iloc[-1], evaluations["corrected"]["acap_dv_p99_closed"]
+    assert last["99th percentile (m/s)"] == evaluation.value
+    assert last["99th percentile: standard error (m/s)"] == evaluation.standard_error
     worst = evaluations["corrected"]["acap_control_within_bounds"].numbers["worst"]
-    assert body[-1][11].startswith(f"{worst:.2f} (")
+    assert last["beyond the control limits at the worst step (%)"] == pytest.approx(worst, rel=1e-12)
     floored = artifacts(random_field, "corrected")["aerocapture"].final_state[LAST, :, 3] > 0
-    assert found[-1]["trials at the density's floor"] == f"{floored.sum():,}" != "0"
-    assert {row["allotted per step (%)"] for row in found} == {"0.27"}
-    assert len(table(random_field, random_field_published, "iterations", "printed")) == 2
+    assert last["trials at the density's floor"] == floored.sum() > 0
+    assert found["allotted per step (%)"].tolist() == pytest.approx([0.27] * 4)
+    assert len(table(random_field, random_field_published, "iterations", "printed")) == 1
     lost = table(random_field, random_field_published, "iterations", "literal_gains")
-    assert [row[5] for row in lost[2:]] == ["–"] * 3
+    assert lost["99th percentile (m/s)"].isna().tolist() == [False, True, True, True]
+    assert [row[5] for row in printed_cells(lost)[2:]] == ["–"] * 3
 
 
 def test_state_deviations_are_those_of_the_trials(random_field, random_field_published):
-    header, *body = table(random_field, random_field_published, "state_deviations")
+    found = table(random_field, random_field_published, "state_deviations")
     made = artifacts(random_field, "corrected")
-    assert [float(row[0]) for row in body] == list(made["gains"].partition[1:])
-    row, time = dict(zip(header, body[5], strict=True)), float(body[5][0])
-    index = int(np.flatnonzero(made["aerocapture"].time == time)[0])
+    laws = {law: rows.reset_index(drop=True) for law, rows in found.groupby("law")}
+    assert all(rows["t (s)"].tolist() == list(made["gains"].partition[1:]) for rows in laws.values())
+    index = int(np.flatnonzero(made["aerocapture"].time == laws["iteration 3"]["t (s)"][5])[0])
     flown_deviation = np.sqrt(made["aerocapture"].covariance[LAST, index, 1, 1])
-    assert float(row["iteration 3: v (m/s), flown"]) == pytest.approx(flown_deviation, rel=1e-3)
+    assert laws["iteration 3"]["v flown (m/s)"][5] == pytest.approx(flown_deviation, rel=1e-3)
     predicted = np.degrees(np.sqrt(made["gains"].covariance[0, 6, 2, 2]))
-    assert float(row["open loop: gamma, predicted"]) == pytest.approx(predicted, rel=1e-3)
-    assert len(table(random_field, random_field_published, "state_deviations", "printed")) == 2
+    assert laws["open loop"]["gamma predicted (deg)"][5] == pytest.approx(predicted, rel=1e-9)
+    assert len(table(random_field, random_field_published, "state_deviations", "printed")) == 1
 
 
 def test_violations_per_step(random_field, random_field_published):
-    header, *body = table(random_field, random_field_published, "control_violations")
-    assert len(body) == 3 * 14
-    column = header.index("predicted by the design (%)")
+    found = table(random_field, random_field_published, "control_violations")
+    assert len(found) == 3 * 14
     # The design fills its limits where the lift is zero: exactly what is allotted.
-    assert max(float(row[column]) for row in body) == pytest.approx(0.27, abs=2e-4)
-    assert {row[10] for row in body} <= {"less", "not told apart"}
+    assert found["predicted by the design (%)"].max() == pytest.approx(0.27, abs=2e-4)
+    against = "against what is allotted"
+    assert set(found[against]) <= {"less", "not told apart"}
     made = violated(artifacts(random_field, "corrected"), share=0.01)
     broken = table(random_field, random_field_published, "control_violations", **made)
-    assert [row[1] for row in broken if row[10] == "more"] == ["150"]
-    assert len(table(random_field, random_field_published, "control_violations", "printed")) == 2
-    assert "more" in {row[10] for row in table(random_field, random_field_published, "control_violations", "metres")}
+    assert broken["from (s)"][broken[against] == "more"].tolist() == [150.0]
+    assert len(table(random_field, random_field_published, "control_violations", "printed")) == 1
+    assert "more" in set(table(random_field, random_field_published, "control_violations", "metres")[against])
 
 
 def test_double_integrator_tables(random_field, random_field_published):
     design = random_field.stage("double_integrator", "corrected")
-    header, *body = table(random_field, random_field_published, "double_integrator")
-    found = {row[0]: row for row in body}
-    assert float(found["cost"][1].split()[0]) == pytest.approx(6.7213e-6, rel=1e-4)
-    assert float(found["5"][header.index("feedback: deviation of r, predicted")]) == pytest.approx(0.05 / 3, abs=2e-6)
-    assert found["5"][header.index("feedback: ellipse beyond line 1")] == f"{design.support[1, 5, 0]:+.4f}"
-    _, *body = table(random_field, random_field_published, "double_integrator_violations")
-    assert len(body) == 2 * 6 * 3
-    last = {row[2]: row for row in body if row[:2] == ("feedback", "5")}
-    assert float(last["line 1"][5]) == pytest.approx(0.135, abs=2e-3)  # the constraint is active
-    assert last["line 1"][3] == "yes"
-    assert next(row for row in body if row[:3] == ("open loop", "5", "either line"))[8] == "more"
+    cost = table(random_field, random_field_published, "double_integrator_cost")
+    assert cost["cost"].tolist() == pytest.approx([6.7213e-6], rel=1e-4)
+    found = table(random_field, random_field_published, "double_integrator").set_index(["law", "t"])
+    last = found.loc[("feedback", 5.0)]
+    assert last["deviation of r, predicted"] == pytest.approx(0.05 / 3, abs=2e-6)
+    assert last["ellipse beyond line 1"] == design.support[1, 5, 0]
+    assert np.isnan(last["mean control"]) and found.loc[("feedback", 0.0), "mean control"] == design.control[1, 0]
+    found = table(random_field, random_field_published, "double_integrator_violations")
+    assert len(found) == 2 * 6 * 3
+    found = found.set_index(["law", "t", "beyond"])
+    last = found.loc[("feedback", 5.0, "line 1")]
+    assert last["predicted (%)"] == pytest.approx(0.135, abs=2e-3)  # the constraint is active
+    assert last["constrained"]
+    assert found.loc[("open loop", 5.0, "either line"), "all trials against what is allotted"] == "more"
     left_out = table(random_field, random_field_published, "double_integrator_violations", "cc_to_4")
-    assert {row[8] for row in left_out if row[:2] == ("feedback", "5")} == {"more"}
-    assert {row[3] for row in left_out if row[:2] == ("feedback", "5")} == {"no"}
+    left_out = left_out[(left_out["law"] == "feedback") & (left_out["t"] == 5)]
+    assert set(left_out["all trials against what is allotted"]) == {"more"} and not left_out["constrained"].any()
 
 
 def test_tables_of_the_studies(random_field, random_field_published):
-    _, *body = table(random_field, random_field_published, "convergence_history")
-    assert len(body) == 3 * 5
-    assert [row[-1] for row in body if row[-1]] == [
-        *("ended in a cycle of 2", "converged", "neither converged nor cycled")
-    ]
-    _, *body = table(random_field, random_field_published, "navigation_errors")
-    assert [row[7] for row in body] == ["–", "303.00 ± 0.20", "322.00 ± 0.80"]
-    assert body[0][8].startswith("40.00 (")  # 120 of 300
-    _, paper, *body = table(random_field, random_field_published, "other_fields")
+    found = table(random_field, random_field_published, "convergence_history")
+    assert len(found) == 3 * 5
+    ends = found.groupby("variant", sort=False).last()
+    assert ends["end of the iteration"].tolist() == ["cycling", "converged", "stopped"]
+    assert ends["period of the cycle"].tolist() == [2, 1, 0]
+    found = table(random_field, random_field_published, "navigation_errors")
+    assert found["99th percentile (m/s)"].fillna(0).tolist() == [0, 303, 322]
+    assert found["beyond the control limits at the worst step (%)"][0] == pytest.approx(40)  # 120 of 300
+    found = table(random_field, random_field_published, "other_fields")
     study = random_field.stage("field_study", "corrected")
-    assert paper[3] == "717"
-    assert body[0][3] == f"{study.percentile[0]:.1f} ± {study.percentile_error[0]:.1f}"
-    assert float(body[0][4]) == pytest.approx(study.percentile[0] / 717, abs=1e-3)
-    assert all("(hypothesis)" in row[0] for row in body[1 : len(study.hypothesis)])
-    found = dict(table(random_field, random_field_published, "certificates"))
-    assert float(found["SCS: relative difference of the cost"]) < 1e-6
+    assert found["99th percentile (m/s)"].tolist()[:2] == [717, study.percentile[0]]
+    assert found["share of the printed one"].tolist()[:2] == [1.0, study.percentile[0] / 717]
+    assert all("(hypothesis)" in name for name in found["field"][2 : 1 + len(study.hypothesis)])
+    found = table(random_field, random_field_published, "other_variances")
+    assert len(found) == 2 + study.law_percentile.size == 2 + 2 * 6 * 4
+    assert found["99th percentile (m/s)"].tolist()[:3] == [717, 314, study.law_percentile[0, 0, 0]]
+    row = found[(found["factor of the variance"] == 2.0) & (found["law"] == "iteration 3")].iloc[-1]
+    assert row["unit of delta-v in the cost"] == "m/s" and row["99th percentile (m/s)"] == study.law_percentile[1, 3, 3]
+    assert row["beyond the control limits at the worst step (%)"] == 100 * study.law_worst_step[1, 3, 3] / study.trials
+    found = table(random_field, random_field_published, "certificates")
+    assert found["other solver"].tolist() == ["SCS"] and found["other solver: difference of the cost"][0] < 1e-6
 
 
 def test_summaries_over_readings(random_field, random_field_published):
     chosen = ("corrected", "printed", "literal_gains", "metres", "doc_fit")
-    made = {name: (random_field.all_inputs(name), claims.Records(**artifacts(random_field, name))) for name in chosen}
-    header, paper, *body = tables.readings(made, random_field_published)
-    assert {len(row) for row in (header, paper, *body)} == {len(header)}
-    assert [row[0] for row in body] == list(chosen)
-    assert paper[1:3] == ("717", "314 (the last)")
-    assert body[1][2].startswith("no law: the partition does not increase") and body[1][4] == "refused"
-    assert body[2][2] == "–, –, –"
-    header, paper, *body = tables.densities(made, random_field_published)
-    assert {len(row) for row in (header, paper, *body)} == {len(header)}
+    made = random_field.of_readings(tables.Records, {name: artifacts(random_field, name) for name in chosen})
+    found = tables.readings(made, random_field_published).set_index("reading")
+    assert list(found.index) == ["in the paper", *chosen]
+    assert found.iloc[0][["open loop: 99th percentile (m/s)", "last iteration: 99th percentile (m/s)"]].tolist() == [
+        *(717, 314)
+    ]
+    printed = found.loc["printed"]
+    assert printed["why there is no law"].startswith("the partition does not increase")
+    assert printed["end of the iteration"] == "refused" and np.isnan(printed["mean control"])
+    found = tables.readings_laws(made, random_field_published)
+    assert found["reading"].value_counts().to_dict() == {**dict.fromkeys(chosen, 4), "printed": 1}
+    literal = found[(found["reading"] == "literal_gains") & (found["law"] != "open loop")]
+    assert literal["99th percentile (m/s)"].isna().all()
+    found = tables.densities(made, random_field_published)
     # Only what differs in nothing but the density.
-    assert [row[0] for row in body] == ["corrected", "doc_fit", "largest less least", "distance of the closest"]
-    assert float(body[0][2]) == pytest.approx(-0.0137, abs=5e-4)
+    assert found["nominal density"].tolist() == ["in the paper", "corrected", "doc_fit"]
+    assert found["entry flight path angle, less the printed (deg)"][1] == pytest.approx(-0.0137, abs=5e-4)
 
 
 def test_densities_say_which_reading_comes_closest(random_field, random_field_published):
-    inputs, items = random_field.all_inputs("corrected"), artifacts(random_field, "corrected")
+    items = artifacts(random_field, "corrected")
     other = replace(
         items["nominal"], entry_flight_path_angle=np.radians(-10.01), time_of_largest_dynamic_pressure=150.0
     )
     none = replace(items["aerocapture"], delta_v=np.full_like(items["aerocapture"].delta_v, np.nan))
-    made = {
-        "corrected": (inputs, claims.Records(**items)),
-        "other": (inputs, claims.Records(**items | {"nominal": other, "aerocapture": none})),
-    }
-    *_, spread, closest = tables.densities(made, random_field_published)
-    assert closest[1] == "other: 0.0028" and closest[3].startswith("corrected: 0.18")
-    assert spread[6] == "–" and closest[6].startswith("corrected: ")
+    made = random_field.of_readings(
+        tables.Records, {"corrected": items, "doc_fit": items | {"nominal": other, "aerocapture": none}}
+    )
+    found = tables.densities_apart(made, random_field_published)
+    assert found["closest reading"].tolist() == ["doc_fit", *["corrected"] * 3]
+    assert found["distance of the closest"].tolist()[:2] == pytest.approx([0.0028, 0.18], abs=5e-3)
+    assert found["largest less least"].isna().tolist() == [False, False, True, True]

@@ -214,7 +214,10 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_field, reading):
     nominal = random_field.nominal(reading)
-    field, path, _, process = draw("fig03", reading).axes
+    field, path, legend, process = draw("fig03", reading).axes
+    assert [text.get_text() for text in legend.get_legend().get_texts()] == [
+        *("first sample", "second sample", "third sample", "nominal path", "every 50 s of the path")
+    ]
     (flown,) = curves(path, BLACK, "-")
     np.testing.assert_allclose(flown.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
     for color in (BLUE, ORANGE, GREEN):
@@ -237,7 +240,7 @@ def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
 
 
 def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
-    (axes,) = draw("fig10").axes
+    axes, apart = draw("fig10").axes
     altitude, lower, upper = band(axes, along=1)
     np.testing.assert_array_equal(lower, -upper)
     percent = 50 * np.interp([0, 30, 45, 60, 80, 100, 120, 125], altitude, upper)
@@ -246,10 +249,13 @@ def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
     assert len(samples) == inputs_of("fig10").drawn_samples
     inside = [(np.abs(line.get_xdata()) <= np.interp(line.get_ydata(), altitude, upper)).mean() for line in samples]
     assert 0.85 < np.mean(inside) < 1.0
+    distance = 1.2 * max(np.abs(line.get_xdata()).max() for line in samples)
+    for number, (line, sample) in enumerate(zip(curves(apart, BLUE), samples, strict=True), start=1):
+        np.testing.assert_allclose((line.get_xdata() - number) * distance, sample.get_xdata(), atol=1e-9)
 
 
 def test_fig10_says_where_no_density_is_left(draw):
-    (axes,) = draw("fig10", "printed").axes
+    axes, _ = draw("fig10", "printed").axes
     altitude, _, upper = band(axes, along=1)
     assert upper[np.abs(altitude - 120).argmin()] == pytest.approx(2 * np.sqrt(1480.0))
     assert upper[0] == pytest.approx(2 * np.sqrt(1480.0) * np.exp(3.0))  # Eq. 74 as printed grows downwards
@@ -259,7 +265,7 @@ def test_fig10_says_where_no_density_is_left(draw):
 
 def test_fig09_density_goes_through_the_table(draw, inputs_of):
     (axes,) = draw("fig09").axes
-    (line,), (nodes,) = curves(axes, BLUE), curves(axes, BLACK, "None")
+    (line,), (nodes,) = curves(axes, BLUE), curves(axes, ORANGE, "None")
     table = np.asarray(inputs_of("fig09").density_table)
     shown = table[:, 0] <= 125e3
     np.testing.assert_allclose(nodes.get_xydata(), table[shown][:, ::-1] * [1.0, 1e-3])
@@ -410,25 +416,10 @@ def test_fig06_curves_have_the_flight_path_angle_of_the_flight(draw, random_fiel
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
-def test_fig06_burns_take_the_vehicle_from_one_ellipse_to_the_next(draw, random_field, reading):
+def test_fig06_states_no_number_of_the_orbit_that_is_an_example(draw, reading):
     whole, _ = draw("fig06", reading).axes
-    gravity, planet = 4.2828e13, 3397e3
-    radius, angle = polar(curves(whole, ORANGE, "-")[0])
-    # 1 / r = (1 + e cos) / p on any conic.
-    eccentric, inverse = np.polyfit(np.cos(angle), 1 / radius, 1)
-    periapsis, apoapsis = planet / (inverse + eccentric), planet / (inverse - eccentric)
-    assert apoapsis == pytest.approx(planet * radius.max())
-
-    def velocity(here, opposite):
-        return np.sqrt(gravity * (2 / here - 2 / (here + opposite)))
-
-    raising = velocity(apoapsis, 2 * planet) - velocity(apoapsis, periapsis)
-    cleaning = velocity(2 * planet, 5 * planet) - velocity(2 * planet, apoapsis)
     written = " ".join(text.get_text() for text in whole.texts)
-    np.testing.assert_allclose(
-        [float(value) for value in re.findall(r"= ([\d.]+) m/s", written)], [raising, cleaning], atol=0.051
-    )
-    assert set(re.findall(r"= ([\d.]+) \$r_p", written)) == {f"{apoapsis / planet:.2f}", "2.00", "5.00"}
+    assert "m/s" not in written and set(re.findall(r"= ([\d.]+) \$r_p", written)) == {"2.00", "5.00"}
 
 
 def test_fig06_says_what_the_flight_without_control_does(draw, random_field):
@@ -452,7 +443,6 @@ def test_fig06_plan_exits_with_the_apoapsis_it_names(inputs_of, random_field):
     assert miss(nominal.velocity[-1]) > 0.7  # it is slower than the nominal, by little
     slower = 0.95 * nominal.velocity[-1]
     assert miss(slower) < 0.0
-    assert plan.periapsis_raise > 0.0 and plan.clean_up > 0.0
 
 
 def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
@@ -563,6 +553,9 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
         assert np.trapezoid(height, value) == pytest.approx(inside, rel=1e-3)
         (flown,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
         assert flown.get_xdata()[0] == delta_v_percentile(ensemble, number)[0]
+        middle = sum(axes.get_xlim()) / 2
+        for line in (flown, predicted):  # not across the remarks
+            assert line.get_ydata()[1] == (0.6 if line.get_xdata()[0] > middle else 1.0)
         # The 99th percentile of a normal distribution, by its own distribution function.
         score = (predicted.get_xdata()[0] - gains.delta_v_mean[number]) / gains.delta_v_deviation[number]
         assert 0.5 * (1 + erf(score / np.sqrt(2))) == pytest.approx(0.99)
@@ -729,7 +722,7 @@ def test_violations_count_the_flights_interval_by_interval(draw, random_field):
             some += outside
         (arrows,) = [line for line in axes.lines if line.get_marker() == "v" and len(line.get_xdata())]
         assert len(arrows.get_xdata()) == len(middle) - len(counted)
-        np.testing.assert_allclose(arrows.get_ydata(), 1 - 0.025 ** (1 / trials))  # none of as many
+        np.testing.assert_allclose(arrows.get_ydata(), 1 - (0.0027 / 2) ** (1 / trials))  # none of as many
         (allotted,) = curves(axes, BLACK, "--", least=2)
         assert allotted.get_ydata()[0] == pytest.approx(0.0027)
         (marks,) = predictions(axes)
@@ -808,6 +801,11 @@ def test_convergence_without_a_percentile_says_so(inputs_of, history):
     assert "too many lost" in percentile.get_title()
 
 
+def without_percentile(axes):
+    """Broad lines across the axes."""
+    return [line for line in axes.lines if line.get_linewidth() == 7.0]
+
+
 def test_regularization_leaves_out_what_there_is_not(inputs_of):
     sizes = np.array([0.01, 0.1, 1.0])
     study = Regularization(
@@ -824,18 +822,19 @@ def test_regularization_leaves_out_what_there_is_not(inputs_of):
         worst_step=np.array([299, 100, 0]),
         lost=np.array([120, 2, 0]),
     )
-    gain, spread, percentile, shares = inputs_of("regularization").call(figures.regularization, study).axes
+    condition, gain, spread, percentile, shares = inputs_of("regularization").call(figures.regularization, study).axes
     np.testing.assert_array_equal(curves(gain, VERMILION)[0].get_xydata(), np.column_stack([sizes, study.largest_gain]))
     assert [line.get_ydata()[2] for line in curves(spread)] == [3.6, 4.2, 6.4]
-    (crosses,) = [line for line in percentile.lines if line.get_marker() == "x"]
-    np.testing.assert_array_equal(crosses.get_xdata(), [0.01])
+    (line,) = curves(condition, BLACK)
+    np.testing.assert_array_equal(line.get_xydata(), np.column_stack([sizes, study.condition_number]))
+    assert [line.get_xdata()[0] for line in without_percentile(percentile)] == [0.01]
     np.testing.assert_allclose(np.diff(bars(percentile.containers[0]))[1:, 0], [36.0, 1.2])
     for color, counts in ((ORANGE, study.saturated), (VERMILION, study.worst_step), (BLACK, study.lost)):
         drawn = curves(shares, color)[0].get_ydata()
         np.testing.assert_allclose(drawn, np.where(counts > 0, counts / 300, np.nan))
     (allotted,) = curves(shares, GREY, "--", least=2)
     assert allotted.get_ydata()[0] == pytest.approx(0.0027)
-    for axes in (gain, spread, percentile, shares):
+    for axes in (condition, gain, spread, percentile, shares):
         assert 10.0 in [line.get_xdata()[0] for line in curves(axes, GREY, ":", least=2)]
 
 
@@ -850,6 +849,10 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
         variance_percentile=np.array([589.0, 810.0, np.nan]),
         variance_percentile_error=np.array([7.0, 14.0, np.nan]),
         variance_lost=np.array([0, 29, 82]),
+        law_percentile=np.full((2, 3, 2), 300.0),
+        law_percentile_error=np.full((2, 3, 2), 1.0),
+        law_lost=np.zeros((2, 3, 2), int),
+        law_worst_step=np.zeros((2, 3, 2), int),
         trials=5000,
     )
     figure = inputs_of("field_study").call(figures.field_study, study)
@@ -858,8 +861,7 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
     np.testing.assert_allclose(scaled.get_xdata(), [5.9, 11.8, 17.7])  # deviations, as roots of the variances
     np.testing.assert_allclose(reading.get_xydata(), [[5.9, 589.0]])
     np.testing.assert_allclose(correlated.get_xydata(), [[5.9, 684.0]])
-    arrows = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "^"]
-    np.testing.assert_allclose(arrows, [15.1, 17.7])
+    np.testing.assert_allclose([line.get_xdata()[0] for line in without_percentile(axes)], [15.1, 17.7])
     shown = labels(figure)
     assert "growth length doubled: no percentile, 286 lost" in shown and "no percentile, 82 or more lost" in shown
     nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))

@@ -423,10 +423,10 @@ def test_without_a_field_any_gains_fly_the_nominal(random_field):
 
     alone = flown(still)
     at = np.searchsorted(made.time, made.partition)
-    reference = made.reference.copy()
+    reference = made.feedback_reference.copy()
     reference[3] = alone.history[at, :3, 0] + [RADIUS, 0.0, 0.0]
     gain = 100.0 * made.gain * (1.0 + np.arange(15))[:, np.newaxis]
-    steered = flown(replace(made, gain=gain, reference=reference))
+    steered = flown(replace(made, gain=gain, feedback_reference=reference))
     # The altitude is stored, the radius is fed back: they differ by rounding, 1e-10 m.
     np.testing.assert_allclose(steered.final_state, alone.final_state, rtol=1e-9)
     np.testing.assert_allclose(alone.history[:, 0, 0], made.altitude[3], rtol=0, atol=1e-3)

@@ -257,15 +257,28 @@ def test_fig08_stochastic_bounds_hold_and_those_of_apollo_leave_the_cosine(draw,
         (BLUE, ":", gains.timed_control_variance[0]),
     ):
         lower, upper = (line.get_ydata() for line in curves(axes, color, style))
-        np.testing.assert_allclose((upper + lower) / 2, mean, atol=1e-12)
-        np.testing.assert_allclose(upper - lower, 6 * np.sqrt(np.maximum(variance[: len(time)], 0)), atol=1e-12)
-        inside = upper.max() < 1.002 and lower.min() > -1.002
+        shown = np.isfinite(upper)
+        assert shown.all() or (color, style) == (BLUE, "-")
+        np.testing.assert_allclose(((upper + lower) / 2)[shown], mean[shown], atol=1e-12)
+        spread = 6 * np.sqrt(np.maximum(variance[: len(time)], 0))
+        np.testing.assert_allclose((upper - lower)[shown], spread[shown], atol=1e-12)
+        inside = np.nanmax(upper) < 1.002 and np.nanmin(lower) > -1.002
         assert inside == (color != BLUE)
     limits = sorted(line.get_ydata()[0] for line in curves(axes, BLACK, "--", least=2))
     assert limits == [-1, 1]
     assert axes.get_xlim() == (0, 145.0)
-    # Where velocity is no clock, the law as flown leaves the axes; the legend says so.
-    assert any("as flown" in label and "at 39 s" in label for label in labels(axes.figure))
+    # Where velocity is no clock, the law as flown leaves the axes; the legend says so, and it is not drawn there.
+    assert any("as flown" in label and "off the axes at 39 to " in label for label in labels(axes.figure))
+    lower, upper = (line.get_ydata() for line in curves(axes, BLUE, "-"))
+    assert np.isnan(upper).any() and np.nanmax(upper) <= axes.get_ylim()[1] and np.nanmin(lower) >= axes.get_ylim()[0]
+    (peak,) = [line for line in axes.lines if line.get_label() == "velocity peaks"]
+    assert abs(peak.get_xdata()[0] - 39.0) < 1.0
+
+
+def test_fig08_names_the_stretches_in_which_a_curve_leaves_the_axes():
+    time = np.arange(30.0, 40.0)
+    assert figures._stretches(time, time == 39) == "39"
+    assert figures._stretches(time, np.isin(time, (31, 32, 33, 36, 38))) == "31 to 33, 36 and 38"
 
 
 def test_fig08_and_fig13_say_that_the_printed_gain_is_not_finite(draw):
@@ -337,21 +350,34 @@ def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem,
             np.testing.assert_allclose(predicted[1].get_ydata(), 3 * np.sqrt(variance) / unit)
             np.testing.assert_array_equal(predicted[0].get_ydata(), -predicted[1].get_ydata())
             assert axes.get_xlim() == (0, nominal.end_time)
+    units = ("altitude\nerror (km)", "velocity\nerror (m/s)", "flight path angle\nerror (deg)", "downrange\nerror (km)")
+    assert [axes.get_ylabel() for axes in panels[:, 0]] == [*units, "crossrange\nerror (km)"]
     # Table 2, in the units of the axes; and Eq. 74 at the end.
     entries = [curves(axes, BLACK, "--", least=100)[1].get_ydata()[0] for axes in panels[:4, 1]]
     np.testing.assert_allclose(entries, [0.0, 20.0, 0.5, 5.0], atol=1e-9)
     assert curves(panels[0, 1], BLACK, "--", least=100)[1].get_ydata()[-1] == pytest.approx(2.0, abs=0.01)
 
 
-def test_fig11_bounds_stop_where_too_few_trials_fly(draw, entry):
+def test_fig11_bounds_are_dotted_once_trials_have_ended_and_stop_where_too_few_fly(draw, entry):
     ensemble, end = entry.ensemble("corrected", "apollo_velocity"), entry.nominal().end_time
+    complete = ensemble.flying == ensemble.count
     for fewest in (100, 1990):
-        panels = draw("fig11", fewest_flying=fewest).axes
-        bound = curves(panels[0], BLUE, least=100)[-1]
-        shown = np.isfinite(bound.get_ydata())
+        figure = draw("fig11", fewest_flying=fewest)
+        of_all, of_all_above, remainder, _ = curves(figure.axes[0], BLUE, least=2)[DRAWN:]
         expected = (ensemble.flying >= fewest) & (ensemble.time <= end)
-        np.testing.assert_array_equal(shown, expected)
-    assert expected.sum() < (ensemble.time <= end).sum()
+        for bound in (of_all, of_all_above):
+            np.testing.assert_array_equal(bound.get_xdata(), ensemble.time[complete])
+        np.testing.assert_array_equal(remainder.get_xdata()[1:], ensemble.time[expected & ~complete])
+        assert remainder.get_xdata()[0] == of_all.get_xdata()[-1]  # no gap
+        assert all(np.isfinite(bound.get_ydata()).all() for bound in (of_all, remainder))
+        assert "the same of those still flying" in labels(figure)
+    assert (expected & ~complete).any() and (~expected & (ensemble.time <= end)).any()
+    assert "the same of those still flying" not in labels(draw("fig09"))
+
+
+@pytest.mark.parametrize("stem", ["fig05", "fig06", "fig07", "fig09", "fig10", "fig11"])
+def test_the_dotted_line_is_in_the_legend(draw, stem):
+    assert "heading alignment begins" in labels(draw(stem))
 
 
 def test_fig10_shows_the_flown_bank_angles_of_the_same_trials(draw, entry):
@@ -379,7 +405,7 @@ def test_fig12_markers_are_the_final_errors(draw, entry):
             np.testing.assert_allclose(marks.get_xdata(), ensemble.final_state[:DRAWN, records.END_TIME])
             np.testing.assert_allclose(marks.get_ydata(), final[:, component] / unit, atol=1e-9)
             paths = [line for line in curves(axes, color) if line.get_marker() != "o"]
-            ends = np.array([line.get_xydata()[-1] for line in paths])
+            ends = np.array([line.get_xydata()[np.isfinite(line.get_ydata())][-1] for line in paths])
             np.testing.assert_allclose(ends, marks.get_xydata())
             assert (marks.get_xdata() <= axes.get_xlim()[1]).all()
             if component == records.VELOCITY:
@@ -420,9 +446,9 @@ def test_partition_figure_shows_study_and_floor(draw, entry):
 def test_altitude_tradeoff_shows_every_limit_and_counts_the_infeasible(draw, entry):
     (axes,) = draw("altitude_tradeoff").axes
     study = entry.tradeoff()
-    for row, style in enumerate(("-", "--")):
+    for row in range(2):
         for number, color in ((0, VERMILION), (1, ORANGE)):
-            (line,) = curves(axes, color, style)
+            (line,) = [c for c in curves(axes, color, "None") if (c.get_markerfacecolor() == "none") == (row == 1)]
             np.testing.assert_array_equal(line.get_ydata(), study.limited_deviation[row, number])
             np.testing.assert_array_equal(line.get_xdata(), [0.5, 2.0, 3.0])
     missing = study.limited_deviation.copy()

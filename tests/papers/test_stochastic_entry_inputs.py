@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marsedl.papers.stochastic_entry import environment, nominal
+from marsedl.papers.stochastic_entry import certificates, combinations, environment, nominal, tradeoff
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import load_study
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
 
 CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
 
@@ -40,12 +40,25 @@ def refused(entry, **inputs):
         ({"partition_interval": -10.0}, ["partition_interval", "greater than 0", "-10"]),
         ({"partition_interval": 0.0}, ["partition_interval", "greater than 0"]),
         ({"partition_interval": 2.5}, ["partition_interval", "must be multiples of"]),
-        ({"partition_study": [1.0] * 8 + [2.5]}, ["partition_study", "must be multiples of"]),
+        ({"partition_study": [2.0, 1.0, *range(3, 10)]}, ["partition_study", "must ascend"]),
+        ({"altitude_limit_study_km": [0.5, 1.0, 1.0, 2.0, 2.5, 3.0]}, ["altitude_limit_study", "must ascend"]),
+        ({"atmosphere_altitude_km": 130.0}, ["highest_tabulated_altitude", "130000", "widen"]),
+        ({"highest_tabulated_altitude_km": 124.9}, ["highest_tabulated_altitude", "atmosphere_altitude"]),
+        ({"lowest_tabulated_altitude_km": 1.0}, ["lowest_tabulated_altitude", "ground"]),
+        ({"density_grid_interval": 1.0e-3}, ["density_grid_interval", "altitudes"]),
+        ({"nominal_substeps": 7}, ["nominal_substeps (7)", "must be even", "write 8"]),
+        ({"nominal_substeps": 1}, ["nominal_substeps (1)", "must be even", "write 2"]),
+        ({"decay_factor": 3.0}, ["decay_factor (3)", "diffusion_factor (4)", "twice"]),
+        ({"diffusion_factor": 5.0}, ["decay_factor (2)", "diffusion_factor (5)", "twice"]),
+        ({"heading_alignment_velocity": 400.0}, ["heading_alignment_velocity (400", "mission.end_velocity (500"]),
+        ({"heading_alignment_velocity_km_s": 5.9}, ["heading_alignment_velocity (5900", "mission.entry_velocity"]),
+        ({"apollo_covariance": "gains"}, ["apollo_covariance", "timed_gains"]),
+        ({"positive_range_error": "far"}, ["positive_range_error", "short"]),
         ({"guidance_period": 0.7}, ["partition_interval", "must be multiples of"]),
         ({"deadband_times": [125.0, 105.0]}, ["deadband_times", "125 and 105", "wrong order"]),
         ({"ramp_velocities_km_s": [2.5, 5.5]}, ["ramp_velocities", "2500 and 5500", "wrong order"]),
         ({"deadband_widths_km": [6.0, -1.0]}, ["deadband_widths_km", "greater than 0"]),
-        ({"density_profile": "table"}, ["density_profile", "density_table", "write its file"]),
+        ({"density_profile": "table"}, ["density_profile", "density_table", "write the name of its file"]),
         ({"density_profile": "exponential"}, ["density_profile", "log_quadratic"]),
         ({"initial_bank_direction": 0}, ["initial_bank_direction", "-1"]),
         ({"chance_level": 1.5}, ["chance_level"]),
@@ -61,6 +74,37 @@ def test_inputs_that_contradict_are_refused(entry, inputs, fragments):
     said = refused(entry, **inputs)
     for fragment in fragments:
         assert fragment in said
+
+
+@pytest.mark.parametrize(
+    ("stage", "module", "intervals"),
+    [
+        ("tradeoff", tradeoff, {"partition_study": np.array([2.0, 4.0, 8.0, 20.5])}),
+        ("tradeoff", tradeoff, {"coarse_interval": 9.5}),
+        ("certificates", certificates, {"coarse_interval": 9.5}),
+        ("combinations", combinations, {"combined_intervals": np.array([1.0, 10.0, 11.5])}),
+    ],
+)
+def test_partitions_of_a_study_are_checked_by_its_stage(entry, stage, module, intervals):
+    """A reading that does not ask for the study need not fit it."""
+    (name,) = intervals
+    listed = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in intervals.items()}
+    if name != "partition_study":  # which the tests shorten
+        reading_of(entry, **listed)
+    with pytest.raises(MarsedlError, match=rf"design\.{name}.*multiples of guidance\.guidance_period \(1 s\)"):
+        needed = entry.needed(stage, "corrected")
+        entry.stage_inputs("corrected", stage, **intervals).call(module.compute, **needed)
+
+
+def test_a_table_of_densities_may_reach_higher(entry):
+    """Entry above the usual table's end, in a table that reaches there, starts in the density of its altitude."""
+    higher = {"atmosphere_altitude": 130e3, "highest_tabulated_altitude": 131e3}
+    base = entry.stage_inputs("corrected", "nominal", **higher)
+    tabulated = environment.atmosphere(base.air)
+    assert (tabulated.altitude[0], tabulated.altitude[-1]) == (-10e3, 131e3)
+    flight = entry.nominal(**higher)
+    assert flight.altitude[0] == pytest.approx(130e3, abs=1e-6)
+    assert flight.density[0] == pytest.approx(np.exp(environment.profile(base.air)(np.array([130e3]))[0][0]), rel=1e-6)
 
 
 HEADER = "altitude_km,density_kg_m3\n"
@@ -103,7 +147,7 @@ def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
     mine = reading_of(entry, density_profile="table", density_table=str(path))
     assert np.shape(mine.inputs.air.density_table) == (len(altitude), 2)  # the numbers, not the path
-    flown = nominal.compute(**given(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
+    flown = nominal.compute(**arguments_of(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
     assert flown.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
     assert flown.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
 

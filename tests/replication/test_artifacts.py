@@ -1,6 +1,9 @@
 """Artifacts come back as they were saved, or not at all."""
 
+import copy
 import os
+import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -8,7 +11,7 @@ import sys
 import textwrap
 import time
 import tracemalloc
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, make_dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -19,7 +22,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from marsedl.replication import artifacts
-from marsedl.replication.artifacts import load, quantity, save
+from marsedl.replication.artifacts import Axis, load, quantities, quantity, save
 from marsedl.replication.errors import ArtifactError
 
 PROVENANCE = {
@@ -105,6 +108,54 @@ def leftovers(folder):
     return [path.name for path in folder.iterdir() if path.name.endswith(".partial")]
 
 
+# --------------------------------------------------------------------------------------------------------------- axes
+
+MOTION = Axis("motion", downrange="m", altitude="m", vertical_velocity="m/s")
+LAW = Axis("law", "open", "closed")
+
+
+@dataclass(frozen=True)
+class Named:
+    """Fields with named components."""
+
+    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight", label="time")
+    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state of all trials")
+    final_covariance: np.ndarray = quantity("SI", (LAW, MOTION, MOTION), "sample covariance at the end")
+
+
+def named(times=4):
+    return Named(np.arange(float(times)), np.ones((times, 3)), np.ones((2, 3, 3)))
+
+
+def test_an_axis_is_its_extent_and_names_its_components():
+    assert (MOTION, LAW) == (3, 2)
+    assert MOTION.unit == "m, m, m/s"
+    assert Axis("observed", bank="rad", change="rad").unit == "rad"
+    assert MOTION.index("altitude") == 1
+    assert MOTION.label("vertical_velocity") == "vertical velocity"
+    assert Axis("state", **MOTION.units, mass="kg").names == (*MOTION.names, "mass")
+    for same_axis in (copy.deepcopy(MOTION), pickle.loads(pickle.dumps(LAW))):
+        original = MOTION if same_axis == 3 else LAW
+        assert (same_axis.name, same_axis.units) == (original.name, original.units)
+
+
+def test_a_component_that_there_is_not_is_refused_with_the_nearest():
+    with pytest.raises(ArtifactError, match=r"axis 'motion' has no component 'altitud': did you mean 'altitude'\?"):
+        MOTION.index("altitud")
+    with pytest.raises(TypeError, match="equal names: open, open"):
+        Axis("law", "open", "open")
+
+
+def test_fields_have_short_labels():
+    declared = quantities(Named)
+    assert (declared["time"].label, declared["final_covariance"].label) == ("time", "final covariance")
+
+
+def test_another_extent_than_that_of_an_axis_is_refused(tmp_path):
+    with pytest.raises(ArtifactError, match=r"\(time, motion\), where motion is 3 as declared"):
+        put(tmp_path / "a.h5", replace(named(), mean=np.ones((4, 2))))
+
+
 # --------------------------------------------------------------------------------------------------------- round trip
 
 
@@ -164,17 +215,19 @@ def test_equal_content_gives_equal_bytes(tmp_path):
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from test_artifacts import *
         put(Path({str(tmp_path / "b/two.h5")!r}), everything(4000))
+        put(Path({str(tmp_path / "b/named.h5")!r}), named())
     """
     subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
+    assert (tmp_path / "b/named.h5").read_bytes() == put(tmp_path / "named.h5", named()).read_bytes()
     assert put(tmp_path / "three.h5", everything(4000), provenance=reordered).read_bytes() == first
     assert (tmp_path / "b/two.h5").read_bytes() == first
 
 
 def test_provenance_comes_back(tmp_path):
     expected = PROVENANCE | {"array": [0, 1, 2]}
-    found = artifacts.provenance(put(tmp_path / "a.h5", small()))
-    assert found == expected
-    assert type(found["solver"]["exact"]) is bool
+    actual = artifacts.provenance(put(tmp_path / "a.h5", small()))
+    assert actual == expected
+    assert type(actual["solver"]["exact"]) is bool
 
 
 @pytest.mark.parametrize("items", [{"a": object()}, {"a": {"b": {1, 2}}}, {1: 2}, {"": 1}])
@@ -189,9 +242,70 @@ def test_the_file_explains_itself(tmp_path):
         assert file.attrs["artifact"] == "Everything"
         assert file.attrs["meaning"] == "One field of each kind."
         assert (file.attrs["paper"], file.attrs["reading"]) == ("powered_descent", "corrected")
-        assert dict(file["mean"].attrs) == {"unit": "m, m/s", "meaning": "mean state", "dimensions": "(time, 6)"}
+        attributes = {key: file["mean"].attrs[key] for key in ("units", "long_name", "meaning", "dimensions")}
+        assert list(attributes.values()) == ["m, m/s", "mean", "mean state", "(time, 6)"]
         assert file["mass"].attrs["dimensions"] == "scalar"
         assert file["provenance/solver"].attrs["name"] == "Clarabel"
+
+
+def test_xarray_opens_the_file_with_names_of_dimensions_and_components(tmp_path):
+    import xarray
+
+    with xarray.open_dataset(put(tmp_path / "a.h5", named())) as dataset:
+        assert dataset["mean"].dims == ("time", "motion")
+        assert dataset["final_covariance"].dims == ("law", "motion", "motion_2")
+        assert dataset["final_covariance"].sel(law="open", motion="altitude", motion_2="altitude") == 1.0
+        assert dataset["mean"].sel(motion="altitude", time=2.0) == 1.0
+        assert dataset["motion_unit"].sel(motion="vertical_velocity") == "m/s"
+        assert set(dataset.coords) == {"time", "motion", "motion_2", "motion_unit", "motion_2_unit", "law"}
+        assert (dataset["time"].attrs["units"], dataset["time"].attrs["long_name"]) == ("s", "time")
+        assert dataset.attrs["meaning"] == "Fields with named components."
+
+
+def test_xarray_reads_text_and_flags_and_leaves_bare_dimensions_bare(tmp_path):
+    import xarray
+
+    artifact = everything(4000)
+    with xarray.open_dataset(put(tmp_path / "a.h5", artifact)) as dataset:
+        assert dataset["names"].values.tolist() == artifact.names.tolist()
+        assert dataset["landed"].values.tolist() == artifact.landed.tolist()
+        assert dataset["status"] == artifact.status
+        assert dict(dataset.sizes) == {"time": 4000, "fixed_6": 6, "control": 3, "trial": 7, "name": 4}
+        assert set(dataset.coords) == {"time"}
+
+
+def test_dimensions_without_names_take_no_room(tmp_path):
+    with h5py.File(put(tmp_path / "a.h5", everything(4000))) as file:
+        assert file["trial"].id.get_storage_size() == 0
+        assert file["gains"].dims[1][0] == file["control"]
+
+
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        ({"mean": ("time",), "time": ("law", "time")}, "a dimension is described by 'time'"),
+        ({"mean": (MOTION,), "motion": ()}, "a dimension is described by 'motion'"),
+        ({"mean": (MOTION,), "motion_unit": ()}, "a dimension is described by 'motion_unit'"),
+        ({"mean": (MOTION,), "state": (Axis("motion", "x"),)}, "another axis is called 'motion'"),
+    ],
+)
+def test_a_dimension_that_cannot_be_described_is_refused(declared, message):
+    rows = [(name, np.ndarray, quantity("m", dims, "a field")) for name, dims in declared.items()]
+    with pytest.raises(ArtifactError, match=message):
+        artifacts.layout(make_dataclass("Muddled", rows, frozen=True))
+
+
+def test_a_name_along_an_axis_has_its_extent(tmp_path):
+    @dataclass(frozen=True)
+    class Both:
+        """An axis and the same dimension by name."""
+
+        mean: np.ndarray = quantity("SI", (MOTION,), "mean")
+        lowest: np.ndarray = quantity("SI", ("motion",), "lowest")
+
+    put(tmp_path / "a.h5", Both(np.ones(3), np.ones(3)))
+    with pytest.raises(ArtifactError, match="where motion is 3 as declared"):
+        put(tmp_path / "b.h5", Both(np.ones(3), np.ones(2)))
 
 
 def test_other_tools_read_the_file_but_may_not_edit_it(tmp_path):
@@ -273,7 +387,7 @@ def test_declarations_are_checked(tmp_path):
 
     with pytest.raises(ArtifactError, match=r"Undeclared\.time"):
         put(tmp_path / "a.h5", Undeclared())
-    with pytest.raises(ArtifactError, match="no artifact type"):
+    with pytest.raises(ArtifactError, match="is not an artifact type"):
         put(tmp_path / "a.h5", {"time": 1.0})
 
 
@@ -281,7 +395,7 @@ def test_declarations_are_checked(tmp_path):
 
 
 def test_missing_file_and_folder(tmp_path):
-    with pytest.raises(ArtifactError, match=r"none\.h5: there is no such file"):
+    with pytest.raises(ArtifactError, match=r"none\.h5: the file does not exist"):
         load(tmp_path / "none.h5", Small)
     with pytest.raises(ArtifactError, match="is not a file"):
         load(tmp_path, Small)
@@ -290,7 +404,7 @@ def test_missing_file_and_folder(tmp_path):
 def test_no_hdf5(tmp_path):
     for content in (b"", b"time,mass\n1,2\n", b"\x89HDF\r\n\x1a\n"):
         (tmp_path / "a.h5").write_bytes(content)
-        with pytest.raises(ArtifactError, match=r"a\.h5: .*no HDF5 file.*delete it and run snakemake again"):
+        with pytest.raises(ArtifactError, match=r"a\.h5: .*not an HDF5 file.*delete it and run snakemake again"):
             load(tmp_path / "a.h5", Small)
 
 
@@ -325,9 +439,9 @@ def test_flipped_bits_are_refused_or_harmless(tmp_path):
                 refused += 1
         print(refused)
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) == 600
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    assert int(process.stdout) == 600
 
 
 @dataclass(frozen=True)
@@ -338,10 +452,10 @@ class Long:
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"),
+    ("kind", "message"),
     [(Small, r"'mass' has shape \(20000000,\)"), (Long, "declares 160000000 bytes of values in a file of")],
 )
-def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is(tmp_path, kind, said):
+def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is(tmp_path, kind, message):
     """The first by its dimensions; the second, whose dimension is free, by the size of its file."""
     path = put(tmp_path / "zeros.h5", small() if kind is Small else Long(np.zeros(3)))
     with h5py.File(path, "r+") as file:
@@ -352,7 +466,7 @@ def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is(tmp_path, kind,
         mass.attrs.update(attributes)
     path.write_bytes(artifacts.seal(path.read_bytes()))
     tracemalloc.start()
-    with pytest.raises(ArtifactError, match=said):
+    with pytest.raises(ArtifactError, match=message):
         load(path, kind)
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()
@@ -361,7 +475,7 @@ def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is(tmp_path, kind,
 def test_zeros_of_honest_size_come_back(tmp_path):
     """Two million flags, all of them false, shrink to a few kilobytes."""
     path = put(tmp_path / "zeros.h5", Long(np.zeros(2_000_000)))
-    assert path.stat().st_size < 60_000
+    assert path.stat().st_size < 64_000
     assert not load(path, Long).mass.any()
 
 
@@ -410,15 +524,15 @@ def rename(file):
 REFERENCE = np.full(50, h5py.Reference(), dtype=object)
 TAMPERED = {
     "missing": (lambda file: file.pop("mass"), "'mass' is missing"),
-    "extra": (lambda file: file.create_dataset("extra", data=1.0), "'extra' is no field of Small"),
-    "renamed": (rename, "'weight' is no field"),
+    "extra": (lambda file: file.create_dataset("extra", data=1.0), "'extra' is not a field of Small"),
+    "renamed": (rename, "'weight' is not a field"),
     "shape": (replaced("mass", data=np.zeros((50, 2))), r"'mass' has shape \(50, 2\)"),
     "extent": (replaced("mass", data=np.zeros(49)), r"'mass' has shape \(49,\).*time is 50 as in field 'time'"),
     "float32": (replaced("mass", data=np.zeros(50, "f4")), "'mass' is of type float32, not float64"),
     "big-endian": (replaced("mass", data=np.zeros(50, ">f8")), "'mass' is of type >f8"),
     "int": (replaced("mass", data=np.zeros(50, int)), "'mass' is of type int64, not float64"),
     "text": (replaced("mass", data="a"), "'mass' is of type object, not float64"),
-    "variable text": (replaced("label", data="a"), "'label' is of type object, not str"),
+    "text of fixed length": (replaced("label", data=np.bytes_(b"a")), r"'label' is of type \|S1, not str"),
     "number for text": (replaced("label", data=1), "'label' is of type int64, not str"),
     "empty": (replaced("mass", data=h5py.Empty("f8")), "'mass' holds no value"),
     "nan": (lambda file: file["mass"].write_direct(np.full(50, np.nan)), "'mass' is not finite: 50 of 50"),
@@ -454,7 +568,7 @@ def test_a_tampered_file_is_refused_by_name(tmp_path, case):
     "edit",
     [
         lambda file: file["mass"].write_direct(np.zeros(50)),
-        lambda file: file["mass"].attrs.__setitem__("unit", "g"),
+        lambda file: file["mass"].attrs.__setitem__("units", "g"),
         lambda file: file["provenance"].attrs.__setitem__("seed", 1),
     ],
 )
@@ -514,8 +628,8 @@ def test_provenance_refuses_links(tmp_path):
     [
         (28, "no space left.*free space and run again"),
         (122, "no space left.*free space and run again"),
-        (13, "permission to write into its folder and run again"),
-        (30, "permission to write into its folder and run again"),
+        (13, "change the permissions of its folder and run again"),
+        (30, "change the permissions of its folder and run again"),
         (5, "remove the cause and run again"),
     ],
 )
@@ -528,9 +642,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch, moment, numbe
 
     target, name = {"write": (Path, "open"), "fsync": (os, "fsync"), "replace": (Path, "replace")}[moment]
     monkeypatch.setattr(target, name, fail)
-    with pytest.raises(
-        ArtifactError, match=rf"a\.h5: cannot be written.*{remedy}; nothing that was there before was touched"
-    ):
+    with pytest.raises(ArtifactError, match=rf"a\.h5: cannot be written.*{remedy}; the earlier file is unchanged"):
         put(path, replace(small(), label="new"))
     monkeypatch.undo()
     assert path.read_bytes() == before
@@ -564,10 +676,10 @@ def test_a_real_limit_on_file_size(tmp_path):
         except ArtifactError as error:
             print(error)
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "no space left" in done.stdout
-    assert "nothing that was there before was touched" in done.stdout
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    assert "no space left" in process.stdout
+    assert "the earlier file is unchanged" in process.stdout
     assert path.read_bytes() == before
     assert leftovers(tmp_path) == []
 
@@ -582,8 +694,8 @@ def test_a_kill_in_mid_write_does_no_harm(tmp_path):
         os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
         put(Path({str(path)!r}), replace(small(), label="new"))
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert done.returncode == -signal.SIGKILL
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == -signal.SIGKILL
     assert path.read_bytes() == before
     assert len(leftovers(tmp_path)) == 1
     put(path, replace(small(), label="new"))
@@ -629,3 +741,34 @@ def test_a_copy_elsewhere_loads(tmp_path):
     path = put(tmp_path / "a.h5", small())
     shutil.copy(path, tmp_path / "b.h5")
     assert same(load(tmp_path / "b.h5", Small), small())
+
+
+# ------------------------------------------------------------------------------------------------------------ summary
+
+
+@artifacts.record
+class Summarized:
+    """Fields of every kind.
+
+    And more words.
+    """
+
+    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state", allow_nan=True)
+    law: np.ndarray = quantity("1", ("law",), "names", "str")
+    converged: np.ndarray = quantity("1", ("law",), "whether it did", "bool")
+    mass: float = quantity("kg", (), "final mass")
+
+
+def test_a_record_shows_shapes_ranges_and_units_and_no_arrays():
+    mean = np.arange(6000.0).reshape(2000, 3)
+    mean[0, 0] = np.nan
+    text = repr(Summarized(mean, np.array(["open", "closed", "mixed", "no"]), np.array([True] * 3 + [False]), 1346.0))
+    assert [line.split("  ") for line in re.sub("   +", "  ", text).strip().splitlines()] == [
+        ["Summarized: Fields of every kind."],
+        ["", "mean", "(time: 2000, motion: 3)", "1 to 5999, 1 nan", "m, m, m/s"],
+        ["", "law", "(law: 4)", "'open', 'closed', 'mixed' and 1 more", "1"],
+        ["", "converged", "(law: 4)", "3 of 4 true", "1"],
+        ["", "mass", "1346", "kg"],
+    ]
+    with pytest.raises(AttributeError):
+        Summarized(mean, mean, mean, 1.0).mass = 2.0

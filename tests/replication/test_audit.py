@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from marsedl import cli
-from marsedl.comparison import COMPARISONS
+from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import audit, verification
 from marsedl.replication.audit import PROJECT, Plan, Result, Subject
@@ -37,7 +37,7 @@ def results():
     """The audit of this project."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        return cli._audited(ROOT)
+        return cli._run_audit(ROOT)
 
 
 @pytest.fixture
@@ -49,7 +49,8 @@ def paper():
         {"fig01": Product("A figure.")},
     )
     whole = catalogue(SLUG)
-    return replace(whole, stages=stages, figures=figures, tables={}, summaries={"readings": "All."}, errata=(erratum,))
+    shown = {"figures": figures, "tables": {}, "summaries": {"readings": "All."}, "picture": "fig01"}
+    return replace(whole, stages=stages, errata=(erratum,), **shown)
 
 
 def planned(*files, rules=(), used=()):
@@ -90,7 +91,7 @@ def test_the_counts_are_those_of_the_catalogue(results):
         assert counts["figures, each with targets and a drawing function", slug] == len(catalogue(slug).figures)
         assert counts["stages, each with a rule and a function", slug] == len(catalogue(slug).stages)
         assert counts["errata, each named by a claim, a reading or an input", slug] == len(catalogue(slug).errata)
-    assert counts["comparisons, each with targets and functions", PROJECT] == len(COMPARISONS)
+    assert counts["comparisons, each with targets and functions", PROJECT] == len(comparisons())
 
 
 # ----------------------------------------------------------------------------------------------------- rules of a paper
@@ -102,9 +103,9 @@ def test_claims_without_result_and_results_without_claim_are_found(subject):
     good = {"mass": {"corrected": "reproduced"}, "time": {"printed": "differs"}}
     assert audit.evaluated_claims(two, good) == Result("printed claims, each with a result of an evaluator", SLUG, 2)
     (lost,) = audit.evaluated_claims(two, {**good, "time": {}}).findings
-    assert "claim time has no result; evaluate it in src/marsedl/papers/powered_descent/claims.py" in lost
+    assert "claim time has no result; write its function in src/marsedl/papers/powered_descent/claims" in lost
     (stale,) = audit.evaluated_claims(replace(two, published=[claim]), good).findings
-    assert "claim time has a result and is not printed" in stale
+    assert "claim time has a result but is not in this file" in stale
 
 
 def test_results_are_those_of_the_build_or_else_the_committed_ones(tmp_path):
@@ -135,11 +136,11 @@ def test_figures_without_target_or_function_are_found(paper):
 
 
 def test_tables_over_all_readings_need_no_target_of_another_reading(paper):
-    made = planned(*(f"figures/{SLUG}/readings.{kind}" for kind in ("csv", "md")))
-    assert audit.tables(paper, made, always) == Result("tables, each with targets and a function", SLUG, 1)
+    files = planned(*(f"figures/{SLUG}/readings.{kind}" for kind in ("csv", "md")))
+    assert audit.tables(paper, files, always) == Result("tables, each with targets and a function", SLUG, 1)
     table = replace(paper, tables={"tab01": Product("A table.", ())})
-    assert len(audit.tables(table, made, always).findings) == 4
-    (finding,) = audit.tables(paper, made, never).findings
+    assert len(audit.tables(table, files, always).findings) == 4
+    (finding,) = audit.tables(paper, files, never).findings
     assert "tables.py: no function readings" in finding
 
 
@@ -177,34 +178,59 @@ def test_inputs_without_source_are_found(subject):
 
 
 def test_errata_that_nothing_names_are_found(subject, paper):
-    def found(erratum, declaration=None):
+    def findings_on(erratum, declaration=None):
         one = replace(paper, errata=(replace(paper.errata[0], id=erratum),))
         declarations = {"mass": declaration} if declaration else {}
         return audit.errata(replace(subject, paper=one, declarations=declarations)).findings
 
-    (finding,) = found("E99")
+    (finding,) = findings_on("E99")
     assert "erratum E99 (a slip) is used nowhere" in finding
-    assert not found("E99", Declaration(errata=("E99",)))
-    assert not found("E99", Declaration(reason="It hangs on E99."))
-    assert not found("E99", Declaration(close=Close("as E99 has it", relative=0.1)))
-    assert found("E9", Declaration(reason="It hangs on E99.")), "another one"
+    assert not findings_on("E99", Declaration(errata=("E99",)))
+    assert not findings_on("E99", Declaration(reason="It hangs on E99."))
+    assert not findings_on("E99", Declaration(close=Close("as E99 has it", relative=0.1)))
+    assert findings_on("E9", Declaration(reason="It hangs on E99.")), "another one"
     reading = subject.study.readings["corrected"]
-    said = replace(subject.study, readings={"corrected": replace(reading, summary="E99 mended.")})
+    study = replace(subject.study, readings={"corrected": replace(reading, summary="E99 mended.")})
     assert not audit.errata(
-        replace(subject, study=said, paper=replace(paper, errata=(replace(paper.errata[0], id="E99"),)))
+        replace(subject, study=study, paper=replace(paper, errata=(replace(paper.errata[0], id="E99"),)))
     ).findings
+
+
+def test_readings_that_keep_an_erratum_exist(subject, paper):
+    def findings_on(*kept_by):
+        one = replace(paper, errata=(replace(paper.errata[0], kept_by=kept_by),))
+        return audit.errata(replace(subject, paper=one, declarations={"mass": Declaration(errata=("E1",))})).findings
+
+    assert not findings_on()
+    assert not findings_on("printed", "euler")
+    (finding,) = findings_on("eulr", "printed")
+    assert "texts.yaml: errata.E1.kept_by: there is no reading 'eulr'; did you mean 'euler'?" in finding
+    (finding,) = findings_on("corrected")
+    assert "errata.E1.kept_by: other readings are compared with 'corrected'" in finding
+
+
+def test_the_picture_of_a_paper_is_one_of_its_figures(paper):
+    def findings_on(picture):
+        return audit.figures(replace(paper, picture=picture), planned(*drawn), always).findings
+
+    drawn = [f"figures/{SLUG}/{place}fig01.{kind}" for place in ("", "printed/") for kind in ("png", "pdf")]
+
+    assert not findings_on("fig01")
+    assert not findings_on("")
+    (finding,) = findings_on("fig1")
+    assert "texts.yaml: picture: there is no figure 'fig1'; did you mean 'fig01'?" in finding
 
 
 # ------------------------------------------------------------------------------------------------- rules of the project
 
 
 def test_comparisons_without_target_or_function_are_found():
-    made = [f"figures/comparison/costs.{kind}" for kind in ("png", "pdf", "csv", "md")]
-    result = audit.comparison_products(["costs"], planned(*made), always)
+    files = [f"figures/comparison/costs.{kind}" for kind in ("png", "pdf", "csv", "md")]
+    result = audit.comparison_products(["costs"], planned(*files), always)
     assert (result.count, result.findings) == (1, ())
-    (finding,) = audit.comparison_products(["costs"], planned(*made[1:]), always).findings
+    (finding,) = audit.comparison_products(["costs"], planned(*files[1:]), always).findings
     assert finding.startswith("figures/comparison/costs.png: no target")
-    (finding,) = audit.comparison_products(["costs"], planned(*made), lambda entry: "figure" in entry).findings
+    (finding,) = audit.comparison_products(["costs"], planned(*files), lambda entry: "figure" in entry).findings
     assert finding == "src/marsedl/comparison/costs.py: no function table; write it"
 
 
@@ -231,9 +257,9 @@ def test_rules_that_nothing_asks_for_are_found():
     ],
 )
 def test_absolute_paths_are_found(line, wrong):
-    found = audit.machine_paths({"docs/x.md": f"first\n{line}\n", "good.md": "nothing\n"})
-    assert found.count == 2
-    assert [finding.startswith("docs/x.md:2: an absolute path") for finding in found.findings] == [True] * wrong
+    result = audit.machine_paths({"docs/x.md": f"first\n{line}\n", "good.md": "nothing\n"})
+    assert result.count == 2
+    assert [finding.startswith("docs/x.md:2: an absolute path") for finding in result.findings] == [True] * wrong
 
 
 @pytest.mark.parametrize(
@@ -250,9 +276,9 @@ def test_absolute_paths_are_found(line, wrong):
     ],
 )
 def test_addresses_of_package_indices_are_found(line, wrong):
-    found = audit.index_addresses({"requirements.lock": f"{line}\n"})
-    assert (found.count, len(found.findings)) == (1, wrong)
-    assert all("requirements.lock:1: the address of a package index" in finding for finding in found.findings)
+    result = audit.index_addresses({"requirements.lock": f"{line}\n"})
+    assert (result.count, len(result.findings)) == (1, wrong)
+    assert all("requirements.lock:1: the address of a package index" in finding for finding in result.findings)
 
 
 SEEDED = """
@@ -278,7 +304,7 @@ def test_seeded_generators_are_counted():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "problem"),
     [
         ("import numpy as np\nnp.random.normal()", "numpy.random.normal draws from a hidden global state"),
         ("import numpy as np\nnp.random.seed(1)", "numpy.random.seed draws from a hidden"),
@@ -299,10 +325,10 @@ def test_seeded_generators_are_counted():
         ("from scipy.stats import norm\nnorm.rvs(3)", "rvs has no random_state"),
     ],
 )
-def test_randomness_without_a_seed_is_found(text, said):
+def test_randomness_without_a_seed_is_found(text, problem):
     number, findings = random_numbers(text)
     assert number == 0
-    assert any(said in finding for finding in findings), findings
+    assert any(problem in finding for finding in findings), findings
 
 
 def test_text_files_are_listed_with_and_without_a_checkout(tmp_path, monkeypatch):
@@ -350,7 +376,7 @@ def test_counts_are_written_and_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("committed", "said"),
+    ("committed", "message"),
     [
         ({**COMMITTED, "figures": {"one": 3, "two": 5}}, "figures: two: 4, committed is 5"),
         ({**COMMITTED, "figures": {"one": 2, "two": 4}}, "figures: one: 3, committed is 2"),
@@ -360,11 +386,11 @@ def test_counts_are_written_and_read(tmp_path):
         ({**COMMITTED, "files": {PROJECT: 10}}, "files: project: 9, committed is at least 10"),
     ],
 )
-def test_what_vanishes_or_appears_is_said(committed, said):
+def test_what_vanishes_or_appears_is_said(committed, message):
     (change,) = audit.count_changes(COUNTED, committed)
-    assert change.startswith(said)
+    assert change.startswith(message)
     text = audit.format_results(COUNTED, committed)
-    assert f"  {said}" in text
+    assert f"  {message}" in text
     assert text.endswith("0 findings, 1 counts changed")
 
 
@@ -373,8 +399,8 @@ def test_files_may_come_without_being_committed():
 
 
 def test_an_audit_is_written_with_a_line_for_each_rule_and_finding():
-    found = [*COUNTED, Result("errata", "one", 2, ("errata.py: E1 is used nowhere",))]
-    assert audit.format_results(found, {**COMMITTED, "errata": {"one": 2}}).splitlines() == [
+    results = [*COUNTED, Result("errata", "one", 2, ("errata.py: E1 is used nowhere",))]
+    assert audit.format_results(results, {**COMMITTED, "errata": {"one": 2}}).splitlines() == [
         "     7 figures (one 3, two 4)",
         "     9 files",
         "     2 errata",
@@ -386,21 +412,23 @@ def test_an_audit_is_written_with_a_line_for_each_rule_and_finding():
 @pytest.mark.parametrize(("problems", "committed", "code"), [((), 3, 0), (("x: y",), 3, 1), ((), 4, 1)])
 def test_the_command_fails_with_findings_and_changed_counts(monkeypatch, capsys, problems, committed, code):
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(cli, "_audited", lambda root: [Result("figures", "one", 3, problems)])
+    monkeypatch.setattr(cli, "_run_audit", lambda root: [Result("figures", "one", 3, problems)])
     monkeypatch.setattr(audit, "read_counts", lambda root: {"figures": {"one": committed}})
     assert cli.main(["audit"]) == code
-    said = capsys.readouterr().out
-    assert "     3 figures" in said
-    assert ("'marsedl accept'" in said) == (committed != 3)
+    message = capsys.readouterr().out
+    assert "     3 figures" in message
+    assert ("'marsedl accept'" in message) == (committed != 3)
 
 
 def test_accept_commits_the_counts_too(tmp_path, monkeypatch, capsys):
     (tmp_path / "Snakefile").touch()
     (tmp_path / "configs").mkdir()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(verification, "accept_reference", lambda *given: [])
-    monkeypatch.setattr(cli, "_audited", lambda root: COUNTED)
-    monkeypatch.setattr(cli, "_project", lambda *given: SimpleNamespace(studies={}))
+    monkeypatch.setattr(verification, "accept_reference", lambda *_: [])
+    monkeypatch.setattr(cli, "_run_audit", lambda root: COUNTED)
+    monkeypatch.setattr(cli, "_write_readme", lambda root: None)
+    monkeypatch.setattr(cli, "_project", lambda *_: SimpleNamespace(studies={}, quotes=lambda slug: None))
+    monkeypatch.setattr("marsedl.replication.quotes.accept", lambda root, papers: "what texts quote")
     assert cli.main(["accept"]) == 0
     assert "data/reference/audit.json: no counts are committed" in capsys.readouterr().out
     assert audit.read_counts(tmp_path) == COMMITTED
@@ -411,8 +439,8 @@ def test_accept_commits_the_counts_too(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.workflow
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_claim_of_the_built_tree_has_a_result(tree, monkeypatch, slug):
+def test_every_claim_of_the_built_tree_has_a_result(copied, monkeypatch, slug):
     monkeypatch.chdir(ROOT)  # from where files named by inputs are read
-    verdicts = verification.built_verdicts(tree.build, slug)
+    verdicts = verification.built_verdicts(copied.build, slug)
     assert verdicts
     assert not audit.evaluated_claims(subject_of(slug), verdicts).findings

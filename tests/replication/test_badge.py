@@ -7,23 +7,27 @@ from marsedl.replication.claims import COUNTED_VERDICTS, LISTED_VERDICTS
 
 
 def rows(*verdicts):
-    return [{"paper": "a", "id": str(k), "verdict": verdict} for k, verdict in enumerate(verdicts)]
+    kinds = dict.fromkeys(("holds", "fails"), "qualitative")
+    return [
+        {"paper": "a", "id": str(k), "verdict": verdict, "kind": kinds.get(verdict, "deterministic")}
+        for k, verdict in enumerate(verdicts)
+    ]
 
 
-def test_it_counts_what_reproduces_or_holds_of_what_is_counted():
+def test_it_counts_printed_numbers_and_statements_apart():
     assert badge(rows(*COUNTED_VERDICTS, "holds", *LISTED_VERDICTS)) == {
         "schemaVersion": 1,
         "label": "replication",
-        "message": "3 of 7 counted claims reproduce or hold",
+        "message": "1 of 4 printed numbers; 2 of 3 statements",
         "color": "blue",
     }
-    assert badge(rows("fails", "quoted"))["message"] == "0 of 1 counted claims reproduce or hold"
+    assert badge(rows("fails", "quoted"))["message"] == "0 of 0 printed numbers; 0 of 1 statements"
 
 
 def test_the_same_claims_give_the_same_bytes(tmp_path):
     path = tmp_path / "badge.json"
     write_badge(rows("holds"), path)
     first = path.read_bytes()
-    assert json.loads(first)["message"] == "1 of 1 counted claims reproduce or hold"
+    assert json.loads(first)["message"] == "0 of 0 printed numbers; 1 of 1 statements"
     write_badge(iter(rows("holds")), path)
     assert path.read_bytes() == first

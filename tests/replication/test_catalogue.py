@@ -18,7 +18,7 @@ from marsedl.replication.sections import Section
 ROOT = Path(__file__).parents[2]
 RULES = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
 SCRIPTS = sorted((ROOT / "workflow" / "scripts").glob("*.py"))
-FILES_OF_EVERY_PAPER = {"__init__.py", "inputs.py", "claims.py"}
+FILES_OF_EVERY_PAPER = {"__init__.py", "inputs.py"}
 STAGES_OF_CASES = {"montecarlo", "montecarlo_chunk", "montecarlo_gather"}
 SCIENCE = ("numpy", "scipy", "numba", "casadi", "cvxpy", "matplotlib", "h5py")
 
@@ -37,6 +37,7 @@ def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
     asked |= {f"{entry.split(':')[0].rpartition('.')[2]}.py" for entry in entries}
     present = {path.name for path in folder.glob("*.py")}
     assert present >= asked
+    assert (folder / "claims" / "__init__.py").exists()
     assert not present & (products.keys() - asked), "the catalogue names nothing of this file"
     for name in ("configs", "data/published"):
         assert (ROOT / name / f"{slug}.yaml").exists()
@@ -76,8 +77,8 @@ def test_no_two_products_have_one_name(slug):
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_figure_function_is_in_the_catalogue(slug):
     paper = catalogue(slug)
-    for kind, known in (("figures", paper.figures), ("tables", {**paper.tables, **paper.summaries})):
-        if not known:
+    for kind, names in (("figures", paper.figures), ("tables", {**paper.tables, **paper.summaries})):
+        if not names:
             continue
         module = import_module(f"marsedl.papers.{slug}.{kind}")
         drawn = {
@@ -85,7 +86,7 @@ def test_every_figure_function_is_in_the_catalogue(slug):
             for name, function in inspect.getmembers(module, inspect.isfunction)
             if function.__module__ == module.__name__ and re.match(r"fig\d|tab\d|eq\d", name)
         }
-        assert drawn <= set(known)
+        assert drawn <= set(names)
 
 
 @pytest.mark.parametrize("slug", SLUGS)
@@ -114,8 +115,8 @@ def test_every_rule_has_a_log_and_none_runs_python_itself(path):
 
 
 def test_rules_are_found():
-    known = {name for path in RULES for name in rules_of(path)}
-    assert {"products 0", "verify", "stages 0", "stages 1", "stages 2"} <= known
+    names = {name for path in RULES for name in rules_of(path)}
+    assert {"products 0", "verify", "stages 0", "stages 1", "stages 2"} <= names
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
@@ -135,9 +136,9 @@ def test_scripts_are_short_and_hold_no_science(path):
 def test_imports_keep_to_the_layers():
     command = shutil.which("lint-imports")
     assert command, "import-linter is part of the development environment"
-    done = subprocess.run([command], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert "0 broken" in done.stdout
+    process = subprocess.run([command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stdout
+    assert "0 broken" in process.stdout
 
 
 # ------------------------------------------------------------------------------------- what functions read of sections
@@ -154,27 +155,27 @@ def functions_of(path) -> list[ast.FunctionDef]:
 
 def sections_taken(function) -> dict[str, str]:
     """The parameters of a function that are annotated as sections, with the names of these."""
-    taken = {}
+    sections = {}
     for argument in (*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs):
         annotated = ast.unparse(argument.annotation).rpartition(".")[2] if argument.annotation else ""
         if annotated in SECTIONS:
-            taken[argument.arg] = SECTIONS[annotated]
-    return taken
+            sections[argument.arg] = SECTIONS[annotated]
+    return sections
 
 
 @pytest.mark.parametrize("path", READERS, ids=lambda path: "/".join(path.parts[-2:]))
 def test_what_is_read_of_a_section_can_be_followed(path):
     """A parameter that is a section has its name, and is used as `name.field` or as an argument alone."""
     for function in functions_of(path):
-        taken = sections_taken(function)
-        assert taken == {name: name for name in taken}, f"{function.name}: a section under another name"
+        sections = sections_taken(function)
+        assert sections == {name: name for name in sections}, f"{function.name}: a section under another name"
         followed = set()
         for node in ast.walk(function):
             if isinstance(node, ast.Attribute):
                 followed.add(id(node.value))
             if isinstance(node, ast.Call) and ast.unparse(node.func) not in ("getattr", "vars", "hasattr"):
                 followed |= {id(a) for a in (*node.args, *(keyword.value for keyword in node.keywords))}
-        lost = [n for n in ast.walk(function) if isinstance(n, ast.Name) and n.id in taken and id(n) not in followed]
+        lost = [n for n in ast.walk(function) if isinstance(n, ast.Name) and n.id in sections and id(n) not in followed]
         assert not lost, f"{function.name}, line {lost[0].lineno}: {lost[0].id} is passed on where nothing follows it"
 
 

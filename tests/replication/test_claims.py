@@ -1,5 +1,3 @@
-import csv
-import io
 import json
 import math
 from dataclasses import replace
@@ -14,7 +12,7 @@ from marsedl.replication.claims import (
     Declaration,
     Evaluation,
     PublishedClaim,
-    claims_table,
+    claims_markdown,
     collect,
     format_lines,
     format_number,
@@ -37,8 +35,8 @@ def claim(**changes):
     return replace(base, **changes)
 
 
-def verdict(claim, value, *rest, close=None, **given):
-    return judge(claim, Evaluation(value, *rest, **given), close)[0]
+def verdict(claim, value, *rest, close=None, **options):
+    return judge(claim, Evaluation(value, *rest, **options), Declaration(close=close)).verdict
 
 
 # ---------------------------------------------------------------------------------------------------- loading
@@ -221,29 +219,71 @@ def test_every_component_of_a_deterministic_vector_must_reproduce():
     assert verdict(matrix, [[1.4, 2.4], [3.4, 4.6]]) == "differs"
 
 
-def test_monte_carlo_counts_our_error_the_papers_and_the_rounding():
+def test_monte_carlo_adds_half_a_digit_to_three_standard_errors_of_ours_and_the_papers():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
     own = 0.3  # with 2000 trials: the paper's 500 have twice the error
-    combined = math.sqrt(own**2 + (2 * own) ** 2 + 1 / 12)
+    combined = math.hypot(own, 2 * own)
+    edge = 0.5 + 3 * combined
     for sign in (+1, -1):
-        inside, z = judge(printed, Evaluation(1349 + sign * 2.999 * combined, own, 2000))
-        assert inside == "reproduced"
-        assert z["largest"] == pytest.approx(sign * 2.999)
-        assert z["component"] is None
-        assert judge(printed, Evaluation(1349 + sign * 3.001 * combined, own, 2000))[0] == "differs"
+        inside = judge(printed, Evaluation(1349 + sign * (edge - 1.01 * own), own, 2000))
+        assert inside.verdict == "reproduced"
+        assert inside.z == {"largest": pytest.approx(sign * (3 - 1.01 * own / combined)), "component": None}
+        assert inside.margin["distance"] == pytest.approx(1.01 * own / combined)
+        assert judge(printed, Evaluation(1349 + sign * (edge + 1.01 * own), own, 2000)).verdict == "differs"
 
 
-def test_every_component_of_a_monte_carlo_vector_must_reproduce_and_the_worst_is_named():
+def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    own, far = 0.3, 0.5 + 3 * 0.3 * math.sqrt(5)
+    judged = judge(printed, Evaluation(1349 + far + 0.5 * own, own, 2000))
+    assert judged.verdict == "undetermined"
+    number = float(judged.doubt.split("about ")[1].split()[0].replace(",", ""))
+    # With so many trials and the same value it is decided.
+    settled = judge(printed, Evaluation(1349 + far + 0.5 * own, own * math.sqrt(2000 / number), int(number)))
+    assert settled.verdict == "differs"
+    assert number < 20_000
+
+
+def test_without_sampling_error_the_rule_is_the_deterministic_one():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    assert verdict(printed, 1349.5, 0.0, 10) == "reproduced"
+    assert verdict(printed, 1349.51, 0.0, 10) == "differs"
+
+
+def test_every_component_of_a_monte_carlo_vector_has_a_verdict_and_the_worst_is_named():
     printed = claim(kind="monte_carlo", printed=[100.0, 50.0, 0.0], trials=1000, resolution=0.001)
     errors = [1.0, 0.1, 0.01]
-    edge = [math.sqrt(2 * e**2 + 0.001**2 / 12) for e in errors]
-    inside, z = judge(printed, Evaluation([100 + edge[0], 50 - 2.999 * edge[1], 2 * edge[2]], errors, 1000))
-    assert (inside, z["component"]) == ("reproduced", [2])
-    assert z["largest"] == pytest.approx(-2.999)
-    outside, z = judge(printed, Evaluation([100.0, 50.0, 3.001 * edge[2]], errors, 1000))
-    assert (outside, z["component"]) == ("differs", [3])
+    edge = [0.0005 + 3 * math.sqrt(2) * e for e in errors]
+    inside = judge(printed, Evaluation([100.0, 50 - 0.7 * edge[1], 0.5 * edge[2]], errors, 1000))
+    assert (inside.verdict, inside.z["component"]) == ("reproduced", [2])
+    outside = judge(printed, Evaluation([100.0, 50.0, 1.4 * edge[2]], errors, 1000))
+    assert (outside.verdict, outside.z["component"]) == ("differs", [3])
+    assert outside.components == ["reproduced", "reproduced", "differs"]
+    mixed = judge(printed, Evaluation([100.0, 50.0, edge[2]], errors, 1000))
+    assert (mixed.verdict, mixed.components) == ("undetermined", ["reproduced", "reproduced", "undetermined"])
     matrix = claim(kind="monte_carlo", printed=[[1.0, 2.0]], trials=10, resolution=0.1)
-    assert judge(matrix, Evaluation([[1.0, 9.0]], [[0.1, 0.1]], 10))[1]["component"] == [1, 2]
+    judged = judge(matrix, Evaluation([[1.0, 9.0]], [[0.1, 0.1]], 10))
+    assert (judged.z["component"], judged.components) == ([1, 2], [["reproduced", "differs"]])
+
+
+def test_what_cannot_fail_is_listed_and_not_counted():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    identity = Declaration(by_construction="an identity")
+    assert judge(statement, Evaluation(True, evidence="yes"), identity).verdict == "by_construction"
+    assert judge(statement, Evaluation(False, evidence="no"), identity).verdict == "fails"
+    assert judge(claim(), Evaluation(1349, by_construction="it is an input here")).verdict == "by_construction"
+    wrong = Evaluation(False, evidence="no", by_construction="a number of monomials")
+    assert judge(statement, wrong).verdict == "by_construction"
+    assert judge(statement, replace(wrong, failed=True)).verdict == "fails"
+    counts = summary([{"verdict": "by_construction", "kind": "qualitative", "readings": {}}])
+    assert counts["listed"]["by_construction"] == 1
+    assert sum(counts["counted"].values()) == 0
+
+
+def test_a_statement_in_doubt_is_undetermined():
+    statement = claim(kind="qualitative", printed=True, resolution=None)
+    judged = judge(statement, Evaluation(True, evidence="yes", undetermined="noise decides"))
+    assert (judged.verdict, judged.doubt) == ("undetermined", "noise decides")
 
 
 def test_close_is_a_tolerance_stated_beforehand():
@@ -265,10 +305,12 @@ def test_close_is_a_tolerance_stated_beforehand():
         verdict(vector, [2.0, 2.0], close=Close("why", absolute=[0.1]))
 
 
-@pytest.mark.parametrize("given", [{}, {"relative": 0.1, "absolute": 1.0}, {"relative": 0.0}, {"absolute": math.nan}])
-def test_close_needs_one_positive_tolerance(given):
+@pytest.mark.parametrize(
+    "tolerances", [{}, {"relative": 0.1, "absolute": 1.0}, {"relative": 0.0}, {"absolute": math.nan}]
+)
+def test_close_needs_one_positive_tolerance(tolerances):
     with pytest.raises(InputError):
-        Close("why", **given)
+        Close("why", **tolerances)
 
 
 def test_close_needs_a_reason():
@@ -320,7 +362,8 @@ def test_a_claim_that_a_reading_does_not_evaluate_has_no_verdict():
 def test_a_value_that_is_not_finite_never_reproduces():
     assert verdict(claim(), math.nan) == "differs"
     assert verdict(claim(), math.inf, close=Close("why", relative=1.0)) == "differs"
-    assert judge(claim(kind="monte_carlo", trials=10), Evaluation(math.nan)) == ("differs", None)
+    judged = judge(claim(kind="monte_carlo", trials=10), Evaluation(math.nan))
+    assert (judged.verdict, judged.z) == ("differs", None)
 
 
 @pytest.mark.parametrize(
@@ -393,7 +436,15 @@ def test_rows_show_the_default_reading_first_and_keep_every_reading():
     assert mass["reason"] == "E5, E17. 1354.9 kg against 1349.4 kg."
     for key in ("paper", "id", "where", "quantity", "unit", "kind", "printed", "resolution", "verdict", "reading"):
         assert key in mass
-    assert set(mass["readings"]["printed"]) == {"value", "standard_error", "trials", "verdict", "evidence", "z"}
+    result = {"value", "standard_error", "trials", "verdict", "components"}
+    assert set(mass["readings"]["printed"]) == result | {
+        "numbers",
+        "evidence",
+        "doubt",
+        "margin",
+        "z",
+        "at_equal_trials",
+    }
     assert rows["converges"]["readings"]["target4"]["verdict"] is None
     assert rows["effort"]["verdict"] == "undetermined"
     assert rows["msl"]["verdict"] == "quoted"
@@ -403,8 +454,36 @@ def test_rows_show_the_default_reading_first_and_keep_every_reading():
     mean = rows["mean"]
     assert mean["verdict"] == "differs"
     assert mean["readings"]["corrected"]["z"]["component"] == [2]
-    assert mean["reason"].startswith("E11. The step is too long: 50.00 m (z = 6.")
+    assert mean["reason"].startswith("E11. The step is too long: 50.00 m (z = 10.6)")
     assert mean["reason"].endswith("; 50.0 m.")
+
+
+def test_readings_can_be_compared_at_equal_numbers_of_trials():
+    mean = next(claim for claim in CLAIMS if claim.id == "mean")
+    large = readings()["corrected"]["mean"]
+    small = replace(large, trials=large.trials // 2)
+    rows = collect(CLAIMS, DECLARED, readings(), at_equal_trials={"corrected": {mean.id: small}})
+    results = next(row for row in rows if row["id"] == mean.id)["readings"]
+    assert results["corrected"]["at_equal_trials"]["trials"] == small.trials
+    assert results["printed"]["at_equal_trials"] is None
+    own = judge(mean, small, DECLARED["mean"])
+    assert results["corrected"]["at_equal_trials"]["margin"] == own.margin != results["corrected"]["margin"]
+
+
+def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():
+    statement = next(claim for claim in CLAIMS if claim.id == "converges")
+
+    def at_equal_trials(value, scale):
+        margin = {"measure": "growth", "value": 0.2, "limit": 1.0, "unit": "", "distance": 8.0, "in": scale}
+        large = Evaluation(True, trials=1000, evidence="0.2", margin=margin)
+        small = replace(large, trials=100, margin={**margin, "value": value, "distance": 2.0})
+        of_readings = {**readings(), "corrected": evaluations(converges=large)}
+        rows = collect(CLAIMS, DECLARED, of_readings, at_equal_trials={"corrected": {statement.id: small}})
+        return next(row for row in rows if row["id"] == statement.id)["readings"]["corrected"]["at_equal_trials"]
+
+    assert at_equal_trials(0.21, "standard errors")["margin"]["value"] == 0.21
+    assert at_equal_trials(0.2, "limits")["trials"] == 100
+    assert at_equal_trials(0.2, "standard errors") is None
 
 
 def test_another_default_reading_can_be_chosen():
@@ -424,8 +503,8 @@ def test_a_reason_names_what_it_rests_on_only_once():
     assert (rows[0]["errata"], rows[0]["withheld"]) == (["E17", "E5"], ["the step size"])
 
 
-def evaluations_of(name, **given):
-    return {name: replace(evaluations()[name], **given)}
+def evaluations_of(name, **options):
+    return {name: replace(evaluations()[name], **options)}
 
 
 @pytest.mark.parametrize(
@@ -448,11 +527,11 @@ def test_differs_and_fails_need_a_reason_with_an_erratum_or_a_withheld_input(nam
 
 def test_a_reason_says_which_numbers_a_smaller_size_does_not_build():
     declared = {"mass": Declaration("Here {value:.0f}, there {elsewhere[value][0]:.2f}.", ("E1",))}
-    given = {"corrected": {"mass": Evaluation(1355.0)}}
-    (row,) = collect([CLAIMS[0]], declared, given, left_out=["elsewhere"])
+    evaluations = {"corrected": {"mass": Evaluation(1355.0)}}
+    (row,) = collect([CLAIMS[0]], declared, evaluations, left_out=["elsewhere"])
     assert row["reason"] == "E1. Here 1355, there not built."
     with pytest.raises(InputError, match="elsewhere"):
-        collect([CLAIMS[0]], declared, given)
+        collect([CLAIMS[0]], declared, evaluations)
 
 
 def test_a_close_verdict_says_why_its_tolerance_is_right():
@@ -491,10 +570,10 @@ def test_a_close_verdict_says_why_its_tolerance_is_right():
     ],
 )
 def test_mistakes_of_a_paper_are_named(change, words):
-    given, declared = readings(), dict(DECLARED)
-    change(given, declared)
+    evaluations, declared = readings(), dict(DECLARED)
+    change(evaluations, declared)
     with pytest.raises(InputError) as error:
-        collect(CLAIMS, declared, given, known_errata=["E5", "E11", "E17"])
+        collect(CLAIMS, declared, evaluations, known_errata=["E5", "E11", "E17"])
     for word in ["paper", *words]:
         assert word in str(error.value)
 
@@ -509,11 +588,11 @@ def test_the_declared_tolerance_is_never_changed_by_the_result():
 
 
 def test_json_is_deterministic_complete_and_without_nan(tmp_path):
-    given = readings()
-    given["printed"]["mass"] = Evaluation(np.float64("nan"), numbers={"prior": math.nan})
-    given["printed"]["mean"] = Evaluation([math.inf, 1 / 3], [math.nan, 0.1], np.int64(2000))
+    evaluations = readings()
+    evaluations["printed"]["mass"] = Evaluation(np.float64("nan"), numbers={"prior": math.nan})
+    evaluations["printed"]["mean"] = Evaluation([math.inf, 1 / 3], [math.nan, 0.1], np.int64(2000))
     rows = collect([*CLAIMS, claim(id="weights", kind="input", printed=[0, math.inf])], DECLARED, {
-        name: {**values, "weights": Evaluation([0, math.inf])} for name, values in given.items()
+        name: {**values, "weights": Evaluation([0, math.inf])} for name, values in evaluations.items()
     })  # fmt: skip
     paths = tmp_path / "a" / "claims.json", tmp_path / "b.json"
     for path in paths:
@@ -557,11 +636,10 @@ def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
         read_claims(tmp_path / "bad.json")
 
 
-def test_tables_show_every_claim_and_every_reading():
-    text, markdown = claims_table(collected())
-    header = next(csv.reader(io.StringIO(text)))
+def test_the_table_for_readers_shows_every_claim_and_every_reading():
+    header, _, *lines = (line[2:-2].split(" | ") for line in claims_markdown(collected()).splitlines())
     assert len(header) == len(set(header))
-    rows = list(csv.DictReader(io.StringIO(text)))
+    rows = [dict(zip(header, line, strict=True)) for line in lines]
     assert [row["id"] for row in rows] == [c.id for c in CLAIMS]
     mean = rows[-1]
     assert mean["in the paper"] == "100.1; 49.8"
@@ -569,14 +647,11 @@ def test_tables_show_every_claim_and_every_reading():
     assert mean["corrected verdict"] == mean["verdict"] == "differs"
     assert rows[0]["printed verdict"] == "differs"
     assert rows[1]["target4"] == rows[1]["target4 verdict"] == "–"
-    lines = markdown.splitlines()
-    assert len(lines) == 2 + len(CLAIMS)
-    assert len({line.count(" | ") for line in lines}) == 1
 
 
 def test_a_markdown_cell_keeps_to_its_cell():
     row = {**collected()[0], "quantity": "a|b\n<script>"}
-    _, markdown = claims_table([row])
+    markdown = claims_markdown([row])
     assert "a\\|b &lt;script&gt;" in markdown
     assert len(markdown.splitlines()) == 3
 
@@ -587,7 +662,7 @@ def test_inputs_and_quotations_are_never_counted():
     assert counts["counted"] == {
         "reproduced": 1, "close": 0, "differs": 1, "holds": 1, "fails": 0, "undetermined": 1,
     }  # fmt: skip
-    assert counts["listed"] == {"as_stated": 1, "not_as_stated": 0, "quoted": 1}
+    assert counts["listed"] == {"as_stated": 1, "not_as_stated": 0, "quoted": 1, "by_construction": 0}
     assert summary(collected(), "target4")["counted"]["holds"] == 0
     assert summary(collected(), "printed")["counted"]["differs"] == 2
 
@@ -662,13 +737,13 @@ def damaged(row, *path, by=None):
         (lambda row: "[" * 100_000, "is not JSON"),
         (lambda row: {}, "is not a list of claims"),
         (lambda row: ["mass"], "claim 1: is not a set of keys with values"),
-        (lambda row: [row, damaged(row, "paper")], "claim 2: the key 'paper' is missing or not a text"),
-        (lambda row: [damaged(row, "verdict", by=["holds"])], "claim 1: the key 'verdict' is missing or not a text"),
+        (lambda row: [row, damaged(row, "paper")], "claim 2: the key 'paper' is missing or is not text"),
+        (lambda row: [damaged(row, "verdict", by=["holds"])], "claim 1: the key 'verdict' is missing or is not text"),
         (lambda row: [damaged(row, "printed")], "claim 1: the key 'printed' is missing"),
         (lambda row: [damaged(row, "readings", by=[])], "claim 1: the key 'readings' is missing or holds no readings"),
         (lambda row: [damaged(row, "readings", "printed", by=1)], "claim 1: readings.printed is not a set of keys"),
         (lambda row: [damaged(row, "readings", "printed", "value")], "'readings.printed.value' is missing"),
-        (lambda row: [damaged(row, "readings", "printed", "verdict", by=1)], "readings.printed.verdict is not a text"),
+        (lambda row: [damaged(row, "readings", "printed", "verdict", by=1)], "readings.printed.verdict is not text"),
     ],
 )  # fmt: skip
 def test_damaged_claims_are_refused_with_a_remedy(tmp_path, spoil, problem):

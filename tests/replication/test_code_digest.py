@@ -15,7 +15,7 @@ from marsedl.replication.code_digest import (
     kernels,
     kernels_digest,
     libraries,
-    reached,
+    reachable_symbols,
     script_digest,
     script_libraries,
 )
@@ -320,11 +320,11 @@ def test_digest_does_not_depend_on_the_hash_seed(tree):
 
 def test_reached_lists_symbols(tree):
     edit(tree, GRAVITY, "UNUSED = 1", "UNUSED = 1\nnp.seterr(all='raise')")
-    found = reached(ENTRY, tree)
-    assert found == sorted(found)
-    assert {"pkg.papers.stage:compute", "pkg.models.gravity:MU", "pkg.methods.steering:helper"} <= set(found)
-    assert "pkg.models.gravity:(at import)" in found
-    assert not {"pkg.models.gravity:unused", "pkg.papers.stage:draw", "pkg.methods.steering:other"} & set(found)
+    symbols = reachable_symbols(ENTRY, tree)
+    assert symbols == sorted(symbols)
+    assert {"pkg.papers.stage:compute", "pkg.models.gravity:MU", "pkg.methods.steering:helper"} <= set(symbols)
+    assert "pkg.models.gravity:(at import)" in symbols
+    assert not {"pkg.models.gravity:unused", "pkg.papers.stage:draw", "pkg.methods.steering:other"} & set(symbols)
 
 
 @pytest.mark.parametrize(
@@ -433,7 +433,9 @@ def test_a_missing_script_is_refused(tree):
 
 
 def test_the_real_package_is_covered_and_imports_little():
-    assert "marsedl.replication.code_digest:_Closure" in reached("marsedl.replication.code_digest:code_digest")
+    assert "marsedl.replication.code_digest:_Closure" in reachable_symbols(
+        "marsedl.replication.code_digest:code_digest"
+    )
     program = "import sys, marsedl.replication.code_digest; print([m for m in ('numpy', 'h5py') if m in sys.modules])"
     finished = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert finished.stdout.strip() == "[]"
@@ -455,12 +457,12 @@ def remembered(tree, tmp_path):
 
 def test_remembered_digests_are_those_computed_and_parse_nothing_while_nothing_changes(tree, remembered, monkeypatch):
     first = remembered()
-    found = first.kernels(), first.code(ENTRY), first.libraries(ENTRY), first.script("shim.py")
-    assert found[:3] == (kernels_digest(tree), code_digest(ENTRY, tree), libraries(ENTRY, tree))
+    digests = first.kernels(), first.code(ENTRY), first.libraries(ENTRY), first.script("shim.py")
+    assert digests[:3] == (kernels_digest(tree), code_digest(ENTRY, tree), libraries(ENTRY, tree))
     first.save()
     monkeypatch.setattr(module_of_digests, "_parsed", None)
     again = remembered()
-    assert (again.kernels(), again.code(ENTRY), again.libraries(ENTRY), again.script("shim.py")) == found
+    assert (again.kernels(), again.code(ENTRY), again.libraries(ENTRY), again.script("shim.py")) == digests
 
 
 def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remembered, tmp_path):
@@ -469,11 +471,11 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     first.save()
     path = tree / "pkg" / "models" / "gravity.py"
     path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
-    changed = remembered()
-    assert changed.code(ENTRY) == code_digest(ENTRY, tree) != before
+    after_edit = remembered()
+    assert after_edit.code(ENTRY) == code_digest(ENTRY, tree) != before
     first.kernels()
     first.save()  # computed before the change: not to be kept under either key
-    changed.save()
+    after_edit.save()
     memory = tmp_path / "memory" / "digests.json"
     assert before not in memory.read_text(encoding="utf-8")
     for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "digests": 3}'):
@@ -525,7 +527,7 @@ def test_after_an_edit_only_what_is_edited_is_parsed(tree, remembered, parsed, t
 
 def test_what_another_version_or_a_damaged_file_remembers_of_modules_is_forgotten(tree, remembered, parsed, tmp_path):
     first = remembered()
-    found = first.code(ENTRY)
+    digests = first.code(ENTRY)
     first.save()
     (memory,) = (tmp_path / "memory").glob("*.modules")
     whole = memory.read_bytes()
@@ -534,7 +536,7 @@ def test_what_another_version_or_a_damaged_file_remembers_of_modules_is_forgotte
         memory.write_bytes(damaged)
         parsed()
         again = remembered()
-        assert again.code(ENTRY) == found
+        assert again.code(ENTRY) == digests
         again.save()
         assert memory.read_bytes()[:32] == whole[:32]
 

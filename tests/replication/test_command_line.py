@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from marsedl.comparison import COMPARISONS
+from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import command_line
 from marsedl.replication.command_line import (
@@ -26,6 +26,7 @@ from marsedl.replication.inputs import load_studies
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
+COMPARISONS = comparisons()
 PAPERS = {slug: catalogue(slug) for slug in SLUGS}
 MODELS = {slug: input_model(slug) for slug in SLUGS}
 STUDIES = load_studies(MODELS, CONFIGS, {"chunks": 2})
@@ -73,7 +74,7 @@ def test_settings_are_those_that_snakemake_takes_for_such(arguments, own, files)
     [
         (None, ["cannot be read (No such file or directory)", "check its path"]),
         (b"", ["must be keys with values, not nothing"]),
-        ("size: smoke\n".encode("utf-16"), ["line 1: no UTF-8"]),
+        ("size: smoke\n".encode("utf-16"), ["line 1: not UTF-8"]),
         (b"__use_yte__: true\nsize: smoke\n", ["__use_yte__: unknown key"]),
     ],
 )
@@ -100,7 +101,7 @@ def test_a_target_behind_the_option_is_told_from_a_file():
 
 
 def test_a_target_behind_settings_is_told_from_one():
-    with pytest.raises(SystemExit, match=r"--config all: is no NAME=VALUE; .*: snakemake all --config"):
+    with pytest.raises(SystemExit, match=r"--config all: is not NAME=VALUE; .*: snakemake all --config"):
         check_configuration(["--config", "size=smoke", "all"], SLUGS)
     check_configuration(["all", "--config", "size=smoke"], SLUGS)
 
@@ -129,6 +130,7 @@ GOOD = [
     "report/badge.json",
     "report/digests.json",
     "report/claims/funnels.json",
+    "report/counterexamples/funnels.json",
     *(f"figures/comparison/{stem}.{suffix}" for stem in COMPARISONS for suffix in ("png", "pdf", "csv", "md")),
     *(
         f"figures/{slug}/{reading}{stem}.{suffix}"
@@ -182,7 +184,7 @@ def test_what_something_makes_is_accepted():
         ("data/cache/powered_descent/corrected/chunks/closed_loop.00of2.h5", ["are 0of2 to 1of2"]),
         ("data/cache/powered_descent/corrected/chunks/closed_loop.2of2.h5", ["are 0of2 to 1of2"]),
         ("data/cache/powered_descent/corrected/chunks/closed_lop.0of2.h5", ["did you mean 'closed_loop'?"]),
-        ("data/cache/powered_descent/corrected/chunks/closed_loop.h5", ["no chunk of a Monte Carlo case"]),
+        ("data/cache/powered_descent/corrected/chunks/closed_loop.h5", ["not a chunk of a Monte Carlo case"]),
         ("data/cache/powered_descent/printed/montecarlo.closed_loop_large.h5",
          ["closed_loop_large, which flies no trials in the reading printed", "set ensemble.large_trials above 0"]),
         ("data/cache/powered_descent/printed/chunks/closed_loop_large.0of1.h5", ["closed_loop_large", "no trials"]),
@@ -192,7 +194,7 @@ def test_what_something_makes_is_accepted():
          ["snakemake figures/powered_descent/fig07.png --config size=smoke"]),
         ("build/check/data/cache/funnels/corrected/funnel.h5",
          ["snakemake data/cache/funnels/corrected/funnel.h5 --config size=check"]),
-        (str(Path("figures/powered_descent/fig07.png").absolute()), ["absolute path", "from the project's folder on"]),
+        (str(Path("figures/powered_descent/fig07.png").absolute()), ["absolute path", "relative to the project"]),
     ],
 )  # fmt: skip
 def test_what_nothing_makes_is_refused_with_the_nearest(target, fragments):
@@ -229,12 +231,12 @@ def test_a_target_with_a_slip_in_it_is_refused_with_the_nearest_name(data):
     letter = data.draw(st.sampled_from(["", 2 * stem[at], *string.ascii_lowercase]))
     wrong = stem[:at] + letter + stem[at + 1 :]
     slug, paper = names[0], PAPERS.get(names[0])
-    known = {
+    valid_names = {
         *(*PAPERS, "comparison", *COMPARISONS, "chunks", "montecarlo", "claims"),
         *((*paper.figures, *paper.tables, *paper.summaries, *paper.stages) if paper else ()),
         *((*STUDIES[slug].readings, *MODELS[slug].CASES) if paper else ()),
     }
-    assume(wrong and wrong not in known)
+    assume(wrong and wrong not in valid_names)
     names[place] = f"{wrong}{dot}{rest}"
     message = refused("/".join([folder, *names]))
     assert "did you mean" in message or "valid names" in message
@@ -304,11 +306,11 @@ def test_words_of_options_and_other_files_are_left_to_snakemake(tmp_path, argume
 
 def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path):
     (tmp_path / "logs").write_text("")
-    with pytest.raises(InputError, match=r"logs: is no folder, .*; move it away"):
+    with pytest.raises(InputError, match=r"logs: is not a folder, .*; move it away"):
         check_folders(tmp_path, ["all"])
     check_folders(tmp_path, ["all", "-n"])
     (tmp_path / ".snakemake").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"\.snakemake: is no folder"):
+    with pytest.raises(InputError, match=r"\.snakemake: is not a folder"):
         check_folders(tmp_path, ["all", "-n"])
     check_folders(tmp_path, ["--lint"])
 

@@ -40,13 +40,13 @@ class Kind:
 
 def kinds() -> list[Kind]:
     """What the stages of all papers return."""
-    found = {}
+    by_type = {}
     for slug in SLUGS:
         paper = catalogue(slug)
         for stage in paper.stages.values():
             returned = record_type(stage.entries)
-            found.setdefault((slug, returned), Kind(slug, returned))
-    return list(found.values())
+            by_type.setdefault((slug, returned), Kind(slug, returned))
+    return list(by_type.values())
 
 
 KINDS = kinds()
@@ -121,7 +121,7 @@ def test_flipped_bits_are_refused(tmp_path, kind):
         damaged = bytearray(whole)
         damaged[place] ^= 1 << int(random.integers(8))
         path.write_bytes(damaged)
-        assert "its bytes are not those that were written" in refused(path, kind)
+        assert "its bytes differ from what was written" in refused(path, kind)
     for place in range(sealed_bytes, sealed_bytes + len(artifacts._SEAL), 4):  # of the mark that says it is a seal
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         assert "its end is cut off" in refused(path, kind)
@@ -148,9 +148,9 @@ def test_flipped_bits_in_files_without_a_seal_are_refused_within_bounds(tmp_path
                 signal.alarm(0)
         print("all refused")
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
-    assert "all refused" in done.stdout
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == 0, f"{process.returncode}: {process.stderr[-2000:]}"
+    assert "all refused" in process.stdout
 
 
 # ---------------------------------------------------------------------------------------------------------- other files
@@ -158,17 +158,17 @@ def test_flipped_bits_in_files_without_a_seal_are_refused_within_bounds(tmp_path
 
 def test_no_kind_is_taken_for_another_or_for_that_of_another_paper(tmp_path):
     paths = [put(tmp_path / f"{i}.h5", kind) for i, kind in enumerate(KINDS)]
-    for path, written in zip(paths, KINDS, strict=True):
-        loaded = load(path, written.type, paper=written.paper, reading="corrected")
-        for name, value in vars(made_up(written)).items():
+    for path, saved_kind in zip(paths, KINDS, strict=True):
+        loaded = load(path, saved_kind.type, paper=saved_kind.paper, reading="corrected")
+        for name, value in vars(made_up(saved_kind)).items():
             np.testing.assert_array_equal(getattr(loaded, name), value)
         for kind in KINDS:
-            if kind != written:
+            if kind != saved_kind:
                 reason = refused(path, kind)
-                other_name = kind.type.__name__ != written.type.__name__
-                assert (repr(written.type.__name__) if other_name else repr(written.paper)) in reason
+                other_name = kind.type.__name__ != saved_kind.type.__name__
+                assert (repr(saved_kind.type.__name__) if other_name else repr(saved_kind.paper)) in reason
         with pytest.raises(ArtifactError, match="of the reading 'corrected', not 'printed'"):
-            load(path, written.type, paper=written.paper, reading="printed")
+            load(path, saved_kind.type, paper=saved_kind.paper, reading="printed")
 
 
 def older(kind: Kind, change: str) -> type:
@@ -176,15 +176,20 @@ def older(kind: Kind, change: str) -> type:
     declared = {field.name: field for field in fields(kind.type)}
     name = next(iter(declared))
     own = quantities(kind.type)[name]
+
+    def renamed(dims):
+        """Dimensions that no field is named after, as the field that is changed may be one."""
+        return tuple(f"older_{d}" if isinstance(d, str) and change == "dimension" else d for d in dims)
+
     other = {
         "unit": lambda: quantity(own.unit + "^2", own.dims, own.meaning, own.dtype),
-        "dimension": lambda: quantity(own.unit, (*own.dims, 1), own.meaning, own.dtype),
+        "dimension": lambda: quantity(own.unit, (*renamed(own.dims), "more"), own.meaning, own.dtype),
         "type": lambda: quantity(own.unit, own.dims, own.meaning, "int8" if own.dtype != "int8" else "int64"),
         "missing": lambda: None,
         "gone": lambda: quantity(own.unit, own.dims, own.meaning, own.dtype),
     }[change]()
     rows = [
-        (other_name, field.type, quantity(q.unit, q.dims, q.meaning, q.dtype, allow_nan=q.allow_nan))
+        (other_name, field.type, quantity(q.unit, renamed(q.dims), q.meaning, q.dtype, allow_nan=q.allow_nan))
         for (other_name, field), q in zip(declared.items(), quantities(kind.type).values(), strict=True)
         if other_name != name or change == "gone"
     ]
@@ -384,9 +389,9 @@ def test_strange_files_are_refused_within_bounded_time_and_memory(tmp_path):
             refused(path, kind)
         print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - used)
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
-    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
-    assert int(done.stdout) < 50_000, "kilobytes"
+    process = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert process.returncode == 0, f"{process.returncode}: {process.stderr[-2000:]}"
+    assert int(process.stdout) < 50_000, "kilobytes"
 
 
 @pytest.mark.parametrize(
@@ -424,7 +429,7 @@ def test_a_missing_reason_is_none_for_a_file_that_may_not_be_opened(tmp_path):
         (pipe, "is not a file"),
         (folder, "is not a file"),
         (device, "is not a file"),
-        (link, "no such file"),
+        (link, "does not exist"),
     ):
         with pytest.raises(ArtifactError, match=rf"{path.name}: .*{reason}"):
             load(path, kind.type)

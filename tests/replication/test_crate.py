@@ -110,47 +110,47 @@ def graph(folder):
 
 
 def names(entity, key):
-    found = entity[key]
-    return {item["@id"] for item in (found if isinstance(found, list) else [found])}
+    values = entity[key]
+    return {item["@id"] for item in (values if isinstance(values, list) else [values])}
 
 
 def test_every_product_is_there_with_its_digest(project):
-    found = graph(crate.write_crate(project, PAPERS, SHARED).parent)
+    entities = graph(crate.write_crate(project, PAPERS, SHARED).parent)
     for name in (*PRODUCTS, "Snakefile", "requirements.lock", "configs/powered_descent.yaml"):
-        assert found[name]["sha256"] == hashlib.sha256(name.encode()).hexdigest()
-        assert found[name]["contentSize"] == str(len(name))
-    assert names(found["#run"], "result") == set(PRODUCTS)
-    assert names(found["#run"], "instrument") == names(found["./"], "mainEntity") == {"Snakefile"}
-    assert names(found["#run"], "object") == {"configs/powered_descent.yaml", "data/published/powered_descent.yaml"}
+        assert entities[name]["sha256"] == hashlib.sha256(name.encode()).hexdigest()
+        assert entities[name]["contentSize"] == str(len(name))
+    assert names(entities["#run"], "result") == set(PRODUCTS)
+    assert names(entities["#run"], "instrument") == names(entities["./"], "mainEntity") == {"Snakefile"}
+    assert names(entities["#run"], "object") == {"configs/powered_descent.yaml", "data/published/powered_descent.yaml"}
 
 
 def test_products_of_one_reading_say_what_they_were_made_from(project):
-    found = graph(crate.write_crate(project, PAPERS, SHARED).parent)
+    entities = graph(crate.write_crate(project, PAPERS, SHARED).parent)
     folder = "data/cache/powered_descent/corrected"
-    flown = found[f"#run-{folder}/montecarlo.closed_loop.h5"]
-    assert names(flown, "object") == {
+    action = entities[f"#run-{folder}/montecarlo.closed_loop.h5"]
+    assert names(action, "object") == {
         "configs/powered_descent.yaml",
         *(f"{folder}/{need}.h5" for need in PAPERS["powered_descent"].stages["montecarlo"].needs),
     }
-    assert names(flown, "instrument") == {"#powered_descent/montecarlo"}
-    assert "#run-figures/powered_descent/printed/fig07.pdf" in found
-    assert "#run-figures/comparison/costs.csv" not in found
+    assert names(action, "instrument") == {"#powered_descent/montecarlo"}
+    assert "#run-figures/powered_descent/printed/fig07.pdf" in entities
+    assert "#run-figures/comparison/costs.csv" not in entities
     tools = {
         name
-        for entity in found.values()
+        for entity in entities.values()
         if entity.get("@type") == "CreateAction"
         for name in names(entity, "instrument")
     }
-    assert names(found["Snakefile"], "hasPart") == tools - {"Snakefile"}
+    assert names(entities["Snakefile"], "hasPart") == tools - {"Snakefile"}
 
 
 def test_licence_software_and_citation(project):
-    found = graph(crate.write_crate(project, PAPERS, SHARED, "chunks=2").parent)
-    assert names(found["./"], "license") == {"https://spdx.org/licenses/MIT"}
-    software = {found[name]["name"] for name in names(found["Snakefile"], "softwareRequirements")}
+    entities = graph(crate.write_crate(project, PAPERS, SHARED, "chunks=2").parent)
+    assert names(entities["./"], "license") == {"https://spdx.org/licenses/MIT"}
+    software = {entities[name]["name"] for name in names(entities["Snakefile"], "softwareRequirements")}
     assert software >= {"python", "snakemake", "numpy", "numba", "casadi", "clarabel"}
-    assert "chunks=2" in found["#run"]["description"]
-    citations = {found[name]["name"] for name in names(found["./"], "citation")}
+    assert "chunks=2" in entities["#run"]["description"]
+    citations = {entities[name]["name"] for name in names(entities["./"], "citation")}
     assert citations == {paper.title for paper in PAPERS.values()}
 
 
@@ -178,11 +178,11 @@ def test_the_validator_sees_a_file_that_is_gone(project, validate):
 
 @pytest.mark.workflow
 def test_the_smoke_build_is_a_valid_crate(tree, validate):
-    done = tree.marsedl("crate", "--config", *tree.config)
-    assert done.returncode == 0, done.stderr
+    process = tree.marsedl("crate", "--config", *tree.config)
+    assert process.returncode == 0, process.stderr
     assert validate(tree.folder) == []
-    found = graph(tree.folder)
-    assert {f"build/smoke/{name}" for name in tree.state()} == names(found["#run"], "result")
+    entities = graph(tree.folder)
+    assert {f"build/smoke/{name}" for name in tree.state()} == names(entities["#run"], "result")
 
 
 def test_a_build_that_is_not_up_to_date_is_not_described(project, monkeypatch):

@@ -95,9 +95,9 @@ def read(tmp_path):
             (package / "__init__.py").write_text("", encoding="utf-8")
         for name, source in {**PACKAGE, **modules}.items():
             (folder / f"{name}.py").write_text(dedent(source), encoding="utf-8")
-        written = Paper("toy", "", "", "", {"fig01": Product("A figure.")}, {"tab1": Product("A table.")})
+        paper = Paper("toy", "", "", "", {"fig01": Product("A figure.")}, {"tab1": Product("A table.")})
         digests = RememberedDigests(tmp_path / "memory.json", tmp_path / "src", tmp_path / "scripts")
-        return declared(written, ToyInputs, digests)
+        return declared(paper, ToyInputs, digests)
 
     return of
 
@@ -145,11 +145,11 @@ SETUP = """
 )
 def test_inputs_are_followed_through_named_tuples_of_sections(read, body, inputs):
     *assigned, last = body.split("; ")
-    taken = ", ".join(f"{name}: {kind}" for name, kind in TUPLES.items() if f"{name} =" not in body)
+    parameters = ", ".join(f"{name}: {kind}" for name, kind in TUPLES.items() if f"{name} =" not in body)
     helper = "".join(f"    {line}\n" for line in (*assigned, f"return {last}"))
     stage = "from marsedl.papers.toy import helpers\nfrom marsedl.papers.toy.setups import Other, Setup, Study\n"
     stage += "from marsedl.replication.catalogue import stage\n"
-    stage += f"def helper({taken}):\n{helper}"
+    stage += f"def helper({parameters}):\n{helper}"
     stage += '@stage()\ndef compute(planet: Planet, ensemble: Ensemble):\n    """Study."""\n'
     stage += "    return helper(Setup(planet, ensemble))\n"
     assert read(setups=SETUP, study=stage).stages["study"].inputs == inputs
@@ -177,7 +177,7 @@ def test_products_declare_artifacts_optional_ones_and_printed_values(read):
 
 
 def test_an_unknown_parameter_names_the_nearest(read):
-    with pytest.raises(InputError, match=r"figures:fig01: the parameter 'nominl' is no section.*mean 'nominal'\?"):
+    with pytest.raises(InputError, match=r"figures:fig01: the parameter 'nominl' is not a section.*mean 'nominal'\?"):
         read(figures="def fig01(nominl):\n    return nominl\n")
 
 
@@ -189,7 +189,7 @@ def test_a_function_that_is_not_written_is_named(read):
 def test_two_stages_in_a_circle_are_named(read):
     circle = "from marsedl.replication.catalogue import stage\n"
     circle += "".join(f'@stage()\ndef {a}({b}):\n    """Turn."""\n' for a, b in (("one", "two"), ("two", "one")))
-    with pytest.raises(InputError, match=r"toy: stages need each other in a circle: (one -> two|two -> one)"):
+    with pytest.raises(InputError, match=r"toy: stages depend on each other in a circle: (one -> two|two -> one)"):
         read(circle=circle)
 
 

@@ -49,7 +49,7 @@ def hdf5(path, mode, **options):
     path.write_bytes(seal(path.read_bytes()))
 
 
-def changed(array, index, value):
+def with_value(array, index, value):
     array = np.array(array)
     array[index] = value
     return array
@@ -107,6 +107,7 @@ EDITS = {
     "dataset in a group": lambda file: file.move("mean", "more/mean"),
     "empty group": lambda file: file.create_group("more"),
     "text": lambda file: file["names"].__setitem__(0, b"c"),
+    "scale of a dimension": lambda file: file["mean"].dims[0].detach_scale(file["time"]),
     "bool": lambda file: file["good"].__setitem__((), False),
 }
 
@@ -171,9 +172,9 @@ def test_damaged_and_missing_files(tmp_path):
     (tmp_path / "a.h5").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ArtifactError, match=r"a\.h5"):
         digest(tmp_path / "a.h5")
-    with pytest.raises(InputError, match=r"none\.png: there is no such file"):
+    with pytest.raises(InputError, match=r"none\.png: the file does not exist"):
         digest(tmp_path / "none.png")
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="the folder does not exist"):
         digest_tree(tmp_path / "none", ["*"])
 
 
@@ -208,9 +209,9 @@ def test_digest_tree(tmp_path):
     put(tmp_path / "deep/er/a.h5", nominal())
     (tmp_path / "b.png").write_bytes(b"b")
     (tmp_path / "c.log").write_bytes(b"c")
-    found = digest_tree(tmp_path, ["**/*.h5", "*.png", "**/*.png"])
-    assert list(found) == ["b.png", "deep/er/a.h5"]
-    assert found["deep/er/a.h5"] == digest(tmp_path / "deep/er/a.h5")
+    actual = digest_tree(tmp_path, ["**/*.h5", "*.png", "**/*.png"])
+    assert list(actual) == ["b.png", "deep/er/a.h5"]
+    assert actual["deep/er/a.h5"] == digest(tmp_path / "deep/er/a.h5")
 
 
 # ---------------------------------------------------------------------------------------------------------- difference
@@ -218,7 +219,7 @@ def test_digest_tree(tmp_path):
 
 def test_difference_of_numbers_says_how_much_and_where(tmp_path):
     base = nominal()
-    mean = changed(changed(base.mean, (4, 1), base.mean[4, 1] + 0.5), (0, 0), 0.75)
+    mean = with_value(with_value(base.mean, (4, 1), base.mean[4, 1] + 0.5), (0, 0), 0.75)
     a, b = put(tmp_path / "a.h5", base), put(tmp_path / "b.h5", replace(base, mean=mean))
     (row,) = difference(a, b)
     assert (row.field, row.what, row.place) == ("/mean", "2 of 12 values differ", "[4, 1]")
@@ -231,8 +232,8 @@ def test_difference_of_all_kinds(tmp_path):
     base = nominal()
     other = replace(
         base,
-        outcome=changed(base.outcome, 2, 5),
-        gap=changed(base.gap, 1, 2.0),
+        outcome=with_value(base.outcome, 2, 5),
+        gap=with_value(base.gap, 1, 2.0),
         names=np.array(["a", "cc"]),
         good=False,
     )

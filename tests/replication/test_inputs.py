@@ -48,8 +48,8 @@ def section_of(line) -> str:
     """The section in which a line sets an input, of whatever suffix; the first for what is no input."""
     key = line.partition(":")[0]
     fields = {name: section for section, of in MODEL.sections().items() for name in of.model_fields}
-    known = [name for name in fields if key == name or key.startswith(f"{name}_")]
-    return fields[max(known, key=len)] if known else "planet"
+    names = [name for name in fields if key == name or key.startswith(f"{name}_")]
+    return fields[max(names, key=len)] if names else "planet"
 
 
 def flat(values: dict) -> dict:
@@ -75,7 +75,7 @@ def refused(path, *fragments) -> str:
     return message
 
 
-TRIALS = "    ensemble: {trials: 200, large_trials: 3000, drawn_trials: 20}\n"
+TRIALS = "    ensemble: {trials: 200, large_trials: 3000, companion_trials: 3000, drawn_trials: 20}\n"
 SMOKE = "  smoke:\n    readings: [printed, "
 
 
@@ -128,11 +128,11 @@ class Turning(Inputs):
     turn: Turn
 
 
-def turning(tmp_path, **changed):
+def turning(tmp_path, **changes):
     """A reading of these inputs, each as it is written in YAML."""
-    written = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": "[180.0, -90]"}
-    written |= {"final_rate_deg_s": "null"} | changed
-    lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in written.items()]
+    bounds = {"acceleration_bound_deg_s2": 5.0, "acceleration_bounds_deg_s2": "[180.0, -90]"}
+    bounds |= {"final_rate_deg_s": "null"} | changes
+    lines = [f"      {key}: {{value: {value}, source: '{SOURCE}'}}" for key, value in bounds.items()]
     path = tmp_path / "turning.yaml"
     path.write_text("\n".join(["readings:", "  mine:", "    summary: A test.", "    turn:", *lines, "chunks: {}"]))
     return load_study("turning", Turning, path).readings["mine"]
@@ -197,7 +197,7 @@ def test_every_reading_of_the_project_is_complete_and_sourced():
 def test_a_size_limits_numbers_and_leaves_smaller_ones_and_frozen_readings_alone():
     full, smoke = (load_study("powered_descent", MODEL, CONFIG, size=size).readings for size in ("full", "smoke"))
     assert full["corrected"].inputs.ensemble.trials > smoke["corrected"].inputs.ensemble.trials == 200
-    assert full["plus_sign"].inputs.ensemble.large_trials == smoke["plus_sign"].inputs.ensemble.large_trials == 0
+    assert {size["plus_sign"].inputs.ensemble.companion_trials for size in (full, smoke)} == {0}
     for name in full:
         assert full[name].sources == smoke[name].sources
         assert full[name].inputs.planet.gravity == smoke[name].inputs.planet.gravity
@@ -298,7 +298,7 @@ def test_nearest_names_the_nearest_or_all():
         ("ellipses_per_segment", "1000000000", ["at most 10000: a figure shows no more"]),
         ("certificate_intervals", "[1000000, 50]", ["at most 1000: a certificate is a semidefinite program"]),
         ("convergence_trials", "1000000000", ["at most 10000000: a study keeps all of its trials in memory"]),
-        ("mass_iterations", "1000000000", ["at most 1000000: what has not converged by then does not"]),
+        ("mass_iterations", "1000000000", ["at most 1000000: an iteration that has not converged by then never does"]),
         ("integrator", "rk5", ["rk4", "euler_maruyama"]),
         ("boundary_condition", "3", ["algorithm_1"]),
         ("final_covariance", "[5.0, 0.25, 0.25]", ["size 3", "size 4"]),
@@ -379,7 +379,7 @@ def test_one_input_under_two_keys_is_refused(tmp_path):
         ("readings: {mine: {based_on: mine}}", ["mine.based_on", "itself"]),
         ("readings: {a: {based_on: b}, b: {based_on: c}, c: {based_on: a}}", ["based_on", "itself"]),
         ("readings: {mine: {planet: {}}}", ["is missing", "based_on"]),
-        ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name is taken", "based_on"]),
+        ("readings: {corrected: {based_on: printed}}", ["readings.corrected", "the name belongs to", "based_on"]),
         ("readings: {Mine: {based_on: corrected}}", ["readings.Mine", "lower case"]),
         ("readings: {'../mine': {based_on: corrected}}", ["lower case"]),
         ("readings: {m" + 50 * "e" + ": {based_on: corrected}}", ["at most 40"]),
@@ -462,7 +462,7 @@ def test_a_file_may_add_nothing(tmp_path):
         (b"powered_descent: &a {readings: {}}\n", ["line 1", "anchors and aliases"]),
         (b"powered_descent: {readings: *a}\n", ["line 1", "alias"]),
         (b"powered_descent: {readings: {a: {<<: {based_on: b}}}}\n", ["<<"]),
-        (b"powered_descent: \xff\xfe\n", ["line 1: no UTF-8"]),
+        (b"powered_descent: \xff\xfe\n", ["line 1: not UTF-8"]),
         (b"powered_descent: !!python/object/apply:os.getcwd []\n", ["line 1: the tag"]),
         (b"powered_descent: \x00\n", ["line 1: has the character", "remove it"]),
     ],
@@ -486,7 +486,7 @@ def test_what_is_no_file_is_refused(tmp_path):
     refused(loop, "cannot be read (Too many levels of symbolic links)", REMEDY)
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
-    refused(pipe, "is no ordinary file; save it as one")
+    refused(pipe, "is not a regular file; save it as one")
 
 
 def test_a_file_with_a_strange_name_is_named_in_one_line(tmp_path):
@@ -553,7 +553,7 @@ def test_the_largest_file_is_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["a" * 20, "a" * 40, "ab" * 20, "x" + "1" * 39, "mine" + "_" * 20])
 def test_a_name_that_snakemake_takes_for_a_loop_of_rules_is_refused(tmp_path, name):
-    refused(own(tmp_path, name=name), f"readings.{name}: the name ends in", "over and over", "rename it")
+    refused(own(tmp_path, name=name), f"readings.{name}: the name ends in", "repeated", "rename it")
 
 
 @pytest.mark.parametrize("name", ["a" * 19, "ab" * 10, "a" * 20 + "b", "mine_" * 8])
@@ -629,12 +629,12 @@ def test_inputs_without_sections_are_refused_with_the_new_form(tmp_path):
     path = tmp_path / "mine.yaml"
     text = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      inputs:\n        wet_mass: 3\n"
     path.write_text(text, encoding="utf-8")
-    said = "readings.mine.inputs: inputs stand in sections; write 'vehicle: {wet_mass: ...}' in its place (sections:"
-    refused(path, f"{path}:5: ", said)
+    message = "readings.mine.inputs: inputs stand in sections; write 'vehicle: {wet_mass: ...}' in its place (sections:"
+    refused(path, f"{path}:5: ", message)
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("gravity: {value: 3.7, source: x}", "mine.gravity: stands in the section 'planet'; write 'planet: {gravity:"),
         (
@@ -644,21 +644,21 @@ def test_inputs_without_sections_are_refused_with_the_new_form(tmp_path):
         ("plant: {}", "mine.plant: unknown key; did you mean 'planet'?"),
     ],
 )
-def test_a_misplaced_key_names_its_section_and_its_line(tmp_path, line, said):
+def test_a_misplaced_key_names_its_section_and_its_line(tmp_path, line, message):
     path = tmp_path / "mine.yaml"
     head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n"
     path.write_text(f"{head}      {line}\n", encoding="utf-8")
-    refused(path, f"{path}:5: ", said)
+    refused(path, f"{path}:5: ", message)
 
 
 def test_a_section_may_name_the_source_of_inputs_that_name_none(tmp_path):
-    lines = "source: Eq. 9", "wet_mass: {value: 3.0}", "maximum_thrust: {value: 4.0, source: Eq. 8}"
+    lines = "source: Eq. 9", "wet_mass: {value: 3.0}", "specific_impulse: {value: 4.0, source: Eq. 8}"
     path = tmp_path / "mine.yaml"
     head = "powered_descent:\n  readings:\n    mine:\n      based_on: corrected\n      vehicle:\n"
     path.write_text(head + "".join(f"        {line}\n" for line in lines), encoding="utf-8")
     sources = load(path).readings["mine"].sources
     assert sources["vehicle.wet_mass"].source == "Eq. 9"
-    assert sources["vehicle.maximum_thrust"].source == "Eq. 8"
+    assert sources["vehicle.specific_impulse"].source == "Eq. 8"
     path.write_text(head + f"        {lines[1]}\n", encoding="utf-8")
     refused(path, f"{path}:6: ", "vehicle.wet_mass: the key 'source' is missing; add it")
 

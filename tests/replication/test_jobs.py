@@ -59,15 +59,15 @@ def pinned(monkeypatch, tmp_path):
         monkeypatch.setenv(name, value)
 
 
-def saved(path, reading="r", value=(1.0, 2.0)):
+def save_thing(path, reading="r", value=(1.0, 2.0)):
     artifacts.save(path, Thing(np.array(value)), paper="p", reading=reading, provenance={})
     return str(path)
 
 
-def made(folder, name, inputs, *needs, **changed):
+def made_artifact(folder, name, inputs, *needs, **changes):
     """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
     snakemake = job_of(folder, build={"size": "smoke", "artifacts": dict(needs)})
-    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, **changed}
+    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, **changes}
     jobs.Job(snakemake).save(str(folder / name), Thing(np.array([1.0, 2.0])), recipe)
     recipe["needs"] = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
     return str(folder / name), ("p", "r", recipe)
@@ -85,8 +85,8 @@ def test_the_numeric_environment_is_pinned_for_children():
     code += "print(os.environ['OPENBLAS_CORETYPE'], os.environ['OMP_NUM_THREADS'], os.environ['NUMBA_CACHE_DIR'])"
     clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
     clean["NUMBA_CPU_NAME"] = "generic"
-    done = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
-    core, threads, cache = done.stdout.split()
+    process = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True)
+    core, threads, cache = process.stdout.split()
     assert (core, threads) == ("Haswell", "1")
     assert Path(cache).parent == SOURCE.parent / ".cache" / "numba"
 
@@ -106,16 +106,18 @@ def test_a_machine_that_pretends_keeps_its_instruction_sets_and_nothing_else(mon
     code += "print(os.environ.get('OPENBLAS_CORETYPE'), os.environ.get('NPY_DISABLE_CPU_FEATURES'),"
     code += " os.environ['OMP_NUM_THREADS'], jobs.pretended_machine(), sep='|')"
     clean = {name: value for name, value in os.environ.items() if name not in jobs.NUMERIC_ENVIRONMENT}
-    given = {"MARSEDL_UNPINNED": "1", "OPENBLAS_CORETYPE": "Prescott", "OMP_NUM_THREADS": "8"}
+    variables = {"MARSEDL_UNPINNED": "1", "OPENBLAS_CORETYPE": "Prescott", "OMP_NUM_THREADS": "8"}
 
-    def said(environment):
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        return done.stdout.strip()
+    def output_in(environment):
+        process = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+        )
+        return process.stdout.strip()
 
-    assert said({**clean, **given}) == "Prescott|None|1|OPENBLAS_CORETYPE=Prescott"
-    assert said({**clean, "MARSEDL_UNPINNED": "1"}) == "None|None|1|this machine's own"
+    assert output_in({**clean, **variables}) == "Prescott|None|1|OPENBLAS_CORETYPE=Prescott"
+    assert output_in({**clean, "MARSEDL_UNPINNED": "1"}) == "None|None|1|this machine's own"
     features = jobs.NUMERIC_ENVIRONMENT["NPY_DISABLE_CPU_FEATURES"]
-    assert said({**clean, **given, "MARSEDL_UNPINNED": ""}) == f"Haswell|{features}|1|"
+    assert output_in({**clean, **variables, "MARSEDL_UNPINNED": ""}) == f"Haswell|{features}|1|"
 
 
 # ------------------------------------------------------------------------------------------------- inputs and artifacts
@@ -132,11 +134,11 @@ def test_a_section_has_the_inputs_that_were_given_and_no_others():
     def stage(plant: Plant):
         """Only its annotations are read."""
 
-    taken = jobs.given(stage, {"plant.covariance": [1, 2]}, None)["plant"]
-    np.testing.assert_array_equal(taken.covariance, [1.0, 2.0])
-    assert taken.covariance.dtype == float
+    section = jobs.arguments_of(stage, {"plant.covariance": [1, 2]}, None)["plant"]
+    np.testing.assert_array_equal(section.covariance, [1.0, 2.0])
+    assert section.covariance.dtype == float
     with pytest.raises(AttributeError, match=r"the input 'speed' was not given: .* reads as 'plant\.speed'"):
-        _ = taken.speed
+        _ = section.speed
 
 
 def artifacts_of(*paths):
@@ -148,10 +150,10 @@ def test_arguments_are_loaded_by_annotation(tmp_path):
     def stage(one: Thing, chunks: list[Thing], maybe: Thing | None = None):
         """Only its annotations are read."""
 
-    files = [saved(tmp_path / "one.h5"), *(saved(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
+    files = [save_thing(tmp_path / "one.h5"), *(save_thing(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
     snakemake = job_of(tmp_path, build=artifacts_of(*files))
     snakemake.input = Named(one=files[0], chunks=files[1:])
-    loaded = jobs.Job(snakemake).given(stage)
+    loaded = jobs.Job(snakemake).arguments_of(stage)
     assert set(loaded) == {"one", "chunks"}
     np.testing.assert_array_equal(loaded["one"].value, [1.0, 2.0])
     assert [thing.value[0] for thing in loaded["chunks"]] == [0.0, 1.0, 2.0]
@@ -168,10 +170,10 @@ def test_many_artifacts_come_as_one_dataclass(tmp_path):
 
     evaluate.__annotations__["records"] = Records
     Records.__annotations__.update(one=Thing, maybe=Thing | None)
-    path = saved(tmp_path / "one.h5")
+    path = save_thing(tmp_path / "one.h5")
     snakemake = job_of(tmp_path, build=artifacts_of(path))
     snakemake.input = Named(one=path)
-    records = jobs.Job(snakemake).given(evaluate)["records"]
+    records = jobs.Job(snakemake).arguments_of(evaluate)["records"]
     np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
     assert records.maybe is None
 
@@ -180,16 +182,16 @@ def test_an_artifact_of_another_reading_is_refused(tmp_path):
     def stage(one: Thing):
         """Only its annotations are read."""
 
-    path = saved(tmp_path / "one.h5", reading="other")
+    path = save_thing(tmp_path / "one.h5", reading="other")
     snakemake = job_of(tmp_path, build=artifacts_of(path))
     snakemake.input = Named(one=path)
     with pytest.raises(artifacts.ArtifactError, match=r"one\.h5.*other"):
-        jobs.Job(snakemake).given(stage)
+        jobs.Job(snakemake).arguments_of(stage)
 
 
 def test_saving_keeps_where_a_result_comes_from(tmp_path):
-    one = made(tmp_path, "one.h5", {"a": 1.0})
-    two, (_, _, recipe) = made(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
+    one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
     kept = artifacts.provenance(two)
     assert {name: kept[name] for name in recipe} == recipe
     assert recipe["options"] == {"case": "closed_loop"}
@@ -210,24 +212,24 @@ ELSEWHERE = {
 @pytest.mark.parametrize("case", ELSEWHERE)
 def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinned, capsys, case):
     """As `cp -p` puts it in place: whole, and older than what Snakemake knows of."""
-    different, said = ELSEWHERE[case]
-    here, planned = made(tmp_path, "one.h5", {"a": 1.0})
-    there, _ = made(tmp_path / "there", "one.h5", **{"inputs": {"a": 1.0}, **different})
+    different, reason = ELSEWHERE[case]
+    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    there, _ = made_artifact(tmp_path / "there", "one.h5", **{"inputs": {"a": 1.0}, **different})
     shutil.copy2(there, here)
     snakemake = job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})
     with pytest.raises(SystemExit), jobs.guarded(snakemake):
         pytest.fail("the job must not begin")
     assert (
-        f"job p_stage: {here}: comes from another build, of size 'smoke': {said}: delete it and run snakemake again"
+        f"job p_stage: {here}: comes from another build, of size 'smoke': {reason}: delete it and run snakemake again"
     ) in capsys.readouterr().err
 
 
 def test_an_artifact_made_from_another_one_is_refused(tmp_path, pinned, capsys):
     """Its own inputs and code are those of here."""
-    first = made(tmp_path, "one.h5", {"a": 1.0})
-    second = made(tmp_path, "two.h5", {"b": 1.0}, first)
-    there = made(tmp_path / "there", "one.h5", {"a": 2.0})
-    copied, _ = made(tmp_path / "there", "two.h5", {"b": 1.0}, there)
+    first = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    second = made_artifact(tmp_path, "two.h5", {"b": 1.0}, first)
+    there = made_artifact(tmp_path / "there", "one.h5", {"a": 2.0})
+    copied, _ = made_artifact(tmp_path / "there", "two.h5", {"b": 1.0}, there)
     build = {"size": "full", "artifacts": dict([first, second])}
     with jobs.guarded(job_of(tmp_path, build=build)):
         pass
@@ -238,8 +240,8 @@ def test_an_artifact_made_from_another_one_is_refused(tmp_path, pinned, capsys):
 
 
 def test_an_artifact_that_says_nothing_of_its_recipe_is_refused(tmp_path, pinned, capsys):
-    here, planned = made(tmp_path, "one.h5", {"a": 1.0})
-    saved(here)
+    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    save_thing(here)
     with (
         pytest.raises(SystemExit),
         jobs.guarded(job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})),
@@ -256,10 +258,10 @@ def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys
     with pytest.raises(SystemExit) as caught, jobs.guarded(snakemake):
         raise MarsedlError("the iteration does not converge: raise its limit")
     assert caught.value.code == 1
-    said = capsys.readouterr().err
-    assert "paper p, reading r, job p_stage: the iteration does not converge: raise its limit" in said
-    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in said
-    assert "Traceback" not in said
+    message = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: the iteration does not converge: raise its limit" in message
+    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in message
+    assert "Traceback" not in message
     assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
 
 
@@ -269,18 +271,18 @@ def failed_solve(tmp_path, capsys):
     with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path)):
         raise SolverError("nominal: off by 3 m", iterate)
     assert caught.value.code == 1
-    said = capsys.readouterr().err
-    assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in said
-    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in said
-    assert "Traceback" not in said
+    message = capsys.readouterr().err
+    assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in message
+    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in message
+    assert "Traceback" not in message
     assert "SolverError" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
-    return said
+    return message
 
 
 def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys):
-    said = failed_solve(tmp_path, capsys)
+    message = failed_solve(tmp_path, capsys)
     kept = tmp_path / "logs" / "job.iterate.csv"
-    assert f"(its last iterate: {kept})" in said
+    assert f"(its last iterate: {kept})" in message
     assert kept.read_text(encoding="utf-8").splitlines()[0] == "time,bank"
     np.testing.assert_array_equal(
         np.loadtxt(kept, delimiter=",", skiprows=1), [[0.0, 1 / 3], [0.5, np.nan], [1.0, -2e-20]]
@@ -289,7 +291,7 @@ def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, c
 
 def test_an_iterate_that_cannot_be_kept_does_not_hide_the_message(tmp_path, pinned, capsys):
     (tmp_path / "logs" / "job.iterate.csv").mkdir(parents=True)
-    assert "(its last iterate could not be kept: Is a directory)" in failed_solve(tmp_path, capsys)
+    assert "(its last iterate could not be saved: Is a directory)" in failed_solve(tmp_path, capsys)
 
 
 def test_a_full_disk_does_not_hide_the_message_of_a_solver(tmp_path, pinned, capsys, monkeypatch):
@@ -297,7 +299,7 @@ def test_a_full_disk_does_not_hide_the_message_of_a_solver(tmp_path, pinned, cap
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(np, "savetxt", full)
-    assert "(its last iterate could not be kept: No space left on device)" in failed_solve(tmp_path, capsys)
+    assert "(its last iterate could not be saved: No space left on device)" in failed_solve(tmp_path, capsys)
 
 
 def test_other_failures_keep_no_iterate(tmp_path, pinned, capsys):
@@ -310,9 +312,9 @@ def test_other_failures_keep_no_iterate(tmp_path, pinned, capsys):
 def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
         raise ZeroDivisionError("by zero")
-    said = capsys.readouterr().err
-    assert "Traceback" in said
-    assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in said
+    message = capsys.readouterr().err
+    assert "Traceback" in message
+    assert "paper p, reading r, job p_stage: ZeroDivisionError: by zero" in message
 
 
 @pytest.mark.parametrize(
@@ -320,17 +322,17 @@ def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
     [
         (errno.ENOSPC, "(No space left on device): free space and run again"),
         (errno.EDQUOT, ": free space and run again"),
-        (errno.EROFS, "(Read-only file system): give yourself permission to write there and run again"),
+        (errno.EROFS, "(Read-only file system): change its permissions and run again"),
     ],
 )
 def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned, capsys, number, remedy):
     for path, named in ((tmp_path / "fig07.png", tmp_path / "fig07.png"), (None, "out")):
         with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
             raise OSError(number, os.strerror(number), path and str(path))
-        said = capsys.readouterr().err
-        assert f"paper p, reading r, job p_stage: {named}: cannot be written or read " in said
-        assert remedy in said
-        assert "Traceback" not in said
+        message = capsys.readouterr().err
+        assert f"paper p, reading r, job p_stage: {named}: cannot be written or read " in message
+        assert remedy in message
+        assert "Traceback" not in message
 
 
 def test_a_log_that_cannot_be_written_is_said(tmp_path, pinned, capsys, monkeypatch):
@@ -340,9 +342,11 @@ def test_a_log_that_cannot_be_written_is_said(tmp_path, pinned, capsys, monkeypa
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
         raise AssertionError("must not begin")
-    said = capsys.readouterr().err
-    assert "paper p, reading r, job p_stage: logs/job.log: cannot be written or read (No space left on device)" in said
-    assert "Traceback" not in said
+    message = capsys.readouterr().err
+    assert (
+        "paper p, reading r, job p_stage: logs/job.log: cannot be written or read (No space left on device)" in message
+    )
+    assert "Traceback" not in message
 
 
 def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
@@ -356,8 +360,8 @@ def test_a_job_with_other_libraries_than_planned_does_not_start(tmp_path, pinned
     planned = LIBRARIES.replace("numpy ", "numpy 1")
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, libraries=planned)):
         pytest.fail("the body must not run")
-    said = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
-    assert said in capsys.readouterr().err
+    message = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
+    assert message in capsys.readouterr().err
 
 
 def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):

@@ -23,13 +23,12 @@ USED = {
 # Which stages solve a cone program, and so depend on the version of its solver, which no code imports.
 CONE_PROGRAMS = {
     *("powered_descent/certificates", "random_field/gains", "random_field/certificates", "random_field/convergence"),
-    *("random_field/regularization", "random_field/double_integrator", "funnels/stage_study", "funnels/coarse_funnels"),
-    *("funnels/dubins_study", "stochastic_entry/certificates"),
+    *("random_field/regularization", "random_field/double_integrator", "random_field/field_study"),
+    *("funnels/stage_study", "funnels/coarse_funnels", "funnels/dubins_study", "stochastic_entry/certificates"),
 }
 NO_SCIPY = {
     *("powered_descent/montecarlo_gather", "random_field/montecarlo_gather", "random_field/double_integrator_flights"),
-    *("funnels/montecarlo", "funnels/montecarlo_chunk", "funnels/montecarlo_gather", "funnels/linearization"),
-    *("funnels/dubins_calm", "funnels/dubins_wind", "funnels/equations_of_motion"),
+    *("funnels/montecarlo_gather", "funnels/dubins_calm", "funnels/dubins_wind"),
     "stochastic_entry/montecarlo_gather",
 }
 
@@ -54,9 +53,9 @@ def upgraded(tmp_path, monkeypatch):
         before = now()
         installed(tmp_path, name, "99.0")
         after = now()
-        changed = {stage for stage in USED if before[stage] != after[stage]}
-        assert all(f"{name} 99.0" in after[stage] for stage in changed)
-        return changed
+        changes = {stage for stage in USED if before[stage] != after[stage]}
+        assert all(f"{name} 99.0" in after[stage] for stage in changes)
+        return changes
 
     monkeypatch.syspath_prepend(tmp_path)
     yield upgrade
@@ -80,10 +79,10 @@ def test_an_upgrade_changes_the_stages_that_use_the_library(upgraded, name, stag
 
 
 def test_versions_are_told_in_words():
-    said = versions_used(frozenset({"numba", "PIL", "yaml"}))
+    message = versions_used(frozenset({"numba", "PIL", "yaml"}))
     python = f"python {sys.version_info.major}.{sys.version_info.minor}"
     names = ("llvmlite", "numba", "pillow")
-    assert said == ", ".join([python, *(f"{name} {importlib.metadata.version(name)}" for name in names)])
+    assert message == ", ".join([python, *(f"{name} {importlib.metadata.version(name)}" for name in names)])
     assert library_versions("no-such-thing", "h5py") == {
         "h5py": importlib.metadata.version("h5py"),
         "no-such-thing": "not installed",
@@ -108,5 +107,5 @@ def test_planning_looks_versions_up_without_importing_the_libraries():
         "import sys; from marsedl.replication.libraries import versions_used; versions_used(frozenset({'numpy'}))\n"
     )
     program += "print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "False"

@@ -72,8 +72,8 @@ def entry(slug: str, name: str, value: str) -> str:
 def section_of(slug: str, key: str) -> str:
     """The section of an input, under whatever suffix; the first for what is no input."""
     fields = {name: section for section, of in SECTIONS[slug].items() for name in of.model_fields}
-    known = [name for name in fields if key == name or key.startswith(f"{name}_")]
-    return fields[max(known, key=len)] if known else next(iter(SECTIONS[slug]))
+    names = [name for name in fields if key == name or key.startswith(f"{name}_")]
+    return fields[max(names, key=len)] if names else next(iter(SECTIONS[slug]))
 
 
 def place_of(slug: str, key: str) -> str:
@@ -94,26 +94,26 @@ def reading(slug: str, *lines: str, based_on: str = "corrected") -> str:
     return text
 
 
-def about(slug: str, name: str, value: str, *said: str) -> tuple[str, tuple[str, ...]]:
+def about(slug: str, name: str, value: str, *message: str) -> tuple[str, tuple[str, ...]]:
     """The fault that an input has a value that it must not have."""
-    return reading(slug, entry(slug, name, value)), (place_of(slug, key_of(slug, name)), *said)
+    return reading(slug, entry(slug, name, value)), (place_of(slug, key_of(slug, name)), *message)
 
 
 @functools.cache
-def fields(*wanted: str) -> list[tuple[str, str, dict]]:
+def fields(*required: str) -> list[tuple[str, str, dict]]:
     """All inputs of all papers with the wanted keywords in their schema, or in that of the numbers in a list."""
-    found = []
+    matches = []
     for slug, schema in SCHEMAS.items():
         for name, own in schema.items():
             bounds = own.get("items", own)
             kind = bounds.get("type")
-            if all(word in bounds or word in own or word == kind for word in wanted):
-                found.append((slug, name, bounds))
-    assert found, wanted
-    return found
+            if all(word in bounds or word in own or word == kind for word in required):
+                matches.append((slug, name, bounds))
+    assert matches, required
+    return matches
 
 
-def written(slug: str, name: str, values: list) -> str:
+def as_listed(slug: str, name: str, values: list) -> str:
     """Numbers as the input takes them: one, or a list."""
     return listed(values) if "items" in SCHEMAS[slug][name] else number(values[0])
 
@@ -151,7 +151,7 @@ def not_finite(draw):
     slug, name, _ = draw(st.sampled_from(fields("number")))
     values = [1.0] * length(slug, name)
     values[draw(st.integers(0, len(values) - 1))] = draw(st.sampled_from([math.nan, math.inf, -math.inf]))
-    return about(slug, name, written(slug, name, values), "should be")
+    return about(slug, name, as_listed(slug, name, values), "should be")
 
 
 @st.composite
@@ -162,7 +162,7 @@ def wrong_sign(draw):
     below = draw(st.integers(1, 10**15)) if bounds["type"] == "integer" else draw(st.floats(1e-3, 1e300))
     at_least = "exclusiveMinimum" in bounds
     values[draw(st.integers(0, len(values) - 1))] = least if at_least and draw(st.booleans()) else least - below
-    return about(slug, name, written(slug, name, values), "should be greater than")
+    return about(slug, name, as_listed(slug, name, values), "should be greater than")
 
 
 @st.composite
@@ -174,7 +174,7 @@ def too_large(draw):
         beyond = draw(st.floats(1e-3, 1e300))
     values = [most - 1] * length(slug, name)
     values[draw(st.integers(0, len(values) - 1))] = most + beyond
-    return about(slug, name, written(slug, name, values), "should be")
+    return about(slug, name, as_listed(slug, name, values), "should be")
 
 
 @st.composite
@@ -183,7 +183,7 @@ def not_whole(draw):
     most = 1 if "enum" in bounds else min(bounds.get("maximum", 1000), 1000)
     whole = draw(st.integers(bounds.get("minimum", 1), most))
     values = [float(whole) + draw(st.sampled_from([0.0, 0.5, 0.25]))] * length(slug, name)
-    return about(slug, name, written(slug, name, values), "should be")
+    return about(slug, name, as_listed(slug, name, values), "should be")
 
 
 @st.composite
@@ -220,13 +220,13 @@ def no_covariance(draw):
     if kind in ("correlation", "singular"):
         correlation = 1.0 if kind == "singular" else draw(st.floats(1.001, 1e6))
         matrix[i, j] = matrix[j, i] = correlation * deviations[i] * deviations[j]
-        said = "give variances above zero and correlations between -1 and 1"
+        message = "give variances above zero and correlations between -1 and 1"
     elif kind in ("negative", "zero"):
         matrix[i, i] = -draw(st.floats(1e-9, 1e9)) if kind == "negative" else 0.0
-        said = "is not positive definite"
+        message = "is not positive definite"
     elif kind == "lopsided":
         matrix[i, j], matrix[j, i] = 0.1 * deviations[i] * deviations[j], 0.2 * deviations[i] * deviations[j]
-        said = "is not symmetric: entry"
+        message = "is not symmetric: entry"
     elif kind == "mixed":
         rows = matrix.tolist()
         rows[i] = 1.0
@@ -236,7 +236,7 @@ def no_covariance(draw):
         value = listed([1.0] * size) if kind == "huge" else listed(np.eye(size).tolist())
         return about("powered_descent", name, value, f"has size {size}, must have size 4: give 4 variances")
     diagonal = kind in ("negative", "zero") and draw(st.booleans())
-    return about("powered_descent", name, listed((np.diag(matrix) if diagonal else matrix).tolist()), said)
+    return about("powered_descent", name, listed((np.diag(matrix) if diagonal else matrix).tolist()), message)
 
 
 @st.composite
@@ -261,11 +261,11 @@ def wrong_suffix(draw):
     )
     key = name + draw(st.sampled_from(["", suffix]))
     assume(key not in KEYS[slug])
-    said = (
+    message = (
         "has the wrong unit suffix" if key != name else "needs its unit in its name",
         f"write '{key_of(slug, name)}'",
     )
-    return reading(slug, f"{key}: {{value: 1.0, source: 'assumed: test'}}"), (f"{place_of(slug, key)}: ", *said)
+    return reading(slug, f"{key}: {{value: 1.0, source: 'assumed: test'}}"), (f"{place_of(slug, key)}: ", *message)
 
 
 @st.composite
@@ -273,7 +273,7 @@ def misspelt(draw):
     """A letter that is missing, doubled, exchanged or another one, in the name of an input or of another key."""
     slug = draw(SLUG)
     section, of = draw(st.sampled_from(sorted(SECTIONS[slug].items())))
-    place, known = draw(
+    place, valid_keys = draw(
         st.sampled_from(
             [
                 ("", [*SLUGS, "size", "chunks"]),
@@ -284,29 +284,29 @@ def misspelt(draw):
             ]
         )
     )
-    name = draw(st.sampled_from(sorted(known)))
+    name = draw(st.sampled_from(sorted(valid_keys)))
     at = draw(st.integers(0, len(name) - 1))
     change = draw(st.sampled_from(["missing", "doubled", "another"]))
     letter = {"missing": "", "doubled": 2 * name[at], "another": draw(st.sampled_from("jqxz"))}[change]
     wrong = name[:at] + letter + name[at + 1 :]
-    assume(wrong and wrong not in known and yaml.safe_load(wrong) == wrong and wrong not in KEYS[slug])
-    said = (f"{place}{wrong}: unknown key; {nearest(wrong, known)}",)
+    assume(wrong and wrong not in valid_keys and yaml.safe_load(wrong) == wrong and wrong not in KEYS[slug])
+    message = (f"{place}{wrong}: unknown key; {nearest(wrong, valid_keys)}",)
     if place == "":
-        return f"{wrong}: {{}}\n", said
+        return f"{wrong}: {{}}\n", message
     if place.startswith(slug):
-        return f"{slug}:\n  {wrong}: {{}}\n", said
+        return f"{slug}:\n  {wrong}: {{}}\n", message
     if place == "readings.mine.":
         assume(wrong != "inputs")
-        return f"{slug}: {{readings: {{mine: {{based_on: corrected, {wrong}: {{}}}}}}}}\n", said
+        return f"{slug}: {{readings: {{mine: {{based_on: corrected, {wrong}: {{}}}}}}}}\n", message
     if place == "entry":
         key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
         line = f"{key}: {{value: 1.0, source: 'assumed: test', {wrong}: 1}}"
-        return reading(slug, line), (f"{place_of(slug, key)}.{wrong}: unknown key; {nearest(wrong, known)}",)
+        return reading(slug, line), (f"{place_of(slug, key)}.{wrong}: unknown key; {nearest(wrong, valid_keys)}",)
     for target in SCHEMAS[slug]:  # another input's name with another unit, of which `wrong_suffix` is
         suffix = wrong.removeprefix(target)
         assume(not (wrong == target or (wrong.startswith(target + "_") and suffix in sections.KNOWN_SUFFIXES)))
     body = f"{{{wrong}: {{value: 1.0, source: 'assumed: test'}}}}"
-    return f"{slug}: {{readings: {{mine: {{based_on: corrected, {section}: {body}}}}}}}\n", said
+    return f"{slug}: {{readings: {{mine: {{based_on: corrected, {section}: {body}}}}}}}\n", message
 
 
 @st.composite
@@ -328,8 +328,8 @@ def unknown(draw):
     assume(not isinstance(key, str) or key not in {*KEYS[slug], "source"})
     body, section = {"value": 1.0, "source": "assumed: test"}, next(iter(SECTIONS[slug]))
     document = {slug: {"readings": {"mine": {"based_on": "corrected", section: {key: body}}}}}
-    said = "unknown key" if isinstance(key, str) else "must be a name"
-    return yaml.safe_dump(document, allow_unicode=True), (f"readings.mine.{section}", said)
+    message = "unknown key" if isinstance(key, str) else "must be a name"
+    return yaml.safe_dump(document, allow_unicode=True), (f"readings.mine.{section}", message)
 
 
 @st.composite
@@ -337,7 +337,7 @@ def no_source(draw):
     slug = draw(SLUG)
     key = key_of(slug, draw(st.sampled_from(sorted(SCHEMAS[slug]))))
     place = place_of(slug, key)
-    body, *said = draw(
+    body, *message = draw(
         st.sampled_from(
             [
                 ("{value: 1.0}", f"{place}: the key 'source' is missing; add it"),
@@ -351,7 +351,7 @@ def no_source(draw):
             ]
         )
     )  # fmt: skip
-    return reading(slug, f"{key}: {body}"), tuple(said)
+    return reading(slug, f"{key}: {body}"), tuple(message)
 
 
 @st.composite
@@ -364,7 +364,7 @@ def set_twice(draw):
     value = listed([1.0] * length(slug, name)) if "items" in SCHEMAS[slug][name] else "1.0"
     lines = [f"{key}: {{value: {value}, source: 'assumed: test'}}" for key in (first, second)]
     return reading(slug, *lines), (
-        (f"the key '{first}' stands twice",) if same else (f"'{name}' is set twice, also as",)
+        (f"the key '{first}' occurs twice",) if same else (f"'{name}' is set twice, also as",)
     )
 
 
@@ -398,16 +398,16 @@ def bad_reading(draw):
     other = draw(st.sampled_from(["[a]", "3", "true", "{a: b}", "1.0e+300"]))
     section = next(iter(SECTIONS[slug]))
     missing = (f"readings.mine.{section}: '", "is missing; give it, or name a complete reading under based_on")
-    body, *said = draw(
+    body, *message = draw(
         st.sampled_from(
             [
                 (
                     f"{{{json.dumps(name)}: {{based_on: {base}}}}}",
                     ("a reading's name is lower case letters", "invalid Unicode character escape code"),
-                    ("rename it", "mend it"),
+                    ("rename it", "fix it"),
                 ),
-                (f"{{{base}: {{based_on: {base}}}}}", f"readings.{base}: the name is taken", "choose another name"),
-                (f"{{{circle}}}", ".based_on: 'r", "is in the end based on 'r", "name another reading"),
+                (f"{{{base}: {{based_on: {base}}}}}", f"readings.{base}: the name belongs to", "choose another name"),
+                (f"{{{circle}}}", ".based_on: 'r", "is itself based on 'r", "name another reading"),
                 (f"{{mine: {{based_on: {other}}}}}", "readings.mine.based_on: must be the name of a reading, not "),
                 (
                     f"{{mine: {{based_on: {nowhere}}}}}",
@@ -435,7 +435,7 @@ def bad_reading(draw):
             ]
         )
     )
-    return f"{slug}:\n  readings: {body}\n", tuple(said)
+    return f"{slug}:\n  readings: {body}\n", tuple(message)
 
 
 @st.composite
@@ -467,17 +467,17 @@ def bad_yaml(draw):
             "not UTF-8": good.replace("mine", chr(draw(st.integers(0xDC80, 0xDCFF)))),
             "bomb": "\n".join(["a0: &a0 [1]", *(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60))]),
         }[kind]
-    said = {
+    message = {
         "huge": ("is larger than", "name another file"),
         "tag": ("is not valid YAML: line 6: the tag '", "write the plain value"),
-        "anchor": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
-        "alias": ("is not valid YAML: line 6: anchors and aliases", "write it out"),
-        "merge": ("is not valid YAML: line 4: '<<' is not used here; write it out",),
+        "anchor": ("is not valid YAML: line 6: anchors and aliases", "write the value out"),
+        "alias": ("is not valid YAML: line 6: anchors and aliases", "write the value out"),
+        "merge": ("is not valid YAML: line 4: '<<' is not accepted; write the values out",),
         "base 60": ("is not valid YAML: line 6: YAML reads '", "to base 60; write a decimal"),
         "base 8": ("is not valid YAML: line 6: YAML reads '", "to base 8; write a decimal"),
-        "bomb": ("is not valid YAML: line 1: anchors and aliases are not used here",),
+        "bomb": ("is not valid YAML: line 1: anchors and aliases are not accepted",),
     }
-    return text, said.get(kind, ("is not valid YAML: line ",))
+    return text, message.get(kind, ("is not valid YAML: line ",))
 
 
 @st.composite
@@ -493,8 +493,8 @@ def bad_encoding(draw):
         line = good.count("\n", 0, at) + 1
         return good[:at] + chr(unfit) + good[at:], (f"is not valid YAML: line {line}: has the character", "remove it")
     line = "" if kind.startswith("utf") else 1 if before else 6
-    said = ("no UTF-8; save the file in this encoding", "has the character '\\x00'")  # of UTF-16 without its mark
-    return good.encode(kind), (f"is not valid YAML: line {line}", said)
+    message = ("not UTF-8; save the file in this encoding", "has the character '\\x00'")  # of UTF-16 without its mark
+    return good.encode(kind), (f"is not valid YAML: line {line}", message)
 
 
 @st.composite
@@ -504,7 +504,7 @@ def bad_document(draw):
     blank = "\n" * draw(st.integers(0, 5))
     good = f"{slug}: {{readings: {{}}}}\n"
     begin = f"begin with one of {SLUGS[0]}, "
-    content, *said = draw(
+    content, *message = draw(
         st.sampled_from(
             [
                 (blank, "must be keys with values, not nothing", begin),
@@ -518,13 +518,13 @@ def bad_document(draw):
                 (f"{blank}? {{a: b}}\n: 3\n", f"line {len(blank) + 1}: a key must be a plain name; write one"),
                 (f"{good}{word}:\n\ta: 1\n", "line 3: ", "indent with spaces, not with tabs"),
                 (f"__use_yte__: true\n{good}", "__use_yte__: unknown key; valid names: "),
-                (f"{slug}: &a {{b: *a}}\n", "line 1: anchors and aliases are not used here; write it out"),
+                (f"{slug}: &a {{b: *a}}\n", "line 1: anchors and aliases are not accepted; write the value out"),
                 (f"{slug}: !!python/object/apply:os.getcwd []\n", "line 1: the tag '", "write the plain value"),
                 (f"when: {draw(st.integers(1000, 9999))}-99-99\n", "line 1: month must be in 1..12", "write another"),
             ]
         )
     )
-    return content, tuple(said)
+    return content, tuple(message)
 
 
 @st.composite
@@ -536,7 +536,7 @@ def too_much(draw):
     digits = strict_yaml.LONGEST_NUMBER + draw(st.sampled_from([more, 5000]))
     lines = strict_yaml.MOST_VALUES // 2 + more
     own = "".join(f"    r{i}: {{based_on: corrected}}\n" for i in range(inputs.MOST_READINGS + more))
-    content, *said = draw(
+    content, *message = draw(
         st.sampled_from(
             [
                 (f"{slug}: {'[' * deep}{']' * deep}", f"line 1: lists or keys more than {strict_yaml.DEEPEST} deep"),
@@ -563,7 +563,7 @@ def too_much(draw):
             ]
         )
     )
-    return content, tuple(said)
+    return content, tuple(message)
 
 
 @st.composite
@@ -575,7 +575,7 @@ def periodic_name(draw):
     name = before + part * times
     assume(name[0].isalpha())
     text = f"{draw(SLUG)}:\n  readings:\n    {name}: {{based_on: corrected}}\n"
-    return text, (f"readings.{name}: the name ends in '", "over and over", "rename it")
+    return text, (f"readings.{name}: the name ends in '", "repeated", "rename it")
 
 
 BLANK = "\u200b\u200c\u200d\u2060\ufeff\u00ad\u202e\u3164\u115f\u00a0\u2003 "
@@ -589,7 +589,7 @@ def blank_source(draw):
     blank = draw(st.text(BLANK, min_size=1, max_size=9))
     unfit = draw(st.sampled_from([*range(9), *range(11, 32), *range(127, 160)]))
     assume(unfit != 13)
-    source, *said = draw(
+    source, *message = draw(
         st.sampled_from(
             [
                 (blank, "source: say where the value comes from"),
@@ -600,7 +600,7 @@ def blank_source(draw):
     )
     assume(not (source.startswith("assumed") and blank[0] == " "))
     line = json.dumps({"value": 1.0, "source": source})  # characters that YAML does not take are written as escapes
-    return reading(slug, f"{key}: {line}"), (f"{place_of(slug, key)}.", *said)
+    return reading(slug, f"{key}: {line}"), (f"{place_of(slug, key)}.", *message)
 
 
 @st.composite
@@ -615,7 +615,7 @@ def lone_surrogate(draw):
         "summary": reading(slug).replace("based_on: corrected", f'based_on: corrected\n      summary: "{half}"'),
         "key": reading(slug, f'"{half}": {{value: 1.0, source: Eq. 1}}'),
     }[where]
-    return text, ("is not valid YAML: line ", "mend it")
+    return text, ("is not valid YAML: line ", "fix it")
 
 
 @st.composite
@@ -625,7 +625,9 @@ def implausible(draw):
     if kind == "count":
         slug, name, bounds = draw(st.sampled_from(fields("integer", "maximum")))
         values = [draw(st.integers(bounds["maximum"] + 1, bounds["maximum"] + 10**6))] * length(slug, name)
-        return about(slug, name, written(slug, name, values), ("should be at most", "should be less than or equal to"))
+        return about(
+            slug, name, as_listed(slug, name, values), ("should be at most", "should be less than or equal to")
+        )
     unbounded = [f for f in fields("number") if not {"maximum", "exclusiveMaximum"} & {*f[2]}]
     slug, name, bounds = draw(st.sampled_from(unbounded))
     sign = 1 if {"minimum", "exclusiveMinimum"} & {*bounds} else draw(st.sampled_from([-1, 1]))
@@ -634,16 +636,16 @@ def implausible(draw):
     if kind == "angle":
         assume(unit == "rad")
         size = draw(st.floats(3601, 1e25))
-        said = ("deg are more than ten turns", "check the angle and its unit")
+        message = ("deg are more than ten turns", "check the angle and its unit")
     else:
         size = draw(st.floats(1e35, 1e300) if kind == "large" else st.floats(5e-324, 1e-32))
         assume(size * factor > 0.0)
-        said = (
+        message = (
             f"is neither 0 nor between {sections.SMALLEST:g} and {sections.LARGEST:g}",
             "check the number and its unit",
         )
     values = [sign * size] * length(slug, name)
-    return about(slug, name, written(slug, name, values), *said)
+    return about(slug, name, as_listed(slug, name, values), *message)
 
 
 @st.composite
@@ -652,16 +654,16 @@ def bad_table(draw):
     slug = draw(st.sampled_from([slug for slug in SLUGS if "density_table" in SCHEMAS[slug]]))
     rows = [[1e4 * i, 0.02 * math.exp(-i)] for i in range(draw(st.integers(3, 9)))]
     at = draw(st.integers(1, len(rows) - 1))
-    fault, *said = draw(
+    fault, *message = draw(
         st.sampled_from(
             [
                 ((0, math.nan), "finite"),
                 ((1, math.inf), "finite"),
-                ((1, -draw(st.floats(0, 1e3))), f"row {at + 1}: density", "is not positive; remove or mend the row"),
+                ((1, -draw(st.floats(0, 1e3))), f"row {at + 1}: density", "is not positive; remove or fix the row"),
                 ((0, -1.0), f"row {at + 1}: non-monotone density table", "strictly increasing altitude"),
                 (None, f"{at if at < 3 else 2} rows are too few for a density table; give at least 3"),
-                ("/dev/zero", "it is no ordinary file", "give a UTF-8 CSV file"),
-                ("/proc/self", "it is no ordinary file", "give a UTF-8 CSV file"),
+                ("/dev/zero", "it is not a regular file", "give a UTF-8 CSV file"),
+                ("/proc/self", "it is not a regular file", "give a UTF-8 CSV file"),
                 (f"data/{draw(WORDS)}.csv", "there is no such density table; check the path"),
                 ("x" * draw(st.integers(300, 9000)), "give a UTF-8 CSV file"),
                 ("true", "should be"),
@@ -680,7 +682,7 @@ def bad_table(draw):
         value = listed(rows)
     else:
         value = fault
-    return about(slug, "density_table", value, *said)
+    return about(slug, "density_table", value, *message)
 
 
 POSITIVE = st.floats(1e-3, 1e6)
@@ -693,7 +695,12 @@ UNFIT = [  # inputs that are each in order and do not go together
     ("powered_descent", "design_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "time_step", st.floats(15.1, 1e9), "is longer than a segment", "lower it"),
     ("powered_descent", "drawn_trials", st.integers(2001, 10_000), "is more than trials (2000): lower it"),
-    ("stochastic_entry", "density_grid_interval", st.floats(1e-20, 1e-3), "altitudes up to planet.atmosphere_altitude"),
+    (
+        "stochastic_entry",
+        "density_grid_interval",
+        st.floats(1e-20, 1e-3),
+        "altitudes from air.lowest_tabulated_altitude",
+    ),
     (
         "stochastic_entry",
         "partition_interval",
@@ -701,8 +708,8 @@ UNFIT = [  # inputs that are each in order and do not go together
         "is longer than mission.time_limit (",
         "lower it",
     ),
-    ("random_field", "output_interval", TINY, "is no multiple of "),
-    ("random_field", "time_step", st.floats(0.30001, 0.39999), "is no multiple of time_step"),
+    ("random_field", "output_interval", TINY, "must not be below time_step"),
+    ("random_field", "time_step", st.floats(0.30001, 0.39999), "is no multiple of simulation.time_step"),
     ("random_field", "double_integrator_output_interval", TINY, "is no multiple of "),
     ("random_field", "field_interval", TINY, "makes more than 100000 nodes"),
     ("random_field", "control_limits", REVERSED, "stand in the wrong order"),
@@ -721,7 +728,7 @@ UNFIT = [  # inputs that are each in order and do not go together
     ("desensitized", "initial_bank_rate", st.floats(1e3, 1e29), "lies beyond vehicle.bank_rate_bound"),
     ("desensitized", "studied_intervals", st.sampled_from([[20, 30], [40, 40], [80, 40]]), "must be a multiple"),
     ("desensitized", "tuning_errors", st.permutations([0.0, 1.0, 2.0, 3.0]).map(list), "has a zero", "leave it out"),
-    ("desensitized", "density_profile", st.just("table"), "density_table names none: write its file"),
+    ("desensitized", "density_profile", st.just("table"), "density_table is empty: write the name of its file"),
     ("funnels", "final_velocity_bounds", REVERSED, "wrong way round: write the smaller one first"),
     ("funnels", "final_altitude", st.floats(1e7, 1e29), "is not below entry_altitude: exchange them"),
     ("funnels", "least_velocity", st.floats(1e5, 1e29), "lies above the first of final_velocity_bounds: lower it"),
@@ -740,16 +747,16 @@ UNFIT = [  # inputs that are each in order and do not go together
     ("stochastic_entry", "ramp_velocities", REVERSED.map(lambda pair: pair[::-1]), "stand in the wrong order"),
     ("stochastic_entry", "deadband_times", REVERSED, "stand in the wrong order"),
     ("stochastic_entry", "paper_trials", st.integers(10**8, 10**9), "must not be fewer than paper_trials"),
-    ("stochastic_entry", "density_profile", st.just("table"), "density_table names none: write its file"),
+    ("stochastic_entry", "density_profile", st.just("table"), "density_table is empty: write the name of its file"),
 ]
 
 
 @st.composite
 def unfit(draw):
-    slug, name, values, *said = draw(st.sampled_from(UNFIT))
+    slug, name, values, *message = draw(st.sampled_from(UNFIT))
     value = draw(values)
     text = value if isinstance(value, str) else listed(value) if isinstance(value, list) else number(value)
-    return reading(slug, entry(slug, name, text)), ("readings.mine", name, *said)
+    return reading(slug, entry(slug, name, text)), ("readings.mine", name, *message)
 
 
 KINDS = [
@@ -804,13 +811,13 @@ def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory,
     )
     @given(fault=kind())
     def refused(fault):
-        content, said = fault
+        content, fragments = fault
         path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
         with within(SECONDS), pytest.raises(InputError) as caught:
             load_studies(MODELS, CONFIGS, read_own_file(path, (*SLUGS, *SETTINGS)), [path])
         message = str(caught.value)
         assert re.match(rf"{re.escape(str(path))}(:\d+)?: ", message)
-        for fragment in said:
+        for fragment in fragments:
             assert any(text in message for text in ([fragment] if isinstance(fragment, str) else fragment)), fragment
         assert message.isprintable(), "one line that a terminal shows as it is"
         assert len(message) <= LONGEST

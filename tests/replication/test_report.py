@@ -1,7 +1,10 @@
-import base64
-import io
+"""The pages of the report from made-up contents."""
+
+import hashlib
 import json
+import re
 import struct
+import zipfile
 import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -11,9 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import marsedl.replication.site
 from marsedl.plotting import style
 from marsedl.replication.claims import (
     COUNTED_VERDICTS,
+    UNEXPLAINED,
     Close,
     Declaration,
     Evaluation,
@@ -23,6 +28,7 @@ from marsedl.replication.claims import (
 )
 from marsedl.replication.closeups import CloseUp
 from marsedl.replication.errors import ArtifactError, InputError
+from marsedl.replication.pictures import picture
 from marsedl.replication.report import (
     Comparison,
     ErratumEntry,
@@ -32,10 +38,12 @@ from marsedl.replication.report import (
     PaperReport,
     ReadingEntry,
     TableEntry,
-    build_report,
 )
+from marsedl.replication.site import build_site, site_files
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "published" / "powered_descent.yaml"
+SEARCH_LIBRARY = "8abd09a992d962c447c7e5051f6ab59c64c079d2c8a4da66c873bc5b822a722a"  # without the notice
+TEMPLATES = Path(marsedl.replication.site.__file__).parent / "templates"
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
 
@@ -73,21 +81,24 @@ def evaluate(claim, shift):
 
 def example(folder, hostile="plain"):
     """Return a realistic report of two papers from made-up numbers."""
-    published = load_published(PUBLISHED)
+    published = [replace(claim, plain="") for claim in load_published(PUBLISHED)]
     first = published[0]
+    published[1] = replace(published[1], plain=f"It is so {hostile}")
     published += [
         replace(first, id="isp", kind="input", quantity="specific impulse", printed=210, resolution=1, unit="s"),
         replace(first, id="ellipse", kind="context", quantity="landing ellipse of Pathfinder", printed=[200, 100]),
     ]
     shifts = {"corrected": 0.5, "printed": 9.0, "target4": 0.2, "plus_sign": 4.0, "newton_noise": 2.5}
-    given = {name: {c.id: evaluate(c, shift) for c in published} for name, shift in shifts.items()}
-    given["corrected"]["prior_final_mass"] = Evaluation(1349.4446, numbers={"prior": 1349.4446})
-    given["corrected"]["mc_final_mean"] = Evaluation(
+    evaluations = {name: {c.id: evaluate(c, shift) for c in published} for name, shift in shifts.items()}
+    evaluations["corrected"]["prior_final_mass"] = Evaluation(1349.4446, numbers={"prior": 1349.4446})
+    evaluations["corrected"]["mc_final_mean"] = Evaluation(
         [100.05, 50.01, -0.0003, -0.006], [0.05, 0.011, 0.011, 0.011], 2000
     )
-    given["corrected"]["alpha_from_isp"] = Evaluation(4.8541e-4 * 1.01)
-    given["corrected"]["eq23_equality"] = Evaluation(False, evidence="the two sides differ by 12.3 % of the cost.")
-    given["newton_noise"]["alg1_meets_boundary_conditions"] = None
+    evaluations["corrected"]["alpha_from_isp"] = Evaluation(4.8541e-4 * 1.01)
+    evaluations["corrected"]["eq23_equality"] = Evaluation(
+        False, evidence="the two sides differ by 12.3 % of the cost."
+    )
+    evaluations["newton_noise"]["alg1_meets_boundary_conditions"] = None
     declared = {
         "alpha_from_isp": Declaration(close=Close("the paper does not state its gravity.", relative=0.02)),
         "prior_final_mass": Declaration(
@@ -142,6 +153,8 @@ def example(folder, hostile="plain"):
             f"Something printed, number {i}. {hostile}",
             "It contradicts Eq. 43; the covariance at 41 s is then diag(4.50, 0.141, 0.192, 0.210).",
             "The other form, as in `corrected`",
+            f"Form {i} is wrong {hostile}" if i != 12 else "",
+            ("plus_sign",) if i == 11 else (),
         )
         for i in (10, 11, 12)
     ]
@@ -149,7 +162,7 @@ def example(folder, hostile="plain"):
         "powered_descent",
         "Uncertainty Quantification and Control During Mars Powered Descent and Landing using Covariance Steering",
         "J. Ridderhof and P. Tsiotras, AIAA Guidance, Navigation, and Control Conference, 2018.",
-        collect(published, declared, given),
+        collect(published, declared, evaluations),
         readings,
         inputs,
         figures,
@@ -168,6 +181,10 @@ def example(folder, hostile="plain"):
         [["quantity", "value"], ["design, compiled", "0.39"]],
         [["stage", "how it ended"], ["certificates", f"8 optimal {hostile}"]],
         [["artifact", "made from"], ["gains", "linearization"]],
+        authors="J. Ridderhof and P. Tsiotras",
+        question=f"Does it land? {hostile}",
+        in_short=("It lands.", f"It is $\\sigma_x$ wide. {hostile}"),
+        picture="fig02",
     )
     small = PublishedClaim("small", "only", "Table 1", "a matrix", [[1, 2], [3, 4]], "m", "deterministic", resolution=1)
     rows = collect([small], {}, {"corrected": {"only": Evaluation([[1.0, 2.1], [3.2, 4.3]])}})
@@ -194,11 +211,15 @@ def together(folder):
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     papers, environment = example(folder, hostile="</script><script>alert('x & y')</script>")
-    build_report(folder / "out" / "index.html", papers, environment, together(folder))
-    return (folder / "out" / "index.html").read_text(encoding="utf-8"), papers, environment, folder
+    build_site(folder / "out", papers, environment, together(folder))
+    return folder, papers, environment
+
+
+def figures_of(papers):
+    return {**{paper.slug: [f.name for f in paper.figures] for paper in papers}, "comparison": ["densities"]}
 
 
 class Checker(HTMLParser):
@@ -207,134 +228,185 @@ class Checker(HTMLParser):
     def __init__(self):
         super().__init__()
         self.open, self.ids, self.links, self.sources, self.images, self.text = [], [], [], [], [], []
-        self.headings, self.tables, self.captions, self.scripts, self.data = [], 0, 0, 0, []
+        self.headings, self.tables, self.captions, self.data = [], 0, 0, []
 
     def handle_starttag(self, tag, attributes):
-        given = dict(attributes)
-        assert len(given) == len(attributes), f"an attribute is repeated in <{tag}>"
+        values = dict(attributes)
+        assert len(values) == len(attributes), f"an attribute is repeated in <{tag}>"
         if tag not in VOID:
             self.open.append(tag)
-        if "id" in given:
-            self.ids.append(given["id"])
+        if "id" in values:
+            self.ids.append(values["id"])
         if tag == "a":
-            self.links.append(given["href"])
+            self.links.append(values["href"])
         for name in ("src", "srcset", "data", "poster", "action") + (("href",) if tag == "link" else ()):
-            if name in given:
-                self.sources.append(given[name])
+            if name in values:
+                self.sources.append(values[name])
         if tag == "img":
-            self.images.append(given)
+            self.images.append(values)
         if tag in ("h1", "h2", "h3", "h4"):
             self.headings.append(int(tag[1]))
         if tag == "th":
-            assert given.get("scope") in ("col", "row", "colgroup", "rowgroup")
+            assert values.get("scope") in ("col", "row", "colgroup", "rowgroup")
         self.tables += tag == "table"
         self.captions += tag == "caption"
-        self.scripts += tag == "script" and "type" not in given
-        if tag == "script" and "type" in given:
-            assert given["type"] == "application/json"
+        if tag == "script" and "src" not in values:
+            assert values["type"] == "application/json"
             self.data.append("")
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
     def handle_data(self, data):
-        if not self.open or self.open[-1] not in ("script", "style"):
-            self.text.append(data)
-        elif self.open[-1] == "script" and not self.scripts:  # the one that draws comes last
+        if self.open and self.open[-1] == "script":
             self.data[-1] += data
+        else:
+            self.text.append(data)
 
 
-@pytest.fixture(scope="module")
-def page(written):
+def read(path):
     checker = Checker()
-    checker.feed(written[0])
+    checker.feed(path.read_text(encoding="utf-8"))
     checker.close()
     return checker
 
 
-def test_two_builds_have_the_same_bytes_and_leave_nothing_else(written):
-    html, papers, environment, folder = written
-    build_report(folder / "again.html", papers, environment, together(folder))
-    assert (folder / "again.html").read_bytes() == html.encode()
-    assert [path.name for path in (folder / "out").iterdir()] == ["index.html"]
-    assert str(folder) not in html
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path.name: read(path) for path in sorted((site[0] / "out").glob("*.html"))}
 
 
-def test_tags_balance_and_ids_are_unique(page):
-    assert page.open == []
-    assert len(page.ids) == len(set(page.ids))
+def words(page):
+    return " ".join("".join(page.text).split())
 
 
-def test_every_claim_reading_erratum_figure_and_input_is_shown(written, page):
-    text = " ".join(page.text)
-    for paper in written[1]:
-        for row in paper.claims:
-            assert f"{paper.slug}-{row['id']}" in page.ids
-            assert row["quantity"] in text
+def test_two_builds_have_the_same_bytes_and_the_files_that_are_promised(site):
+    folder, papers, environment = site
+    build_site(folder / "again", papers, environment, together(folder))
+    first, second = (
+        {path.relative_to(folder / name).as_posix(): path.read_bytes() for path in (folder / name).rglob("*.*")}
+        for name in ("out", "again")
+    )
+    assert first == second
+    assert set(first) == set(site_files(figures_of(papers)))
+    assert not any(str(folder).encode() in content for content in first.values())
+
+
+def test_the_zip_holds_all_other_files(site):
+    with zipfile.ZipFile(site[0] / "out" / "report.zip") as archive:
+        names = {name.removeprefix("report/") for name in archive.namelist()}
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        assert archive.read("report/index.html") == (site[0] / "out" / "index.html").read_bytes()
+    assert names == set(site_files(figures_of(site[1]))) - {"report.zip"}
+
+
+def test_tags_balance_ids_are_unique_and_tables_have_captions(pages):
+    assert len(pages) == 5
+    for page in pages.values():
+        assert page.open == []
+        assert len(page.ids) == len(set(page.ids))
+        assert page.headings.count(1) == 1
+        assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
+        assert page.tables == page.captions
+
+
+def test_every_link_and_source_stays_inside_and_leads_somewhere(site, pages):
+    out = site[0] / "out"
+    for name, page in pages.items():
+        assert page.links
+        for link in page.links:
+            target, _, anchor = link.partition("#")
+            assert (out / target).is_file() or not target, link
+            if anchor and "=" not in anchor:
+                assert anchor in pages[target or name].ids, f"{name}: {link}"
+        for source in page.sources:
+            assert source.startswith("data:") or (out / source).is_file()
+    styles = (out / "assets" / "site.css").read_text()
+    assert "url(" not in styles
+    assert "@import" not in styles
+
+
+def test_all_that_is_searched_for_has_an_address(site, pages):
+    text = (site[0] / "out" / "assets" / "search-data.js").read_text(encoding="utf-8")
+    found = json.loads(text.removeprefix("const SEARCHED = ").removesuffix(";\n"))
+    assert found == sorted(found)
+    addresses = [entry[0].split("#") for entry in found]
+    assert all(anchor in pages[page].ids for page, anchor in addresses)
+    assert "</script" not in text
+    paper = site[1][0]
+    for anchor in [row["id"] for row in paper.claims] + [e.id for e in paper.errata] + [f.name for f in paper.figures]:
+        assert ["powered_descent.html", anchor] in addresses
+    for prefix, entries in (("input", paper.inputs), ("reading", paper.readings), ("table", paper.tables)):
+        assert all(["powered_descent.html", f"{prefix}-{entry.name}"] in addresses for entry in entries)
+
+
+def test_every_claim_reading_erratum_figure_and_input_is_shown(site, pages):
+    page, paper = pages["powered_descent.html"], site[1][0]
+    text = words(page)
+    for row in paper.claims:
+        assert row["id"] in page.ids
+        assert " ".join(row["quantity"].split())[1:] in text or row["plain"] in text
+        if row["verdict"] in COUNTED_VERDICTS:
             assert row["reason"] in text
-            for result in row["readings"].values():
-                assert result["evidence"] in text
-        for reading in paper.readings:
-            assert f"{paper.slug}-reading-{reading.name}" in page.ids
-            assert reading.description in text
-        assert "<code>corrected</code>" in written[0].partition('class="errata"')[2].partition("</table>")[0]
-        for entry in (*paper.figures, *paper.tables, *paper.errata):
-            assert f"{paper.slug}-{getattr(entry, 'name', None) or entry.id}" in page.ids
-        for entry in paper.inputs:
-            assert entry.name in text
-            for value in entry.values.values():
-                assert value.value in text
-                assert value.source.removeprefix("assumed: ") in text
-    for digest in written[2]["digests"].values():
-        assert digest in text
+            assert f"marsedl explain powered_descent {row['id']}" in text
+            assert row["readings"][row["reading"]]["evidence"][1:] in text
+    for reading in paper.readings:
+        assert reading.description in text
+    for entry in paper.inputs:
+        assert entry.name in text
+        assert all(value.value in text for value in entry.values.values())
+    for erratum in paper.errata:
+        assert erratum.printed in text
+        assert erratum.evidence in text
+        assert erratum.title in text
+    for entry in (*paper.figures, *paper.tables):
+        assert f"snakemake {entry.files[0]}" in text
+    for said in ("design, compiled", "8 optimal", "linearization", "Does it land?", "It lands.", "[200, 100]"[1:4]):
+        assert said in text
 
 
-def test_values_stand_beside_the_print_with_their_errors(page):
-    text = " ".join(page.text)
+def test_the_page_about_all_has_digests_versions_and_other_machines(site, pages):
+    text = words(pages["about.html"])
+    assert all(digest in text for digest in site[2]["digests"].values())
+    for said in ("2.3.1", "On other machines", "0.0417", "make all", "12.3"):
+        assert said in text
+
+
+def test_values_stand_beside_the_print_with_their_errors(pages):
+    text = words(pages["powered_descent.html"])
     assert "100.111" in text
     assert "50.010 ± 0.011" in text
-    assert "(component 2)" in text
-    assert "3.20" in text
+    assert "3.20" in words(pages["small.html"])
 
 
-def test_text_from_outside_is_escaped(written, page):
-    assert "<script>alert" not in written[0]
-    assert written[0].count("&lt;/script&gt;&lt;script&gt;alert(&#39;x &amp; y&#39;)&lt;/script&gt;") > 5
-    assert page.scripts == 1
+def test_text_from_outside_is_escaped(site, pages):
+    text = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert text.count("&lt;/script&gt;&lt;script&gt;alert(&#x27;x &amp; y&#x27;)&lt;/script&gt;") > 5
 
 
-def test_nothing_is_loaded_and_every_link_stays_inside(page):
-    assert all(source.startswith("data:") for source in page.sources)
-    assert page.links
-    assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
+def test_a_formula_is_mathml(site):
+    text = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    assert "It is <math><mrow><msub><mi>&#x003C3;</mi><mi>x</mi></msub></mrow></math> wide." in text
 
 
-def test_no_style_loads_anything(written):
-    assert "url(" not in written[0]
-    assert "@import" not in written[0]
-
-
-def embedded(given):
-    return Image.open(io.BytesIO(base64.b64decode(given["src"].removeprefix("data:image/png;base64,")))).convert("RGB")
-
-
-def test_images_are_inside_with_alternative_text_and_size(written, page):
-    figures = [*written[1][0].figures, *together(written[3]).figures]
-    assert len(page.images) == len(figures) == 5
-    for given, figure in zip(page.images, figures, strict=True):
+def test_pictures_have_alternative_text_and_the_size_at_which_letters_are_legible(site, pages):
+    figures = site[1][0].figures
+    images = pages["powered_descent.html"].images
+    assert len(images) == len(figures)
+    for image, figure in zip(images, figures, strict=True):
         original = Image.open(figure.image)
-        assert embedded(given).tobytes() == original.convert("RGB").tobytes()  # few colours: all fit in a palette
-        assert given["alt"] == (figure.alt or figure.caption)
-        assert (int(given["width"]), int(given["height"])) == original.size
-
-
-def images(folder, *paths):
-    """Images as a page holds them, with their sizes in bytes."""
-    figures = [FigureEntry(path.stem, path, "Curves.") for path in paths]
-    build_report(folder / "index.html", [PaperReport("p", "P", "Nobody.", [], [], figures=figures)], {})
-    checker = Checker()
-    checker.feed((folder / "index.html").read_text(encoding="utf-8"))
-    return [(embedded(given), 3 * len(given["src"]) / 4) for given in checker.images]
+        reduced = Image.open(site[0] / "out" / image["src"])
+        assert reduced.convert("RGB").tobytes() == original.convert("RGB").tobytes()  # few colours fit in a palette
+        assert image["alt"] == (figure.alt or figure.caption)
+        assert (2 * int(image["width"]), 2 * int(image["height"])) == original.size  # 160 pixels an inch
+        assert image["loading"] == "lazy"
+    assert pages["index.html"].images[0]["src"] == "pictures/powered_descent/fig02.png"
 
 
 def test_a_drawn_figure_shrinks_and_looks_the_same(tmp_path):
@@ -345,134 +417,152 @@ def test_a_drawn_figure_shrinks_and_looks_the_same(tmp_path):
         axes.fill_between(x, np.sin(x + k) - 0.1, np.sin(x + k) + 0.1, color=colour, alpha=0.3, linewidth=0)
     axes.plot([3.0], [0.2], "x", color="#CC00CC", markersize=3)  # a colour of a few pixels
     axes.legend()
+    inches = figure.get_size_inches()
     style.save_figure(figure, tmp_path / "fig.png")
     before = (tmp_path / "fig.png").read_bytes()
-    (image, size), (again, _) = images(tmp_path, tmp_path / "fig.png")[0], images(tmp_path, tmp_path / "fig.png")[0]
-    assert size < 0.5 * len(before)
+    reduced, again = picture(tmp_path / "fig.png"), picture(tmp_path / "fig.png")
+    assert reduced == again
+    assert len(reduced.content) < 0.5 * len(before)
     assert (tmp_path / "fig.png").read_bytes() == before
-    drawn = np.asarray(Image.open(tmp_path / "fig.png").convert("RGB")).astype(int)
-    moved = np.abs(np.asarray(image).astype(int) - drawn)
+    assert [reduced.width, reduced.height] == pytest.approx(list(80 * inches), abs=1)
+    (tmp_path / "reduced.png").write_bytes(reduced.content)
+    drawn, image = (
+        np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")).astype(int) for n in ("fig", "reduced")
+    )
+    moved = np.abs(image - drawn)
     assert moved.max() <= 32
     assert moved.mean() < 1.0
     assert not moved[(drawn == 255).all(axis=-1)].any()
-    assert image.tobytes() == again.tobytes()
 
 
 def test_a_transparent_image_stays_so_and_a_small_one_does_not_grow(tmp_path):
     Image.new("RGBA", (50, 40), (200, 30, 30, 90)).save(tmp_path / "glass.png")
     Image.new("1", (9, 9)).save(tmp_path / "dot.png", optimize=True)
-    figures = [FigureEntry(name, tmp_path / f"{name}.png", "Little.") for name in ("glass", "dot")]
-    build_report(tmp_path / "index.html", [PaperReport("p", "P", "Nobody.", [], [], figures=figures)], {})
-    text = (tmp_path / "index.html").read_text(encoding="utf-8")
-    glass, dot = (base64.b64decode(part.partition('"')[0]) for part in text.split("data:image/png;base64,")[1:])
-    assert Image.open(io.BytesIO(glass)).convert("RGBA").getpixel((7, 7)) == (200, 30, 30, 90)
-    assert dot == (tmp_path / "dot.png").read_bytes()
+    (tmp_path / "reduced.png").write_bytes(picture(tmp_path / "glass.png").content)
+    assert Image.open(tmp_path / "reduced.png").convert("RGBA").getpixel((7, 7)) == (200, 30, 30, 90)
+    assert picture(tmp_path / "dot.png").content == (tmp_path / "dot.png").read_bytes()
 
 
-def test_every_product_stands_beside_the_command_that_rebuilds_it(written, page):
-    text = " ".join(page.text)
-    for entry in (*written[1][0].figures, *written[1][0].tables, *together(written[3]).figures):
-        assert f"snakemake {entry.files[0]}" in text
-        assert all(name in text for name in entry.files)
-    assert "snakemake report/claims/powered_descent.json" in text
+def test_the_first_page_counts_numbers_and_statements_apart(site, pages):
+    rows = [row for paper in site[1] for row in paper.claims]
+    text = words(pages["index.html"])
+    numbers = [row["verdict"] for row in rows if row["kind"] != "qualitative" and row["verdict"] in COUNTED_VERDICTS]
+    statements = [row["verdict"] for row in rows if row["kind"] == "qualitative" and row["verdict"] in COUNTED_VERDICTS]
+    assert numbers and statements
+    assert f"Of {len(numbers)} printed numbers, {numbers.count('reproduced')} reproduce" in text
+    assert f"Of {len(statements)} statements, {statements.count('holds')} hold." in text
 
 
-def test_runs_solvers_and_provenance_are_shown(page):
-    text = " ".join(page.text)
-    for words in ("design, compiled", "8 optimal", "linearization", "Run times", "How the solvers ended", "Provenance"):
-        assert words in text
+def test_every_count_of_the_matrix_is_a_link_to_as_many_claims(site, pages):
+    html = (site[0] / "out" / "index.html").read_text(encoding="utf-8")
+    matrix = html.partition('class="matrix')[2].partition("</table>")[0]
+    links = re.findall(r'href="(\w+)\.html#show=([\w.]+)">(\d+)</a>', matrix)
+    shown = {(paper.slug, group) for paper in site[1] for group in groups(site[0] / "out" / f"{paper.slug}.html")}
+    assert {(slug, group) for slug, group, _ in links} == shown
+    for slug, group, count in links:
+        assert groups(site[0] / "out" / f"{slug}.html").count(group) == int(count)
 
 
-def test_assumed_inputs_are_marked_and_counted(written, page):
-    inputs = written[0].partition('id="powered_descent-inputs"')[2].partition("</table>")[0]
-    assert "of\n4 inputs 0 in <code>printed</code>, 2 in <code>corrected</code>" in inputs
-    assert inputs.count('<td data-reading="corrected" class="changed">') == 2
-    assert inputs.partition("initial_velocity</code>")[2].count('<span class="tag">assumed</span> &lt;') == 3
+def groups(path):
+    return re.findall(r'data-group="([\w.]+)"', path.read_text(encoding="utf-8"))
 
 
-def test_an_erratum_leads_to_the_claims_that_name_it(written, page):
-    errata = written[0].partition('id="powered_descent-E10"')[2]
-    first, _, rest = errata.partition('id="powered_descent-E11"')
-    assert 'href="#powered_descent-prior_final_mass"' in first
-    assert 'href="#powered_descent-mc_final_mean"' in rest.partition('id="powered_descent-E12"')[0]
+def test_headline_claims_stand_on_the_first_page_in_their_order(site, pages):
+    rows = sorted((row for row in site[1][0].claims if row["headline"]), key=lambda row: row["headline"])
+    assert len(rows) > 2
+    links = [link for link in pages["index.html"].links if link.startswith("powered_descent.html#")]
+    ids = [f"powered_descent.html#{row['id']}" for row in rows]
+    assert links[: len(ids)] == ids  # the strip of signs
+    assert links[len(ids) : 2 * len(ids)] == ids  # the table
 
 
-def test_other_machines_are_shown_with_every_margin(page):
-    text = " ".join("".join(page.text).split())
-    assert "On other machines" in text
-    assert "0.0417" in text
+def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
+    html = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    claim = html.partition('id="mc_final_mean"')[2].partition("</details>")[0]
+    row = next(row for row in site[1][0].claims if row["id"] == "mc_final_mean")
+    others = {name for name, result in row["readings"].items() if result["verdict"] not in (row["verdict"], None)}
+    assert others
+    assert set(re.findall('href="#reading-([a-z0-9_]+)"', claim)) == others
+    assert 'href="#E11"' in claim
+    assert 'href="#fig02"' in claim
 
 
-def test_a_figure_stands_between_what_the_paper_says_and_the_claims_about_it(written, page):
-    first, second = (written[0].partition(f'id="powered_descent-fig0{n}"')[2].partition("</figure>")[0] for n in (1, 2))
-    assert "<b>In the paper.</b> The paper sees the trials contract." in first
-    assert "<b>Here.</b> Trajectories of the trials" in first
-    assert "Claims about it" not in first
-    about = second.partition("Claims about it.")[2]
-    for claim in ("mc_final_mean", "prior_final_mass"):
-        verdict = next(row["verdict"] for row in written[1][0].claims if row["id"] == claim)
-        assert f'<a href="#powered_descent-{claim}" class="verdict {verdict}"' in about
-        assert f'{claim}<span class="hidden-text">: {verdict}</span>' in about
+def test_errata_are_ranked_by_what_they_change(site):
+    html = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    order = re.findall('class="row erratum" id="(E[0-9]+)"', html)
+    assert order[0] == "E11", "the only one that a reading keeps alone"
+    assert sorted(order) == ["E10", "E11", "E12"]
 
 
-def test_the_overview_names_the_errata_behind_what_differs_or_fails(written, page):
-    causes = written[0].partition('class="causes"')[2].partition("</table>")[0]
-    refuted = [row for row in written[1][0].claims if row["verdict"] in ("differs", "fails")]
-    assert len(refuted) > 2
-    assert f'<td class="count" rowspan="3">{len(refuted)}</td>' in causes
-    for erratum in ("E10", "E11", "E12"):
-        behind = sum(erratum in row["errata"] for row in refuted)
-        assert behind == 1
-        assert f'#powered_descent-{erratum}">{erratum}</a></td><td class="count">{behind}</td>' in causes
-    assert "small" not in causes, "nothing of it differs for a reason that names an erratum"
+def test_what_decides_draws_our_number_and_the_printed_one(site):
+    html = (site[0] / "out" / "powered_descent.html").read_text(encoding="utf-8")
+    part = html.partition('id="decides"')[2].partition("</section>")[0]
+    assert ">printed " in part
+    assert ">ours " in part
+    assert 'href="#reading-plus_sign"' in part
 
 
-def test_a_close_up_carries_its_data_which_cannot_end_the_script(written, page):
-    assert [json.loads(text) for text in page.data] == [written[1][0].closeups[0].data]
-    assert "powered_descent-closer-states" in page.ids
-    assert written[1][0].closeups[0].text in " ".join(page.text)
+def test_a_close_up_carries_its_data_which_cannot_end_the_script(site, pages):
+    page = pages["powered_descent.html"]
+    assert [json.loads(text) for text in page.data] == [site[1][0].closeups[0].data]
+    assert "closer-states" in page.ids
+    assert "assets/closeups.js" in page.sources
+    assert "assets/closeups.js" not in pages["small.html"].sources
 
 
-def test_the_comparison_has_a_section_of_its_own(page):
-    assert {"comparison", "comparison-densities", "comparison-table-densities"} <= set(page.ids)
-    assert "#comparison" in page.links
+def test_the_comparison_has_a_page_of_its_own(pages):
+    assert {"densities", "table-densities"} <= set(pages["comparison.html"].ids)
+    assert "comparison.html" in pages["index.html"].links
 
 
-def test_the_matrix_counts_every_verdict_and_leads_to_its_claims(written, page):
-    overview = written[0].partition('id="overview"')[2].partition("</table>")[0]
-    rows = overview.split("<tr>")[2:]
-    for paper, row in zip(written[1], rows, strict=False):
-        cells = [cell.partition("</td>")[0] for cell in row.split('<td class="count')[1:]]
-        numbers = [int(cell.partition(">")[2].removesuffix("</a>").rpartition(">")[2]) for cell in cells]
-        verdicts = [claim["verdict"] for claim in paper.claims]
-        counts = [verdicts.count(verdict) for verdict in COUNTED_VERDICTS]
-        listed = len(verdicts) - sum(counts)
-        assert numbers == [*counts, sum(counts), listed, len(paper.figures), len(paper.tables), len(paper.errata)]
-    assert len(rows) == len(written[1]) + 1
+def test_every_page_says_that_a_small_size_does_not_count_and_what_is_unexplained(site, pages):
+    assert all("This report comes from a run of size smoke." in words(page) for page in pages.values())
+    assert not any("unexplained" in words(page) for page in pages.values())
 
 
-def test_headings_descend_by_one_and_every_table_has_a_caption(written, page):
-    assert written[0].startswith('<!DOCTYPE html>\n<html lang="en">')
-    assert page.headings.count(1) == 1
-    assert all(after - before <= 1 for before, after in zip(page.headings, page.headings[1:], strict=False))
-    assert page.tables == page.captions > 5
+def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
+    papers, _ = example(tmp_path)
+    rows = [dict(row) for row in papers[0].claims]
+    row = next(row for row in rows if row["verdict"] in ("differs", "fails"))
+    row["reason"] = UNEXPLAINED
+    build_site(tmp_path / "out", [replace(papers[0], claims=rows)], {"size": "full"})
+    for name in ("index.html", "powered_descent.html", "about.html"):
+        page = read(tmp_path / "out" / name)
+        assert "1 verdict is unexplained." in words(page)
+        assert f"powered_descent.html#{row['id']}" in page.links
+        assert "run of size" not in words(page)
 
 
-def test_the_least_that_can_be_given_makes_a_page(tmp_path):
-    paper = PaperReport("bare", "Bare", "Nobody.", [], [])
-    build_report(tmp_path / "index.html", [paper], {})
+def test_the_least_that_can_be_given_makes_pages(tmp_path):
+    build_site(tmp_path, [PaperReport("bare", "Bare", "Nobody.", [], [])], {})
     assert "Bare" in (tmp_path / "index.html").read_text()
+    assert "Nobody." in (tmp_path / "bare.html").read_text()
+
+
+def test_the_scripts_and_the_style_are_small():
+    lines = {path.name: len(path.read_text().splitlines()) for path in TEMPLATES.glob("site.*")}
+    assert lines["site.js"] < 150
+    assert lines["site.css"] < 400
+
+
+def test_the_search_library_is_what_its_notice_says():
+    content = (TEMPLATES / "minisearch.js").read_bytes()
+    assert hashlib.sha256(content.partition(b"*/\n")[2]).hexdigest() == SEARCH_LIBRARY
+    assert b"MIT License" in content
+    assert b"Permission is hereby granted" in content
 
 
 def refused(tmp_path, error, words, papers=None, environment=None):
-    given, _ = example(tmp_path)
-    output = tmp_path / "index.html"
+    example_papers, _ = example(tmp_path)
+    output = tmp_path / "out" / "index.html"
+    output.parent.mkdir()
     output.write_text("good")
     with pytest.raises(error) as caught:
-        build_report(output, papers(given) if papers else given, environment or {})
+        build_site(output.parent, papers(example_papers) if papers else example_papers, environment or {})
     for word in words:
         assert word in str(caught.value)
     assert output.read_text() == "good"
+    assert list(output.parent.iterdir()) == [output]
 
 
 def test_unknown_environment_keys_are_refused(tmp_path):
@@ -497,7 +587,7 @@ def test_unknown_environment_keys_are_refused(tmp_path):
     ],
 )
 def test_inconsistent_papers_are_refused(tmp_path, change, words):
-    refused(tmp_path, InputError, words, papers=lambda given: change(given[0]))
+    refused(tmp_path, InputError, words, papers=lambda papers: change(papers[0]))
 
 
 @pytest.mark.parametrize("content", [None, b"", b"GIF89a", b"\x89PNG\r\n\x1a\n"])
@@ -506,11 +596,11 @@ def test_a_figure_that_is_not_a_png_is_refused(tmp_path, content):
     if content is not None:
         image.write_bytes(content)
     figure = FigureEntry("fig09", image, "Nothing")
-    refused(tmp_path, ArtifactError, ["broken.png"], papers=lambda given: [replace(given[0], figures=[figure])])
+    refused(tmp_path, ArtifactError, ["broken.png"], papers=lambda papers: [replace(papers[0], figures=[figure])])
 
 
 def test_a_figure_that_is_cut_off_is_refused(tmp_path):
     image = png(tmp_path / "cut.png")
     image.write_bytes(image.read_bytes()[:-60])
     figure = FigureEntry("fig09", image, "Nothing")
-    refused(tmp_path, ArtifactError, ["cut.png"], papers=lambda given: [replace(given[0], figures=[figure])])
+    refused(tmp_path, ArtifactError, ["cut.png"], papers=lambda papers: [replace(papers[0], figures=[figure])])

@@ -44,8 +44,8 @@ def test_solver_rows_count_how_all_solves_ended_and_name_the_readings_of_the_oth
     )
     assert header[0] == "stage"
     assert search == ["gains", "search", "3 converged; 1 not converged (corrected)", "4", "–", "–"]
-    said = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
-    assert program == ["gains", "gains", said, "4", "0 to 1,000", "2.0e-06"]
+    outcomes = "2 optimal; 1 stopped (printed); 1 not solved (corrected)"
+    assert program == ["gains", "gains", outcomes, "4", "0 to 1,000", "2.0e-06"]
 
 
 @pytest.mark.parametrize(
@@ -60,8 +60,8 @@ def test_solver_rows_count_how_all_solves_ended_and_name_the_readings_of_the_oth
     ],
 )
 def test_a_claim_is_about_the_figures_that_its_place_names(where, stems):
-    known = ("fig01", "fig03", "fig06a", "fig06b", "fig11", "fig12", "reversals")
-    assert {stem for stem in known if assembly.is_about(where, stem)} == stems
+    names = ("fig01", "fig03", "fig06a", "fig06b", "fig11", "fig12", "reversals")
+    assert {stem for stem in names if assembly.is_about(where, stem)} == stems
 
 
 def test_a_paper_without_solvers_has_no_rows(tmp_path):

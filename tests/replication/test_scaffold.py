@@ -37,10 +37,10 @@ def scaffolded(tmp_path_factory):
     (tree / contract).parent.mkdir(parents=True)
     for path in (Path("pyproject.toml"), contract):
         (tree / path).write_bytes((ROOT / path).read_bytes())
-    return tree, written(tree)
+    return tree, write_papers(tree)
 
 
-def written(tree):
+def write_papers(tree):
     """Both papers, and the files that they are."""
     return [*new_paper(tree, SMALL, TITLE, AUTHORS, monte_carlo=False), *new_paper(tree, SLUG, TITLE, AUTHORS)]
 
@@ -51,8 +51,8 @@ def sapling(scaffolded):
     tree, _ = scaffolded
     for slug in (SLUG, SMALL):
         (command,) = re.findall(r"(?m)^build it: +snakemake (.*)$", next_steps(slug))
-        done = snakemake(tree, *command.split(), "--cores", "2")
-        assert done.returncode == 0, done.stdout[-3000:]
+        process = snakemake(tree, *command.split(), "--cores", "2")
+        assert process.returncode == 0, process.stdout[-3000:]
     return tree
 
 
@@ -76,13 +76,15 @@ def products_of(tree, slug):
 
 
 def passes_its_tests_and_the_contract(tree, *slugs):
-    done = run(tree, "pytest", "tests", "-k", " or ".join((*slugs, "rules")), "-vv", "-p", "no:cacheprovider")
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = run(tree, "pytest", "tests", "-k", " or ".join((*slugs, "rules")), "-vv", "-p", "no:cacheprovider")
+    assert process.returncode == 0, process.stdout[-3000:]
     for slug in slugs:
         own, contract = f"tests/papers/test_{slug}.py", "tests/replication/test_catalogue.py"
-        assert f"{own}::test_every_claim_has_the_verdict_that_is_expected PASSED" in done.stdout
-        assert f"{contract}::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in done.stdout
-    assert "::test_rules_are_found PASSED" in done.stdout
+        assert f"{own}::test_every_claim_has_the_verdict_that_is_expected PASSED" in process.stdout
+        assert (
+            f"{contract}::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in process.stdout
+        )
+    assert "::test_rules_are_found PASSED" in process.stdout
 
 
 @pytest.mark.workflow
@@ -113,22 +115,21 @@ def test_a_paper_needs_no_figures(scaffolded, tmp_path):
         (tree / name).write_text(text, "utf-8")
 
     tree = shutil.copytree(scaffolded[0], tmp_path / "project", ignore=shutil.ignore_patterns("build", ".cache"))
-    catalogue = f"src/marsedl/papers/{SMALL}/__init__.py"
-    edit(catalogue, r"(?s)FIGURES = \{.*?\n\}.*?\n\}\n", "FIGURES = {}\nDESCRIBED = {}\n")
-    edit(f"tests/papers/test_{SMALL}.py", r"import claims, figures\n", "import claims\n")
+    edit(f"src/marsedl/papers/{SMALL}/texts.yaml", r"(?s)figures:\n.*?\n\n", "figures:\n\n")
+    edit(f"tests/papers/test_{SMALL}.py", r".* import figures\n", "")
     edit(f"tests/papers/test_{SMALL}.py", r" +assert figures\..*\n", "")
     (tree / f"src/marsedl/papers/{SMALL}/figures.py").unlink()
-    done = snakemake(tree, SMALL, "--cores", "1", "--config", "size=smoke")
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = snakemake(tree, SMALL, "--cores", "1", "--config", "size=smoke")
+    assert process.returncode == 0, process.stdout[-3000:]
     assert products_of(tree, SMALL)[1] == {"descent.csv", "descent.md", "claims.csv", "claims.md"}
     passes_its_tests_and_the_contract(tree, SMALL)
 
 
 @pytest.mark.workflow
 def test_its_trial_is_flown_again_to_the_last_bit(sapling):
-    done = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7", "--size", "smoke")
-    assert done.returncode == 0, done.stderr
-    assert "the same to the last bit" in done.stdout
+    process = run(sapling, "marsedl.cli", "trial", SLUG, "corrected", "7", "--size", "smoke")
+    assert process.returncode == 0, process.stderr
+    assert "the same to the last bit" in process.stdout
 
 
 @pytest.mark.workflow
@@ -141,10 +142,10 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling, slug):
     path.write_text(text.replace(facts["old"], facts["new"]), "utf-8")
     try:
         target = f"report/claims/{slug}.json"
-        done = snakemake(sapling, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
+        process = snakemake(sapling, target, "--dry-run", "--quiet", "host", "--cores", "1", "--config", "size=smoke")
     finally:
         path.write_text(text, "utf-8")
-    stages = set(re.findall(rf"(?m)^rule {slug}_(\w+):", done.stdout)) - {"claims"}
+    stages = set(re.findall(rf"(?m)^rule {slug}_(\w+):", process.stdout)) - {"claims"}
     assert stages == set(facts["rerun"])
 
 
@@ -153,9 +154,9 @@ def test_the_audit_finds_nothing_amiss_with_it(sapling):
     (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
     # The audit asks for verdicts of the full size.
     shutil.copytree(build_folder(sapling, "smoke") / "report" / "claims", sapling / "report" / "claims")
-    said = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
-    assert any(f"{SMALL} 1, {SLUG} 1" in line for line in said if "printed claims" in line), said
-    findings = [line for line in said if re.match(r"  [^ \d]", line) and "is committed" not in line]
+    lines = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
+    assert any(f"{SMALL} 1, {SLUG} 1" in line for line in lines if "printed claims" in line), lines
+    findings = [line for line in lines if re.match(r"  [^ \d]", line) and "is committed" not in line]
     assert not [line for line in findings if SLUG in line or SMALL in line]
 
 
@@ -165,8 +166,8 @@ def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
     python = [str(path) for path in files if path.suffix == ".py"]
     assert len(python) > 20
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
-        done = run(tree, "ruff", *command, *python)
-        assert done.returncode == 0, done.stdout
+        process = run(tree, "ruff", *command, *python)
+        assert process.returncode == 0, process.stdout
     assert not [path for path in files if path.suffix == ".smk"], "a new paper adds no rule"
     for path in files:
         text = path.read_text("utf-8")
@@ -177,26 +178,26 @@ def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
 
 def test_it_and_its_claim_are_explained_before_anything_is_built(tree):
     new_paper(tree, SLUG, TITLE, AUTHORS)
-    done = run(tree, "marsedl.cli", "explain", SLUG)
-    assert done.stdout.startswith(f"{SLUG}: {TITLE}\n"), done.stderr
+    process = run(tree, "marsedl.cli", "explain", SLUG)
+    assert process.stdout.startswith(f"{SLUG}: {TITLE}\n"), process.stderr
     (claim,) = yaml.safe_load((tree / "data" / "published" / f"{SLUG}.yaml").read_text("utf-8"))["claims"]
-    done = run(tree, "marsedl.cli", "explain", SLUG, claim["id"])
-    assert done.stdout.endswith("\n  no verdict yet: run 'snakemake claims'\n"), done.stderr
+    process = run(tree, "marsedl.cli", "explain", SLUG, claim["id"])
+    assert process.stdout.endswith("\n  no verdict yet: run 'snakemake claims'\n"), process.stderr
 
 
 def test_it_is_registered_behind_the_other_papers(scaffolded):
     tree, _ = scaffolded
-    done = run(tree, "marsedl.cli", "list")
-    assert done.returncode == 0, done.stderr
-    assert re.findall(r"(?m)^[a-z_]+$", done.stdout)[-1] == SLUG
-    assert f"  {TITLE}\n  {AUTHORS}\n" in done.stdout
+    process = run(tree, "marsedl.cli", "list")
+    assert process.returncode == 0, process.stderr
+    assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-1] == SLUG
+    assert f"  {TITLE}\n  {AUTHORS}\n" in process.stdout
     for name in re.findall(r"(?<= )[\w/]+\.(?:py|md)", next_steps(SLUG)):
         assert (tree / name).exists() or (ROOT / name).exists(), name
 
 
 def test_the_same_request_writes_the_same_bytes(tree, scaffolded):
     other, files = scaffolded
-    for mine, others in zip(written(tree), files, strict=True):
+    for mine, others in zip(write_papers(tree), files, strict=True):
         assert mine.relative_to(tree) == others.relative_to(other)
         assert mine.read_bytes() == others.read_bytes()
 
@@ -206,15 +207,15 @@ def test_many_papers_fit_into_the_register(tree):
         new_paper(tree, slug, TITLE, AUTHORS)
     register = (tree / "src" / "marsedl" / "papers" / "__init__.py").read_text("utf-8")
     assert max(map(len, register.splitlines())) <= 120
-    done = run(tree, "marsedl.cli", "list")
-    assert re.findall(r"(?m)^[a-z_]+$", done.stdout)[-2:] == [
+    process = run(tree, "marsedl.cli", "list")
+    assert re.findall(r"(?m)^[a-z_]+$", process.stdout)[-2:] == [
         "first_of_the_further_papers",
         "second_of_the_further_papers",
     ]
 
 
 @pytest.mark.parametrize(
-    ("slug", "said"),
+    ("slug", "message"),
     [
         ("funnels", "there is a paper 'funnels' already"),
         ("Glide", "at most 40 lower case letters"),
@@ -232,20 +233,20 @@ def test_many_papers_fit_into_the_register(tree):
         ("common", "is the name of a rule or module"),
     ],
 )
-def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tree, slug, said):
+def test_a_name_that_cannot_serve_is_refused_and_nothing_is_written(tree, slug, message):
     before = content(tree)
-    with pytest.raises(InputError, match=re.escape(said)):
+    with pytest.raises(InputError, match=re.escape(message)):
         new_paper(tree, slug, TITLE, AUTHORS)
     assert content(tree) == before
 
 
 @pytest.mark.parametrize(
-    ("title", "authors", "said"),
+    ("title", "authors", "message"),
     [("", AUTHORS, "title: ''"), ("One\nTwo", AUTHORS, "title"), (TITLE, 'A "B"', "authors")],
 )
-def test_a_text_that_cannot_serve_is_refused_and_nothing_is_written(tree, title, authors, said):
+def test_a_text_that_cannot_serve_is_refused_and_nothing_is_written(tree, title, authors, message):
     before = content(tree)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         new_paper(tree, SLUG, title, authors)
     assert content(tree) == before
 

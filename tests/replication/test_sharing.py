@@ -48,12 +48,12 @@ PAPER = Paper(
 )
 
 
-def shared(chunks=None, **changed):
+def shared(chunks=None, **changes):
     """Readings in the order of a file, all alike but for what is changed: values by "section.name" with two dashes."""
     readings = {}
     for name in ("printed", "corrected", "light", "mine"):
         values = {"vehicle.mass": 2.0, "vehicle.speed": 3.0, "ensemble.trials": 4, "ensemble.more_trials": 0}
-        values |= {key.replace("__", "."): value for key, value in changed.get(name, {}).items()}
+        values |= {key.replace("__", "."): value for key, value in changes.get(name, {}).items()}
         readings[name] = Reading(name, "", None, "", ToyInputs.given(values), values, {})
     return Shared(PAPER, Study("toy", readings, chunks or {"calm": 1, "windy": 1}, ("printed", "corrected")))
 
@@ -73,7 +73,7 @@ def test_otherwise_the_first_of_the_file_owns_it():
 
 
 @pytest.mark.parametrize(
-    ("changed", "moved"),
+    ("changes", "moved"),
     [
         ({"vehicle__speed": 5.0}, {"nominal", "gains", "study", "montecarlo.calm"}),
         ({"vehicle__mass": 5.0}, {"gains", "montecarlo.calm"}),
@@ -81,8 +81,8 @@ def test_otherwise_the_first_of_the_file_owns_it():
         ({"ensemble__more_trials": 5}, set()),
     ],
 )
-def test_a_changed_input_moves_what_follows_from_it_alone(changed, moved):
-    whose = shared(light=changed)
+def test_a_changed_input_moves_what_follows_from_it_alone(changes, moved):
+    whose = shared(light=changes)
     names = ("nominal", "gains", "other", "study", "montecarlo.calm")
     assert {name for name in names if whose.owner("light", name) == "light"} == moved
     assert all(owners(whose, name)[3] == "corrected" for name in names)
@@ -128,6 +128,6 @@ def test_a_recipe_stands_for_all_that_an_artifact_is_made_from():
     assert list(gathered["needs"]) == ["calm.0of3.h5", "calm.1of3.h5", "calm.2of3.h5"]
     options = {"case": "calm", "trials": 2500, "block_size": 1000, "chunk": 1, "chunks": 3}
     assert whose.recipe("mine", "chunks/calm.1of3")["options"] == options
-    changed = shared({"calm": 4, "windy": 1}, mine={"ensemble__trials": 2500, "vehicle__speed": 5.0})
-    assert changed.recipe("mine", "montecarlo.calm")["needs"].keys() == gathered["needs"].keys()
-    assert changed.recipe("mine", "montecarlo.calm") != gathered, "the nominal is another"
+    changed_shared = shared({"calm": 4, "windy": 1}, mine={"ensemble__trials": 2500, "vehicle__speed": 5.0})
+    assert changed_shared.recipe("mine", "montecarlo.calm")["needs"].keys() == gathered["needs"].keys()
+    assert changed_shared.recipe("mine", "montecarlo.calm") != gathered, "the nominal is another"

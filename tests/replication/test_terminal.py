@@ -49,8 +49,8 @@ def test_the_widest_column_gives_way_first():
 def test_a_pipe_gets_whole_rows(wrap):
     code = f"from marsedl.replication.terminal import columns; print(columns([('name', 'word ' * 999)], wrap={wrap}))"
     environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout == f"name  {'word ' * 999}".rstrip() + "\n"
+    process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert process.stdout == f"name  {'word ' * 999}".rstrip() + "\n"
 
 
 def test_control_characters_are_shown_and_not_printed():

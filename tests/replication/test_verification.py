@@ -55,7 +55,7 @@ class Thing:
 
     mass: np.ndarray = artifacts.quantity("kg", ("time",), "mass")
     iterations: int = artifacts.quantity("1", (), "iterations")
-    name: str = artifacts.quantity("1", (), "a name, which is no number")
+    name: str = artifacts.quantity("1", (), "a name, which is not a number")
 
 
 @pytest.fixture
@@ -68,9 +68,11 @@ def project(tmp_path, monkeypatch):
     summarised(monkeypatch)
     verification.accept_reference(tmp_path, PAPERS)
     monkeypatch.setattr("marsedl.papers.SLUGS", (SLUG,))
-    monkeypatch.setattr(cli, "_audited", lambda root: [])
-    monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}))
+    monkeypatch.setattr(cli, "_run_audit", lambda root: [])
+    monkeypatch.setattr(cli, "_project", lambda: SimpleNamespace(studies={}, quotes=lambda slug: None))
+    monkeypatch.setattr("marsedl.replication.quotes.accept", lambda root, papers: "what texts quote")
     monkeypatch.setattr(cli, "_shared", lambda: PAPERS)
+    monkeypatch.setattr(cli, "_write_readme", lambda root: None)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -107,12 +109,12 @@ def summarised(monkeypatch, plan="no update", status="ok", code=0):
     rows += [(ARTIFACT, "now", "nominal", "-", status, plan)]
     rows += [(f"data/cache/{SLUG}/corrected/chunks/x.0of2.h5", "-", "chunk", "-", "removed temp file", "no update")]
     rows += [(f"report/claims/{SLUG}.json", "now", "claims", "-", "ok", "no update")]
-    said = "Building DAG of jobs...\n" + "".join("\t".join(row) + "\n" for row in rows)
+    output = "Building DAG of jobs...\n" + "".join("\t".join(row) + "\n" for row in rows)
     calls = []
 
     def fake(folder, *arguments, **environment):
         calls.append(arguments)
-        return subprocess.CompletedProcess(arguments, code, said, "")
+        return subprocess.CompletedProcess(arguments, code, output, "")
 
     monkeypatch.setattr(verification, "snakemake", fake)
     return calls
@@ -160,27 +162,27 @@ def test_permutations_shapes_and_lost_numbers_are_seen():
 
 
 def test_fingerprints_hold_every_number_every_verdict_and_no_text(project):
-    found = verification.fingerprints(project, SLUG, {"corrected/nominal": project / ARTIFACT})
-    assert set(found) == {
+    entries = verification.fingerprints(project, SLUG, {"corrected/nominal": project / ARTIFACT})
+    assert set(entries) == {
         "verdicts/final_mass",
         "published/final_mass",
         "claims/final_mass/corrected",
         "corrected/nominal/mass",
         "corrected/nominal/iterations",
     }
-    assert found["published/final_mass"] == "1346 kg, deterministic, last digit 1"
-    assert found["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
-    assert found["corrected/nominal/mass"]["shape"] == [50]
-    assert found["corrected/nominal/iterations"]["counts"]
-    assert not found["corrected/nominal/mass"]["counts"]
-    assert found["corrected/nominal/mass"]["numbers"][3:] == [1349.4, 1500.0]  # smallest and largest
+    assert entries["published/final_mass"] == "1346 kg, deterministic, last digit 1"
+    assert entries["verdicts/final_mass"] == {"corrected": "differs"}, "the other reading does not evaluate it"
+    assert entries["corrected/nominal/mass"]["shape"] == [50]
+    assert entries["corrected/nominal/iterations"]["counts"]
+    assert not entries["corrected/nominal/mass"]["counts"]
+    assert entries["corrected/nominal/mass"]["numbers"][3:] == [1349.4, 1500.0]  # smallest and largest
 
 
 def test_an_unchanged_build_agrees_with_its_reference(project, capsys):
     assert cli.main(["verify", "--no-rebuild"]) == 0
-    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in (said := capsys.readouterr().out)
-    assert "worst margin 0 tolerances" in said
-    assert "marsedl accept" not in said
+    assert "3 numbers compared with powered_descent.json, 0 verdicts changed" in (output := capsys.readouterr().out)
+    assert "worst margin 0 tolerances" in output
+    assert "marsedl accept" not in output
 
 
 def test_rounding_is_tolerated_and_more_is_not(project, capsys):
@@ -188,13 +190,15 @@ def test_rounding_is_tolerated_and_more_is_not(project, capsys):
     assert cli.main(["verify", "--no-rebuild"]) == 0
     store(project, scale=1 + 1e-5)
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = capsys.readouterr().out
-    assert "1 numbers beyond tolerance" in said
-    (row,) = [line.split("  ") for line in said.splitlines() if "corrected/nominal/mass" in line and "largest" in line]
+    output = capsys.readouterr().out
+    assert "1 numbers beyond tolerance" in output
+    (row,) = [
+        line.split("  ") for line in output.splitlines() if "corrected/nominal/mass" in line and "largest" in line
+    ]
     cells = [cell.strip() for cell in row if cell.strip()]
     assert cells[:3] == ["corrected/nominal/mass", "shape [50], largest 1500", "shape [50], largest 1500.015"]
     assert float(cells[3]) == pytest.approx(10.5, abs=0.1)
-    assert "accepted by 'marsedl accept'" in said
+    assert "accept them with 'marsedl accept'" in output
 
 
 def test_a_changed_verdict_fails_and_stands_first(project, capsys):
@@ -202,9 +206,9 @@ def test_a_changed_verdict_fails_and_stands_first(project, capsys):
     store(project, scale=1.1)
     claim(project, 1349.4, verdict="close", printed="fails")
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = capsys.readouterr().out
-    assert "2 verdicts changed, 1 numbers beyond tolerance" in said
-    header, first, second, third = said.splitlines()[1:5]
+    output = capsys.readouterr().out
+    assert "2 verdicts changed, 1 numbers beyond tolerance" in output
+    header, first, second, third = output.splitlines()[1:5]
     assert header.split() == ["claim", "or", "field", "old", "new", "margin", "in", "tolerances"]
     assert first.split() == ["verdict", "of", "final_mass,", "corrected", "differs", "close", "0"]
     assert second.split() == ["verdict", "of", "final_mass,", "printed", "–", "fails", "inf"]
@@ -214,13 +218,13 @@ def test_a_changed_verdict_fails_and_stands_first(project, capsys):
 def test_claims_that_are_new_or_gone_fail(project, capsys):
     claim(project, 1349.4, names=("final_mass", "fuel"))
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = capsys.readouterr().out.splitlines()
-    assert ["verdict", "of", "fuel", "–", "differs", "inf"] in [line.split() for line in said]
+    output = capsys.readouterr().out.splitlines()
+    assert ["verdict", "of", "fuel", "–", "differs", "inf"] in [line.split() for line in output]
     claim(project, 1349.4, names=("fuel",))
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["verdict", "of", "final_mass", "differs", "–", "inf"] in said
-    assert ["claims/final_mass/corrected", "1349.4", "–", "inf"] in said
+    output = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["verdict", "of", "final_mass", "differs", "–", "inf"] in output
+    assert ["claims/final_mass/corrected", "1349.4", "–", "inf"] in output
 
 
 def test_a_tampered_reference_fails(project, capsys):
@@ -229,8 +233,8 @@ def test_a_tampered_reference_fails(project, capsys):
     tampered["claims/final_mass/corrected"]["numbers"] = [1350.4] * 5
     path.write_text(json.dumps(tampered), encoding="utf-8")
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    found = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["claims/final_mass/corrected", "1350.4", "1349.4", "741"] in found
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["claims/final_mass/corrected", "1350.4", "1349.4", "741"] in rows
 
 
 @pytest.mark.parametrize(
@@ -248,10 +252,10 @@ def test_what_the_paper_prints_cannot_change_unseen(project, capsys, change, now
     (row,) = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps([{**row, **change}]), encoding="utf-8")
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = capsys.readouterr().out
-    assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in said
-    assert "1 printed claims are not those that were accepted" in said
-    row = [cell for cell in said.splitlines()[2].split("  ") if cell]
+    output = capsys.readouterr().out
+    assert "0 verdicts changed, 0 numbers beyond tolerance, 0 missing" in output
+    assert "1 printed claims differ from those accepted" in output
+    row = [cell for cell in output.splitlines()[2].split("  ") if cell]
     assert row == ["the paper's final_mass", "1346 kg, deterministic, last digit 1", now, "inf"]
     assert cli.main(["accept"]) == 0
     assert cli.main(["verify", "--no-rebuild"]) == 0
@@ -270,9 +274,9 @@ def test_the_printed_claims_are_those_that_were_accepted(path):
 def test_a_lost_artifact_fails(project, capsys):
     (project / ARTIFACT).unlink()
     assert cli.main(["verify", "--no-rebuild"]) == 1
-    said = capsys.readouterr().out
-    assert "2 missing" in said
-    assert "corrected/nominal/iterations  100" in said
+    output = capsys.readouterr().out
+    assert "2 missing" in output
+    assert "corrected/nominal/iterations  100" in output
 
 
 def test_a_build_without_any_of_the_numbers_fails(project, capsys):
@@ -291,7 +295,7 @@ def test_an_unexplained_verdict_fails(project, capsys):
 def test_missing_builds_and_references_are_refused(project, capsys):
     (project / "data" / "reference" / f"{SLUG}.json").unlink()
     assert cli.main(["verify", "--no-rebuild"]) == 2
-    assert "is missing; restore it, or make it with 'marsedl accept' after a full build" in capsys.readouterr().err
+    assert "is missing; restore it, or write it with 'marsedl accept' after a full build" in capsys.readouterr().err
     (project / "report" / "claims" / f"{SLUG}.json").unlink()
     assert cli.main(["accept"]) == 2
     assert "run 'snakemake all'" in capsys.readouterr().err
@@ -344,10 +348,10 @@ def test_accept_shows_the_table_and_then_verify_agrees(project, capsys):
     assert cli.main(["verify", "--no-rebuild"]) == 1
     table = [line for line in capsys.readouterr().out.splitlines() if "tolerances" in line or "final_mass" in line]
     assert cli.main(["accept"]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert len(table) > 2
-    assert all(line in said.splitlines() for line in table)
-    assert f"wrote {project / 'data' / 'reference' / f'{SLUG}.json'}" in said
+    assert all(line in output.splitlines() for line in table)
+    assert f"wrote {project / 'data' / 'reference' / f'{SLUG}.json'}" in output
     assert reference(project) != before
     assert cli.main(["verify", "--no-rebuild"]) == 0
 
@@ -361,8 +365,8 @@ def test_numbers_within_tolerance_keep_their_digits(project):
     store(project, scale=1 + 1e-9, iterations=200)
     verification.accept_reference(project, PAPERS)
     now = path.read_text(encoding="utf-8")
-    changed = set(now.splitlines()) ^ set(before.splitlines())
-    assert {line.split('"')[1] for line in changed} == {"corrected/nominal/iterations"}
+    changes = set(now.splitlines()) ^ set(before.splitlines())
+    assert {line.split('"')[1] for line in changes} == {"corrected/nominal/iterations"}
 
 
 def test_an_artifact_that_readings_share_is_compared_with_the_numbers_of_each(project):
@@ -389,9 +393,9 @@ def test_only_a_build_that_is_up_to_date_is_accepted(project, monkeypatch, capsy
     store(project, scale=1.1)
     calls = summarised(monkeypatch, plan="update pending", status="params changed")
     assert cli.main(["accept"]) == 2
-    said = capsys.readouterr().err
-    assert "no build of size full that is up to date with configuration and code: 1 of 2 files" in said
-    assert f"{project / ARTIFACT} (params changed); run 'snakemake all'" in said
+    output = capsys.readouterr().err
+    assert f"the build in {project} is not up to date with configuration and code: 1 of 2 files" in output
+    assert f"{project / ARTIFACT} (params changed); run 'snakemake all'" in output
     assert calls == [("claims", "--summary")], "the plain configuration decides, not that of the last build"
     summarised(monkeypatch, code=1)
     assert cli.main(["accept"]) == 2
@@ -403,9 +407,9 @@ def test_an_unexplained_verdict_is_not_accepted(project, capsys):
     before = reference(project)
     claim(project, 1500.0, reason=UNEXPLAINED)
     assert cli.main(["accept"]) == 2
-    said = capsys.readouterr().err
-    assert "claim final_mass differs or fails without a reason" in said
-    assert "src/marsedl/papers/powered_descent/claims.py" in said
+    output = capsys.readouterr().err
+    assert "claim final_mass differs or fails without a reason" in output
+    assert "src/marsedl/papers/powered_descent/claims" in output
     assert reference(project) == before
 
 
@@ -423,7 +427,7 @@ def test_verdicts_can_be_read_alone(project):
         ("[]", "holds no numbers by name"),
         ('{"corrected/nominal/mass": 1.0}', "'corrected/nominal/mass' is not a set of keys with values"),
         ('{"mass": {"shape": []}}', "'mass' is not a name of three parts"),
-        ('{"verdicts/mass": {"corrected": 1}}', "'verdicts/mass' holds a verdict that is no text"),
+        ('{"verdicts/mass": {"corrected": 1}}', "'verdicts/mass' holds a verdict that is not text"),
         ('{"a/b/c": {"shape": 3, "counts": false, "numbers": []}}', "has no list of whole numbers under 'shape'"),
         ('{"a/b/c": {"shape": [], "counts": 0, "numbers": []}}', "has neither true nor false under 'counts'"),
         ('{"a/b/c": {"shape": [], "counts": false, "numbers": ["x"]}}', "has no list of numbers under 'numbers'"),
@@ -435,7 +439,7 @@ def test_damaged_references_are_refused_with_a_remedy(project, capsys, monkeypat
     path = project / "data" / "reference" / f"{SLUG}.json"
     path.write_text(content, encoding="utf-8")
     if command == ("audit",):  # where nothing is built, the committed verdicts count
-        monkeypatch.setattr(cli, "_audited", lambda root: verification.committed_verdicts(root, SLUG))
+        monkeypatch.setattr(cli, "_run_audit", lambda root: verification.committed_verdicts(root, SLUG))
     assert cli.main(list(command)) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
@@ -486,9 +490,9 @@ def test_one_build_has_no_network_where_that_is_possible(project, monkeypatch, c
     monkeypatch.setattr(verification, "offline_works", lambda: allowed)
     assert verification.build_twice(project)
     assert sorted(environment["offline"] for _, _, environment in calls) == [False, allowed]
-    said = capsys.readouterr().out
-    assert ("smoke build in 1 " in said) and said.count("without network)") == allowed
-    assert ("does not let a process go without it" in said) != allowed
+    output = capsys.readouterr().out
+    assert ("smoke build in 1 " in output) and output.count("without network)") == allowed
+    assert ("cannot run a process without it" in output) != allowed
 
 
 def test_a_process_without_network_has_no_route(tmp_path, monkeypatch):
@@ -496,32 +500,32 @@ def test_a_process_without_network_has_no_route(tmp_path, monkeypatch):
     rule = "rule all:\n    shell: 'sed s/^/route:/ /proc/net/route; echo it ran'\n"
     (tmp_path / "Snakefile").write_text(rule, encoding="utf-8")
     if verification.offline_works():
-        done = verification.snakemake(tmp_path, "--cores", "1", offline=True)
-        assert done.returncode == 0, done.stdout
-        assert "\nit ran\n" in done.stdout
-        assert not [line for line in done.stdout.splitlines() if line.startswith("route:") and "Iface" not in line]
+        process = verification.snakemake(tmp_path, "--cores", "1", offline=True)
+        assert process.returncode == 0, process.stdout
+        assert "\nit ran\n" in process.stdout
+        assert not [line for line in process.stdout.splitlines() if line.startswith("route:") and "Iface" not in line]
     monkeypatch.setattr(verification, "_OFFLINE", ("there-is-no-such-command",))
     assert not verification.offline_works()
 
 
 def test_another_locale_is_one_that_the_machine_has(monkeypatch):
-    def known(said):
-        monkeypatch.setattr(verification, "_said", lambda *command: said)
+    def chosen_locale(locales):
+        monkeypatch.setattr(verification, "_output_of", lambda *command: locales)
         return verification.other_locale()
 
-    assert known("C\nC.utf8\nPOSIX\n") == "C.utf8"
-    assert known("C\nen_US.utf8\nC.utf8\nde_DE.utf8\nPOSIX\n") == "de_DE.utf8"
-    assert known(None) == "C.UTF-8"
+    assert chosen_locale("C\nC.utf8\nPOSIX\n") == "C.utf8"
+    assert chosen_locale("C\nen_US.utf8\nC.utf8\nde_DE.utf8\nPOSIX\n") == "de_DE.utf8"
+    assert chosen_locale(None) == "C.UTF-8"
 
 
 def test_different_builds_are_named(project, monkeypatch, capsys):
     builder(monkeypatch, ["1\n", "2\n"])
     assert not verification.build_twice(project)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     table = f"figures/{SLUG}/eq54.csv"
-    assert f"differs: {table}" in said
-    assert f"marsedl diff build/verify/0/build/smoke/{table} build/verify/1/build/smoke/{table}" in said
-    assert "1 differ" in said
+    assert f"differs: {table}" in output
+    assert f"marsedl diff build/verify/0/build/smoke/{table} build/verify/1/build/smoke/{table}" in output
+    assert "1 differ" in output
 
 
 def test_a_failed_build_shows_what_snakemake_said(project, monkeypatch):

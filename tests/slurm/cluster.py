@@ -130,9 +130,9 @@ class Cluster:
 
     def node_state(self) -> str:
         """Return the state of the node, in Slurm's words; empty while the controller does not answer."""
-        done = self.command("scontrol", "--oneliner", "show", "node", "node")
-        found = [word.partition("=")[2] for word in done.stdout.split() if word.startswith("State=")]
-        state = found[0].lower() if found else ""
+        process = self.command("scontrol", "--oneliner", "show", "node", "node")
+        states = [word.partition("=")[2] for word in process.stdout.split() if word.startswith("State=")]
+        state = states[0].lower() if states else ""
         return "down" if state.startswith("down") else state  # Slurm adds whether the node answers
 
     def command(self, name: str, *arguments: str) -> subprocess.CompletedProcess:
@@ -147,8 +147,8 @@ class Cluster:
 
     def jobs(self, states: str = "all") -> dict[int, str]:
         """Return the states of the jobs that Slurm still knows of, by their number."""
-        done = self.command("squeue", "--noheader", f"--states={states}", "--format=%i %T")
-        return {int(number): state for number, state in (line.split() for line in done.stdout.splitlines())}
+        process = self.command("squeue", "--noheader", f"--states={states}", "--format=%i %T")
+        return {int(number): state for number, state in (line.split() for line in process.stdout.splitlines())}
 
     def kill_node(self) -> None:
         """Let the node die as in a power cut: its daemon and all that runs in its jobs, at once."""
@@ -163,9 +163,9 @@ class Cluster:
         _kill(self._pids("slurmd", "slurmctld", "munged"))
 
     def _run(self, name: str, *arguments: str) -> None:
-        done = self.command(name, *arguments)
-        if done.returncode:
-            raise RuntimeError(f"{name} does not start:\n{done.stdout}{done.stderr}{self._logs()}")
+        process = self.command(name, *arguments)
+        if process.returncode:
+            raise RuntimeError(f"{name} does not start:\n{process.stdout}{process.stderr}{self._logs()}")
 
     def _logs(self) -> str:
         parts = []
@@ -175,13 +175,13 @@ class Cluster:
 
     def _roots(self, *daemons: str) -> set[int]:
         """The processes of these daemons: they name the folder in their command line, even if it is gone."""
-        found = set()
+        pids = set()
         for entry in Path("/proc").iterdir():
             with contextlib.suppress(OSError):
                 named = entry.name.isdigit() and (entry / "comm").read_text().strip() in daemons
                 if named and f"{self.folder}/".encode() in (entry / "cmdline").read_bytes():
-                    found.add(int(entry.name))
-        return found
+                    pids.add(int(entry.name))
+        return pids
 
     def _pids(self, *daemons: str) -> set[int]:
         """The processes of daemons, of the node's also the managers of its steps, and all that descends from them."""
@@ -190,12 +190,12 @@ class Cluster:
             if entry.name.isdigit():
                 with contextlib.suppress(OSError, IndexError):
                     parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-        found = self._roots(*daemons)
+        pids = self._roots(*daemons)
         if "slurmd" in daemons:
-            found |= {pid for pid in parents if self._is_step(pid)}
-        while more := {pid for pid, parent in parents.items() if parent in found} - found:
-            found |= more
-        return found
+            pids |= {pid for pid in parents if self._is_step(pid)}
+        while more := {pid for pid, parent in parents.items() if parent in pids} - pids:
+            pids |= more
+        return pids
 
     def _is_step(self, pid: int) -> bool:
         """Whether a process is the manager of a job's step on this node, which outlives the daemon that started it."""

@@ -26,9 +26,9 @@ def profile():
 
 @pytest.fixture(scope="module")
 def rules():
-    done = snakemake(ROOT, "--list-rules", "--nolock")
-    assert done.returncode == 0, done.stdout
-    return {line for line in done.stdout.splitlines() if re.fullmatch(r"[a-z]\w+", line)} - TARGETS
+    process = snakemake(ROOT, "--list-rules", "--nolock")
+    assert process.returncode == 0, process.stdout
+    return {line for line in process.stdout.splitlines() if re.fullmatch(r"[a-z]\w+", line)} - TARGETS
 
 
 def asked(text, attempt):
@@ -103,8 +103,10 @@ def test_a_build_is_measured_by_its_largest_jobs(tmp_path):
         path = tmp_path / "benchmarks" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"s\tmax_rss\n{seconds}\t{memory}\n", encoding="utf-8")
-    found = {rule: (row["jobs"], row["seconds"], row["memory_mb"]) for rule, row in measure.measured(tmp_path).items()}
-    assert found == {
+    measured = {
+        rule: (row["jobs"], row["seconds"], row["memory_mb"]) for rule, row in measure.measured(tmp_path).items()
+    }
+    assert measured == {
         "powered_descent_gains": (2, 3.0, 100.0),
         "powered_descent_montecarlo": (1, 2.0, 0.0),
         "powered_descent_montecarlo_gather": (1, 1.5, 120.0),
@@ -114,7 +116,7 @@ def test_a_build_is_measured_by_its_largest_jobs(tmp_path):
         "funnels_table_divergence": (1, 1.0, 180.0),
         "funnels_claims": (1, 2.0, 200.0),
         "comparison_product": (1, 5.0, 210.0),
-        "index": (1, 6.0, 190.0),
+        "site": (1, 6.0, 190.0),
         "all_claims": (1, 0.1, 6.0),
     }
     assert measure.resources({"seconds": 100.0, "memory_mb": 300.0}) == {

@@ -48,9 +48,9 @@ def cluster(tmp_path_factory):
     if importlib.util.find_spec(PLUGIN) is None:
         lacking.append(PLUGIN.replace("_", "-"))
     if lacking:
-        said = f"NOT TESTED: the workflow on Slurm, as {', '.join(lacking)} is not installed (docs/scaling.md)"
-        warnings.warn(said, stacklevel=1)
-        pytest.skip(said)
+        reason = f"NOT TESTED: the workflow on Slurm, as {', '.join(lacking)} is not installed (docs/scaling.md)"
+        warnings.warn(reason, stacklevel=1)
+        pytest.skip(reason)
     cluster = tools["Cluster"](tmp_path_factory.mktemp("slurm"))
     try:
         cluster.up()
@@ -91,15 +91,15 @@ class Submitted:
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
-    def said(self):
+    def output(self):
         return self.log.read_text(encoding="utf-8", errors="replace")
 
     def jobs(self, states="all"):
         return {job: state for job, state in self.cluster.jobs(states).items() if job not in self.before}
 
     def works(self, seconds=1800):
-        assert self.process.wait(timeout=seconds) == 0, self.said()[-5000:]
-        return self.said()
+        assert self.process.wait(timeout=seconds) == 0, self.output()[-5000:]
+        return self.output()
 
     def running(self, rule, seconds=180):
         """Wait until a job of a rule runs; returns its number."""
@@ -118,18 +118,18 @@ class Submitted:
             assert time.monotonic() < end, self.jobs()
             time.sleep(0.2)
 
-    def wait_for(self, found, seconds):
+    def wait_for(self, find, seconds):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if (value := found()) is not None:
+            if (value := find()) is not None:
                 return value
-            assert self.process.poll() is None, f"Snakemake ended before:\n{self.said()[-5000:]}"
+            assert self.process.poll() is None, f"Snakemake ended before:\n{self.output()[-5000:]}"
             time.sleep(0.05)
-        raise AssertionError(f"not seen in {seconds} s:\n{self.said()[-5000:]}")
+        raise AssertionError(f"not seen in {seconds} s:\n{self.output()[-5000:]}")
 
     def _rule(self, job):
-        done = self.cluster.command("squeue", "--noheader", f"--jobs={job}", "--format=%k")  # the comment
-        return re.sub(r"_wildcards_.*", "", done.stdout.strip()).removeprefix("rule_")
+        process = self.cluster.command("squeue", "--noheader", f"--jobs={job}", "--format=%k")  # the comment
+        return re.sub(r"_wildcards_.*", "", process.stdout.strip()).removeprefix("rule_")
 
 
 def _stage_of(cluster, job):
@@ -160,8 +160,8 @@ def is_whole(folder, expected, *targets):
 def project(tmp_path_factory):
     """A folder with a few products as they are without Slurm, and their digests."""
     folder = copy_tree(ROOT, tmp_path_factory.mktemp("slurm") / "project")
-    done = snakemake(folder, *TARGETS, "--cores", "2", *SMOKE)
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = snakemake(folder, *TARGETS, "--cores", "2", *SMOKE)
+    assert process.returncode == 0, process.stdout[-3000:]
     return folder, digest_tree(folder / BUILT, PRODUCTS)
 
 
@@ -171,18 +171,18 @@ def test_products_through_slurm_are_the_same_as_without_it(project, cluster):
     for name in ("data/cache", "figures"):
         shutil.rmtree(folder / BUILT / name)
     with Submitted(cluster, folder, *TARGETS) as run:
-        said = run.works()
+        output = run.works()
         jobs = run.jobs()
     assert set(jobs.values()) == {"COMPLETED"}
-    assert len(jobs) == 6 < said.count("Finished jobid") == 12, "designs with flights, and figures, went together"
+    assert len(jobs) == 6 < output.count("Finished jobid") == 12, "designs with flights, and figures, went together"
     is_whole(folder, expected, *TARGETS)
 
 
 @pytest.mark.long
 def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp_path):
     folder = copy_tree(ROOT, tmp_path / "local")
-    done = snakemake(folder, "all", "--cores", "2", *SMOKE)
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = snakemake(folder, "all", "--cores", "2", *SMOKE)
+    assert process.returncode == 0, process.stdout[-3000:]
     other = copy_tree(ROOT, tmp_path / "slurm")
     with Submitted(cluster, other, "all") as run:
         run.works(seconds=7200)
@@ -193,8 +193,8 @@ def test_the_smoke_pipeline_through_slurm_is_the_same_as_without_it(cluster, tmp
 @pytest.mark.long
 def test_a_paper_at_full_size_through_slurm_is_the_same_as_without_it(cluster, tmp_path):
     folder = copy_tree(ROOT, tmp_path / "local")
-    done = snakemake(folder, "powered_descent", "--cores", "2")
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = snakemake(folder, "powered_descent", "--cores", "2")
+    assert process.returncode == 0, process.stdout[-3000:]
     other = copy_tree(ROOT, tmp_path / "slurm")
     with Submitted(cluster, other, "powered_descent", size=("--config", "chunks=2")) as run:
         run.works(seconds=3600)
@@ -230,9 +230,9 @@ def test_a_job_cancelled_by_hand_is_sent_again(undone, cluster):
         job = run.running(CHUNK)
         run.stage(job)
         cluster.command("scancel", str(job))
-        said = run.works()
+        output = run.works()
         assert run.jobs()[job] == "CANCELLED"
-    assert f"SLURM-job '{job}' failed, SLURM status is: 'CANCELLED'" in said
+    assert f"SLURM-job '{job}' failed, SLURM status is: 'CANCELLED'" in output
     is_whole(folder, expected)
 
 
@@ -259,11 +259,11 @@ def test_a_job_without_retries_fails_and_the_next_run_resumes(undone, cluster):
         run.stage(job)
         cluster.command("scancel", str(job))
         assert run.process.wait(timeout=600) != 0
-        assert f"SLURM-job '{job}' failed" in run.said()
+        assert f"SLURM-job '{job}' failed" in run.output()
     assert not (folder / BUILT / CASE).exists()
     with Submitted(cluster, folder, CASE) as run:
-        said = run.works()
-    assert said.count("Finished jobid") == 2, "the cancelled chunk and the gathering"
+        output = run.works()
+    assert output.count("Finished jobid") == 2, "the cancelled chunk and the gathering"
     is_whole(folder, expected)
 
 
@@ -288,9 +288,9 @@ def test_a_job_over_its_time_is_killed_and_gets_more(undone, cluster):
     with Submitted(cluster, folder, CASE, profile=other_profile(folder, runtime="1 * attempt")) as run:
         job = run.running(CHUNK)
         os.kill(run.stage(job), signal.SIGSTOP)
-        said = run.works()
+        output = run.works()
         assert run.jobs()[job] == "TIMEOUT"
-    assert f"SLURM-job '{job}' failed, SLURM status is: 'TIMEOUT'" in said
+    assert f"SLURM-job '{job}' failed, SLURM status is: 'TIMEOUT'" in output
     is_whole(folder, expected)
 
 
@@ -333,8 +333,8 @@ def test_a_killed_snakemake_can_go_on_while_its_jobs_still_run(undone, cluster):
     with Submitted(cluster, folder, CASE) as run:
         run.stage(run.running(CHUNK))
         run.kill()
-        done = snakemake(folder, "--unlock", *SMOKE)
-        assert done.returncode == 0, done.stdout
+        process = snakemake(folder, "--unlock", *SMOKE)
+        assert process.returncode == 0, process.stdout
         with Submitted(cluster, folder, CASE) as again:
             again.works()
     is_whole(folder, expected)

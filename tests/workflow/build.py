@@ -1,8 +1,8 @@
 """Build a copy of the project beside the tests: `python build.py folder tasks...`.
 
-First the smoke size, whole, twice; what came of it is then written beside the folder. If `full` is a task, the full
-size follows in the tree of the first build, in fewer readings (size `check`) and without figures, which show no other
-code. `marsedl verify` builds and compares all of it.
+First the smoke size, whole, twice; a copy of the second and what came of both are then written beside the folder. If
+`full` is a task, the full size follows in the tree of the first build, in fewer readings (size `check`) and without
+figures, which show no other code. `marsedl verify` builds and compares all of it.
 
 Ends with 0 unless a build fails. Ends at once, with all that it started, when its standard input closes: it does not
 outlive the tests that wait for it.
@@ -10,6 +10,7 @@ outlive the tests that wait for it.
 
 import json
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -34,14 +35,15 @@ def build(folder: Path, tasks: list[str]) -> int:
         "digests": [digest_tree(build, PRODUCTS) for build in builds],
         "logs": [sorted(str(path.relative_to(build)) for path in build.glob("logs/**/*.log")) for build in builds],
     }
+    shutil.copytree(folders[1], folder.with_name("copy"))
     unfinished = folder.with_name("smoke.json.part")
     unfinished.write_text(json.dumps(built), encoding="utf-8")
     unfinished.rename(folder.with_name("smoke.json"))
     if "full" not in tasks:
         return 0
-    done = snakemake(folders[0], "claims", "--cores", "2", "--config", "size=check")
-    print(done.stdout)
-    return done.returncode
+    process = snakemake(folders[0], "claims", "--cores", "2", "--config", "size=check")
+    print(process.stdout)
+    return process.returncode
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ def main(root: Path, size: str, slug: str) -> dict:
     os.chdir(root)
     from marsedl.papers import catalogue, input_model  # only now, as they bring numpy
     from marsedl.replication import artifacts
+    from marsedl.replication.claims import load_published
     from marsedl.replication.graph import Memory, Run
     from marsedl.replication.inputs import load_study
     from marsedl.replication.sharing import Shared
@@ -33,7 +34,8 @@ def main(root: Path, size: str, slug: str) -> dict:
         built = artifacts.load(path, type(record), paper=slug, reading="corrected")
         if artifacts.content_digest(record) != artifacts.content_digest(built):
             unequal.append(name)
-    values = {name: evaluation and evaluation.value for name, evaluation in run.evaluations().items()}
+    published = {claim.id: claim for claim in load_published(Path("data/published") / f"{slug}.yaml")}
+    values = {name: evaluation and evaluation.value for name, evaluation in run.evaluations(published).items()}
     return {"compared": names, "unequal": unequal, "values": values}
 
 

@@ -25,7 +25,7 @@ def flights(root, slug):
     from marsedl.replication import artifacts
     from marsedl.replication.catalogue import FLIGHTS
     from marsedl.replication.inputs import load_study
-    from marsedl.replication.jobs import computed, given, whole_case
+    from marsedl.replication.jobs import arguments_of, compute_record, whole_case
     from marsedl.replication.sharing import Shared
     from marsedl.replication.sizes import build_folder
 
@@ -40,7 +40,9 @@ def flights(root, slug):
     def fly(stage, options):
         declared = paper.stages[stage]
         values = {name: inputs.plain()[name] for name in declared.inputs}
-        computed(declared.entries, lambda function, **others: given(function, values, record, **others), options)
+        compute_record(
+            declared.entries, lambda function, **others: arguments_of(function, values, record, **others), options
+        )
 
     for case, name in inputs.CASES.items():
         if trials := inputs.get(name):
@@ -90,13 +92,13 @@ def bits(value):
 
 def replayed(calls):
     """What calling the kernels again changes."""
-    changed = []
+    different = []
     for name, before, after in calls:
         module, function = name.split(":")
         result = getattr(import_module(module), function)(*before)
         if bits((before, result)) != bits(after):
-            changed.append(name)
-    return {"calls": [name for name, *_ in calls], "changed": changed}
+            different.append(name)
+    return {"calls": [name for name, *_ in calls], "changed": different}
 
 
 if __name__ == "__main__":

@@ -44,21 +44,21 @@ def test_malformed_inputs_of_a_reading_of_the_user_are_refused(tmp_path, slug, i
 def test_a_changed_frozen_reading_is_refused(tmp_path, slug):
     text = (CONFIGS / f"{slug}.yaml").read_text(encoding="utf-8")
     first_number = re.compile(r"(?ms)(^  printed:\n.*?\{value: )(\d+\.[\de+-]+)")
-    changed, number = first_number.subn(lambda found: f"{found[1]}{1.001 * float(found[2])}", text, count=1)
+    edited, number = first_number.subn(lambda match: f"{match[1]}{1.001 * float(match[2])}", text, count=1)
     assert number == 1
-    (tmp_path / f"{slug}.yaml").write_text(changed, encoding="utf-8")
+    (tmp_path / f"{slug}.yaml").write_text(edited, encoding="utf-8")
     with pytest.raises(InputError, match=rf"{slug}.yaml:\d+: readings.printed: is frozen.*based_on: printed"):
         load_studies({slug: MODELS[slug]}, tmp_path, {})
 
 
 def refused(project, *arguments, configfile=None) -> str:
     """Run Snakemake, which must end with one message of ours, no traceback and nothing built; returns the message."""
-    done = project.run(*arguments, configfile=configfile)
-    assert done.returncode != 0
-    assert "Traceback" not in done.stdout
-    assert "Job stats" not in done.stdout
+    process = project.run(*arguments, configfile=configfile)
+    assert process.returncode != 0
+    assert "Traceback" not in process.stdout
+    assert "Job stats" not in process.stdout
     assert not project.state()
-    (message,) = [line for line in done.stdout.splitlines() if line.startswith("marsedl: ")]
+    (message,) = [line for line in process.stdout.splitlines() if line.startswith("marsedl: ")]
     return message
 
 
@@ -66,20 +66,21 @@ def test_what_is_wrong_in_a_users_file_is_the_last_word(project, tmp_path):
     path = tmp_path / "mine.yaml"
     body = "{based_on: corrected, planet: {gravty: {value: 3.7, source: Eq. 1}}}"
     path.write_text(f"powered_descent: {{readings: {{mine: {body}}}}}\n", encoding="utf-8")
-    said = refused(project, TARGET, configfile=path)
+    message = refused(project, TARGET, configfile=path)
     assert (
-        said == f"marsedl: {path}:1: powered_descent.readings.mine.planet.gravty: unknown key; did you mean 'gravity'?"
+        message
+        == f"marsedl: {path}:1: powered_descent.readings.mine.planet.gravty: unknown key; did you mean 'gravity'?"
     )
 
 
 @pytest.mark.parametrize("profile", ["default", "slurm"])
 def test_a_file_that_is_missing_stops_no_snakemake_in_a_traceback(project, tmp_path, profile):
     path = tmp_path / "mine.yaml"
-    said = refused(project, TARGET, "--workflow-profile", f"profiles/{profile}", configfile=path)
-    assert said.startswith(f"marsedl: {path}: cannot be read (No such file or directory); check its path")
+    message = refused(project, TARGET, "--workflow-profile", f"profiles/{profile}", configfile=path)
+    assert message.startswith(f"marsedl: {path}: cannot be read (No such file or directory); check its path")
     explained = project.marsedl("explain", "powered_descent", "fig07", "--configfile", str(path))
     assert explained.returncode == 2
-    assert explained.stderr == f"{said}\n"
+    assert explained.stderr == f"{message}\n"
 
 
 def test_a_users_file_is_not_run_as_code(project, tmp_path):
@@ -109,12 +110,12 @@ def test_a_target_that_nothing_makes_is_refused(project, target, message):
 def test_folders_that_cannot_be_written_are_refused(project):
     project.config = []
     project.path("logs").write_text("")
-    assert "logs: is no folder, and one of this name has to be written; move it away" in refused(project, "all")
+    assert "logs: is not a folder, but a folder of this name is needed; move it away" in refused(project, "all")
 
 
 def test_everything_that_is_made_may_be_asked_for(project):
     """Every file that a job of `all` writes passes the check of targets, chunks included."""
-    from marsedl.comparison import COMPARISONS
+    from marsedl.comparison import comparisons
     from marsedl.papers import catalogue
 
     project.config = ["chunks=2"]
@@ -124,4 +125,4 @@ def test_everything_that_is_made_may_be_asked_for(project):
     assert len(files) > 500
     assert any("/chunks/" in path for path in files)
     for path in files:
-        check_target(path, "full", papers, studies, COMPARISONS)
+        check_target(path, "full", papers, studies, comparisons())

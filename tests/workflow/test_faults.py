@@ -25,15 +25,15 @@ FIGURE = "figures/powered_descent/fig06a.png"
 
 def failed(tree, *targets) -> str:
     """Run Snakemake, which must fail; returns what it says."""
-    done = tree.run(*targets)
-    assert done.returncode != 0, done.stdout[-3000:]
-    return done.stdout
+    process = tree.run(*targets)
+    assert process.returncode != 0, process.stdout[-3000:]
+    return process.stdout
 
 
 def works(tree, *targets) -> str:
-    done = tree.run(*targets)
-    assert done.returncode == 0, done.stdout[-3000:]
-    return done.stdout
+    process = tree.run(*targets)
+    assert process.returncode == 0, process.stdout[-3000:]
+    return process.stdout
 
 
 # ---------------------------------------------------------------------------------------------------------- artifacts
@@ -53,7 +53,7 @@ def truncated(path):
 
 
 def of_another_reading(path):
-    shutil.copyfile(path.parents[1] / "target4" / path.name, path)
+    shutil.copyfile(path.parents[1] / "kilonewton_noise" / path.name, path)
 
 
 def of_another_paper(path):
@@ -65,17 +65,17 @@ def of_another_paper(path):
     ("damage", "fragments"),
     [
         (truncated, ["truncated"]),
-        (of_another_reading, ["target4", "corrected"]),
+        (of_another_reading, ["kilonewton_noise", "corrected"]),
         (of_another_paper, ["random_field", "powered_descent"]),
     ],
 )
 def test_a_damaged_or_foreign_artifact_is_refused_and_rebuilt_when_deleted(tree, damage, fragments):
     digests = tree.digests()
     damage(tree.path(GAINS))
-    said = failed(tree, FIGURE)
+    output = failed(tree, FIGURE)
     for fragment in (GAINS, "delete it and run snakemake again", "logs/powered_descent/fig06a.log", *fragments):
-        assert fragment in said
-    assert "Traceback" not in said
+        assert fragment in output
+    assert "Traceback" not in output
     tree.path(GAINS).unlink()
     works(tree, FIGURE)
     assert tree.digests() == digests
@@ -125,7 +125,7 @@ DAMAGED = {
         with_flipped_bits,
         "data/cache/powered_descent/corrected/gains.h5",
         "powered_descent_gains",
-        "are not those that were written",
+        "differ from what was written",
     ),
     "random_field/corrected/nominal": (
         with_an_external_link,
@@ -160,13 +160,13 @@ def test_damaged_artifacts_of_every_paper_are_refused_in_one_run_until_they_are_
     for name, (damage, *_) in DAMAGED.items():
         damage(tree.path(f"data/cache/{name}.h5"))
     for _ in range(2):  # the second run does not take them either
-        said = failed(tree, *targets)
-        assert "Traceback" not in said
+        output = failed(tree, *targets)
+        assert "Traceback" not in output
         for name, (_, _, job, reason) in DAMAGED.items():
             where = f"folder build/smoke, paper {name.split('/')[0]}, reading corrected, job {job}"
             start = f"{where}: data/cache/{name}.h5: "
-            refusal = next((line for line in said.splitlines() if line.startswith(start)), "")
-            assert reason in refusal, said[-8000:]
+            refusal = next((line for line in output.splitlines() if line.startswith(start)), "")
+            assert reason in refusal, output[-8000:]
             assert "delete it and run snakemake again" in refusal
     for name in DAMAGED:
         tree.path(f"data/cache/{name}.h5").unlink()
@@ -179,9 +179,9 @@ def test_a_malformed_file_of_printed_claims_is_refused_by_name(tree):
     published = tree.path("data/published/powered_descent.yaml")
     content = published.read_text(encoding="utf-8")
     published.write_text(content.replace("kind: ", "kindd: ", 1), encoding="utf-8")
-    said = failed(tree, "report/claims/powered_descent.json")
+    output = failed(tree, "report/claims/powered_descent.json")
     for fragment in ("data/published/powered_descent.yaml", "'kindd'", "'kind'", "logs/powered_descent/claims.log"):
-        assert fragment in said
+        assert fragment in output
     published.write_text(content, encoding="utf-8")
     works(tree, "report/claims/powered_descent.json")
     assert tree.digests() == digests
@@ -194,16 +194,16 @@ def test_a_failing_stage_names_itself_and_leaves_the_others_running(tree):
     tree.set_inputs("kilonewton_noise", mass_iterations="1")
     tree.set_inputs("earth_weight_noise", gravity="3.72")
     before = tree.state()
-    said = failed(tree, *(f"{CACHE}/{reading}/gains.h5" for reading in ("kilonewton_noise", "earth_weight_noise")))
+    output = failed(tree, *(f"{CACHE}/{reading}/gains.h5" for reading in ("kilonewton_noise", "earth_weight_noise")))
     where = "paper powered_descent, reading kilonewton_noise, job powered_descent_nominal: "
-    assert where + "the mass iteration still changes" in said
-    assert "raise mass_iterations or mass_tolerance" in said
-    assert "(log: build/smoke/logs/powered_descent/kilonewton_noise/nominal.log)" in said
+    assert where + "the mass iteration still changes" in output
+    assert "raise mass_iterations or mass_tolerance" in output
+    assert "(log: build/smoke/logs/powered_descent/kilonewton_noise/nominal.log)" in output
     assert "MarsedlError" in tree.path("logs/powered_descent/kilonewton_noise/nominal.log").read_text(encoding="utf-8")
     after = tree.state()
-    changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+    changed_files = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
     finished = {f"{CACHE}/earth_weight_noise/{name}.h5" for name in ("nominal", "linearization", "gains")}
-    assert changed == {*finished, f"{CACHE}/kilonewton_noise/nominal.h5"}
+    assert changed_files == {*finished, f"{CACHE}/kilonewton_noise/nominal.h5"}
     assert finished <= after.keys()
 
 
@@ -214,15 +214,15 @@ CASE = f"{CACHE}/corrected/montecarlo.closed_loop_large.h5"
 
 def jobs_of(process) -> list[int]:
     """Processes of the session of a started Snakemake that run the script of a job."""
-    found = []
+    jobs = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit() and int(folder.name) != process.pid:
             with contextlib.suppress(OSError, IndexError):
                 session = int((folder / "stat").read_text().rpartition(")")[2].split()[3])
                 command = (folder / "cmdline").read_bytes().split(b"\0")
                 if session == process.pid and b"python" in command[0] and b"/.snakemake/scripts/" in command[1]:
-                    found.append(int(folder.name))
-    return found
+                    jobs.append(int(folder.name))
+    return jobs
 
 
 def first_job_of(process, seconds=60) -> int | None:
@@ -276,8 +276,8 @@ def test_a_killed_snakemake_can_go_on(without_case):
         assert first_job_of(process)
     finally:
         killed(process)
-    said = failed(tree, CASE)  # the killed one could not take its lock away
-    assert "--unlock" in said
+    output = failed(tree, CASE)  # the killed one could not take its lock away
+    assert "--unlock" in output
     works(tree, "--unlock")
     works(tree, CASE)
     assert tree.digests() == digests
@@ -350,9 +350,9 @@ def test_a_kill_at_any_moment_loses_nothing(tree, number):
     while not kill_at(tree, seconds, victim):  # the machine was faster this time
         seconds /= 2
         lose(tree)
-    done = tree.run(*LOST)  # perhaps beside jobs that nobody waits for any more
-    if done.returncode:
-        assert "--unlock" in done.stdout, done.stdout[-3000:]
+    process = tree.run(*LOST)  # perhaps beside jobs that nobody waits for any more
+    if process.returncode:
+        assert "--unlock" in process.stdout, process.stdout[-3000:]
         works(tree, "--unlock")
         works(tree, *LOST)
     if victim == "snakemake":
@@ -382,8 +382,8 @@ def test_a_second_run_of_the_same_files_is_refused_and_disturbs_nothing(without_
     try:
         job = first_job_of(process)
         os.kill(job, signal.SIGSTOP)  # so that the first run cannot end before the second begins
-        said = failed(tree, CASE)
-        assert "lock" in said.lower()
+        output = failed(tree, CASE)
+        assert "lock" in output.lower()
         os.kill(job, signal.SIGCONT)
         assert process.wait(timeout=300) == 0
     finally:
@@ -404,8 +404,8 @@ def test_two_runs_at_the_same_moment_do_no_harm(without_case):
         for process in processes:
             killed(process)
     assert 0 in codes
-    done = tree.run(CASE, other)
-    if done.returncode:
+    finished = tree.run(CASE, other)
+    if finished.returncode:
         works(tree, "--unlock")
         works(tree, CASE, other)
     assert tree.digests() == digests
@@ -418,9 +418,9 @@ def test_two_runs_at_the_same_moment_do_no_harm(without_case):
 def mounted(*arguments):
     """Mount a file system for the time of a test, or say why it cannot be tested."""
     folder = arguments[-1]
-    done = subprocess.run(["mount", *map(str, arguments)], capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip(f"NOT TESTED: mounting needs root: {done.stderr.strip()}")
+    process = subprocess.run(["mount", *map(str, arguments)], capture_output=True, text=True, check=False)
+    if process.returncode:
+        pytest.skip(f"NOT TESTED: mounting needs root: {process.stderr.strip()}")
     try:
         yield
     finally:
@@ -435,9 +435,9 @@ def test_a_full_disk_is_said_and_nothing_else_is_lost(tree):
     folder.mkdir()
     others = {name: digest for name, digest in digests.items() if "kilonewton_noise" not in name}
     with mounted("-t", "tmpfs", "-o", "size=64k", "tmpfs", folder):
-        said = failed(tree, target)
-        assert "reading kilonewton_noise, job powered_descent_nominal" in said
-        assert f"{CACHE}/kilonewton_noise/nominal.h5: cannot be written, there is no space left" in said
+        output = failed(tree, target)
+        assert "reading kilonewton_noise, job powered_descent_nominal" in output
+        assert f"{CACHE}/kilonewton_noise/nominal.h5: cannot be written, there is no space left" in output
         assert not list(folder.iterdir()), "no half-written file stays"
     assert tree.digests() == others
     works(tree, target)
@@ -453,10 +453,10 @@ def test_a_disk_that_is_full_in_the_middle_of_a_figure_is_said(tree):
     with mounted("-t", "tmpfs", "-o", "size=8k", "tmpfs", folder):
         other = folder / "other.txt"
         other.write_text("Snakemake would remove an empty folder")
-        said = failed(tree, target)
-        assert "paper powered_descent, reading kilonewton_noise, job figure: " in said
-        assert "(No space left on device): free space and run again" in said, said[-3000:]
-        assert "Traceback" not in said
+        output = failed(tree, target)
+        assert "paper powered_descent, reading kilonewton_noise, job figure: " in output
+        assert "(No space left on device): free space and run again" in output, output[-3000:]
+        assert "Traceback" not in output
         assert list(folder.iterdir()) == [other], "no half-written file stays"
     works(tree, target)
     assert tree.digests().keys() - digests.keys() == {target, target.replace(".png", ".pdf")}
@@ -470,10 +470,10 @@ def test_a_limit_of_file_sizes_is_said(tree):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, hard))  # Python itself ignores the signal
-        said = failed(tree, GAINS)
+        output = failed(tree, GAINS)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert f"job powered_descent_gains: {GAINS}: cannot be written" in said
+    assert f"job powered_descent_gains: {GAINS}: cannot be written" in output
     works(tree, GAINS)
     assert tree.digests() == digests
 
@@ -484,7 +484,7 @@ def test_a_read_only_cache_is_said(tree):
     tree.set_inputs("kilonewton_noise", noise_coefficient="0.03")
     with mounted("--bind", folder, folder):
         subprocess.run(["mount", "-o", "remount,ro,bind", str(folder)], check=True)
-        said = failed(tree, f"{CACHE}/kilonewton_noise/nominal.h5")
-        assert "Write-protected output files" in said
-        assert f"{CACHE}/kilonewton_noise/nominal.h5" in said
+        output = failed(tree, f"{CACHE}/kilonewton_noise/nominal.h5")
+        assert "Write-protected output files" in output
+        assert f"{CACHE}/kilonewton_noise/nominal.h5" in output
     assert tree.digests() == digests, "the old files are intact"

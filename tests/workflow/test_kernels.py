@@ -18,9 +18,9 @@ def run(*arguments, **environment):
     """Standard output of the script in a process of its own; None stands for a variable that must not be set."""
     variables = {name: value for name, value in (os.environ | environment).items() if value is not None}
     command = [sys.executable, str(SCRIPT), *map(str, arguments)]
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stdout
+    process = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-3000:]
+    return process.stdout
 
 
 def test_kernels_give_the_same_bits_without_wide_vectors_and_fused_products(tree, tmp_path):

@@ -47,8 +47,8 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
         "figures/powered_descent/mine/fig07.png",
         "data/cache/powered_descent/mine/montecarlo.closed_loop_large",
     )
-    done = tree.run(figure, f"{large}.h5", configfile=mine)
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = tree.run(figure, f"{large}.h5", configfile=mine)
+    assert process.returncode == 0, process.stdout[-3000:]
     assert tree.path(figure).read_bytes().startswith(b"\x89PNG")
 
     # Its own numbers,
@@ -56,17 +56,17 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
     assert gains.noise_density_plant == pytest.approx(0.03 * 18000.0)
     assert gains.time[-1] == pytest.approx(24.7 + 16.13, abs=1e-12)
     np.testing.assert_allclose(gains.covariance[-1], COVARIANCE, rtol=1e-6, atol=1e-8)
-    flown = artifact(tree, "montecarlo.closed_loop_large", FlightEnsemble)
-    assert flown.count == len(flown.final_state) == 1500
-    assert flown.time[-1] == pytest.approx(24.7 + 16.13, abs=1e-12)
-    assert np.sum(flown.time == 24.7) == 2, "the switch stands twice"
+    ensemble = artifact(tree, "montecarlo.closed_loop_large", FlightEnsemble)
+    assert ensemble.count == len(ensemble.final_state) == 1500
+    assert ensemble.time[-1] == pytest.approx(24.7 + 16.13, abs=1e-12)
+    assert np.sum(ensemble.time == 24.7) == 2, "the switch stands twice"
     # with a sampled covariance within five standard errors of the target,
-    sampled, scale = flown.covariance[-1, :4, :4], np.sqrt(np.diag(COVARIANCE))
+    sampled, scale = ensemble.covariance[-1, :4, :4], np.sqrt(np.diag(COVARIANCE))
     assert np.all(np.abs(sampled - COVARIANCE) < 5 * np.sqrt(2 / 1500) * np.outer(scale, scale))
     # where fewer trials are the first of more.
     few = artifact(tree, "montecarlo.closed_loop", FlightEnsemble)
     assert few.count == 7
-    np.testing.assert_array_equal(few.final_state, flown.final_state[:7])
+    np.testing.assert_array_equal(few.final_state, ensemble.final_state[:7])
 
     # The other readings are as they were,
     after = tree.state()
@@ -76,8 +76,8 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
     assert tree.plan("all").rules == set(), "a plain run has nothing to do"
 
     # and the claims get a column for it, which goes again with the file.
-    done = tree.run("claims", configfile=mine)
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = tree.run("claims", configfile=mine)
+    assert process.returncode == 0, process.stdout[-3000:]
     rows = read_claims(tree.path("report/claims.json"))
     for row in rows:
         if row["kind"] == "monte_carlo":
@@ -85,7 +85,7 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
             assert ("mine" in row["readings"]) == (row["paper"] == "powered_descent")
     assert "mine" in tree.path("figures/powered_descent/readings.csv").read_text(encoding="utf-8")
     plan = tree.plan("all")
-    assert plan.rules == {"claims", "all_claims", "digests", "index"}
+    assert plan.rules == {"claims", "counterexamples", "all_claims", "digests", "site"}
 
 
 def test_a_density_table_of_ones_own(tree, own_reading, tmp_path):
@@ -99,19 +99,19 @@ def test_a_density_table_of_ones_own(tree, own_reading, tmp_path):
     config.write_text(text, encoding="utf-8")
     before, figure = tree.state(), "figures/stochastic_entry/mine/fig07.png"
     flights = "data/cache/stochastic_entry/mine/montecarlo.stochastic_velocity.h5"
-    done = tree.run(figure, flights, configfile=config)
-    assert done.returncode == 0, done.stdout[-3000:]
+    process = tree.run(figure, flights, configfile=config)
+    assert process.returncode == 0, process.stdout[-3000:]
     nominal = artifact(tree, "nominal", entry_records.Nominal, "stochastic_entry")
     np.testing.assert_allclose(nominal.density, density * np.exp(-nominal.altitude / scale_height), rtol=1e-9)
-    flown = artifact(tree, "montecarlo.stochastic_velocity", entry_records.FlightEnsemble, "stochastic_entry")
-    assert flown.count == 200
-    np.testing.assert_allclose(flown.final_state[:, 1], 500.0, atol=1e-6)
+    ensemble = artifact(tree, "montecarlo.stochastic_velocity", entry_records.FlightEnsemble, "stochastic_entry")
+    assert ensemble.count == 200
+    np.testing.assert_allclose(ensemble.final_state[:, 1], 500.0, atol=1e-6)
     after = tree.state()
     assert {name: state for name, state in after.items() if "/mine/" not in name} == before
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_every_target_exists_for_an_own_reading(tree, own_reading, tmp_path, slug):
+def test_every_target_exists_for_an_own_reading(copied, own_reading, tmp_path, slug):
     """With a seed of its own, it shares nothing that is drawn; what it shares is the other reading's file."""
     path = tmp_path / "mine.yaml"
     path.write_text(own_reading(slug, "mine", seed="77"), encoding="utf-8")
@@ -120,7 +120,7 @@ def test_every_target_exists_for_an_own_reading(tree, own_reading, tmp_path, slu
     targets |= {f"figures/{slug}/mine/{stem}.{ext}" for stem in paper.tables for ext in ("csv", "md")}
     stages = [name for name in paper.stages if not name.startswith("montecarlo")]
     stages += [f"montecarlo.{case}" for case in input_model(slug).CASES]
-    plan = tree.plan(*sorted(targets), *(f"data/cache/{slug}/mine/{name}.h5" for name in stages), configfile=path)
+    plan = copied.plan(*sorted(targets), *(f"data/cache/{slug}/mine/{name}.h5" for name in stages), configfile=path)
     assert plan.files >= targets
     assert plan.papers == {slug}
     assert plan.readings == {"mine"}
@@ -128,11 +128,11 @@ def test_every_target_exists_for_an_own_reading(tree, own_reading, tmp_path, slu
 
 
 def datasets(path):
-    """The bytes of everything that is stored in an artifact, by its name in the file; not whose it is."""
+    """The values of everything that is stored in an artifact, by its name in the file; not whose it is."""
     with h5py.File(path) as file:
         names = []
         file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-        return {name: np.asarray(file[name]).tobytes() for name in names}
+        return {name: repr(np.asarray(file[name]).tolist()) for name in names}
 
 
 def test_who_shares_with_an_edited_reading_keeps_its_results(tree, tmp_path):
@@ -143,9 +143,9 @@ def test_who_shares_with_an_edited_reading_keeps_its_results(tree, tmp_path):
     cache, figure = "data/cache/powered_descent", "figures/powered_descent/mine/fig03.png"
 
     def run(*targets):
-        done = tree.run(*targets, configfile=path)
-        assert done.returncode == 0, done.stdout[-3000:]
-        return done.stdout
+        process = tree.run(*targets, configfile=path)
+        assert process.returncode == 0, process.stdout[-3000:]
+        return process.stdout
 
     # All of it is that of `corrected`,
     assert f"{cache}/mine/gains.h5 is shared: it is {cache}/corrected/gains.h5" in run(f"{cache}/mine/gains.h5", figure)

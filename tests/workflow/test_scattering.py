@@ -12,12 +12,12 @@ def test_scattered_flights_are_those_of_one_job(tree, own_reading, tmp_path, slu
     config = tmp_path / "scattered.yaml"
     config.write_text(own_reading(slug, "scattered", trials="2500", paper_trials="1000"), encoding="utf-8")
     target = f"data/cache/{slug}/scattered/montecarlo.{case}.h5"
-    found = []
+    contents = []
     for chunks in (3, 1):
         tree.config = [f"chunks={chunks}"]
-        done = tree.run(target, configfile=config)
-        assert done.returncode == 0, done.stdout[-3000:]
-        found.append(digest(tree.path(target)))
+        process = tree.run(target, configfile=config)
+        assert process.returncode == 0, process.stdout[-3000:]
+        contents.append(digest(tree.path(target)))
     logs = {path.name for path in tree.path(f"logs/{slug}/scattered").glob("montecarlo.*")}
     assert logs == {f"montecarlo.{case}.{k}of3.log" for k in range(3)} | {f"montecarlo.{case}.log"}
-    assert found[0] == found[1]
+    assert contents[0] == contents[1]

@@ -56,19 +56,19 @@ def test_solvers_that_fail_say_so_and_leave_the_other_papers_of_the_run_finished
     for name in lost:
         tree.path(name).unlink()
 
-    done = tree.run(*targets, *lost, configfile=path)
-    assert done.returncode != 0
-    assert "Traceback" not in done.stdout
+    process = tree.run(*targets, *lost, configfile=path)
+    assert process.returncode != 0
+    assert "Traceback" not in process.stdout
     for slug, (_, artifact, fragments) in FAILING.items():
-        said = re.findall(
+        messages = re.findall(
             rf"^folder build/smoke, paper {slug}, reading unsolved, job {slug}_{artifact}: (.*)$",
-            done.stdout,
+            process.stdout,
             re.MULTILINE,
         )
-        assert said, f"{slug}: {done.stdout[-5000:]}"
+        assert messages, f"{slug}: {process.stdout[-5000:]}"
         for fragment in fragments:
-            assert fragment in said[0]
-        assert f"(log: build/smoke/logs/{slug}/unsolved/{artifact}.log)" in done.stdout
+            assert fragment in messages[0]
+        assert f"(log: build/smoke/logs/{slug}/unsolved/{artifact}.log)" in process.stdout
         assert not tree.path(f"data/cache/{slug}/unsolved/{artifact}.h5").exists()
-    found = tree.digests()
-    assert {name: found.get(name) for name in digests} == digests, "what can be made was made"
+    digests_after = tree.digests()
+    assert {name: digests_after.get(name) for name in digests} == digests, "what can be made was made"

@@ -1,6 +1,5 @@
 """A claim that differs without a reason stops a build whose verdicts count, and is named in any other."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -9,6 +8,7 @@ import pytest
 
 from marsedl.cli import _project
 from marsedl.papers import SLUGS
+from marsedl.replication.claims import read_claims
 from marsedl.replication.inputs import COMMITTED_INPUTS, committed_inputs, counted_inputs, load_study
 from marsedl.replication.scaffold import new_paper
 from marsedl.replication.verification import copy_tree, snakemake
@@ -27,8 +27,8 @@ def project(tmp_path_factory):
     new_paper(root, SLUG, "A title", "An author", monte_carlo=False)
     published = root / f"data/published/{SLUG}.yaml"
     published.write_text(published.read_text("utf-8").replace("printed: 5.7", "printed: 6.9"), "utf-8")
-    claims = root / f"src/marsedl/papers/{SLUG}/claims.py"
-    text, number = re.subn(r"(?m)^DECLARATIONS = .*$", "DECLARATIONS = {}", claims.read_text("utf-8"))
+    claims = root / f"src/marsedl/papers/{SLUG}/claims/sec1_landing.py"
+    text, number = re.subn(r"(?m)^@claim\(.*$", "@claim()", claims.read_text("utf-8"))
     assert number == 1
     claims.write_text(text, "utf-8")
     model = root / f"src/marsedl/papers/{SLUG}/inputs.py"
@@ -44,31 +44,31 @@ def build(root, *arguments):
     return snakemake(root, f"report/claims/{SLUG}.json", "--cores", "2", *arguments)
 
 
-def said_in_the_table(folder):
-    rows = list(csv.DictReader((folder / f"figures/{SLUG}/claims.csv").open(encoding="utf-8")))
+def reason(folder):
+    rows = read_claims(folder / f"report/claims/{SLUG}.json")
     return next(row["reason"] for row in rows if row["id"] == CLAIM)
 
 
 def test_it_is_refused_where_verdicts_count_and_named_elsewhere(project):
-    done = build(project)
-    assert done.returncode != 0
-    assert f"{SLUG}: claim {CLAIM}: differs in reading corrected" in done.stdout
-    assert "without a reason that names an erratum" in done.stdout
-    assert "Traceback" not in done.stdout
+    process = build(project)
+    assert process.returncode != 0
+    assert f"{SLUG}: claim {CLAIM}: differs in reading corrected" in process.stdout
+    assert "without a reason that names an erratum" in process.stdout
+    assert "Traceback" not in process.stdout
     assert not (project / f"report/claims/{SLUG}.json").exists()
 
-    done = build(project, "--config", "size=smoke")
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in done.stdout
-    assert said_in_the_table(project / "build" / "smoke").startswith("Not explained")
+    process = build(project, "--config", "size=smoke")
+    assert process.returncode == 0, process.stdout[-3000:]
+    assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in process.stdout
+    assert reason(project / "build" / "smoke").startswith("Not explained")
 
     config = project / f"configs/{SLUG}.yaml"
     own = 'initial_velocity: {value: -21.0, unit: m/s, source: "assumed: an input that was changed"}'
     config.write_text(re.sub("initial_velocity: {value: -20.0.*}", own, config.read_text("utf-8")), "utf-8")
-    done = build(project)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in done.stdout
-    assert said_in_the_table(project).startswith("Not explained")
+    process = build(project)
+    assert process.returncode == 0, process.stdout[-3000:]
+    assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in process.stdout
+    assert reason(project).startswith("Not explained")
 
 
 def test_the_committed_inputs_are_those_of_the_configuration():

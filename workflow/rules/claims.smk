@@ -1,4 +1,5 @@
-# Verdicts on every printed claim: one job per paper over all its readings, then all papers in one file, and a badge.
+# Verdicts on every printed claim: one job per paper over all its readings, one that turns each verdict by its
+# counterexample, then all papers in one file, and a badge.
 
 
 rule claims:
@@ -55,10 +56,37 @@ for _paper in PAPERS:
         script:
             "../scripts/claims.py"
 
+    rule:
+        name:
+            f"{_paper}_counterexamples"
+        input:
+            sorted(claimed(_paper, DEFAULT).values()),
+            claims=f"report/claims/{_paper}.json",
+            published=source(f"data/published/{_paper}.yaml"),
+            measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
+        output:
+            f"report/counterexamples/{_paper}.json",
+        log:
+            f"logs/{_paper}/counterexamples.log",
+        benchmark:
+            f"benchmarks/{_paper}/counterexamples.tsv"
+        conda:
+            "../envs/marsedl.yaml"
+        params:
+            paper=_paper,
+            artifacts={DEFAULT: claimed(_paper, DEFAULT)},
+            inputs={DEFAULT: STUDIES[_paper].readings[DEFAULT].inputs.plain()},
+            code=code("counterexamples.py", *claims_entries(_paper)),
+            libraries=libraries("counterexamples.py", *claims_entries(_paper)),
+            build=build,
+        script:
+            "../scripts/counterexamples.py"
+
 
 rule all_claims:
     input:
-        [f"report/claims/{paper}.json" for paper in PAPERS],
+        claims=[f"report/claims/{paper}.json" for paper in PAPERS],
+        counterexamples=[f"report/counterexamples/{paper}.json" for paper in PAPERS],
     output:
         claims="report/claims.json",
         badge="report/badge.json",

@@ -9,8 +9,9 @@ from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication import command_line
 from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER
+from marsedl.replication.claims import read_claims
 from marsedl.replication.code_digest import remembered_digests
-from marsedl.replication.errors import InputError
+from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.inputs import (
     committed_inputs,
     counted_inputs,
@@ -18,10 +19,13 @@ from marsedl.replication.inputs import (
 )
 from marsedl.replication.jobs import pretended_machine
 from marsedl.replication.libraries import versions_used
+from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.sharing import Shared
+from marsedl.replication.site import site_files
 from marsedl.replication.sizes import build_folder
+from marsedl.replication.texts import FILE as TEXTS
 
-ROOT = Path(workflow.basedir)
+ROOT = Path(workflow.current_basedir).parents[1]
 SIZE = str(config.get("size", "full"))
 DIGESTS = remembered_digests(ROOT)
 DEFAULT = "corrected"
@@ -34,6 +38,8 @@ try:
     # A job of a smaller size may begin in the folder of its build.
     with contextlib.chdir(ROOT):
         STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+    for slug, study in STUDIES.items():  # texts that quote numbers of a reading that there is not
+        with_numbers(PAPERS[slug], Quotes(None, study.readings))
     COMMITTED = committed_inputs(ROOT)
 except InputError as error:
     sys.exit(f"\nmarsedl: {error}\n")
@@ -171,6 +177,16 @@ def described(paper):
 def as_committed(paper):
     """Whether verdicts count: the full size, with the inputs that the committed verdicts were found with."""
     return SIZE == "full" and COMMITTED.get(paper) == counted_inputs(STUDIES[paper])
+
+
+@functools.cache
+def quoting(paper, reading):
+    """A paper's catalogue with the numbers that its texts quote, if there are verdicts that they agree with."""
+    readings, path = STUDIES[paper].readings, Path(f"report/claims/{paper}.json")
+    with contextlib.suppress(MarsedlError):
+        if path.exists():
+            return with_numbers(PAPERS[paper], Quotes(by_id(read_claims(path)), readings, reading))
+    return with_numbers(PAPERS[paper], Quotes(None, readings, reading))
 
 
 def as_rst(text):

@@ -113,7 +113,8 @@ def product_functions(kind, paper, stems):
         return file_digest(published(wildcards)) if shown else ""
 
     def captions(wildcards, output):
-        return {stem: as_rst(product.caption) for stem, product in products(wildcards).items()}
+        quoted = quoting(filled(paper, wildcards), reading_of(wildcards))
+        return {stem: as_rst(quoted.product(stem).caption) for stem in products(wildcards)}
 
     return artifacts, dict(
         script=lambda wildcards: kind[0] + "s",
@@ -166,7 +167,6 @@ def comparison_shown(kind, suffix):
 
 
 def claims_entries(paper):
-    """A paper's evaluators, its statements about claims, and its tables over all readings."""
-    names = ["claims:evaluate", "claims:DECLARATIONS"]
-    names += [f"tables:{stem}" for stem in PAPERS[paper].summaries]
-    return [f"marsedl.papers.{paper}.{name}" for name in names]
+    """A paper's claims with what they share, and its tables over all readings."""
+    summaries = [f"marsedl.papers.{paper}.tables:{stem}" for stem in PAPERS[paper].summaries]
+    return [*DIGESTS.functions(f"marsedl.papers.{paper}.claims"), *summaries]

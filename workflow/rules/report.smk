@@ -1,7 +1,11 @@
-# Digests of all products, and the page that shows them.
+# Digests of all products, and the pages of the report that show them.
 
 
 CLOSEUPS = [f"marsedl.papers.{paper}.closeups:{name}" for paper in PAPERS for name in PAPERS[paper].closeups]
+
+
+TEMPLATES = ROOT / "src" / "marsedl" / "replication" / "templates"
+SITE = site_files({**{paper: PAPERS[paper].figures for paper in PAPERS}, "comparison": COMPARISONS})
 
 
 rule report:
@@ -29,14 +33,14 @@ rule digests:
         "../scripts/digests.py"
 
 
-rule index:
+rule site:
     input:
         [products(paper) + cache(paper) for paper in PAPERS],
         compared(),
         claims="report/claims.json",
         digests="report/digests.json",
     output:
-        "report/index.html",
+        [f"report/{name}" for name in SITE],
     log:
         "logs/report.log",
     benchmark:
@@ -51,12 +55,14 @@ rule index:
         machines=source("data/reference/machines.csv"),
         machines_digest=file_digest("data/reference/machines.csv"),
         artifacts={paper: {reading: claimed(paper, reading) for reading in STUDIES[paper].compared} for paper in PAPERS},
-        templates=[file_digest(f"src/marsedl/replication/templates/report.{part}") for part in ("html.j2", "css", "js")],
+        templates={path.name: file_digest(path.relative_to(ROOT)) for path in sorted(TEMPLATES.glob("*.*"))},
         code=code("report.py"),
         libraries=libraries("report.py", *CLOSEUPS),
         build=build,
         closeups=[DIGESTS.code(entry) for entry in CLOSEUPS],
         catalogues={paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS},
-        comparisons=DIGESTS.code("marsedl.comparison:COMPARISONS"),
+        texts=[
+            file_digest(f"src/marsedl/{place}/{TEXTS}") for place in (*(f"papers/{p}" for p in PAPERS), "comparison")
+        ],
     script:
         "../scripts/report.py"

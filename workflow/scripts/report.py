@@ -1,12 +1,12 @@
-"""Write the report: one page on all papers."""
+"""Write the report: its pages, pictures and the zip of them."""
 
 from pathlib import Path
 
-from marsedl.comparison import COMPARISONS
+from marsedl.comparison import comparisons
 from marsedl.papers import catalogue, input_model
 from marsedl.replication import assembly
 from marsedl.replication.jobs import guarded
-from marsedl.replication.report import build_report
+from marsedl.replication.site import build_site
 
 with guarded(snakemake) as job:
     claims = assembly.claims_by_paper(snakemake.input.claims)
@@ -20,4 +20,4 @@ with guarded(snakemake) as job:
     machines = assembly.measurements(Path(job.params.machines))
     digests = Path(snakemake.input.digests)
     around = assembly.environment(job.params.size, digests, benchmarks, job.params.readings, machines)
-    build_report(snakemake.output[0], papers, around, assembly.comparison(COMPARISONS))
+    build_site(Path(snakemake.output[0]).parent, papers, around, assembly.comparison(comparisons()))

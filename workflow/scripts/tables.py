@@ -2,11 +2,11 @@
 
 from importlib import import_module
 
-from marsedl.replication.jobs import guarded
+from marsedl.replication.jobs import guarded, published_of
 from marsedl.replication.tables import write_table
 
 with guarded(snakemake) as job:
-    module, published = import_module(f"marsedl.papers.{job.paper}.tables"), job.published()
+    module, published = import_module(f"marsedl.papers.{job.paper}.tables"), published_of(job.params)
     for number, stem in enumerate(job.params.stems):
         table = getattr(module, stem)
-        write_table(table(**job.given(table, **published)), *snakemake.output[2 * number : 2 * number + 2])
+        write_table(table(**job.arguments_of(table, **published)), *snakemake.output[2 * number : 2 * number + 2])

@@ -1,11 +1,11 @@
 """Final standard deviations by linear covariance against those over Monte Carlo flights, in every paper."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from marsedl.comparison.records import COLORS, NAMES, number
+from marsedl.comparison.records import COLORS, NAMES
 from marsedl.methods.sensitivity import midpoint_responses, midpoint_transitions, propagate_columns
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
@@ -28,9 +28,14 @@ from marsedl.papers.stochastic_entry.records import FlightEnsemble as Stochastic
 from marsedl.papers.stochastic_entry.records import Gains as StochasticEntryGains
 from marsedl.papers.stochastic_entry.records import Linearization as StochasticEntryLinearization
 from marsedl.plotting.style import BLACK, GREY, new_figure
+from marsedl.replication.tables import Column
+from marsedl.replication.tables import table as table_of
+from marsedl.replication.thresholds import SIGMAS
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 NEAR = 0.3  # from one, shown on the right
-SIGMAS = 3.0
 # Quantities of the same kind have the same mark.
 MARKS = {
     "altitude": "^",
@@ -81,12 +86,12 @@ def deviations(case, quantities, predicted, samples) -> list[Deviation]:
     Returns:
         One `Deviation` for each quantity.
     """
-    kept = samples[np.isfinite(samples).all(axis=1)]
+    finite = samples[np.isfinite(samples).all(axis=1)]
     sampled = variance_error = np.full(samples.shape[1], np.nan)
-    if len(kept) > 1:
-        sampled, variance_error = kept.std(axis=0, ddof=1), np.diag(covariance_standard_errors(kept))
+    if len(finite) > 1:
+        sampled, variance_error = finite.std(axis=0, ddof=1), np.diag(covariance_standard_errors(finite))
     return [
-        Deviation(case, name, unit, *map(float, numbers), len(kept), len(samples) - len(kept))
+        Deviation(case, name, unit, *map(float, numbers), len(finite), len(samples) - len(finite))
         for (name, unit), *numbers in zip(quantities, predicted, sampled, variance_error / (2.0 * sampled), strict=True)
     ]
 
@@ -98,21 +103,21 @@ def powered_descent(
 ) -> list[Deviation]:
     """Closed loop, of the large ensemble where there is one."""
     quantities = (("downrange", "m"), ("altitude", "m"), ("downrange velocity", "m/s"), ("vertical velocity", "m/s"))
-    flown = (closed_loop_large or closed_loop).final_state[:, : len(quantities)]
-    return deviations("closed loop", quantities, _deviation(gains.covariance[-1]), flown)
+    final_states = (closed_loop_large or closed_loop).final_state[:, : len(quantities)]
+    return deviations("closed loop", quantities, _deviation(gains.covariance[-1]), final_states)
 
 
 def random_field(gains: RandomFieldGains, aerocapture: RandomFieldFlights) -> list[Deviation]:
     """Open loop and, if there is one, the law of the last iteration: state at the exit, and delta-v."""
     quantities = (("altitude", "m"), ("velocity", "m/s"), ("flight path angle", "rad"), ("delta-v", "m/s"))
-    found = []
+    rows = []
     for law in sorted({0, len(gains.control) - 1}):
         exit_state, delta_v = aerocapture.final_state[law, :, :3], aerocapture.delta_v[law, :, np.newaxis]
         captured = (aerocapture.outcome[law] == COMPLETED)[:, np.newaxis]
         samples = np.where(captured, np.hstack([exit_state, delta_v]), np.nan)
         predicted = *_deviation(gains.covariance[law, -1]), gains.delta_v_deviation[law]
-        found += deviations(f"iteration {law}" if law else "open loop", quantities, predicted, samples)
-    return found
+        rows += deviations(f"iteration {law}" if law else "open loop", quantities, predicted, samples)
+    return rows
 
 
 def desensitized(
@@ -120,11 +125,11 @@ def desensitized(
 ) -> list[Deviation]:
     """Every law: final position errors of position errors at entry, by the sensitivity."""
     quantities = (("altitude", "m"), ("crossrange", "m"), ("downrange", "m"))
-    found = []
-    for name, final, flown in zip(gains.law, gains.final, entry_errors.final_error, strict=True):
-        predicted = _deviation(final @ np.diag(ensemble.initial_deviations**2) @ final.T)
-        found += deviations(LAW_NAMES[str(name)], quantities, predicted, flown)
-    return found
+    rows = []
+    for name, sensitivity, final_errors in zip(gains.law, gains.final, entry_errors.final_error, strict=True):
+        predicted = _deviation(sensitivity @ np.diag(ensemble.initial_deviations**2) @ sensitivity.T)
+        rows += deviations(LAW_NAMES[str(name)], quantities, predicted, final_errors)
+    return rows
 
 
 def funnels(
@@ -153,8 +158,8 @@ def funnels(
     )[-1]
     predicted = _deviation(columns @ columns.T)
     metres = np.array([1.0, planet.planet_radius, planet.planet_radius, 1.0, 1.0, 1.0])
-    flown = np.where((constant.outcome == COMPLETED)[:, np.newaxis], constant.final_state[:, :states], np.nan)
-    return deviations("constant disturbance", quantities, predicted * metres, flown * metres)
+    final = np.where((constant.outcome == COMPLETED)[:, np.newaxis], constant.final_state[:, :states], np.nan)
+    return deviations("constant disturbance", quantities, predicted * metres, final * metres)
 
 
 def stochastic_entry(
@@ -172,7 +177,7 @@ def stochastic_entry(
         stochastic_entry_records.FLIGHT_PATH_ANGLE: ("flight path angle", "rad"),
         stochastic_entry_records.DOWNRANGE: ("downrange", "m"),
     }
-    found = []
+    rows = []
     for law, covariances, flights in (
         ("Apollo", gains.apollo_covariance, (apollo_time, apollo_velocity)),
         ("stochastic", gains.stochastic_covariance, (stochastic_time, stochastic_velocity)),
@@ -180,62 +185,72 @@ def stochastic_entry(
         projections = np.eye(covariances.shape[-1]), linearization.trigger_projection
         for trigger, covariance, projection, ensemble in zip(TRIGGERS, covariances, projections, flights, strict=True):
             fixed = stochastic_entry_records.VELOCITY if trigger == "velocity" else None
-            shown = [state for state in quantities if state != fixed]
-            predicted = _deviation(projection @ covariance[-1] @ projection.T)[shown]
-            flown = np.where((ensemble.outcome == COMPLETED)[:, np.newaxis], errors(ensemble)[:, shown], np.nan)
-            found += deviations(
-                f"{law} law to the {trigger} trigger", [quantities[state] for state in shown], predicted, flown
+            states = [state for state in quantities if state != fixed]
+            predicted = _deviation(projection @ covariance[-1] @ projection.T)[states]
+            final_errors = np.where((ensemble.outcome == COMPLETED)[:, np.newaxis], errors(ensemble)[:, states], np.nan)
+            rows += deviations(
+                f"{law} law to the {trigger} trigger", [quantities[state] for state in states], predicted, final_errors
             )
-    return found
+    return rows
 
 
-def figure(found: dict[str, list[Deviation]]) -> Figure:
+def figure(records: dict[str, list[Deviation]]) -> Figure:
     """Ratio of every standard deviation, by case; on the right those near one."""
-    cases = [(slug, case) for slug, rows in found.items() for case in dict.fromkeys(row.case for row in rows)]
-    drawn, (whole, near) = new_figure(8.6, 1.4 + 0.3 * len(cases), ncols=2, sharey=True, width_ratios=(1.0, 1.4))
+    cases = [(slug, case) for slug, rows in records.items() for case in dict.fromkeys(row.case for row in rows)]
+    chart, (full_range, near) = new_figure(8.6, 1.4 + 0.3 * len(cases), ncols=2, sharey=True, width_ratios=(1.0, 1.4))
     used = set()
     for height, (slug, case) in enumerate(cases):
-        rows = [row for row in found[slug] if row.case == case]
+        rows = [row for row in records[slug] if row.case == case]
         for row, offset in zip(rows, _spread(len(rows)), strict=True):
             used.add(row.quantity)
             look = {"color": COLORS[slug], "marker": MARKS[row.quantity], "markersize": 4, "linestyle": "none"}
-            whole.plot(row.ratio, height + offset, **look)
+            full_range.plot(row.ratio, height + offset, **look)
             if abs(row.ratio - 1.0) < NEAR:
                 near.errorbar(row.ratio, height + offset, xerr=SIGMAS * row.ratio_error, linewidth=0.8, **look)
-    for axes in (whole, near):
+    for axes in (full_range, near):
         axes.axvline(1.0, color=BLACK, linewidth=0.8)
         for edge in range(1, len(cases)):
             between = cases[edge][0] != cases[edge - 1][0]
             axes.axhline(edge - 0.5, color=GREY, linewidth=0.8 if between else 0.3)
         axes.grid(axis="y", visible=False)
-    whole.set_yticks(range(len(cases)), [f"{NAMES[slug]}: {case}" for slug, case in cases])
-    whole.set(xscale="log", xlabel="linear covariance\nover Monte Carlo", ylim=(len(cases) - 0.5, -0.5))
+    full_range.set_yticks(range(len(cases)), [f"{NAMES[slug]}: {case}" for slug, case in cases])
+    full_range.set(xscale="log", xlabel="linear covariance\nover Monte Carlo", ylim=(len(cases) - 0.5, -0.5))
     near.set(
         xlim=(1.0 - NEAR, 1.0 + NEAR),
         xlabel=f"the same within {100 * NEAR:.0f} % of one,\nwith {SIGMAS:g} standard errors",
     )
     for name in (name for name in MARKS if name in used):
         near.plot([], [], color=BLACK, marker=MARKS[name], markersize=4, linestyle="none", label=name)
-    drawn.legend(loc="outside lower center", ncols=4)
-    return drawn
+    chart.legend(loc="outside lower center", ncols=4)
+    return chart
 
 
-def table(found: dict[str, list[Deviation]]) -> list[tuple[str, ...]]:
+def table(records: dict[str, list[Deviation]]) -> "DataFrame":
     """All of them as numbers."""
     rows = [
         (
-            *("paper", "flights", "quantity", "unit", "linear covariance", "Monte Carlo", "ratio", "standard error"),
-            *("number of flights", "lost"),
+            *(NAMES[slug], row.case, row.quantity, row.unit, row.predicted, row.sampled, row.sampled_error),
+            *(row.ratio, row.ratio_error, row.trials, row.lost),
         )
-    ]
-    return rows + [
-        (
-            *(NAMES[slug], row.case, row.quantity, row.unit, f"{row.predicted:.4g}", number(row.sampled, ".4g")),
-            *(number(row.ratio, ".4g"), number(row.ratio_error, ".2g"), f"{row.trials:,}", f"{row.lost:,}"),
-        )
-        for slug, deviations_of_paper in found.items()
+        for slug, deviations_of_paper in records.items()
         for row in deviations_of_paper
     ]
+    return table_of(
+        rows,
+        {
+            "paper": Column(),
+            "flights": Column(),
+            "quantity": Column(),
+            "unit": Column(meaning="of the three numbers that follow it"),
+            "linear covariance": Column("", ".4g", "standard deviation of the quantity at the end"),
+            "Monte Carlo": Column("", ".4g", "the same over the flights", error="Monte Carlo: standard error"),
+            "Monte Carlo: standard error": Column("", ".2g", "from the number of flights and the fourth moments"),
+            "ratio": Column("", ".4g", "linear covariance over Monte Carlo", error="ratio: standard error"),
+            "ratio: standard error": Column("", ".2g"),
+            "number of flights": Column(meaning="in the sample"),
+            "lost": Column(meaning="flights left out of it"),
+        },
+    )
 
 
 def _deviation(covariance):

@@ -1,12 +1,12 @@
 """Size and cost of every paper's method."""
 
 import textwrap
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
+from marsedl.comparison.records import COLORS, NAMES
 from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
 from marsedl.papers.desensitized.records import Tradeoff as DesensitizedTradeoff
 from marsedl.papers.funnels.funnel import Funnel as FunnelsFunnel
@@ -18,6 +18,11 @@ from marsedl.papers.random_field.records import Gains as RandomFieldGains
 from marsedl.papers.stochastic_entry.records import Gains as StochasticEntryGains
 from marsedl.plotting.style import new_figure
 from marsedl.replication.errors import InputError
+from marsedl.replication.tables import Column
+from marsedl.replication.tables import table as table_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MICRO = 1e-6
 FLIGHTS = 2  # the panel
@@ -51,7 +56,7 @@ class Flight(NamedTuple):
 def powered_descent(
     nominal: PoweredDescentNominal, gains: PoweredDescentGains, measured: dict | None = None
 ) -> list[Cost]:
-    """Closed form: what it determines is as much as what is asked for."""
+    """Closed form: it has as many unknowns as conditions."""
     segments, states = gains.mean_costate.shape
     numbers = segments * (states + _triangle(states))
     return [
@@ -91,7 +96,7 @@ def random_field(gains: RandomFieldGains, measured: dict | None = None) -> list[
 def desensitized(
     nominal: DesensitizedNominal, tradeoff: DesensitizedTradeoff, measured: dict | None = None
 ) -> list[Cost]:
-    """Collocation with sensitivities among the states; those that nothing changes are not counted."""
+    """Collocation with sensitivities among the states; constant ones are not counted."""
     plain = nominal.state.size + nominal.bank_acceleration.size + 1
     nodes = nominal.state.shape[0]
     moving = int(np.any(tradeoff.column != tradeoff.column[:, :1], axis=(0, 1)).sum())
@@ -120,7 +125,7 @@ def funnels(
     """Sums of squares: the funnel of the paper, and the one that is proven."""
     size = int(stage_study.basis_size[list(stage_study.samples).index(len(funnel.samples))])
     conditions = "values of the polynomial at samples"
-    in_arrays = _measured(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
+    in_arrays = _run_time(measured, f"Monte Carlo, {FUNNEL_FLIGHTS:,} flights") / FUNNEL_FLIGHTS
     flights = Flight(None, None, in_arrays)
     everything = _everything(measured, "funnels")
     return [
@@ -170,20 +175,20 @@ def stochastic_entry(gains: StochasticEntryGains, measured: dict | None = None) 
     ]
 
 
-def figure(found: dict[str, list[Cost]]) -> Figure:
+def figure(records: dict[str, list[Cost]]) -> Figure:
     """Size, design time, time of one flight and of everything, by method."""
-    rows = [(slug, cost) for slug, costs in found.items() for cost in costs]
-    drawn, panels = new_figure(9.0, 1.2 + 0.5 * len(rows), ncols=4, sharey=True)
-    shown = (
+    rows = [(slug, cost) for slug, costs in records.items() for cost in costs]
+    chart, panels = new_figure(9.0, 1.2 + 0.5 * len(rows), ncols=4, sharey=True)
+    quantities = (
         ("unknowns\n(hollow: conditions)", lambda cost: (cost.unknowns, cost.conditions)),
         ("design (s)", lambda cost: (cost.design,)),
         ("one flight (ms)\n(cross: in C, hollow: in array code)", lambda cost: cost.flight),
         ("whole paper (CPU s)", lambda cost: (cost.everything,)),
     )
-    for panel, (axes, (title, numbers)) in enumerate(zip(panels, shown, strict=True)):
+    for panel, (axes, (title, numbers)) in enumerate(zip(panels, quantities, strict=True)):
         everything = []
         for height, (slug, cost) in enumerate(rows):
-            if panel >= 2 and cost is not found[slug][0]:
+            if panel >= 2 and cost is not records[slug][0]:
                 continue  # of the paper, not of the method
             if panel == FLIGHTS:
                 number, in_c, *others = (1e3 * time if time else np.nan for time in numbers(cost))
@@ -203,25 +208,40 @@ def figure(found: dict[str, list[Cost]]) -> Figure:
     names = [textwrap.fill(f"{NAMES[slug]}: {cost.method}", 34) for slug, cost in rows]
     panels[0].set_yticks(range(len(rows)), names)
     panels[0].set_ylim(len(rows) - 0.5, -0.6)
-    return drawn
+    return chart
 
 
-def table(found: dict[str, list[Cost]]) -> list[tuple[str, ...]]:
+def table(records: dict[str, list[Cost]]) -> "DataFrame":
     """The same as numbers, with what is counted."""
     rows = [
         (
-            *("paper", "method", "unknowns", "which are", "conditions", "which are", "problems", "iterations"),
-            *("design (s)", "which is", "one flight (ms)", "in C (ms)", "in array code (ms)", "whole paper (CPU s)"),
+            *(NAMES[slug], cost.method, cost.unknowns, cost.unknowns_are, cost.conditions, cost.conditions_are),
+            *(cost.problems, cost.iterations, cost.design, cost.design_is),
+            *(time and 1e3 * time for time in cost.flight),
+            cost.everything,
         )
+        for slug, costs in records.items()
+        for cost in costs
     ]
-    for slug, costs in found.items():
-        for cost in costs:
-            iterations = NO_VALUE if cost.iterations is None else f"{cost.iterations:,}"
-            counts = f"{cost.unknowns:,}", cost.unknowns_are, f"{cost.conditions:,}", cost.conditions_are
-            flight = [NO_VALUE if time is None else f"{1e3 * time:.3g}" for time in cost.flight]
-            times = f"{cost.design:.3g}", cost.design_is, *flight, f"{cost.everything:.3g}"
-            rows.append((NAMES[slug], cost.method, *counts, f"{cost.problems:,}", iterations, *times))
-    return rows
+    return table_of(
+        rows,
+        {
+            "paper": Column(),
+            "method": Column(),
+            "unknowns": Column(meaning="of one problem"),
+            "unknowns are": Column(),
+            "conditions": Column(meaning="of one problem"),
+            "conditions are": Column(),
+            "problems": Column(),
+            "iterations": Column(meaning="of all problems"),
+            "design": Column("s", ".3g", "time of all that is designed"),
+            "design is": Column(),
+            "one flight": Column("ms", ".3g", "by the kernel, with its outputs and random numbers"),
+            "in C": Column("ms", ".3g", "one flight, bit for bit the same, in strict C"),
+            "in array code": Column("ms", ".3g", "one flight by the same scheme"),
+            "whole paper": Column("CPU s", ".3g", "all that is made for the paper"),
+        },
+    )
 
 
 def _triangle(size):
@@ -229,22 +249,22 @@ def _triangle(size):
     return size * (size + 1) // 2
 
 
-def _measured(measured, quantity):
-    """A run time by what it is of."""
-    if measured is None or quantity not in measured:
+def _run_time(run_times, quantity):
+    """Return a run time by its name in the table of benchmarks."""
+    if run_times is None or quantity not in run_times:
         raise InputError(f"data/reference/benchmarks.csv has no row '{quantity}'; restore it, or run 'make bench'")
-    return measured[quantity]
+    return run_times[quantity]
 
 
-def _flight(measured, label):
+def _flight(run_times, label):
     """Times of a flight by the kernel, and in C and array code if these have been measured."""
-    others = [measured.get(f"{how}, {label}") for how in ("strict C", "array code")] if measured else [None, None]
-    return Flight(MICRO * _measured(measured, f"kernel, {label}"), *(time and MICRO * time for time in others))
+    slower = [run_times.get(f"{how}, {label}") for how in ("strict C", "array code")] if run_times else [None, None]
+    return Flight(MICRO * _run_time(run_times, f"kernel, {label}"), *(time and MICRO * time for time in slower))
 
 
-def _design(measured, quantity):
-    return _measured(measured, quantity), quantity
+def _design(run_times, quantity):
+    return _run_time(run_times, quantity), quantity
 
 
-def _everything(measured, paper):
-    return _measured(measured, f"snakemake {paper}, full size, from nothing")
+def _everything(run_times, paper):
+    return _run_time(run_times, f"snakemake {paper}, full size, from nothing")

@@ -1,12 +1,12 @@
 """Mean densities of all papers relative to one of them, and how far densities may be from them."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from marsedl.comparison.records import COLORS, NAMES, NO_VALUE
+from marsedl.comparison.records import COLORS, NAMES
 from marsedl.papers.density import profile
 from marsedl.papers.desensitized import inputs as desensitized_inputs
 from marsedl.papers.desensitized.records import Nominal as DesensitizedNominal
@@ -22,9 +22,14 @@ from marsedl.papers.stochastic_entry import environment as stochastic_entry_envi
 from marsedl.papers.stochastic_entry import inputs as stochastic_entry_inputs
 from marsedl.papers.stochastic_entry.records import Nominal as StochasticEntryNominal
 from marsedl.plotting.style import new_figure
+from marsedl.replication.tables import Column
+from marsedl.replication.tables import table as table_of
+from marsedl.replication.units import KM
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 REFERENCE = "random_field"  # its mean density is a table that Mars-GRAM computed, in the corrected reading
-KM = 1e3
 ALTITUDE = np.arange(0.0, 125.0 * KM + 1.0, 500.0)  # m, of the figure
 TABULATED = np.array([10.0, 30.0, 50.0, 80.0, 120.0]) * KM
 PROFILES = {
@@ -38,7 +43,7 @@ PROFILES = {
 class Density(NamedTuple):
     """A density model over `ALTITUDE`; None where a paper has no atmosphere."""
 
-    flown: tuple  # lowest and highest altitude of the nominal, m
+    altitude_range: tuple  # lowest and highest altitude of the nominal, m
     mean: str
     dispersion: str
     curve: str  # what `spread` is, in few words
@@ -68,7 +73,7 @@ def random_field(air: random_field_inputs.Air, nominal: RandomFieldNominal) -> D
 def desensitized(
     planet: desensitized_inputs.Planet, studies: desensitized_inputs.Studies, nominal: DesensitizedNominal
 ) -> Density:
-    """A density that is known; the further perturbations fly constant errors of it."""
+    """A known density; the further perturbations fly with constant errors of it."""
     return Density(
         _range(nominal.state[:, 0]),
         PROFILES[planet.density_profile],
@@ -88,13 +93,14 @@ def funnels(
     mean = log_density(air, ALTITUDE)
     # The largest of a_1 w_1 + b_1 w_2 h over the unit disc.
     largest = np.hypot(air.density_amplitude, air.density_slope_amplitude * ALTITUDE)
+    parametric = air.density_disturbance == "parametric"
     return Density(
         _range(linearization.state[:, 0]),
         "exponential",
         "level and slope of ln density within a disc, constant in a flight",
         "largest error, upwards",
         mean,
-        (np.exp(-largest), np.exp(largest)),
+        (np.exp(-largest), np.exp(largest)) if parametric else (1.0 - largest, 1.0 + largest),
         "-.",
     )
 
@@ -112,22 +118,22 @@ def stochastic_entry(air: stochastic_entry_inputs.Air, nominal: StochasticEntryN
     )
 
 
-def figure(found: dict[str, Density]) -> Figure:
+def figure(records: dict[str, Density]) -> Figure:
     """Mean densities relative to the reference's, and their dispersions, over altitude."""
-    drawn, (means, spreads) = new_figure(7.8, 5.6, ncols=2, sharey=True)
+    chart, (means, spreads) = new_figure(7.8, 5.6, ncols=2, sharey=True)
     altitude, handles = ALTITUDE / KM, []
-    for slug, model in found.items():
+    for slug, model in records.items():
         if model.log_density is None:
-            name = f"{NAMES[slug]}: no atmosphere, below {model.flown[1]:.0f} m"
+            name = f"{NAMES[slug]}: no atmosphere, below {model.altitude_range[1]:.0f} m"
             handles += means.plot([], [], linestyle="none", label=name)
             continue
-        ratio = np.exp(model.log_density - found[REFERENCE].log_density)
-        flown = (model.flown[0] <= ALTITUDE) & (model.flown[1] >= ALTITUDE)
+        ratio = np.exp(model.log_density - records[REFERENCE].log_density)
+        in_flight = (model.altitude_range[0] <= ALTITUDE) & (model.altitude_range[1] >= ALTITUDE)
         look = {"color": COLORS[slug], "linestyle": model.style}
         sides = [ratio * factor for factor in model.factors]
-        means.fill_betweenx(altitude, *sides, where=flown, color=COLORS[slug], alpha=0.15, linewidth=0)
+        means.fill_betweenx(altitude, *sides, where=in_flight, color=COLORS[slug], alpha=0.15, linewidth=0)
         means.plot(ratio, altitude, **look, linewidth=0.6)
-        means.plot(np.where(flown, ratio, np.nan), altitude, **look, linewidth=1.8)
+        means.plot(np.where(in_flight, ratio, np.nan), altitude, **look, linewidth=1.8)
         handles += spreads.plot(
             *(100 * (model.factors[1] - 1), altitude), **look, linewidth=1.6, label=f"{NAMES[slug]}: {model.curve}"
         )
@@ -138,29 +144,35 @@ def figure(found: dict[str, Density]) -> Figure:
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
-    drawn.legend(handles=handles, loc="outside lower center", ncols=2)
-    return drawn
+    chart.legend(handles=handles, loc="outside lower center", ncols=2)
+    return chart
 
 
-def table(found: dict[str, Density]) -> list[tuple[str, ...]]:
+def table(records: dict[str, Density]) -> "DataFrame":
     """The same at some altitudes."""
-    rows = [
-        (
-            *("paper", "altitude (km)", "flown", "mean density over the reference", "dispersion (%)"),
-            *("mean density", "what the dispersion is"),
-        )
-    ]
-    for slug, model in found.items():
+    rows = []
+    for slug, model in records.items():
         if model.log_density is None:
-            rows.append((NAMES[slug], *[NO_VALUE] * 4, model.mean, model.dispersion))
+            rows.append((NAMES[slug], None, False, None, None, model.mean, model.dispersion))
             continue
-        what = "; ".join((model.dispersion, model.curve))
+        explanation = "; ".join((model.dispersion, model.curve))
         for altitude, node in zip(TABULATED, np.searchsorted(ALTITUDE, TABULATED), strict=True):
-            ratio = np.exp(model.log_density[node] - found[REFERENCE].log_density[node])
-            flown = "yes" if model.flown[0] <= altitude <= model.flown[1] else "no"
-            number = f"{ratio:.3f}", f"{100 * (model.factors[1][node] - 1):.2f}"
-            rows.append((NAMES[slug], f"{altitude / KM:g}", flown, *number, model.mean, what))
-    return rows
+            ratio = np.exp(model.log_density[node] - records[REFERENCE].log_density[node])
+            in_flight = model.altitude_range[0] <= altitude <= model.altitude_range[1]
+            dispersion = 100 * (model.factors[1][node] - 1)
+            rows.append((NAMES[slug], altitude / KM, in_flight, ratio, dispersion, model.mean, explanation))
+    return table_of(
+        rows,
+        {
+            "paper": Column(),
+            "altitude": Column("km", "g"),
+            "flown": Column(meaning="whether the nominal comes to this altitude"),
+            "mean density over the reference": Column("", ".3f", f"the reference is that of the {NAMES[REFERENCE]}"),
+            "dispersion": Column("%", ".2f", "of the mean density"),
+            "mean density": Column(),
+            "what the dispersion is": Column(),
+        },
+    )
 
 
 def _range(altitude):

@@ -4,11 +4,9 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-
 from marsedl.plotting.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from marsedl.replication.claims import load_measured
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
 
 NAMES = {
     "powered_descent": "powered descent",
@@ -18,11 +16,10 @@ NAMES = {
     "stochastic_entry": "stochastic entry",
 }
 COLORS = dict(zip(NAMES, (PURPLE, BLUE, ORANGE, GREEN, VERMILION), strict=True))
-NO_VALUE = "–"
 
 
 def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: str | Path | None = None) -> dict:
-    """Return what a comparison knows of every paper.
+    """Return the record that a comparison makes of every paper.
 
     Args:
         stem: name of the comparison, a module of this package.
@@ -39,7 +36,7 @@ def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: st
         InputError: if the run times cannot be read, or lack one that is shown.
     """
     module = import_module(f"marsedl.comparison.{stem}")
-    found = {}
+    records = {}
     for slug, paths in files.items():
         function = getattr(module, slug)
         measured = {} if benchmarks is None else {"measured": load_measured(benchmarks, slug)}
@@ -47,10 +44,5 @@ def collect(stem: str, inputs: dict, files: dict, load: Callable, benchmarks: st
         def artifact(name, kind, paths=paths):
             return load(paths[name], kind) if name in paths else None
 
-        found[slug] = function(**given(function, inputs[slug], artifact, **measured))
-    return found
-
-
-def number(value: float, form: str) -> str:
-    """Format a number, or say that there is none."""
-    return format(value, form) if np.isfinite(value) else NO_VALUE
+        records[slug] = function(**arguments_of(function, inputs[slug], artifact, **measured))
+    return records

@@ -175,7 +175,7 @@ class Solution:
         return self.states[:, [variable.name for variable in self.problem.states].index(name)]
 
     def guess(self, intervals=None) -> Guess:
-        """This solution as a guess, on the intervals of another `Program` (its own mesh unless told)."""
+        """This solution as a guess, on the intervals of another `Program` (by default its own mesh)."""
         if intervals is None:
             return Guess(self.states, self.controls, self.final_time, self.free)
         time = _mesh(intervals) * self.final_time
@@ -197,7 +197,7 @@ class NotConvergedError(RuntimeError):
 
 
 class BranchEndError(RuntimeError):
-    """A continuation that could not go on: `reached` is the last value on the branch, `solution` what lies there.
+    """A continuation that could not go on: `reached` is the last value on the branch, `solution` the solution there.
 
     `beyond` is what the solver found next, on another branch, or None if it found nothing.
     """
@@ -255,9 +255,9 @@ class Program:
         Raises ValueError for an unknown scheme or hessian, a mesh that does not increase, equations that use an unknown
         name, rates that are not one per state, and a condition or cost that is not one number.
         """
-        for what, word, known in (("scheme", scheme, SCHEMES), ("hessian", hessian, HESSIANS)):
-            if word not in known:
-                raise ValueError(f"{what}: '{word}' is none of {', '.join(known)}")
+        for option, word, choices in (("scheme", scheme, SCHEMES), ("hessian", hessian, HESSIANS)):
+            if word not in choices:
+                raise ValueError(f"{option}: '{word}' is not one of {', '.join(choices)}")
         self.problem, self.mesh, self.scheme, self.hessian = problem, _mesh(intervals), scheme, hessian
         self._equations = _Equations(problem, scheme, expand)
         self._solvers = {}
@@ -285,8 +285,8 @@ class Program:
         lengths = total * np.diff(self.mesh)[np.newaxis]
 
         steps = eq.interval.map(intervals)(x[:, :-1], x[:, 1:], u, lengths, casadi.repmat(parameters, 1, intervals))
-        defects, running = steps
-        objective = casadi.sum2(running)
+        defects, running_costs = steps
+        objective = casadi.sum2(running_costs)
         constraints = [casadi.vec(defects / self._scales["state"])]
         if problem.boundary:
             scale = np.array([c.scale for c in problem.boundary])
@@ -302,7 +302,7 @@ class Program:
         variables = casadi.vertcat(casadi.vec(states), casadi.vec(controls), free, duration)
         self._program = {"x": variables, "p": given, "f": objective, "g": casadi.vertcat(*constraints)}
         self._values = casadi.Function(
-            "values", [variables, given], [objective, casadi.sum2(running), self._program["g"]]
+            "values", [variables, given], [objective, casadi.sum2(running_costs), self._program["g"]]
         )
         self._bounds()
 
@@ -319,7 +319,7 @@ class Program:
             last = getattr(problem.final_time, side) / problem.final_time.scale
             limits.append(np.concatenate([states.ravel(order="F"), rest, [last]]))
         self._lower, self._upper = limits
-        held = [
+        bounds = [
             np.concatenate(
                 [
                     np.zeros(len(problem.states) * intervals),
@@ -329,7 +329,7 @@ class Program:
             )
             for side in ("lower", "upper")
         ]
-        self._least, self._most = held
+        self._least, self._most = bounds
 
     def _solver(self, options):
         """The solver for these options, made once."""
@@ -425,9 +425,9 @@ class Program:
         if isinstance(guess, Solution):
             guess = guess.guess()
         expected = (len(self.mesh), len(self.problem.states)), (len(self.mesh) - 1, len(self.problem.controls))
-        found = np.shape(guess.states), np.shape(guess.controls)
-        if found != expected:
-            raise ValueError(f"the guess's states and controls must have shapes {expected}, got {found}")
+        shapes = np.shape(guess.states), np.shape(guess.controls)
+        if shapes != expected:
+            raise ValueError(f"the guess's states and controls must have shapes {expected}, got {shapes}")
         missing = [v.name for v in self.problem.free if v.name not in guess.free]
         if missing:
             raise ValueError(f"the guess has no value of the free parameter {', '.join(missing)}")
@@ -534,41 +534,41 @@ class Program:
 
         Args:
             start: where to begin; its other given parameters are kept.
-            name: the parameter. values: those wanted, in order.
+            name: the parameter. values: its target values, in order.
             same_branch: whether a solution belongs to the branch of the one before it.
-            smallest_step: share of the step between two wanted values at which the branch is taken to end.
+            smallest_step: share of the step between two target values at which the branch is taken to end.
             on_step: called with every solution on the branch, those in between included.
             options: of `solve`; barrier 1e-4 unless given.
 
         Returns:
-            One `Solution` for each wanted value.
+            One `Solution` for each target value.
 
         Raises:
             BranchEndError: if the branch ends, with the last solution on it and the first beyond.
-            ValueError: if the parameter is none of those given.
+            ValueError: if the parameter is not one of the given ones.
         """
         if name not in self.problem.given:
-            raise ValueError(f"'{name}' is no given parameter; they are {', '.join(self.problem.given) or 'none'}")
+            raise ValueError(f"'{name}' is not a given parameter; these are {', '.join(self.problem.given) or 'none'}")
         options = {"barrier": 1e-4} | options
-        found, last = [], start
-        for wanted in values:
-            reached = origin = last.given[name]
-            step, beyond = wanted - origin, None
-            while reached != wanted:
-                trial = wanted if abs(wanted - reached) <= abs(step) else reached + step
+        solutions, last = [], start
+        for target in values:
+            position = origin = last.given[name]
+            step, beyond = target - origin, None
+            while position != target:
+                trial = target if abs(target - position) <= abs(step) else position + step
                 try:
                     beyond = self.solve(last, {**start.given, name: trial}, **options)
                 except NotConvergedError:
                     beyond = None
                 if beyond is not None and same_branch(last, beyond):
-                    last, reached, step = beyond, trial, 2.0 * step
+                    last, position, step = beyond, trial, 2.0 * step
                     on_step(last)
-                elif abs(trial - reached) > smallest_step * abs(wanted - origin):
-                    step = (trial - reached) / 2.0
+                elif abs(trial - position) > smallest_step * abs(target - origin):
+                    step = (trial - position) / 2.0
                 else:
-                    raise BranchEndError(name, reached, trial, last, beyond)
-            found.append(last)
-        return found
+                    raise BranchEndError(name, position, trial, last, beyond)
+            solutions.append(last)
+        return solutions
 
 
 class _Equations:
@@ -612,10 +612,10 @@ class _Equations:
 
 
 class _Named(dict):
-    """Values by name, which say what there is if asked for another."""
+    """Values by name; an unknown name raises an error that lists the valid ones."""
 
     def __missing__(self, name):
-        raise ValueError(f"there is no '{name}'; known are {', '.join(self) or 'none'}")
+        raise ValueError(f"there is no '{name}'; there are {', '.join(self) or 'none'}")
 
 
 def _rates(problem, arguments):
@@ -624,8 +624,8 @@ def _rates(problem, arguments):
 
     rates = problem.rates(*arguments)
     if not isinstance(rates, tuple | list) or len(rates) != len(problem.states):
-        found = f"{len(rates)} values" if isinstance(rates, tuple | list) else "no tuple"
-        raise ValueError(f"rates must return one value per state: {found} for {len(problem.states)} states")
+        description = f"{len(rates)} values" if isinstance(rates, tuple | list) else "no tuple"
+        raise ValueError(f"rates must return one value per state: {description} for {len(problem.states)} states")
     return casadi.vertcat(*rates)
 
 
@@ -653,10 +653,10 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
     from scipy.integrate import solve_ivp
 
     n, m, given = len(problem.states), len(problem.controls), len(problem.free) + len(problem.given)
-    found = np.shape(initial), np.shape(controls), np.shape(parameters)
+    shapes = np.shape(initial), np.shape(controls), np.shape(parameters)
     expected = (n,), (len(time) - 1, m), (given,)
-    if found != expected:
-        raise ValueError(f"initial states, controls and parameters must have shapes {expected}, got {found}")
+    if shapes != expected:
+        raise ValueError(f"initial states, controls and parameters must have shapes {expected}, got {shapes}")
     x, u = casadi.MX.sym("x", n), casadi.MX.sym("u", m)
     with symbols_in_numpy(casadi):
         arguments = [*casadi.vertsplit(x), *casadi.vertsplit(u), *parameters]
@@ -666,14 +666,14 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
     for control, start, end in zip(controls, time[:-1], time[1:], strict=True):
         evaluations = count()
 
-        def slopes(_, y, held=control, since=start, evaluations=evaluations):
+        def slopes(_, y, held_control=control, since=start, evaluations=evaluations):
             if next(evaluations) == MOST_EVALUATIONS:
                 raise RuntimeError(f"flying the controls from {since:g} s on failed: the steps become ever shorter")
-            return rates(y, held).full().ravel()
+            return rates(y, held_control).full().ravel()
 
         if not np.isfinite(rates(states[-1], control).full()).all():  # on which the integrator would not end
             raise RuntimeError(f"flying the controls from {start:g} s on failed: the rates there are not finite")
-        flown = solve_ivp(
+        integration = solve_ivp(
             slopes,
             (start, end),
             states[-1],
@@ -681,9 +681,9 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
             rtol=relative_tolerance,
             atol=absolute_tolerance * scales,
         )
-        if not flown.success:
-            raise RuntimeError(f"flying the controls from {start:g} s on failed: {flown.message}")
-        states.append(flown.y[:, -1])
+        if not integration.success:
+            raise RuntimeError(f"flying the controls from {start:g} s on failed: {integration.message}")
+        states.append(integration.y[:, -1])
     return np.array(states)
 
 

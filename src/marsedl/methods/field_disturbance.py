@@ -88,14 +88,14 @@ def discretize_interval(state_matrix, control_matrix, field_matrix, step):
     second = middle @ (step / 2 * first) + middle_effect
     third = middle @ (step / 2 * second) + middle_effect
     fourth = end @ (step * third) + end_effect
-    held = step / 6 * (first + 2 * (second + third) + fourth)
+    held_control_effect = step / 6 * (first + 2 * (second + third) + fourth)
 
     # Backwards from the end: Phi(t_end, t_j) without an inverse, which a strongly damped state would spoil.
     to_end, control = identity, np.zeros(control_matrix.shape[1:])
     field_effect = np.empty((len(across) + 1, shape[1]))
     field_effect[-1] = field_matrix[-1]
     for j in range(len(across) - 1, -1, -1):
-        control += to_end @ held[j]
+        control += to_end @ held_control_effect[j]
         to_end = to_end @ across[j]
         field_effect[j] = to_end @ field_matrix[2 * j]
     return Interval(to_end, control, field_effect)
@@ -269,10 +269,10 @@ def condition_number(covariance, units):
     if not (units > 0).all():
         raise ValueError(f"units must be positive, got {units}")
     scale = np.tile(units, len(covariance) // len(units))
-    moved = np.flatnonzero(np.diagonal(covariance))
-    if not moved.size:
+    disturbed = np.flatnonzero(np.diagonal(covariance))
+    if not disturbed.size:
         return 1.0
-    eigenvalues = np.linalg.eigvalsh((covariance / np.outer(scale, scale))[np.ix_(moved, moved)])
+    eigenvalues = np.linalg.eigvalsh((covariance / np.outer(scale, scale))[np.ix_(disturbed, disturbed)])
     smallest, largest = eigenvalues[[0, -1]]
     if smallest < -_INDEFINITE * largest:
         raise ValueError(

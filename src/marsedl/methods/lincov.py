@@ -30,11 +30,13 @@ class Covariances(NamedTuple):
 
 
 def discretize(state_matrix, control_matrix, noise_intensity, step):
-    """Integrate x' = A x + B u + G w' over intervals of held control (stochastic entry guidance, Eqs. 37 to 39).
+    r"""Integrate x' = A x + B u + G w' over intervals of held control (stochastic entry guidance, Eqs. 37 to 39).
 
     An interval has s sub-steps of h = step / s, on each of which A, B and GG' keep their value at its middle:
 
-        Phi = I + Ah + (Ah)^2/2 + (Ah)^3/6,   h (I + Ah/2 + (Ah)^2/6) B,   h exp(Ah/2) GG' exp(Ah/2)'
+        $\Phi = I + Ah + \frac{(Ah)^2}{2} + \frac{(Ah)^3}{6}, \quad h \left( I + \frac{Ah}{2} + \frac{(Ah)^2}{6}
+          \right) B$
+        $h \exp\left( \frac{Ah}{2} \right) G G^\top \exp\left( \frac{Ah}{2} \right)^\top$
 
     Second order in h for matrices that change, third for the transition and the control effect of constant ones.
 
@@ -77,10 +79,10 @@ def discretize(state_matrix, control_matrix, noise_intensity, step):
         third = second @ first
         across = identity + first + second / 2 + third / 6
         from_middle = identity + first / 2 + second / 8 + third / 48
-        held = np.einsum("kij,kj->ki", identity + first / 2 + second / 6, control_matrix[:, j] * h[:, None])
+        effect = np.einsum("kij,kj->ki", identity + first / 2 + second / 6, control_matrix[:, j] * h[:, None])
         injected = from_middle @ (noise_intensity[:, j] * h[:, None, None]) @ from_middle.swapaxes(1, 2)
         transition = across @ transition
-        control = np.einsum("kij,kj->ki", across, control) + held
+        control = np.einsum("kij,kj->ki", across, control) + effect
         noise = across @ noise @ across.swapaxes(1, 2) + injected
     return DiscreteSystem(transition, control, _symmetric(noise))
 
@@ -116,9 +118,10 @@ def compose(system, starts):
 
 
 def propagate(system, gain, initial_covariance):
-    """Covariance under the feedback u_k = K_k x_k (stochastic entry guidance, Eqs. 42 and 45).
+    r"""Covariance under the feedback u_k = K_k x_k (stochastic entry guidance, Eqs. 42 and 45).
 
-        P_{k+1} = (A_k + B_k K_k) P_k (A_k + B_k K_k)' + G_k G_k',     Var(u_k) = K_k P_k K_k'
+        $P_{k+1} = (A_k + B_k K_k) P_k (A_k + B_k K_k)^\top + G_k G_k^\top, \quad \text{Var}(u_k) = K_k P_k
+          K_k^\top$
 
     Args:
         system: `DiscreteSystem`.

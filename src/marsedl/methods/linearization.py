@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["LinearModel", "linearize"]
+__all__ = ["LinearModel", "linearize", "linearize_intervals"]
 
 
 class LinearModel(NamedTuple):
@@ -46,9 +46,10 @@ def symbol_kind(rates, arguments):
 
 
 def linearize(rates, states, controls, parameters=()):
-    """Linearize equations of motion about given states and controls.
+    r"""Linearize equations of motion about given states and controls.
 
-        A = df/dx,   B = df/du,   c = f(x, u) - A x - B u
+        $A = \frac{\partial f}{\partial x}, \quad B = \frac{\partial f}{\partial u}, \quad c = f(x, u) - A x - B
+          u$
 
     The derivatives are exact (CasADi), not finite differences.
 
@@ -99,3 +100,45 @@ def linearize(rates, states, controls, parameters=()):
         if bad.any():
             raise ValueError(f"not finite at point {np.argmax(bad)} of {count}: derivative or value, {name}")
     return LinearModel(state_matrix, control_matrix, affine)
+
+
+def linearize_intervals(rates, states, controls, step, scheme, parameters=()):
+    """Linearize equations of motion where a scheme of the collocation evaluates them (`sensitivity.POINTS`).
+
+        midpoint           (x_0 + x_1)/2
+        trapezoid          x_0, x_1
+        Hermite-Simpson    x_0, (x_0 + x_1)/2 + h/8 (f_0 - f_1), x_1
+
+    Args:
+        rates, parameters: as of `linearize`.
+        states: at the nodes, (N + 1, n).
+        controls: constant on the intervals, (N, m).
+        step: lengths of the intervals, (N,) or one for all, s.
+        scheme: "midpoint", "trapezoid" or "hermite_simpson".
+
+    Returns:
+        `LinearModel` of arrays A (N, points, n, n), B (N, points, n, m), c (N, points, n).
+
+    Raises:
+        ValueError: for another scheme, or as `linearize`.
+    """
+    states, controls = np.asarray(states, dtype=float), np.asarray(controls, dtype=float)
+    start, end = states[:-1], states[1:]
+    middle = (end + start) / 2.0
+
+    def model(points):
+        return linearize(rates, points, controls, parameters)
+
+    if scheme == "midpoint":
+        models = [model(middle)]
+    elif scheme in ("trapezoid", "hermite_simpson"):
+        models = [model(start), model(end)]
+    else:
+        raise ValueError(f"scheme: '{scheme}' is none of midpoint, trapezoid, hermite_simpson")
+    if scheme == "hermite_simpson":
+        first, last = (
+            (of.state_matrix @ x[..., None] + of.control_matrix @ controls[..., None])[..., 0] + of.affine
+            for of, x in zip(models, (start, end), strict=True)
+        )
+        models.insert(1, model(middle + np.reshape(step, (-1, 1)) / 8.0 * (first - last)))
+    return LinearModel(*(np.stack(parts, axis=1) for parts in zip(*models, strict=True)))

@@ -1,7 +1,7 @@
 """Constant feedback gains that null or reduce sensitivities on a fixed nominal (desensitized, Eqs. 5 and 6).
 
-The nominal does not depend on the gains, for it has no deviation to feed back. So its matrices stay, and what is left
-are equations in the gains alone, r(k) = 0, in which r holds the wanted outputs of the final sensitivity columns. Where
+The nominal does not depend on the gains, for it has no deviation to feed back. So its matrices are constant, and the
+equations are in the gains alone: r(k) = 0, where r holds the required outputs of the final sensitivity columns. Where
 there are more gains than equations, the smallest gains are a choice that can be stated without naming a solver.
 """
 
@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.sensitivity import (
+    POINTS,
     adjoint_rows,
     closed_loop,
-    midpoint_responses,
-    midpoint_transitions,
     propagate_columns,
+    scheme_columns,
+    scheme_responses,
+    scheme_transitions,
 )
 
 __all__ = [
@@ -34,16 +36,17 @@ __all__ = [
 
 # Singular values below this part of the largest are rounding; hard but regular problems have some at 1e-6.
 _NEGLIGIBLE = 1e-12
-# Dimensions: N intervals, n states, m controls, c perturbations, p outputs, f measured states.
+# Dimensions: N intervals, s points of the scheme, n states, m controls, c perturbations, p outputs, f measured states.
+# The midpoint rule has one point, whose dimension is left out.
 _DIMENSIONS = {
-    "control_matrix": "Nnm",
-    "state_matrix": "Nnn",
+    "control_matrix": "Nsnm",
+    "state_matrix": "Nsnn",
     "step": "N",
     "columns": "nc",
     "outputs": "pn",
     "state_scale": "f",
     "control_scale": "m",
-    "forcing": "Nnc",
+    "forcing": "Nsnc",
 }
 
 
@@ -55,20 +58,24 @@ class GainProblem:
 
         delta u_a = control_scale_a * sum_i k_ai delta x_i / state_scale_i
 
+    Matrices are those in the middle of the intervals, as the midpoint rule has it. By another scheme they have a second
+    dimension, its points (`sensitivity.POINTS`): (N, points, n, n) and so on.
+
     Raises:
         ValueError: naming the field, if a shape does not fit, a value is not finite, a step or scale is not positive,
-            or the measured states are not different states of the model.
+            the scheme is unknown, or the measured states are not different states of the model.
     """
 
     state_matrix: np.ndarray  # A = df/dx in the middle of the intervals, (N, n, n)
     control_matrix: np.ndarray  # B = df/du, (N, n, m)
     step: np.ndarray  # lengths of the intervals, (N,) or one for all, s
     columns: np.ndarray  # directions of the perturbed initial state, per unit of the perturbation, (n, c)
-    outputs: np.ndarray  # rows that turn the final state into errors in the metric wanted, (p, n)
+    outputs: np.ndarray  # rows that turn the final state into errors in the required metric, (p, n)
     fed_back: np.ndarray  # indices of the measured states, (f,)
     state_scale: np.ndarray  # deviation of a measured state that counts as one, (f,)
     control_scale: np.ndarray = 1.0  # control that counts as one, (m,) or one for all
     forcing: np.ndarray | None = None  # df/dp of the perturbed parameters, (N, n, c); None for zero
+    scheme: str = "midpoint"  # by which the sensitivities are propagated
 
     def __post_init__(self):
         """Check the fields and bring them into full shape."""
@@ -76,10 +83,14 @@ class GainProblem:
         if fed_back.ndim != 1 or not fed_back.size or not np.issubdtype(fed_back.dtype, np.integer):
             raise ValueError("fed_back must be a list of indices of states")
         object.__setattr__(self, "fed_back", fed_back)
-        sizes = {"f": len(fed_back)}
+        if self.scheme not in POINTS:
+            raise ValueError(f"scheme: '{self.scheme}' is none of {', '.join(POINTS)}")
+        sizes = {"f": len(fed_back), "s": POINTS[self.scheme]}
         for name, dimensions in _DIMENSIONS.items():
             if name == "forcing" and self.forcing is None:
                 continue
+            if self.scheme == "midpoint":
+                dimensions = dimensions.replace("s", "")
             value = np.asarray(getattr(self, name), dtype=float)
             if value.ndim == 0 and len(dimensions) == 1 and dimensions != "f":
                 value = np.broadcast_to(value, sizes[dimensions])
@@ -87,9 +98,11 @@ class GainProblem:
                 sizes.setdefault(dimension, length) == length > 0
                 for dimension, length in zip(dimensions, value.shape, strict=True)
             ):
-                known = "".join(f", {dimension} = {sizes[dimension]}" for dimension in sizes if dimension in dimensions)
-                wanted = f"({', '.join(dimensions)}){known}"
-                raise ValueError(f"{name} must be a non-empty array of shape {wanted}, not {value.shape}")
+                extents = "".join(
+                    f", {dimension} = {sizes[dimension]}" for dimension in sizes if dimension in dimensions
+                )
+                expected = f"({', '.join(dimensions)}){extents}"
+                raise ValueError(f"{name} must be a non-empty array of shape {expected}, not {value.shape}")
             if not np.isfinite(value).all():
                 raise ValueError(f"{name} has entries that are not finite")
             if name.endswith(("step", "scale")) and not (value > 0).all():
@@ -166,17 +179,18 @@ def final_errors(problem, k):
     Raises:
         ValueError: as `gain_matrix`, or as `midpoint_transitions` for the closed loop.
     """
-    return problem.outputs @ _sensitivity(problem, k)[2][-1]
+    return problem.outputs @ _closed(problem, k).sensitivity[-1]
 
 
 def jacobian(problem, k):
     """Exact derivative of the final errors with respect to the gains.
 
-    A gain acts as a forcing B_a x_i, on the mean (S_k + S_{k+1})/2 as the midpoint rule has it, so that
+    A gain acts as a forcing B_a x_i at the points of the scheme, for the midpoint rule on the mean (S_k + S_{k+1})/2:
 
         dE/dk_ai = sum_k L_{k+1} R_k,a (S_k + S_{k+1})_i / 2 * control_scale_a / state_scale_i
 
-    with the adjoint rows L of the outputs and the responses R of the closed loop to the controls.
+    with the adjoint rows L of the outputs and the responses R of the closed loop to the controls. For other schemes the
+    sum goes over their points as well.
 
     Args:
         problem: `GainProblem`.
@@ -217,21 +231,21 @@ def minimum_norm(problem, start=0.0, step_limit=0.1, tolerance=1e-9, iterations=
     _require_positive(step_limit=step_limit, tolerance=tolerance, iterations=iterations)
     k = _full(problem, start).ravel()
     errors, slope = _linear(problem, k)
-    history, wanted, length = [], np.zeros_like(k), np.inf
+    history, full_step, length = [], np.zeros_like(k), np.inf
     for _ in range(iterations):
         if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
             break
-        before, wanted = wanted, np.linalg.lstsq(slope, slope @ k - errors, rcond=_NEGLIGIBLE)[0] - k
-        length = np.linalg.norm(wanted)
-        if wanted @ before < 0 and length > np.linalg.norm(before) / 2:
+        previous_step, full_step = full_step, np.linalg.lstsq(slope, slope @ k - errors, rcond=_NEGLIGIBLE)[0] - k
+        length = np.linalg.norm(full_step)
+        if full_step @ previous_step < 0 and length > np.linalg.norm(previous_step) / 2:
             step_limit /= 2
-        step = wanted * min(1.0, step_limit / max(length, tolerance))
+        step = full_step * min(1.0, step_limit / max(length, tolerance))
         k = k + step
         errors, slope = _linear(problem, k)
         history.append((np.linalg.norm(step), np.linalg.norm(errors)))
         if length <= tolerance:
             break
-    converged, reason = _judged(errors, slope, length, tolerance, len(history))
+    converged, reason = _search_outcome(errors, slope, length, tolerance, len(history))
     return _design(problem, k, converged, reason, history)
 
 
@@ -263,11 +277,11 @@ def regularized(problem, weights, start=0.0, tolerance=1e-10, iterations=500):
         raise ValueError("start: the errors are not finite, for the closed loop is unstable")
     designs = []
     for weight in weights:
-        found = _least_squares(
+        tuning = _least_squares(
             lambda k: _errors(problem, k), lambda k: _linear(problem, k), k, weight, tolerance, iterations
         )
-        k = found.k
-        designs.append(_design(problem, k, found.converged, found.reason, found.history))
+        k = tuning.k
+        designs.append(_design(problem, k, tuning.converged, tuning.reason, tuning.history))
     return designs
 
 
@@ -303,22 +317,22 @@ def tune(simulated_errors, start, batch=None, difference=1e-5, tolerance=1e-8, i
     def together(ks):
         if batch is None:
             return np.array([errors(k) for k in ks])
-        found = np.asarray(batch(ks.reshape(-1, *start.shape)), dtype=float)
-        if found.shape != (len(ks), size):
-            raise ValueError(f"batch must return an array of shape {(len(ks), size)}, not {found.shape}")
-        return found
+        errors_of_batch = np.asarray(batch(ks.reshape(-1, *start.shape)), dtype=float)
+        if errors_of_batch.shape != (len(ks), size):
+            raise ValueError(f"batch must return an array of shape {(len(ks), size)}, not {errors_of_batch.shape}")
+        return errors_of_batch
 
     def linear(k):
         apart = difference * np.eye(k.size)
-        found = together(np.concatenate([[k], k + apart, k - apart]))
-        return found[0], (found[1 : k.size + 1] - found[k.size + 1 :]).T / (2 * difference)
+        errors_around = together(np.concatenate([[k], k + apart, k - apart]))
+        return errors_around[0], (errors_around[1 : k.size + 1] - errors_around[k.size + 1 :]).T / (2 * difference)
 
     first = errors(start.ravel())
     if first.ndim != 1 or not np.isfinite(first).all():
         raise ValueError("simulated_errors must return a vector, and a finite one at the start")
     size = len(first)
-    found = _least_squares(errors, linear, start.ravel(), 0.0, tolerance, iterations)
-    return found._replace(k=found.k.reshape(start.shape))
+    tuning = _least_squares(errors, linear, start.ravel(), 0.0, tolerance, iterations)
+    return tuning._replace(k=tuning.k.reshape(start.shape))
 
 
 def rank(candidates, simulated_errors):
@@ -367,14 +381,33 @@ def _unit(problem):
     return problem.control_scale[:, None] / problem.state_scale
 
 
-def _sensitivity(problem, k):
-    """State matrix and transitions of the closed loop, and the sensitivity at the nodes."""
-    state_matrix = closed_loop(problem.state_matrix, problem.control_matrix, gain_matrix(problem, k))
-    transitions = midpoint_transitions(state_matrix, problem.step)
+class _ClosedLoop(NamedTuple):
+    """A problem under gains."""
+
+    matrices: np.ndarray  # of the states at the points of the scheme, (N, points, n, n)
+    control: np.ndarray  # (N, points, n, m)
+    forcing: np.ndarray | None  # (N, points, n, c)
+    transitions: np.ndarray  # (N, n, n)
+    sensitivity: np.ndarray  # at the nodes, (N + 1, n, c)
+
+
+def _closed(problem, k) -> _ClosedLoop:
+    """The closed loop, and the sensitivity at the nodes."""
+
+    def at_points(values):
+        return values[:, np.newaxis] if problem.scheme == "midpoint" and values is not None else values
+
+    state, control, forcing = map(at_points, (problem.state_matrix, problem.control_matrix, problem.forcing))
+    points = state.shape[:2]
+    matrices = closed_loop(
+        state.reshape(-1, *state.shape[2:]), control.reshape(-1, *control.shape[2:]), gain_matrix(problem, k)
+    ).reshape(*points, *state.shape[2:])
+    transitions = scheme_transitions(problem.scheme, matrices, problem.step)
     responses = None
-    if problem.forcing is not None:
-        responses = midpoint_responses(state_matrix, problem.forcing, problem.step)
-    return state_matrix, transitions, propagate_columns(transitions, problem.columns, responses)
+    if forcing is not None:
+        responses = scheme_responses(problem.scheme, matrices, forcing, problem.step).sum(axis=1)
+    sensitivity = propagate_columns(transitions, problem.columns, responses)
+    return _ClosedLoop(matrices, control, forcing, transitions, sensitivity)
 
 
 def _errors(problem, k):
@@ -385,28 +418,31 @@ def _errors(problem, k):
 @np.errstate(over="ignore", invalid="ignore")
 def _linear(problem, k):
     """Final errors as a vector, (p c,), and their derivative, (p c, m f)."""
-    state_matrix, transitions, columns = _sensitivity(problem, k)
-    to_outputs = adjoint_rows(transitions, problem.outputs)[1:] @ midpoint_responses(
-        state_matrix, problem.control_matrix, problem.step
-    )
-    measured = (columns[1:, problem.fed_back] + columns[:-1, problem.fed_back]) / 2
-    slope = np.einsum("kpa,kic->pcai", to_outputs, measured) * _unit(problem)
-    errors = problem.outputs @ columns[-1]
+    loop, scheme, step = _closed(problem, k), problem.scheme, problem.step
+    rows = adjoint_rows(loop.transitions, problem.outputs)[1:, np.newaxis]
+    to_outputs = rows @ scheme_responses(scheme, loop.matrices, loop.control, step)
+    measured_columns = scheme_columns(scheme, loop.matrices, loop.sensitivity, step, loop.forcing)[
+        :, :, problem.fed_back
+    ]
+    # Points of all intervals are counted one after the other.
+    to_outputs, measured_columns = (part.reshape(-1, *part.shape[2:]) for part in (to_outputs, measured_columns))
+    slope = np.einsum("kpa,kic->pcai", to_outputs, measured_columns) * _unit(problem)
+    errors = problem.outputs @ loop.sensitivity[-1]
     return errors.ravel(), slope.reshape(errors.size, -1)
 
 
-def _judged(errors, slope, length, tolerance, steps):
+def _search_outcome(errors, slope, length, tolerance, steps):
     """Whether a search for null errors succeeded, and a sentence on why it ended."""
     if not (np.isfinite(errors).all() and np.isfinite(slope).all()):
         return False, f"the errors are not finite after {steps} steps: the closed loop is unstable"
     if length > tolerance:
         return False, f"{steps} steps did not suffice: the last step wanted is still {length:.3g} long"
-    left, full = np.linalg.norm(errors), min(slope.shape)
-    if left > np.linalg.norm(slope, 2) * tolerance:
-        found = np.linalg.matrix_rank(slope, rtol=_NEGLIGIBLE)
+    remaining, full_rank = np.linalg.norm(errors), min(slope.shape)
+    if remaining > np.linalg.norm(slope, 2) * tolerance:
+        rank_of_slope = np.linalg.matrix_rank(slope, rtol=_NEGLIGIBLE)
         return False, (
-            f"errors of norm {left:.3g} remain, which no small step reduces: "
-            f"the Jacobian of {errors.size} errors has rank {found} of {full} here"
+            f"errors of norm {remaining:.3g} remain, which no small step reduces: "
+            f"the Jacobian of {errors.size} errors has rank {rank_of_slope} of {full_rank} here"
         )
     return True, "the errors are null and the gains the smallest of the linearised solutions"
 
@@ -441,7 +477,7 @@ def _least_squares(errors, linear, start, weight, tolerance, iterations):
         return np.concatenate([slope, penalty * np.eye(k.size)])
 
     try:
-        found = least_squares(
+        result = least_squares(
             lambda k: np.concatenate([errors(k), penalty * k]),
             start,
             jac=derivative,
@@ -453,7 +489,7 @@ def _least_squares(errors, linear, start, weight, tolerance, iterations):
     except _NotFiniteError:
         converged, reason = False, f"errors beside the gains of step {len(history)} are not finite"
     else:
-        converged = found.status > 0
+        converged = result.status > 0
         reason = (
             f"the gains change by less than {tolerance:.3g} of their norm"
             if converged

@@ -6,9 +6,9 @@ __all__ = ["trigger_projection", "trigger_time_variance", "velocity_indexed_gain
 
 
 def trigger_projection(rates, normal):
-    """Deviation at the stopping time T of a state trigger from that at the nominal final time t_f.
+    r"""Deviation at the stopping time T of a state trigger from that at the nominal final time t_f.
 
-        x(T) - xbar(t_f) = Z_f xtilde(t_f),    Z_f = I - f nu' / (nu' f)
+        $x(T) - \bar{x}(t_f) = Z_f \tilde{x}(t_f), \quad Z_f = I - \frac{f \nu^\top}{\nu^\top f}$
 
     (stochastic entry guidance, Eqs. 64 and 67). A final weight a at T becomes Z_f' a at t_f (Eq. 68).
 
@@ -46,11 +46,11 @@ def trigger_time_variance(rates, normal, covariance):
 
 
 def velocity_indexed_gain(gain, rates, velocity_index, control_slope):
-    """Gain in time of a law that is flown against velocity, u = u(V) + K(V) (x - x_ref(V)).
+    r"""Gain in time of a law that is flown against velocity, u = u(V) + K(V) (x - x_ref(V)).
 
     A velocity deviation also shifts the reference that is looked up, by f / Vdot per unit of velocity:
 
-        K_eff = K (I - f e_V' / Vdot) + (du/dV) e_V'
+        $K_\text{eff} = K \left( I - \frac{f e_V^\top}{\dot{V}} \right) + \frac{du}{dV} e_V^\top$
 
     Args:
         gain: K on the reference, (N, n).

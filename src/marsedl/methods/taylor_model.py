@@ -102,9 +102,9 @@ class Monomials:
 
     def derivative(self, coefficients, variable):
         """Coefficients (m,) of the derivative of a polynomial with respect to one variable."""
-        kept, lowered, factors = self._lowered[variable]
+        source, lowered, factors = self._lowered[variable]
         out = np.zeros(len(coefficients))
-        out[lowered] = factors * coefficients[kept]
+        out[lowered] = factors * coefficients[source]
         return out
 
     @functools.cached_property
@@ -113,10 +113,10 @@ class Monomials:
         index_of = {tuple(e): i for i, e in enumerate(self.exponents.tolist())}
         table = []
         for variable, powers in enumerate(self.exponents.T):
-            kept = np.flatnonzero(powers)
-            lowered = self.exponents[kept]
+            source = np.flatnonzero(powers)
+            lowered = self.exponents[source]
             lowered[:, variable] -= 1
-            table.append((kept, [index_of[tuple(e)] for e in lowered.tolist()], powers[kept]))
+            table.append((source, [index_of[tuple(e)] for e in lowered.tolist()], powers[source]))
         return table
 
     def evaluate(self, points):
@@ -126,9 +126,9 @@ class Monomials:
 
 def _exponents(variables, degree):
     """All exponents of one total degree, as tuples."""
-    for chosen in itertools.combinations_with_replacement(range(variables), degree):
+    for factors in itertools.combinations_with_replacement(range(variables), degree):
         exponent = [0] * variables
-        for variable in chosen:
+        for variable in factors:
             exponent[variable] += 1
         yield tuple(exponent)
 

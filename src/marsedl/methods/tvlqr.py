@@ -15,7 +15,7 @@ class Regulator(NamedTuple):
 
 
 def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight, terminal_weight):
-    """Feedback that minimises a quadratic cost of a linear time-varying system (robust entry funnels, Sec. 4).
+    r"""Feedback that minimises a quadratic cost of a linear time-varying system (robust entry funnels, Sec. 4).
 
     On every step A and B are constant and the control is held, x_{k+1} = A_k x_k + B_k u_k with
 
@@ -23,8 +23,8 @@ def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight,
 
     and the cost is J = 1/2 x_n'Q_f x_n + 1/2 sum of h (x_k'Q x_k + u_k'R u_k). Backwards from P_n = Q_f, S = P_{k+1}:
 
-        K_k = -(h R + B_k'S B_k)^-1 B_k'S A_k
-        P_k = h Q + h K_k'R K_k + (A_k + B_k K_k)'S (A_k + B_k K_k)
+        $K_k = -(h R + B_k^\top S B_k)^{-1} B_k^\top S A_k$
+        $P_k = h Q + h K_k^\top R K_k + (A_k + B_k K_k)^\top S (A_k + B_k K_k)$
 
     This form of P_k is a sum of squares: it stays positive whatever the rounding of the gain.
 
@@ -68,9 +68,9 @@ def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight,
     control_weight = _weight("control_weight", control_weight, nu, definite=True)
     terminal_weight = _weight("terminal_weight", terminal_weight, nx)
 
-    held = np.zeros((count, nx + nu, nx + nu))
-    held[:, :nx] = np.concatenate([state_matrices, control_matrices], axis=2) * steps[:, None, None]
-    across = expm(held)
+    joint = np.zeros((count, nx + nu, nx + nu))
+    joint[:, :nx] = np.concatenate([state_matrices, control_matrices], axis=2) * steps[:, None, None]
+    across = expm(joint)
     transitions, effects = across[:, :nx, :nx], across[:, :nx, nx:]
 
     gains, values = np.empty((count, nu, nx)), np.empty((count + 1, nx, nx))
@@ -80,8 +80,8 @@ def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight,
         weight = steps[k] * control_weight
         gains[k] = -np.linalg.solve(weight + effect.T @ value @ effect, effect.T @ value @ transitions[k])
         closed = transitions[k] + effect @ gains[k]
-        here = steps[k] * state_weight + gains[k].T @ weight @ gains[k] + closed.T @ value @ closed
-        values[k] = (here + here.T) / 2
+        value_here = steps[k] * state_weight + gains[k].T @ weight @ gains[k] + closed.T @ value @ closed
+        values[k] = (value_here + value_here.T) / 2
     return Regulator(gains, values)
 
 

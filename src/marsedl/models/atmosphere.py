@@ -25,6 +25,7 @@ __all__ = [
     "named_log_density",
     "named_profile",
     "tabulated",
+    "temperature_pressure",
     "temperature_pressure_fit",
     "two_exponential",
     "uniform_cells",
@@ -37,7 +38,7 @@ _TEN_KILOMETRES = 1e4
 
 
 class TemperaturePressureFit(NamedTuple):
-    """Constants of a cubic temperature and an exponential pressure over altitude, see `temperature_pressure_fit`."""
+    """Constants of a cubic temperature and an exponential pressure over altitude, see `temperature_pressure`."""
 
     temperature: tuple[float, float, float, float]  # T0 to T3, K, K/m, K/m^2, K/m^3
     surface_pressure: float  # p0, N/m^2
@@ -84,10 +85,34 @@ def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
 
 
 @jitable
-def temperature_pressure_fit(altitude):
-    """Density from a cubic temperature and an exponential pressure (desensitized landing, Eq. 4, a Mars-GRAM fit).
+def temperature_pressure(altitude, temperature, surface_pressure, pressure_decay, gas_constant):
+    """Density from a cubic temperature and an exponential pressure (desensitized landing, Eq. 4).
 
         T = T0 + T1 h + T2 h^2 + T3 h^3,   p = p0 exp(-k h),   rho = p / (R T)
+
+    Args:
+        altitude: h, m.
+        temperature: T0 to T3, K, K/m, K/m^2, K/m^3.
+        surface_pressure: p0, Pa.
+        pressure_decay: k, 1/m.
+        gas_constant: R, J/(kg K).
+
+    Returns:
+        Tuple of ln rho (kg/m^3), d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2).
+    """
+    t0, t1, t2, t3 = temperature
+    decay = pressure_decay
+    surface = np.log(surface_pressure / gas_constant)
+    temperature = t0 + altitude * (t1 + altitude * (t2 + altitude * t3))
+    relative_slope = (t1 + altitude * (2.0 * t2 + altitude * 3.0 * t3)) / temperature
+    relative_curvature = (2.0 * t2 + altitude * 6.0 * t3) / temperature
+    log_density = surface - decay * altitude - np.log(temperature)
+    return log_density, -decay - relative_slope, relative_slope * relative_slope - relative_curvature
+
+
+@jitable
+def temperature_pressure_fit(altitude):
+    """Density by the printed constants of the desensitized-landing paper's Eq. 4, a Mars-GRAM fit.
 
     The constants are those of `TEMPERATURE_PRESSURE_FIT`. Against Mars-GRAM 2010 at Jezero: within 16.4 % below 40 km,
     but far too dense higher up: 1.6 times at 50 km, 10 times at 100 km.
@@ -96,16 +121,15 @@ def temperature_pressure_fit(altitude):
         altitude: h, m.
 
     Returns:
-        Tuple of ln rho (kg/m^3), d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2).
+        As `temperature_pressure`.
     """
-    t0, t1, t2, t3 = TEMPERATURE_PRESSURE_FIT.temperature
-    decay = TEMPERATURE_PRESSURE_FIT.pressure_decay
-    surface = np.log(TEMPERATURE_PRESSURE_FIT.surface_pressure / TEMPERATURE_PRESSURE_FIT.gas_constant)
-    temperature = t0 + altitude * (t1 + altitude * (t2 + altitude * t3))
-    relative_slope = (t1 + altitude * (2.0 * t2 + altitude * 3.0 * t3)) / temperature
-    relative_curvature = (2.0 * t2 + altitude * 6.0 * t3) / temperature
-    log_density = surface - decay * altitude - np.log(temperature)
-    return log_density, -decay - relative_slope, relative_slope * relative_slope - relative_curvature
+    return temperature_pressure(
+        altitude,
+        TEMPERATURE_PRESSURE_FIT.temperature,
+        TEMPERATURE_PRESSURE_FIT.surface_pressure,
+        TEMPERATURE_PRESSURE_FIT.pressure_decay,
+        TEMPERATURE_PRESSURE_FIT.gas_constant,
+    )
 
 
 @jitable
@@ -286,13 +310,14 @@ def uniform_cells(log_density, slope, spacing):
 # ---- by name ---------------------------------------------------------------------------------------------------------
 
 
-def named_profile(name, *, coefficients=None, upper_altitude=None, table=None):
+def named_profile(name, *, coefficients=None, upper_altitude=None, table=None, fit=TEMPERATURE_PRESSURE_FIT):
     """The profile that a configuration names.
 
     Args:
         name: "log_quadratic", "temperature_pressure_fit", "two_exponential" or "table".
         coefficients, upper_altitude: of log_quadratic, see there.
         table: of table, (n, 2), altitude (m) and density (kg/m^3).
+        fit: `TemperaturePressureFit` of temperature_pressure_fit; the printed one unless given.
 
     Returns:
         A profile, see the module.
@@ -304,14 +329,16 @@ def named_profile(name, *, coefficients=None, upper_altitude=None, table=None):
         return lambda altitude: log_quadratic(altitude, *coefficients, upper_altitude)
     if name == "table":
         return tabulated(table)
-    return {"temperature_pressure_fit": temperature_pressure_fit, "two_exponential": two_exponential}[name]
+    if name == "temperature_pressure_fit":
+        return lambda altitude: temperature_pressure(altitude, *fit)
+    return {"two_exponential": two_exponential}[name]
 
 
-def named_log_density(name, *, coefficients=None, upper_altitude=None, table=None):
+def named_log_density(name, *, coefficients=None, upper_altitude=None, table=None, fit=TEMPERATURE_PRESSURE_FIT):
     """The curve of `named_profile` as a function that CasADi can trace, for trajectory optimisation.
 
     Args:
-        name, coefficients, upper_altitude, table: as of `named_profile`.
+        name, coefficients, upper_altitude, table, fit: as of `named_profile`.
 
     Returns:
         Function of the altitude (m) that returns ln rho (kg/m^3) alone: for SX and MX symbols, for MX only if it goes
@@ -322,5 +349,5 @@ def named_log_density(name, *, coefficients=None, upper_altitude=None, table=Non
     """
     if name == "table":
         return casadi_log_density(table)
-    profile = named_profile(name, coefficients=coefficients, upper_altitude=upper_altitude)
+    profile = named_profile(name, coefficients=coefficients, upper_altitude=upper_altitude, fit=fit)
     return lambda altitude: profile(altitude)[0]

@@ -12,16 +12,16 @@ LARGEST_FILE = 2**24  # bytes
 
 
 def require_physical(altitudes, densities, place):
-    """Refuse a table that is no density profile; place(i) names row i in the message."""
+    """Reject a table that is not a density profile; place(i) names row i in the message."""
     if len(altitudes) < 3:
         raise ValueError(f"{place(None)}: {len(altitudes)} rows are too few for a density table; give at least 3")
     for i, (altitude, density) in enumerate(zip(altitudes, densities, strict=True)):
         if not (math.isfinite(altitude) and math.isfinite(density)):
             raise ValueError(
-                f"{place(i)}: altitude {altitude} m, density {density} kg/m^3: not finite; remove or mend the row"
+                f"{place(i)}: altitude {altitude} m, density {density} kg/m^3: not finite; remove or fix the row"
             )
         if density <= 0.0:
-            raise ValueError(f"{place(i)}: density {density:g} kg/m^3 is not positive; remove or mend the row")
+            raise ValueError(f"{place(i)}: density {density:g} kg/m^3 is not positive; remove or fix the row")
         if i and altitude <= altitudes[i - 1]:
             raise ValueError(
                 f"{place(i)}: non-monotone density table: altitude {altitude:g} m follows {altitudes[i - 1]:g} m; "
@@ -40,7 +40,7 @@ def _cells(row, place):
     try:
         return [cell.strip() for cell in next(csv.reader([row]))]
     except csv.Error as error:
-        raise ValueError(f"{place}: is no row of a CSV file ({error}); mend it") from None
+        raise ValueError(f"{place}: is not a row of a CSV file ({error}); fix it") from None
 
 
 def read_density_table(path, source=None):
@@ -62,7 +62,7 @@ def read_density_table(path, source=None):
 
     Raises:
         ValueError: naming file, line or key, and the remedy: file or column missing; several sources and none chosen,
-            or an unknown one; a value that is no number, not finite or no positive density; altitudes that do not
+            or an unknown one; a value that is not a number, not finite or not a positive density; altitudes that do not
             strictly increase; fewer than 3 rows.
     """
     name, _, fragment = str(path).partition("#")
@@ -70,13 +70,11 @@ def read_density_table(path, source=None):
         raise ValueError(f"{path}: two sources asked for, '{fragment}' and '{source}'; give one")
     source = source if source is not None else fragment or None
     if len(name) > 1000:
-        raise ValueError(
-            f"{name[:60]}...: {len(name)} characters are no path of a density table; give a UTF-8 CSV file"
-        )
+        raise ValueError(f"{name[:60]}...: {len(name)} characters are too long for a path; give a UTF-8 CSV file")
     try:
         # A device or a pipe may never end, or never begin.
         if Path(name).exists() and not Path(name).is_file():
-            raise ValueError("it is no ordinary file")
+            raise ValueError("it is not a regular file")
         with Path(name).open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
@@ -89,9 +87,9 @@ def read_density_table(path, source=None):
         raise ValueError(f"{name}: cannot be read as a density table ({reason}); give a UTF-8 CSV file") from None
 
     numbered = enumerate(text.splitlines(), start=1)
-    kept = [(line, row) for line, row in numbered if row.strip() and not row.lstrip().startswith("#")]
-    rows = [_cells(row, f"{name}, line {line}") for line, row in kept]
-    lines = [line for line, _ in kept]
+    data_lines = [(line, row) for line, row in numbered if row.strip() and not row.lstrip().startswith("#")]
+    rows = [_cells(row, f"{name}, line {line}") for line, row in data_lines]
+    lines = [line for line, _ in data_lines]
     header = rows[0] if rows else []
     altitude_keys = [key for key in ("altitude_km", "altitude_m") if key in header]
     if len(altitude_keys) != 1 or "density_kg_m3" not in header:
@@ -103,15 +101,15 @@ def read_density_table(path, source=None):
         if len(row) != len(header):
             raise ValueError(f"{name}, line {line}: {len(row)} values for {len(header)} columns; complete the row")
 
-    chosen = list(zip(lines[1:], rows[1:], strict=True))
+    selected = list(zip(lines[1:], rows[1:], strict=True))
     if "source" in header:
         column = header.index("source")
-        known = sorted({row[column] for _, row in chosen})
-        if source is None and len(known) > 1:
-            raise ValueError(f"{name}: several sources; choose one by '{name}#...': {', '.join(known)}")
-        if source is not None and source not in known:
-            raise ValueError(f"{name}: there is no source '{source}'; choose one of {', '.join(known)}")
-        chosen = [(line, row) for line, row in chosen if source in (None, row[column])]
+        sources = sorted({row[column] for _, row in selected})
+        if source is None and len(sources) > 1:
+            raise ValueError(f"{name}: several sources; choose one by '{name}#...': {', '.join(sources)}")
+        if source is not None and source not in sources:
+            raise ValueError(f"{name}: there is no source '{source}'; choose one of {', '.join(sources)}")
+        selected = [(line, row) for line, row in selected if source in (None, row[column])]
     elif source is not None:
         raise ValueError(f"{name}: source '{source}' asked for, but there is no column 'source'; leave '#{source}' out")
 
@@ -123,10 +121,10 @@ def read_density_table(path, source=None):
                 unit * _number(row[header.index(altitude_key)], altitude_key, f"{name}, line {line}"),
                 _number(row[header.index(density_key)], density_key, f"{name}, line {line}"),
             ]
-            for line, row in chosen
+            for line, row in selected
         ]
     ).reshape(-1, 2)
-    require_physical(*table.T, lambda i: name if i is None else f"{name}, line {chosen[i][0]}")
+    require_physical(*table.T, lambda i: name if i is None else f"{name}, line {selected[i][0]}")
     return table
 
 
@@ -139,7 +137,7 @@ def table_or_file(value):
 
 
 def physical_table(table):
-    """Refuse a table of altitude (m) and density (kg/m^3), given as numbers, that is no density profile."""
+    """Refuse a table of altitude (m) and density (kg/m^3), given as numbers, that is not a density profile."""
     require_physical(
         [altitude for altitude, _ in table],
         [density for _, density in table],

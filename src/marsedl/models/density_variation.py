@@ -1,6 +1,6 @@
-"""Relative density variations as an Ornstein-Uhlenbeck process of altitude (stochastic entry guidance, Eqs. 5-11).
+r"""Relative density variations as an Ornstein-Uhlenbeck process of altitude (stochastic entry guidance, Eqs. 5-11).
 
-    rho = rho_bar (1 + variation),   d variation = -lambda variation ds + sqrt(phi) dw,   s = r_atm - r
+    $\rho = \bar{\rho} (1 + y), \quad dy = -\lambda y \, ds + \sqrt{\varphi} \, dw, \quad s = r_\text{atm} - r$
 
 The sink distance s grows downwards, so the process starts at the edge of the atmosphere and runs down. All grids of
 altitude here ascend, as tables do; the process enters at the last node and marches to the first.
@@ -85,9 +85,9 @@ def decay_rate(inverse_scale_height, factor):
 
 @jitable
 def diffusion(decay, variance):
-    """Diffusion whose stationary variance is the desired one (stochastic entry guidance, Eq. 11).
+    r"""Diffusion whose stationary variance is the desired one (stochastic entry guidance, Eq. 11).
 
-        phi = 2 lambda zeta,   which is 4 zeta / H for lambda = 2 / H
+        $\varphi = 2 \lambda \zeta = \frac{4 \zeta}{H} \quad \text{for} \quad \lambda = \frac{2}{H}$
 
     Meant for a slowly varying zeta. Where zeta falls towards the ground the process has more variance than desired:
     by the factor 1 / (1 - H / (4 L)) for zeta growing by e over the altitude L.
@@ -104,9 +104,10 @@ def diffusion(decay, variance):
 
 @jitable
 def exact_diffusion(decay, variance, variance_slope):
-    """Diffusion for which the process has exactly the desired variance, where Eq. 11 has it for constant zeta only.
+    r"""Diffusion for which the process has exactly the desired variance, where Eq. 11 has it for constant zeta only.
 
-        phi = 2 lambda zeta + d zeta / ds = 2 lambda zeta - d zeta / dh,   s = r_atm - r
+        $\varphi = 2 \lambda \zeta + \frac{d\zeta}{ds} = 2 \lambda \zeta - \frac{d\zeta}{dh}, \quad s =
+          r_\text{atm} - r$
 
     It follows from d Var / ds = -2 lambda Var + phi. A negative value means that the desired variance falls faster
     than the process forgets: no process with this decay has it.
@@ -124,9 +125,9 @@ def exact_diffusion(decay, variance, variance_slope):
 
 @jitable
 def stationary_variance(diffusion, decay):
-    """Variance that the process tends to for constant coefficients (stochastic entry guidance, Eq. 10).
+    r"""Variance that the process tends to for constant coefficients (stochastic entry guidance, Eq. 10).
 
-        phi / (2 lambda),   which is phi H / 4 for lambda = 2 / H
+        $\frac{\varphi}{2 \lambda} = \frac{\varphi H}{4} \quad \text{for} \quad \lambda = \frac{2}{H}$
 
     Args:
         diffusion: phi, 1/m.
@@ -161,9 +162,9 @@ def _means(node_values):
 
 
 def log_retention(altitudes, decay):
-    """Logarithm of the correlation of the process at each node with the node above.
+    r"""Logarithm of the correlation of the process at each node with the node above.
 
-        ln a_i = -(lambda_i + lambda_(i+1)) / 2 (h_(i+1) - h_i)
+        $\ln a_i = -\frac{\lambda_i + \lambda_{i+1}}{2} (h_{i+1} - h_i)$
 
     Stochastic entry guidance, Eq. 8 without noise.
 

@@ -9,9 +9,9 @@ __all__ = ["sutton_graves_heat_rate"]
 
 @jitable
 def sutton_graves_heat_rate(density, velocity, nose_radius, constant):
-    """Convective heat rate at the stagnation point by the law of Sutton and Graves.
+    r"""Convective heat rate at the stagnation point by the law of Sutton and Graves.
 
-        q = k sqrt(rho / R_n) V^3
+        $q = k \sqrt{\frac{\rho}{R_n}} V^3$
 
     Args:
         density: rho, kg/m^3.

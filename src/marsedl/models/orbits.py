@@ -146,7 +146,7 @@ def total_delta_v(
         Delta v, m/s; NaN where the orbit is not captured.
 
     Raises:
-        ValueError: if the branch is none of these, or the targets are not 0 < target_periapsis <= target_apoapsis.
+        ValueError: if the branch is not one of these, or the targets are not 0 < target_periapsis <= target_apoapsis.
     """
     if branch is not None and not np.isin(branch, (-1, 0, 1)).all():
         raise ValueError(f"branch must be -1 (overshoot), 0, +1 (undershoot) or None, got {branch}")

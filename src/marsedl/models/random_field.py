@@ -171,7 +171,7 @@ def covariance_matrix(kernel, points, others=None):
 
 
 def require_positive_semidefinite(covariance, name):
-    """Refuse a matrix that cannot be a covariance; what rounding does to one is let pass (1e-10 of its size).
+    """Reject a matrix that cannot be a covariance; errors of the size of rounding are accepted (1e-10 of its size).
 
     Args:
         covariance: matrix, (k, k), in units that make its entries comparable: the test is relative to the largest.
@@ -199,7 +199,7 @@ def root(covariance):
         M, (k, k), symmetric to the last bit.
 
     Raises:
-        ValueError: if the matrix is no covariance, see `require_positive_semidefinite`.
+        ValueError: if the matrix is not a covariance, see `require_positive_semidefinite`.
     """
     _, eigenvalues, vectors = _decomposed(covariance, "covariance")
     quarter = vectors * np.maximum(eigenvalues, 0.0) ** 0.25
@@ -249,13 +249,13 @@ def condition(kernel, points, measured_points, values, noise_variance, mean=0.0)
         Tuple of mean (k,) and covariance (k, k), symmetric to the last bit. For samples use `condition_samples`.
 
     Raises:
-        ValueError: if shapes do not fit, noise is negative, a value is not finite, or the kernel is no covariance.
+        ValueError: if shapes do not fit, noise is negative, a value is not finite, or the kernel is not a covariance.
     """
     from scipy.linalg import solve_triangular
 
     if np.ndim(mean):
         raise ValueError("mean must be one number; take a mean that varies from the values, and add it to the result")
-    factor, whitened, values, _ = _measured(kernel, points, measured_points, values, noise_variance)
+    factor, whitened, values, _ = _measurement_factor(kernel, points, measured_points, values, noise_variance)
     covariance = _symmetric(covariance_matrix(kernel, points) - whitened.T @ whitened)
     return mean + whitened.T @ solve_triangular(factor, values - mean, lower=True), covariance
 
@@ -280,7 +280,7 @@ def condition_samples(kernel, points, measured_points, values, noise_variance, s
     """
     from scipy.linalg import solve_triangular
 
-    factor, whitened, values, deviation = _measured(kernel, points, measured_points, values, noise_variance)
+    factor, whitened, values, deviation = _measurement_factor(kernel, points, measured_points, values, noise_variance)
     (m, k), samples = whitened.shape, np.asarray(samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != k + m:
         raise ValueError(
@@ -329,7 +329,7 @@ def markov(kernel, altitudes):
         `Markov`; a_i = 0 where the node above has no variance.
 
     Raises:
-        ValueError: if the altitudes do not ascend, or the kernel is no covariance or is not Markov on them.
+        ValueError: if the altitudes do not ascend, or the kernel is not a covariance or is not Markov on them.
     """
     altitudes = _ascending("altitudes", altitudes)
     below, above = altitudes[:-1], altitudes[1:]
@@ -339,7 +339,7 @@ def markov(kernel, altitudes):
     if (variance < 0.0).any() or wrong.any():
         at = np.argmax(wrong) if wrong.any() else np.argmax(variance < 0.0)
         raise ValueError(
-            f"kernel is no covariance: at {altitudes[at]:g} m it has a negative variance, or one too small for its "
+            f"kernel is not a covariance: at {altitudes[at]:g} m it has a negative variance, or one too small for its "
             "covariance with the next altitude; check its parameters"
         )
     retention = np.divide(adjacent, variance[1:], out=np.zeros_like(adjacent), where=variance[1:] > 0.0)
@@ -387,15 +387,15 @@ def interpolate(positions, grid, values):
     if values.shape[-1:] != grid.shape:
         raise ValueError(f"values must have one entry per node, shape (..., {grid.size}), not {values.shape}")
     positions = np.asarray(positions, dtype=float)
-    wanted = np.atleast_1d(positions)
-    lower = np.clip(np.searchsorted(grid, wanted, side="right") - 1, 0, grid.size - 2)
-    fraction = np.clip((wanted - grid[lower]) / (grid[lower + 1] - grid[lower]), 0.0, 1.0)
-    leading = np.broadcast_shapes(wanted.shape[:-1], values.shape[:-1])
+    points = np.atleast_1d(positions)
+    lower = np.clip(np.searchsorted(grid, points, side="right") - 1, 0, grid.size - 2)
+    fraction = np.clip((points - grid[lower]) / (grid[lower + 1] - grid[lower]), 0.0, 1.0)
+    leading = np.broadcast_shapes(points.shape[:-1], values.shape[:-1])
     lower = np.broadcast_to(lower, leading + lower.shape[-1:])
     values = np.broadcast_to(values, leading + grid.shape)
     at_lower, at_upper = (np.take_along_axis(values, lower + step, axis=-1) for step in (0, 1))
-    found = (1.0 - fraction) * at_lower + fraction * at_upper
-    return found if positions.ndim else found[..., 0]
+    interpolated = (1.0 - fraction) * at_lower + fraction * at_upper
+    return interpolated if positions.ndim else interpolated[..., 0]
 
 
 # ---- checks ----------------------------------------------------------------------------------------------------------
@@ -464,7 +464,7 @@ def _symmetric(matrix):
     return (matrix + matrix.T) / 2
 
 
-def _measured(kernel, points, measured_points, values, noise_variance):
+def _measurement_factor(kernel, points, measured_points, values, noise_variance):
     """Factor L of Kzz + R = L L', L^-1 Kz*, the values and the deviation of their noise as stated."""
     from scipy.linalg import cholesky, solve_triangular
 

@@ -1,1 +1,1 @@
-"""Monte Carlo engine: random streams, integrators, ensembles, statistics; knows no vehicle."""
+"""Monte Carlo engine: random streams, integrators, ensembles, statistics; independent of any vehicle."""

@@ -77,7 +77,7 @@ class Brownian(NamedTuple):
 def propagator(scheme, drift, observe):
     """Compile the inner loop of a model; a paper does so once, at the top of its module.
 
-    scheme: `runge_kutta_4` or `euler_maruyama`. drift: see `integrators`. observe: a function
+    scheme: one of `integrators`. drift: see `integrators`. observe: a function
     `observe(half_index, state, parameters, out)` that writes the observed quantities, out (n_observed, LANES).
 
     Returns the compiled function
@@ -243,14 +243,14 @@ def replay(simulate_block: SimulateBlock, trial):
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """What is kept of any number of trials, beside their moments.
+    """What is stored of any number of trials, beside their moments.
 
     Moments, histogram and maximum at a time are those of the trials still flying, which have not ended before it. A
     non-finite trial (code NON_FINITE) is left out of them at all times, and counted; it stays in the per-trial arrays
     and among the kept histories as it is. All other outcomes are included.
 
-    histogram: (times, n_observed, bins + 2), int64; its first and last entries count what lies outside the edges.
-    histogram_edges: (n_observed, bins + 1).
+    histogram: (times, n_counted, bins + 2), int64, of the first n_counted observed quantities; its first and last
+    entries count what lies outside the edges. histogram_edges: (n_counted, bins + 1).
     maximum_over_trials: (times, n_observed), NaN when no finite trial is flying.
     final_state: (trials, n_final). observed_maximum: (trials, n_observed). outcome: (trials,), int8.
     kept_history: (kept, times, n), kept_observed: (kept, times, n_observed), of the first trials; NaN beyond the end of
@@ -350,10 +350,10 @@ class StreamedEnsemble(Ensemble):
 
 @njit(error_model="numpy", cache=True)
 def _count_in_bins(values, edges, counts):
-    """Add values (times, n_observed, trials) to counts (times, n_observed, bins + 2); bins are closed on the left."""
+    """Add values (times, n_observed, trials) to counts (times, n_counted, bins + 2); bins are closed on the left."""
     bins = edges.shape[1] - 1
     for time in range(values.shape[0]):
-        for quantity in range(values.shape[1]):
+        for quantity in range(counts.shape[1]):
             grid = edges[quantity]
             per_bin = bins / (grid[bins] - grid[0])
             for trial in range(values.shape[2]):
@@ -372,7 +372,7 @@ def _count_in_bins(values, edges, counts):
                     counts[time, quantity, guess + 1] += 1
 
 
-def _ended(length, times):
+def _after_end(length, times):
     """(times, trials) bool: the trial has ended before the output."""
     return np.arange(times)[:, np.newaxis] >= length
 
@@ -380,9 +380,9 @@ def _ended(length, times):
 def _finite_trials(block):
     """(trials,) bool: every number of the trial is finite, up to its end."""
     finite = np.isfinite(block.observed_maximum).all(axis=0) & np.isfinite(block.final_state).all(axis=0)
-    ended = _ended(block.length, len(block.history))
+    after_end = _after_end(block.length, len(block.history))
     for array in (block.history, block.observed):
-        finite &= (np.isfinite(array).all(axis=1) | ended).all(axis=0)
+        finite &= (np.isfinite(array).all(axis=1) | after_end).all(axis=0)
     return finite
 
 
@@ -411,8 +411,8 @@ def _checked_edges(edges, n_observed):
     if edges is None:
         edges = np.tile([0.0, 1.0], (n_observed, 1))
     edges = np.ascontiguousarray(edges, dtype=float)
-    if edges.ndim != 2 or edges.shape[0] != n_observed or edges.shape[1] < 2:
-        raise ValueError(f"histogram_edges must have shape ({n_observed}, bins + 1), got {edges.shape}")
+    if edges.ndim != 2 or not min(1, n_observed) <= edges.shape[0] <= n_observed or edges.shape[1] < 2:
+        raise ValueError(f"histogram_edges must have shape (up to {n_observed}, bins + 1), got {edges.shape}")
     if not np.isfinite(edges).all() or (np.diff(edges, axis=1) <= 0).any():
         raise ValueError("histogram_edges must be finite and increase")
     return edges
@@ -434,18 +434,19 @@ def run_blocks(
     simulate_block: `simulate_block(first, last) -> Trajectories` of exactly last - first trials (see
     `Trajectories.first`).
     first_trial: a multiple of block_size. last_trial: a multiple too, unless it is the end of the ensemble.
-    histogram_edges: (n_observed, bins + 1), increasing; uniform ones are fastest. Without them everything of no
-    interest is in one bin [0, 1). kept: trials 0 .. kept - 1 of the ensemble keep their full histories, in whatever
-    chunks they are. trials: those of the whole ensemble; if they are given and more than `streaming.EXACT_TRIALS`, all
-    but the first are streamed. centre: (n_final,), values near which the final states are, about which percentiles are
-    then resolved; by default zero, as for the observed maxima.
+    histogram_edges: (n_counted, bins + 1), increasing, of the first n_counted observed quantities, which alone are
+    counted; uniform ones are fastest. Without them everything of no interest is in one bin [0, 1). kept: trials
+    0 .. kept - 1 of the ensemble keep their full histories, in whatever chunks they are. trials: those of the whole
+    ensemble; if they are given and more than `streaming.EXACT_TRIALS`, all but the first are streamed. centre:
+    (n_final,), values near which the final states are, about which percentiles are then resolved; by default zero, as
+    for the observed maxima.
 
     Returns a `Chunk`, or a `StreamedChunk`. Raises ValueError for bounds off the blocks, wrong edges or centre, a block
     with another number of trials, a trial without outputs or with more than there are, or an outcome that is not
     counted.
     """
     streamed = trials is not None and trials > streaming.EXACT_TRIALS
-    stored = streaming.EXACT_TRIALS if streamed else last_trial
+    stored_trials = streaming.EXACT_TRIALS if streamed else last_trial
     if first_trial < 0 or first_trial % block_size:
         raise ValueError(f"first_trial ({first_trial}) must be a multiple of block_size ({block_size})")
     if last_trial <= first_trial:
@@ -464,7 +465,7 @@ def run_blocks(
             raise ValueError(f"length of trials [{first}, {last}) must be within 1 and {times} outputs for each trial")
         if histogram is None:
             edges = _checked_edges(histogram_edges, n_observed)
-            histogram = np.zeros((times, n_observed, edges.shape[1] + 1), np.int64)
+            histogram = np.zeros((times, len(edges), edges.shape[1] + 1), np.int64)
             maximum_over_trials = np.full((times, n_observed), np.nan)
 
         finite = _finite_trials(block)
@@ -493,15 +494,15 @@ def run_blocks(
         else:
             blocks.append((counts, excluded, mean, second_moment, observed_mean))
 
-        held = max(0, min(stored, last) - first)
-        outcomes.append(outcome[:held].astype(np.int8))
-        final_state.append(block.final_state[:, :held].T.copy())
-        observed_maximum.append(block.observed_maximum[:, :held].T.copy())
+        stored_here = max(0, min(stored_trials, last) - first)
+        outcomes.append(outcome[:stored_here].astype(np.int8))
+        final_state.append(block.final_state[:, :stored_here].T.copy())
+        observed_maximum.append(block.observed_maximum[:, :stored_here].T.copy())
         keep = max(0, min(kept, last) - first)
-        ended = _ended(block.length[:keep], times).T
+        after_end = _after_end(block.length[:keep], times).T
         for kept_arrays, array in ((kept_history, block.history), (kept_observed, block.observed)):
             kept_arrays.append(np.moveaxis(array[..., :keep], -1, 0).copy())
-            kept_arrays[-1][ended] = np.nan
+            kept_arrays[-1][after_end] = np.nan
 
     if streamed:
         blocks = [(run.counts, run.excluded, run.mean, run.second_moment, run.observed_mean) for run in joined]

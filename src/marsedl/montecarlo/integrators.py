@@ -17,8 +17,8 @@ A scheme takes the drift and returns the compiled function
 
 The drift is bound here, once, because compiled functions that travel as arguments defeat numba's on-disk cache.
 
-Both schemes have strong order 1 with additive noise, as the noise enters only by its increment over the step. They
-differ in the deterministic part: order 4 against order 1, which is also the weak order of Euler-Maruyama.
+All schemes have strong order 1 with additive noise, as the noise enters only by its increment over the step. They
+differ in the deterministic part: order 4 against order 1, which is also the weak order of both Euler schemes.
 """
 
 from marsedl.montecarlo.lanes import LANES, inline_njit
@@ -75,3 +75,29 @@ def euler_maruyama(drift):
                 state[row, lane] += step * slope[row, lane]
 
     return advance
+
+
+def semi_implicit_euler(positions):
+    """Euler step that moves the positions by the new velocities: v <- v + h f(x, v), then x <- x + h g(x, v).
+
+    The first `positions` rows of the state are the positions x, all others count as velocities v; with `x' = v` this is
+    the symplectic Euler scheme. The drift is evaluated twice at the half index 2k, with the old and with the new
+    velocities. Returns the scheme, which takes the drift and returns `advance`: see the module.
+    """
+
+    def scheme(drift):
+        @inline_njit
+        def advance(step_index, step, state, noise, parameters, work):
+            _, slope, _ = work
+            drift(2 * step_index, state, noise, parameters, slope)
+            for row in range(positions, state.shape[0]):
+                for lane in range(LANES):
+                    state[row, lane] += step * slope[row, lane]
+            drift(2 * step_index, state, noise, parameters, slope)
+            for row in range(positions):
+                for lane in range(LANES):
+                    state[row, lane] += step * slope[row, lane]
+
+        return advance
+
+    return scheme

@@ -4,6 +4,7 @@ Samples come first in every array: (count,) or (count, ...). Variances and covar
 - 1).
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -97,18 +98,26 @@ def percentile(samples, level):
 
     samples: (count,). level: within (0, 1). Returns (value, standard_error). Raises ValueError for other levels.
     """
-    from scipy import special
-
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie within (0, 1), got {level}")
     ordered = np.sort(np.asarray(samples, dtype=float))
     count = ordered.size
     rank = min(max(int(level * count + 0.5), 1), count)
-    weights = np.diff(special.betainc(rank, count - rank + 1, np.arange(count + 1) / count))
+    weights = _order_weights(rank, count)
     # About the middle, or the difference of two large squares would lose digits.
     deviation = ordered - ordered[rank - 1]
     spread = weights @ deviation**2 - (weights @ deviation) ** 2
     return float(np.quantile(ordered, level)), float(np.sqrt(max(spread, 0.0)))
+
+
+@lru_cache(maxsize=16)  # they take longer than all the rest, and ensembles have few sizes
+def _order_weights(rank, count):
+    """Weights of the order statistics in the bootstrap of one of them, (count,)."""
+    from scipy import special
+
+    weights = np.diff(special.betainc(rank, count - rank + 1, np.arange(count + 1) / count))
+    weights.setflags(write=False)
+    return weights
 
 
 def percentile_spread(samples, level, size):
@@ -141,14 +150,14 @@ def histogram_percentile(counts, edges, level):
     if (total == 0).any():
         raise ValueError("the histogram is empty")
     # Rounding must not push an exact multiple to the next sample; half a sample is too small a correction to matter.
-    needed = np.ceil(level * total * (1.0 - 4e-16))
-    index = (cumulative < needed).sum(axis=-1)
+    rank = np.ceil(level * total * (1.0 - 4e-16))
+    index = (cumulative < rank).sum(axis=-1)
     if (index == 0).any() or (index == counts.shape[-1] - 1).any():
         raise ValueError(f"the {level} percentile lies outside of the histogram's edges [{edges[0]}, {edges[-1]})")
     below = np.take_along_axis(cumulative, index[..., np.newaxis] - 1, -1)[..., 0]
     inside = np.take_along_axis(counts, index[..., np.newaxis], -1)[..., 0]
     width = edges[index] - edges[index - 1]
-    return edges[index - 1] + width * (needed[..., 0] - below) / inside, width
+    return edges[index - 1] + width * (rank[..., 0] - below) / inside, width
 
 
 def binomial_interval(count, trials, level=0.95):

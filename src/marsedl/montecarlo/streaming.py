@@ -1,4 +1,4 @@
-"""What is kept of ensembles that are too large to keep every trial: moments, counts by value, and the first trials.
+"""What is stored of ensembles that are too large to store every trial: moments, histograms, and the first trials.
 
 Up to `EXACT_TRIALS` trials an ensemble holds all of their final states. Of a larger one it holds those of the first
 `EXACT_TRIALS`, and of all its trials
@@ -120,7 +120,7 @@ def _codes(deviations):
     return ((3 * quantity + side + 1) << _KEY_BITS) + (keys + _KEY_ZERO)
 
 
-def _counted(codes, counts):
+def _joined_counts(codes, counts):
     """Each code once, in order, with the sum of its counts."""
     order = np.argsort(codes, kind="stable")  # fast where parts are in order already
     codes, counts = codes[order], counts[order]
@@ -156,11 +156,11 @@ class Sketch:
     def merge(self, cells):
         """Add what another sketch of the same centre counted; cells: anything with the names that `cells` returns."""
         if not np.array_equal(cells.centre, self.centre):
-            raise ValueError("sketches have other centres, so their bins differ")
+            raise ValueError("the sketches have different centres, so their bins differ")
         self.lowest, self.highest = np.fmin(self.lowest, cells.lowest), np.fmax(self.highest, cells.highest)
         codes = (3 * cells.cell_quantity + cells.cell_side + 1) << _KEY_BITS
         codes += cells.cell_key + _KEY_ZERO
-        self._codes, self._counts = _counted(
+        self._codes, self._counts = _joined_counts(
             np.concatenate([self._codes, codes]), np.concatenate([self._counts, cells.cell_count])
         )
 
@@ -186,7 +186,7 @@ class Sketch:
         if self._pending:
             codes, counts = np.unique(np.concatenate(self._pending), return_counts=True)
             self._pending, self._waiting = [], 0
-            self._codes, self._counts = _counted(
+            self._codes, self._counts = _joined_counts(
                 np.concatenate([self._codes, codes]), np.concatenate([self._counts, counts])
             )
 
@@ -203,8 +203,8 @@ def sketched_percentile(cells, quantity, level):
 
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie within (0, 1), got {level}")
-    chosen = cells.cell_quantity == quantity
-    side, key, counts = cells.cell_side[chosen].astype(np.int64), cells.cell_key[chosen], cells.cell_count[chosen]
+    rows = cells.cell_quantity == quantity
+    side, key, counts = cells.cell_side[rows].astype(np.int64), cells.cell_key[rows], cells.cell_count[rows]
     if not len(counts):
         return np.nan, np.nan
     order = np.lexsort((side * key, side))
@@ -219,14 +219,14 @@ def sketched_percentile(cells, quantity, level):
     low, high = (
         deviation(np.searchsorted(cumulative, number, side="right")) for number in (below, min(below + 1, total - 1))
     )
-    found = low + (high - low) * (position - below)
+    percentile = low + (high - low) * (position - below)
     rank = min(max(int(level * total + 0.5), 1), total)
     weights = np.diff(special.betainc(rank, total - rank + 1, np.concatenate([[0], cumulative]) / total))
     likely = np.flatnonzero(weights > 0.0)
-    apart = np.array([deviation(index) for index in likely]) - found
+    apart = np.array([deviation(index) for index in likely]) - percentile
     spread = weights[likely] @ apart**2 - (weights[likely] @ apart) ** 2
     bound = RELATIVE_ACCURACY * max(abs(low), abs(high))
-    return float(cells.centre[quantity] + found), float(np.hypot(np.sqrt(max(spread, 0.0)), bound))
+    return float(cells.centre[quantity] + percentile), float(np.hypot(np.sqrt(max(spread, 0.0)), bound))
 
 
 # ---- of either kind of ensemble --------------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ class FinalMoments:
         """
         if not self._streamed:
             return covariance_standard_errors(self._samples)
-        kept = self._samples[np.isfinite(self._ensemble.final_state).all(axis=1)]
-        if len(kept) < 2:
-            return np.full(2 * kept.shape[1:], np.nan)
-        return covariance_standard_errors(kept) * np.sqrt(len(kept) / self.count)
+        finite_samples = self._samples[np.isfinite(self._ensemble.final_state).all(axis=1)]
+        if len(finite_samples) < 2:
+            return np.full(2 * finite_samples.shape[1:], np.nan)
+        return covariance_standard_errors(finite_samples) * np.sqrt(len(finite_samples) / self.count)

@@ -2,6 +2,7 @@
 
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 from marsedl.replication.catalogue import Paper
 
@@ -10,12 +11,13 @@ SLUGS = ("powered_descent", "random_field", "desensitized", "funnels", "stochast
 
 @cache
 def catalogue(slug: str) -> Paper:
-    """Return a paper's bill of materials, with what its functions declare."""
+    """Return a paper's bill of materials, with its words and what its functions declare."""
     # Here, as jobs import this package without it.
     from marsedl.replication.code_digest import SOURCE_ROOT, remembered_digests
     from marsedl.replication.declarations import declared
+    from marsedl.replication.texts import FILE, with_texts
 
-    written = import_module(f"marsedl.papers.{slug}").PAPER
+    written = with_texts(import_module(f"marsedl.papers.{slug}").PAPER, Path(__file__).parent / slug / FILE)
     return declared(written, input_model(slug), remembered_digests(SOURCE_ROOT.parent))
 
 

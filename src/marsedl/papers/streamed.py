@@ -1,18 +1,18 @@
 """Fields that artifacts of large ensembles have beside those of all ensembles, see `marsedl.montecarlo.streaming`."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.montecarlo.streaming import OUTCOMES
-from marsedl.replication.artifacts import quantity
+from marsedl.replication.artifacts import Axis, quantity, record
+
+CODE = Axis("code", *map(str, range(OUTCOMES)))
 
 
-@dataclass(frozen=True)
+@record
 class Sketched:
     """What chunks and ensembles have in common; a sketched quantity is a final component or an observed maximum."""
 
-    outcome_counts: np.ndarray = quantity("1", (OUTCOMES,), "how many of all trials ended in each outcome", "int64")
+    outcome_counts: np.ndarray = quantity("1", (CODE,), "how many of all trials ended in each outcome", "int64")
     centre: np.ndarray = quantity("SI", ("sketched",), "what deviations of the sketched quantities are taken from")
     lowest: np.ndarray = quantity("SI", ("sketched",), "lowest value of each over all trials", allow_nan=True)
     highest: np.ndarray = quantity("SI", ("sketched",), "highest value of each over all trials", allow_nan=True)
@@ -22,7 +22,7 @@ class Sketched:
     cell_count: np.ndarray = quantity("1", ("cells",), "trials in this bin", "int64")
 
 
-@dataclass(frozen=True)
+@record
 class StreamedChunk(Sketched):
     """The further fields of a chunk, whose moments are those of runs of blocks."""
 
@@ -33,7 +33,7 @@ class StreamedChunk(Sketched):
     )
 
 
-@dataclass(frozen=True)
+@record
 class StreamedEnsemble(Sketched):
     """The further fields of an ensemble."""
 

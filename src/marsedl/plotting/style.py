@@ -1,9 +1,9 @@
 """One look for all figures, and files that are the same bytes whenever they are drawn from the same numbers."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 
 # A colour-blind safe set (Okabe and Ito 2008).
@@ -38,11 +38,14 @@ _SETTINGS = {
 }
 
 
-def new_figure(width: float = 6.4, height: float = 4.0, **grid) -> tuple[Figure, np.ndarray]:
-    """Return a figure (inches) in the common style and its axes, laid out by `Figure.subplots(**grid)`."""
+def new_figure(width: float = 6.4, height: float = 4.0, *, mosaic: Any = None, **grid) -> tuple[Figure, Any]:
+    """Return a figure (inches) in the common style and its axes.
+
+    They are laid out by `Figure.subplots(**grid)`, or by name in the `mosaic` of `Figure.subplot_mosaic`.
+    """
     mpl.rcParams.update(_SETTINGS)
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(**grid)
+    return figure, figure.subplots(**grid) if mosaic is None else figure.subplot_mosaic(mosaic, **grid)
 
 
 def save_figure(figure: Figure, *paths: str | Path) -> None:

@@ -1,18 +1,26 @@
 """Typed artifacts of the stages, saved as self-explaining HDF5 files and never half written.
 
-An artifact type is a frozen dataclass whose fields are declared with `quantity`:
+An artifact type is a frozen dataclass whose fields are declared with `quantity`; what it shows of itself is a summary:
 
-    @dataclass(frozen=True)
+    @record
     class Nominal:
         \"\"\"Mass profile and mean trajectory.\"\"\"
 
         time: np.ndarray = quantity("s", ("time",), "time from the start of the flight")
-        mean: np.ndarray = quantity("m, m/s", ("time", 6), "mean position and velocity")
+        mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean position and velocity", label="mean state")
         iterations: int = quantity("1", (), "passes of the mass iteration")
+
+where the components of a dimension are named once:
+
+    MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
+
+In the file every dimension is a dimension scale, as netCDF has them: `xarray.open_dataset(path)` gives labelled arrays,
+`dataset["mean"].sel(motion="altitude")`. A field that lies along a dimension of its own name holds its coordinates.
 """
 
 import dataclasses
 import errno
+import functools
 import hashlib
 import json
 import math
@@ -22,15 +30,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, dataclass_transform
 
 import h5py
 import numpy as np
 
-from marsedl.replication.errors import ArtifactError
+from marsedl.replication.errors import ArtifactError, nearest
 from marsedl.replication.recipes import recipe_changes, recipe_digest
 
-FORMAT = 1  # layout of the file itself: root attributes, /provenance, how strings are stored
+FORMAT = 2  # layout of the file itself: root attributes, /provenance, how strings are stored
 LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
 COMPRESS_ABOVE_BYTES = 64 * 2**10
 LARGEST_FROM_FILE = (16 * 2**20, 100)  # bytes of all values of a file: so many, and so many times the file's own
@@ -45,6 +53,7 @@ _ACCEPTED_KINDS = {"float64": "fiu", "int64": "iu", "int8": "iu", "bool": "b"}
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_PERMISSION = (errno.EACCES, errno.EPERM, errno.EROFS)
 _JSON_MARK = "json:"
+_BARE = b"This is a netCDF dimension but not a netCDF variable.%10d"  # what netCDF calls a scale without values
 _SEAL = b"marsedl:sha256:"  # behind HDF5's own end of file, followed by the checksum of all bytes before it
 _SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -53,28 +62,97 @@ _HEAD_BYTES = 48  # of HDF5's oldest format, up to the address of the file's end
 _FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 
+class Axis(int):
+    """A dimension of fixed extent whose components have names, and units if they differ or are fixed.
+
+        MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
+        LAW = Axis("law", "open", "closed")
+
+    It is an integer, the number of its components, and serves as an extent in the dims of `quantity`:
+
+        covariance: np.ndarray = quantity("SI", ("time", MOTION, MOTION), "predicted covariance")
+
+    `name` is the dimension's, `names` are those of the components, `units` their units by name ("" where the field
+    says them), `unit` all units as `quantity` takes them: `MOTION.unit` is "m, m, m/s, m/s". `MOTION.index("altitude")`
+    is the place of a component, `MOTION.label("vertical_velocity")` its name in words. A further axis builds on
+    another by `Axis("state", **MOTION.units, mass="kg")`.
+    """
+
+    name: str
+    units: dict[str, str]
+
+    def __new__(cls, name: str, /, *components: str, **units: str) -> "Axis":
+        """Take the name of the dimension and the components: names alone, or names with units.
+
+        Raises TypeError for components of equal names.
+        """
+        all_units = {**dict.fromkeys(components, ""), **units}
+        if len(all_units) != len(components) + len(units):
+            raise TypeError(f"axis {name!r} has components of equal names: {', '.join([*components, *units])}")
+        axis = super().__new__(cls, len(all_units))
+        axis.name, axis.units = name, all_units
+        return axis
+
+    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, str]]:
+        """Return what a copy is made from."""
+        return (self.name,), self.units
+
+    def __repr__(self) -> str:
+        """Return the name: so the dimension is called in messages and files."""
+        return self.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components, in their order."""
+        return tuple(self.units)
+
+    @property
+    def unit(self) -> str:
+        """Unit of values along this axis: one for all components, or one of each, separated by commas."""
+        units = list(self.units.values())
+        return units[0] if len(set(units)) == 1 else ", ".join(units)
+
+    def index(self, component: str) -> int:
+        """Place of a component. Raises ArtifactError naming the nearest one if there is none of this name."""
+        if component not in self.units:
+            raise ArtifactError(f"axis {self.name!r} has no component {component!r}: {nearest(component, self.units)}")
+        return self.names.index(component)
+
+    def label(self, component: str) -> str:
+        """Name of a component in words. Raises ArtifactError as `index` does."""
+        return self.names[self.index(component)].replace("_", " ")
+
+
 @dataclass(frozen=True)
 class Quantity:
-    """Declaration of one field: its unit, dimensions, meaning and stored type."""
+    """Declaration of one field: its unit, dimensions, meaning, stored type and short label."""
 
     unit: str
     dims: tuple[str | int, ...]
     meaning: str
     dtype: str
     allow_nan: bool
+    label: str
 
 
 def quantity(
-    unit: str, dims: tuple[str | int, ...], meaning: str, dtype: Any = None, *, allow_nan: bool = False
+    unit: str,
+    dims: tuple[str | int, ...],
+    meaning: str,
+    dtype: Any = None,
+    *,
+    allow_nan: bool = False,
+    label: str = "",
 ) -> Any:
     """Declare a field of an artifact type.
 
     unit: of the values, "1" for pure numbers; one per component, separated by commas, where they differ
-    dims: one entry per axis: a name, whose extent is the same in all fields of the artifact, or a fixed extent; () for
-        a scalar, which is loaded as a plain Python value
+    dims: one entry per axis: a name, whose extent is the same in all fields of the artifact, an `Axis`, or a fixed
+        extent; () for a scalar, which is loaded as a plain Python value
     meaning: one line in words
     dtype: float64, int64, int8, bool or str; by default what the annotation (int, float, bool, str) says, else float64
     allow_nan: NaN is a legitimate value of this field (infinities never are)
+    label: a few words for the axes of figures and the heads of tables; by default the field's name in words
 
     Raises TypeError for dims or a dtype of another kind.
     """
@@ -83,7 +161,79 @@ def quantity(
     name = "" if dtype is None else "str" if dtype in (str, "str") else np.dtype(dtype).name
     if name not in ("", "str", *_STORED_DTYPES):
         raise TypeError(f"dtype must be one of str, {', '.join(_STORED_DTYPES)}, not {dtype!r}")
-    return dataclasses.field(metadata={"quantity": Quantity(unit, dims, meaning, name, allow_nan)})
+    return dataclasses.field(metadata={"quantity": Quantity(unit, dims, meaning, name, allow_nan, label)})
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(quantity,))
+def record(artifact_type: type) -> type:
+    """Make a class of quantities an artifact type: a frozen dataclass whose `repr` is its `summary`."""
+    artifact_type = dataclass(frozen=True, repr=False)(artifact_type)
+    artifact_type.__repr__ = summary
+    return artifact_type
+
+
+def summary(artifact: Any) -> str:
+    """Return what an artifact holds: the shape, range and unit of every field, the value of a scalar."""
+    artifact_type = type(artifact)
+    rows = []
+    for name, declared in quantities(artifact_type).items():
+        array = np.asarray(getattr(artifact, name))
+        extents = zip(layout(artifact_type).dims[name], array.shape, strict=False)
+        shape = ", ".join(f"{dimension}: {extent}" for dimension, extent in extents)
+        rows.append((f"  {name}", f"({shape})" if shape else "", _range(array), declared.unit))
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    lines = [
+        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]]) for row in rows
+    ]
+    meaning = (artifact_type.__doc__ or "").strip().partition("\n")[0]
+    return "\n".join([f"{artifact_type.__name__}: {meaning}", *lines])
+
+
+def _range(array: np.ndarray) -> str:
+    """Least and largest value of an array, and what is not finite; the value if there is one alone."""
+    if array.dtype.kind not in "iufb":
+        texts = list(dict.fromkeys(str(text) for text in array.ravel().tolist()))
+        examples = ", ".join(repr(text if len(text) <= 20 else f"{text[:17]}...") for text in texts[:3])
+        return examples + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+    if array.dtype.kind == "b":
+        return str(bool(array)) if not array.ndim else f"{np.count_nonzero(array)} of {array.size} true"
+    finite = array[np.isfinite(array)]
+    if not finite.size:
+        return "nan" if array.size else "empty"
+    least, most = (f"{value:.6g}" for value in (finite.min(), finite.max()))
+    gaps = f", {array.size - finite.size} nan" if finite.size < array.size else ""
+    return (least if least == most else f"{least} to {most}") + gaps
+
+
+TRIALS = "trials"  # the dimension along which single trials are kept
+
+
+def trials_of(artifact: Any) -> int:
+    """Return how many single trials an artifact keeps; 0 of one that keeps none."""
+    if not dataclasses.is_dataclass(artifact):
+        return 0
+    for name, dims in layout(type(artifact)).dims.items():
+        if TRIALS in dims:
+            return int(np.shape(getattr(artifact, name))[dims.index(TRIALS)])
+    return 0
+
+
+def first_trials(artifact: Any, number: int) -> Any:
+    """Return an artifact with its first trials; what is stored of all together stays."""
+    if trials_of(artifact) <= number:
+        return artifact
+    fields = {
+        name: np.take(getattr(artifact, name), range(number), axis=dims.index(TRIALS))
+        for name, dims in layout(type(artifact)).dims.items()
+        if TRIALS in dims
+    }
+    return dataclasses.replace(artifact, **fields)
+
+
+def finite(values: Any) -> Any:
+    """Return values as floats with NaN in place of infinities, which artifacts cannot hold."""
+    values = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(values), values, np.nan)[()]
 
 
 def quantities(artifact_type: type) -> dict[str, Quantity]:
@@ -92,7 +242,7 @@ def quantities(artifact_type: type) -> dict[str, Quantity]:
     Raises ArtifactError if it is no dataclass or if a field is not declared with `quantity`.
     """
     if not dataclasses.is_dataclass(artifact_type):
-        raise ArtifactError(f"{artifact_type!r} is no artifact type: make it a frozen dataclass of quantities")
+        raise ArtifactError(f"{artifact_type!r} is not an artifact type: make it a frozen dataclass of quantities")
     declared = {}
     for field in dataclasses.fields(artifact_type):
         described = field.metadata.get("quantity")
@@ -103,14 +253,72 @@ def quantities(artifact_type: type) -> dict[str, Quantity]:
         if not described.dtype:
             annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
             described = dataclasses.replace(described, dtype=_DTYPE_OF_ANNOTATION.get(annotation, "float64"))
+        if not described.label:
+            described = dataclasses.replace(described, label=field.name.replace("_", " "))
         declared[field.name] = described
     return declared
 
 
 def schema_digest(artifact_type: type) -> str:
     """Short digest of the names, units, dimensions and types of an artifact type's fields."""
-    rows = sorted([name, q.unit, list(q.dims), q.dtype] for name, q in quantities(artifact_type).items())
+    rows = sorted([name, q.unit, [_shape(d) for d in q.dims], q.dtype] for name, q in quantities(artifact_type).items())
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
+
+
+def _shape(dimension: str | int) -> str | int | list:
+    """What a schema holds of a dimension."""
+    return [dimension.name, *dimension.units.items()] if isinstance(dimension, Axis) else dimension
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the dimensions of an artifact type's fields are called, and what is known of their components."""
+
+    dims: dict[str, tuple[str, ...]]  # by field; a dimension that a field has twice has another name there: motion_2
+    axes: dict[str, Axis | None]  # by dimension; None: its components have no names
+    fields: frozenset[str]  # that hold the coordinates of a dimension, which has their name
+
+    @property
+    def added(self) -> set[str]:
+        """Names of what a file holds of the dimensions beside the fields: components, and their units."""
+        units = {f"{name}_unit" for name, axis in self.axes.items() if axis is not None and any(axis.units.values())}
+        return (self.axes.keys() - self.fields) | units
+
+
+@functools.cache
+def layout(artifact_type: type) -> Layout:
+    """Return the names of the dimensions of an artifact type.
+
+    Raises ArtifactError if a dimension has the name of a field that does not lie along it, or if two axes have the
+    same name and other components.
+    """
+    declared = quantities(artifact_type)
+    dims: dict[str, tuple[str, ...]] = {}
+    axes: dict[str, Axis | None] = {}
+    for field, described in declared.items():
+        names: list[str] = []
+        bases = [f"fixed_{d}" if type(d) is int else str(d) for d in described.dims]
+        for number, dimension in enumerate(described.dims):
+            axis = dimension if isinstance(dimension, Axis) else None
+            times = bases[: number + 1].count(bases[number])
+            name = bases[number] if times == 1 else f"{bases[number]}_{times}"
+            axis_before = axes.get(name)
+            if axis is not None and axis_before is not None and _shape(axis_before) != _shape(axis):
+                raise ArtifactError(
+                    f"{artifact_type.__name__}.{field}: another axis is called '{name}' too: rename one"
+                )
+            axes[name] = axis_before if axis is None else axis
+            names.append(name)
+        dims[field] = tuple(names)
+    coordinate_fields = frozenset(name for name in axes if name in declared)
+    result = Layout(dims, axes, coordinate_fields)
+    for name in sorted(coordinate_fields | (result.added & declared.keys())):
+        if dims[name] != (name,) or axes.get(name) is not None:
+            raise ArtifactError(
+                f"{artifact_type.__name__}: a dimension is described by '{name}', which is a field of another kind: "
+                "rename the dimension"
+            )
+    return result
 
 
 def save(path: str | Path, artifact: Any, *, paper: str, reading: str, provenance: dict[str, Any]) -> None:
@@ -151,9 +359,10 @@ def load(path: str | Path, artifact_type: type, *, paper: str | None = None, rea
         artifact_type = subclasses.get(file.attrs.get("artifact"), artifact_type)
         _check_identity(path, file, artifact_type, paper, reading)
         declared = quantities(artifact_type)
+        valid_names = {PROVENANCE, *declared, *layout(artifact_type).added}
         for name in file:
-            if name != PROVENANCE and name not in declared:
-                raise _refusal(path, f"{_shown(name)} is no field of {artifact_type.__name__}")
+            if name not in valid_names:
+                raise _refusal(path, f"{_short(name)} is not a field of {artifact_type.__name__}")
         fields = {name: _field(path, file, name, declared[name].dtype) for name in declared}
         _check_shapes(path, artifact_type, {name: field.shape for name, field in fields.items()}, REBUILD)
         check_size(path, fields.values())
@@ -191,20 +400,20 @@ def _of_arrays(artifact_type: type, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def check_recipe(path: str | Path, recipe: Mapping[str, Any], paper: str, reading: str) -> None:
-    """Refuse an artifact of another paper or reading, or one that its rule would make otherwise now.
+    """Refuse an artifact of another paper or reading, or one that its rule would now make differently.
 
     recipe: what it would be made from now. Raises ArtifactError as `load` does, and naming what differs: a file that
     was copied here from a build of other inputs, code or libraries is whole, and may be older than what is made of it.
     """
     path = Path(path)
     with opened(path) as file:
-        _check_owner(path, file, _shown(file.attrs.get("artifact")).strip("'"), paper, reading)
+        _check_owner(path, file, _short(file.attrs.get("artifact")).strip("'"), paper, reading)
         group = member(path, file, PROVENANCE, h5py.Group)
         if group.attrs.get("recipe") == recipe_digest(recipe):
             return
-        found = _read_provenance(path, group)
-        changes = "; ".join(recipe_changes(found, recipe))
-        raise _refusal(path, f"comes from another build, of size {_shown(found.get('size'))}: {changes}")
+        stored = _read_provenance(path, group)
+        changes = "; ".join(recipe_changes(stored, recipe))
+        raise _refusal(path, f"comes from another build, of size {_short(stored.get('size'))}: {changes}")
 
 
 def seal(image: bytes) -> bytes:
@@ -228,6 +437,11 @@ def read_array(path: Path, dataset: h5py.Dataset) -> np.ndarray:
     return np.asarray(dataset[()])
 
 
+def holds_field(file: h5py.File, name: str) -> bool:
+    """Whether a file holds a field of this name, and not only what is known of a dimension."""
+    return isinstance(file.get(name, getlink=True), h5py.HardLink) and "dimensions" in file[name].attrs
+
+
 def check_size(path: Path, datasets: Iterable[h5py.Dataset]) -> None:
     """Raise ArtifactError if the values of a file's datasets would take far more memory than the file is large."""
     values = sum(math.prod(dataset.shape or ()) * dataset.dtype.itemsize for dataset in datasets)
@@ -241,10 +455,10 @@ def _check_stored(path: Path, dataset: h5py.Dataset) -> None:
     name = dataset.name.lstrip("/")
     creation = dataset.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
-        raise _refusal(path, f"field '{name}' takes its values from another file, which is not followed")
+        raise _refusal(path, f"field '{name}' takes its values from another file: such links are not followed")
     filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
     if foreign := sorted(filters - set(_FILTERS)):
-        raise _refusal(path, f"field '{name}' went through the filter {foreign[0]}, which is not used here")
+        raise _refusal(path, f"field '{name}' went through the filter {foreign[0]}, which is not accepted")
     if dataset.shape is None:
         raise _refusal(path, f"field '{name}' holds no value")
     declared = math.prod(dataset.shape) * dataset.dtype.itemsize
@@ -265,7 +479,7 @@ def opened(path: str | Path) -> Iterator[h5py.File]:
     """
     path = Path(path)
     if not path.exists():
-        raise ArtifactError(f"{path}: there is no such file: run snakemake, which builds it")
+        raise ArtifactError(f"{path}: the file does not exist: run snakemake to build it")
     if not path.is_file():
         raise ArtifactError(f"{path}: is not a file: move it away and run snakemake again")
     _check_seal(path)
@@ -273,7 +487,7 @@ def opened(path: str | Path) -> Iterator[h5py.File]:
         # Files are replaced, never changed in place, so no lock is needed; some file systems have none.
         file = h5py.File(path, "r", locking=False)
     except Exception as error:
-        raise _refusal(path, f"is truncated, damaged or no HDF5 file ({_first_line(error)})") from error
+        raise _refusal(path, f"is truncated, damaged or not an HDF5 file ({_first_line(error)})") from error
     with file:
         try:
             yield file
@@ -294,10 +508,10 @@ def member(path: Path, group: h5py.Group, name: str, kind: type | tuple[type, ..
         raise _refusal(path, f"field '{name}' is missing")
     if not isinstance(link, h5py.HardLink):
         raise _refusal(path, f"field '{name}' is a link to somewhere else ({type(link).__name__}): it is not followed")
-    found = group[name]
-    if not isinstance(found, kind):
-        raise _refusal(path, f"field '{name}' is unexpectedly a {type(found).__name__.lower()}")
-    return found
+    node = group[name]
+    if not isinstance(node, kind):
+        raise _refusal(path, f"field '{name}' is unexpectedly a {type(node).__name__.lower()}")
+    return node
 
 
 # ---------------------------------------------------------------------------------------------------------- checking
@@ -306,7 +520,7 @@ def member(path: Path, group: h5py.Group, name: str, kind: type | tuple[type, ..
 def _checked_values(path: Path, artifact: Any) -> dict[str, np.ndarray]:
     """The artifact's values as arrays of exactly the declared types."""
     artifact_type = type(artifact)
-    remedy = "mend the stage that computes it; nothing was written"
+    remedy = "fix the stage that computes it; nothing was written"
     arrays = {}
     for name, declared in quantities(artifact_type).items():
         where = f"{path}: artifact {artifact_type.__name__}, field '{name}'"
@@ -354,7 +568,8 @@ def _as_text(array: np.ndarray) -> np.ndarray:
 
 def _check_shapes(path: Path, artifact_type: type, shapes: Mapping[str, tuple], remedy: str) -> None:
     """Raise ArtifactError for the first field whose shape does not fit the declaration."""
-    extents: dict[str, tuple[int, str]] = {}
+    axes = {axis.name: axis for axis in layout(artifact_type).axes.values() if axis is not None}
+    extents: dict[str, tuple[int, str]] = {name: (int(axis), "as declared") for name, axis in axes.items()}
     for name, declared in quantities(artifact_type).items():
         shape = shapes[name]
         where = f"{path}: artifact {artifact_type.__name__}, field '{name}'"
@@ -362,7 +577,7 @@ def _check_shapes(path: Path, artifact_type: type, shapes: Mapping[str, tuple], 
             raise ArtifactError(f"{where} has shape {shape} but its dimensions are {_spelled(declared.dims)}: {remedy}")
         for dimension, extent in zip(declared.dims, shape, strict=True):
             if isinstance(dimension, int):
-                expected, origin = dimension, "as declared"
+                expected, origin = int(dimension), "as declared"
             else:
                 expected, origin = extents.setdefault(dimension, (extent, f"as in field '{name}'"))
             if extent != expected:
@@ -377,12 +592,12 @@ def _check_values(path: Path, artifact_type: type, arrays: Mapping[str, np.ndarr
     for name, declared in quantities(artifact_type).items():
         array = arrays[name]
         if array.dtype.kind == "f":
-            bad = np.isinf(array) if declared.allow_nan else ~np.isfinite(array)
-            if bad.any():
-                first = tuple(int(index) for index in np.argwhere(bad)[0])
+            invalid = np.isinf(array) if declared.allow_nan else ~np.isfinite(array)
+            if invalid.any():
+                first = tuple(int(index) for index in np.argwhere(invalid)[0])
                 raise ArtifactError(
                     f"{path}: artifact {artifact_type.__name__}, field '{name}' is not finite: "
-                    f"{np.count_nonzero(bad)} of {array.size} values, the first {array[first]} at index {first}: "
+                    f"{np.count_nonzero(invalid)} of {array.size} values, the first {array[first]} at index {first}: "
                     f"{remedy}"
                 )
 
@@ -399,11 +614,11 @@ def _file_image(
 ) -> bytes:
     """The bytes of the HDF5 file.
 
-    HDF5 builds it in memory, because on a full disk HDF5 itself loses its footing and takes the process with it.
+    HDF5 builds it in memory, because on a full disk HDF5 itself can crash the process.
     """
     artifact_type = type(artifact)
     declared = quantities(artifact_type)
-    # The oldest file format is readable everywhere and keeps no object times when told so.
+    # The oldest file format is readable everywhere and stores no object times if asked.
     with h5py.File(
         _partial_path(path), "w", driver="core", backing_store=False, libver=("earliest", "v110"), track_order=False
     ) as file:
@@ -417,18 +632,57 @@ def _file_image(
             array = arrays[name]
             options: dict[str, Any] = {"track_times": False}
             if array.dtype.kind == "U":
-                array = np.char.encode(array, "utf-8")
-                array = array.astype(h5py.string_dtype("utf-8", max(array.dtype.itemsize, 1)))
-            if array.nbytes > COMPRESS_ABOVE_BYTES and array.ndim:
+                array = array.astype(h5py.string_dtype())
+            elif array.nbytes > COMPRESS_ABOVE_BYTES and array.ndim:
                 options.update(chunks=True, shuffle=True, compression="gzip", compression_opts=4)
             dataset = file.create_dataset(name, data=array, **options)
-            dataset.attrs["unit"] = declared[name].unit
+            dataset.attrs["units"] = declared[name].unit
+            dataset.attrs["long_name"] = declared[name].label
             dataset.attrs["meaning"] = declared[name].meaning
             dataset.attrs["dimensions"] = _spelled(declared[name].dims)
+        _write_scales(file, layout(artifact_type))
         _write_provenance(path, file.create_group(PROVENANCE), provenance)
         file.flush()
         image = file.id.get_file_image()
     return seal(image)
+
+
+def _write_scales(file: h5py.File, dimensions: Layout) -> None:
+    """Make a dimension scale of every dimension and attach the fields to them.
+
+    What is known of the components are their names and units, text of variable length, which xarray wants. The others
+    are scales without values, as netCDF writes them: they take no room. The file's attribute `coordinates` says which
+    datasets describe others.
+    """
+    extents = {
+        name: extent
+        for field, names in dimensions.dims.items()
+        for name, extent in zip(names, file[field].shape, strict=True)
+    }
+    described = []
+    for name, axis in sorted(dimensions.axes.items()):
+        if axis is not None:
+            scale = file.create_dataset(name, data=list(axis.units), dtype=h5py.string_dtype(), track_times=False)
+            scale.attrs["meaning"] = f"names of the components of the dimension {name}"
+            scale.make_scale(name)
+            if any(axis.units.values()):
+                described.append(f"{name}_unit")
+                units = list(axis.units.values())
+                unit = file.create_dataset(described[-1], data=units, dtype=h5py.string_dtype(), track_times=False)
+                unit.attrs["meaning"] = f"units of the components of the dimension {name}"
+                unit.dims[0].attach_scale(scale)
+        elif name in dimensions.fields:
+            file[name].make_scale(name)
+        else:
+            # The type is the one that netCDF uses for it.
+            scale = file.create_dataset(name, (extents[name],), ">f4", track_times=False)
+            scale.make_scale((_BARE % extents[name]).decode())
+    for field in sorted(dimensions.dims):
+        for number, name in enumerate(dimensions.dims[field]):
+            if name != field:
+                file[field].dims[number].attach_scale(file[name])
+    if described:
+        file.attrs["coordinates"] = " ".join(described)
 
 
 def _write_provenance(path: Path, group: h5py.Group, items: dict[str, Any]) -> None:
@@ -457,7 +711,7 @@ def _partial_path(path: Path) -> Path:
 
 
 def _remove_stale_partials(path: Path) -> None:
-    """Remove what earlier, killed processes of this machine left beside `path`."""
+    """Remove the partial files of `path` that killed processes of this machine left."""
     prefix = f".{path.name}.{socket.gethostname()}."
     for partial in path.parent.iterdir():
         owner = partial.name.removeprefix(prefix).removesuffix(".partial")
@@ -478,7 +732,7 @@ def _other_process_runs(process: int) -> bool:
 
 
 def _replace(path: Path, image: bytes) -> None:
-    """Write beside `path`, make sure that it is on the disk, and only then take the name."""
+    """Write a partial file beside `path`, flush it to disk, and only then rename it."""
     partial = _partial_path(path)
     try:
         with partial.open("xb") as stream:
@@ -495,12 +749,10 @@ def _writing_error(path: Path, error: OSError) -> ArtifactError:
     if error.errno in _NO_SPACE:
         reason = f"cannot be written, there is no space left ({error.strerror}): free space and run again"
     elif error.errno in _NO_PERMISSION:
-        reason = (
-            f"cannot be written ({error.strerror}): give yourself permission to write into its folder and run again"
-        )
+        reason = f"cannot be written ({error.strerror}): change the permissions of its folder and run again"
     else:
         reason = f"cannot be written ({_first_line(error)}): remove the cause and run again"
-    return ArtifactError(f"{path}: {reason}; nothing that was there before was touched")
+    return ArtifactError(f"{path}: {reason}; the earlier file is unchanged")
 
 
 # ----------------------------------------------------------------------------------------------------------- reading
@@ -515,27 +767,27 @@ def _check_seal(path: Path) -> None:
     hasher = hashlib.sha256()
     try:
         with path.open("rb") as stream:
-            left = path.stat().st_size - _SEAL_BYTES
-            while left > 0 and (block := stream.read(min(left, 2**20))):
+            remaining = path.stat().st_size - _SEAL_BYTES
+            while remaining > 0 and (block := stream.read(min(remaining, 2**20))):
                 hasher.update(block)
-                left -= len(block)
+                remaining -= len(block)
             seal = stream.read(_SEAL_BYTES)
     except PermissionError as error:
-        raise ArtifactError(f"{path}: may not be read: give yourself permission to read it") from error
+        raise ArtifactError(f"{path}: cannot be read: change its permissions") from error
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): remove the cause and run again") from error
     if not seal.startswith(_SEAL):
         raise _refusal(path, _reason_without_seal(path))
     if seal != _SEAL + hasher.digest():
-        raise _refusal(path, "is damaged, its bytes are not those that were written")
+        raise _refusal(path, "is damaged: its bytes differ from what was written")
 
 
 def _reason_without_seal(path: Path) -> str:
-    """What has become of a file that has no seal, from its first bytes alone."""
+    """Why a file has no seal, judged by its first bytes."""
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     if len(head) < _HEAD_BYTES or not head.startswith(_SIGNATURE):
-        return "is truncated, damaged or no HDF5 file"
+        return "is truncated, damaged or not an HDF5 file"
     # The oldest file format, which `save` writes, holds the address of the file's end here.
     end = int.from_bytes(head[-8:], "little")
     if head[len(_SIGNATURE)] == 0 and path.stat().st_size < end:
@@ -546,21 +798,21 @@ def _reason_without_seal(path: Path) -> str:
 def _check_identity(path: Path, file: h5py.File, artifact_type: type, paper: str | None, reading: str | None) -> None:
     """Raise ArtifactError unless the file says that it is this artifact of this paper and reading in this layout."""
     name = artifact_type.__name__
-    found = {key: file.attrs.get(key) for key in ("artifact", "format", "schema")}
-    if found["artifact"] != name:
-        raise _refusal(path, f"holds the artifact {_shown(found['artifact'])}, not {name!r}")
+    identity = {key: file.attrs.get(key) for key in ("artifact", "format", "schema")}
+    if identity["artifact"] != name:
+        raise _refusal(path, f"holds the artifact {_short(identity['artifact'])}, not {name!r}")
     _check_owner(path, file, name, paper, reading)
-    if found["format"] != FORMAT or found["schema"] != schema_digest(artifact_type):
-        missing = sorted(set(quantities(artifact_type)) - set(file))
+    if identity["format"] != FORMAT or identity["schema"] != schema_digest(artifact_type):
+        missing = sorted(name for name in quantities(artifact_type) if not holds_field(file, name))
         hint = f" (it lacks {', '.join(missing)})" if missing else ""
         raise _refusal(path, f"artifact {name} was written by another version, whose fields differ from today's{hint}")
 
 
 def _check_owner(path: Path, file: h5py.File, name: str, paper: str | None, reading: str | None) -> None:
     for key, expected in (("paper", paper), ("reading", reading)):
-        found = file.attrs.get(key)
-        if expected is not None and found != expected:
-            raise _refusal(path, f"artifact {name} is of the {key} {_shown(found)}, not {expected!r}")
+        owner = file.attrs.get(key)
+        if expected is not None and owner != expected:
+            raise _refusal(path, f"artifact {name} is of the {key} {_short(owner)}, not {expected!r}")
 
 
 def _field(path: Path, file: h5py.File, name: str, dtype: str) -> h5py.Dataset:
@@ -568,12 +820,12 @@ def _field(path: Path, file: h5py.File, name: str, dtype: str) -> h5py.Dataset:
     dataset = member(path, file, name, h5py.Dataset)
     if dtype == "str":
         text = h5py.check_string_dtype(dataset.dtype)
-        fits = text is not None and text.length is not None
+        has_type = text is not None and text.length is None
     else:
         # A bool is an enumeration to HDF5, another one is not a number here.
-        named = dtype != "bool" and h5py.check_enum_dtype(dataset.dtype)
-        fits = dataset.dtype == np.dtype(_STORED_DTYPES[dtype]) and not named
-    if not fits:
+        enumeration = dtype != "bool" and h5py.check_enum_dtype(dataset.dtype)
+        has_type = dataset.dtype == np.dtype(_STORED_DTYPES[dtype]) and not enumeration
+    if not has_type:
         raise _refusal(path, f"field '{name}' is of type {dataset.dtype}, not {dtype}")
     _check_stored(path, dataset)
     return dataset
@@ -581,8 +833,7 @@ def _field(path: Path, file: h5py.File, name: str, dtype: str) -> h5py.Dataset:
 
 def _read_field(path: Path, dataset: h5py.Dataset, dtype: str) -> np.ndarray:
     try:
-        array = np.asarray(dataset[()])
-        return np.asarray(np.char.decode(array, "utf-8")) if dtype == "str" else array
+        return _as_text(np.asarray(dataset.asstr()[()])) if dtype == "str" else np.asarray(dataset[()])
     except Exception as error:
         raise _refusal(path, f"field '{dataset.name.lstrip('/')}' cannot be read ({_first_line(error)})") from error
 
@@ -603,8 +854,8 @@ def _refusal(path: Path, what: str) -> ArtifactError:
     return ArtifactError(f"{path}: {what}: {REBUILD}")
 
 
-def _shown(value: object) -> str:
-    """A value that a file holds as a message shows it: in one line, and short."""
+def _short(value: object) -> str:
+    """A short text, in one line, of a value that a file holds."""
     text = repr(value).replace("\n", " ")
     return text if len(text) <= 80 else text[:77] + "..."
 

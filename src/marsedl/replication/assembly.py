@@ -1,4 +1,4 @@
-"""Gather what the report says from the catalogues, the readings and the product files."""
+"""Collect the contents of the report from the catalogues, the readings and the product files."""
 
 import inspect
 import json
@@ -15,8 +15,9 @@ from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Paper, Stage
 from marsedl.replication.claims import read_claims
 from marsedl.replication.closeups import CloseUp
-from marsedl.replication.jobs import given
+from marsedl.replication.jobs import arguments_of
 from marsedl.replication.libraries import library_versions
+from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.report import (
     Comparison,
     ErratumEntry,
@@ -28,7 +29,7 @@ from marsedl.replication.report import (
     TableEntry,
 )
 from marsedl.replication.sections import Inputs
-from marsedl.replication.tables import read_table
+from marsedl.replication.tables import read_markdown, read_table
 
 LIBRARIES = (
     *("snakemake", "numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel", "h5py", "pydantic", "matplotlib"),
@@ -55,7 +56,7 @@ def paper_report(
     paths: Paths,
     benchmarks: Sequence[Sequence[str]] = (),
 ) -> PaperReport:
-    """Say all there is to say about one paper.
+    """Return the contents of the report on one paper.
 
     Args:
         catalogue: its bill of materials.
@@ -67,8 +68,10 @@ def paper_report(
 
     Raises:
         ArtifactError: an artifact is missing or damaged.
+        InputError: a text quotes the number of a claim or reading that does not exist.
 
     """
+    catalogue = with_numbers(catalogue, Quotes(by_id(claims), readings))
     folder = Path("figures") / catalogue.slug
     captions = {stem: (product.caption, product.beyond) for stem, product in catalogue.tables.items()}
     captions |= {stem: (caption, True) for stem, caption in catalogue.summaries.items()}
@@ -81,7 +84,7 @@ def paper_report(
         )
         for name in model.names()
     ]
-    shown = paths.get(DEFAULT, {})
+    default_files = paths.get(DEFAULT, {})
     return PaperReport(
         slug=catalogue.slug,
         title=catalogue.title,
@@ -99,18 +102,22 @@ def paper_report(
             )
             for stem, item in catalogue.figures.items()
         ],
-        tables=[_table(folder, stem, *said) for stem, said in captions.items()],
-        errata=[ErratumEntry(e.id, e.printed, e.evidence, e.used) for e in catalogue.errata],
+        tables=[_table(folder, stem, *caption_and_beyond) for stem, caption_and_beyond in captions.items()],
+        errata=[ErratumEntry(e.id, e.printed, e.evidence, e.used, e.title, e.kept_by) for e in catalogue.errata],
         verdicts=f"report/claims/{catalogue.slug}.json",
-        closeups=closeups(catalogue, shown),
+        authors=catalogue.authors,
+        question=catalogue.question,
+        in_short=catalogue.in_short,
+        picture=catalogue.picture,
+        closeups=closeups(catalogue, default_files),
         run_times=run_times(benchmarks, [catalogue.slug]),
         solvers=solver_rows(paths),
-        provenance=provenance_rows(shown, catalogue.stages, _seed(readings[DEFAULT]["inputs"])),
+        provenance=provenance_rows(default_files, catalogue.stages, _seed(readings[DEFAULT]["inputs"])),
     )
 
 
 def comparison(products: Mapping[str, Any]) -> Comparison:
-    """Say what is found by comparing the papers. products: by stem, with the captions `figure` and `table`."""
+    """Return the contents of the comparison of papers. products: by stem, with the captions `figure` and `table`."""
     folder = Path("figures") / "comparison"
     return Comparison(
         [_figure(folder, stem, product.figure) for stem, product in products.items()],
@@ -123,12 +130,12 @@ def is_about(where: str, stem: str) -> bool:
 
     A figure named without its letter is all of its parts, and a part of a figure that is drawn whole is that figure.
     """
-    drawn = re.fullmatch(r"fig0*(\d+)([a-z]?)", stem)
-    if not drawn:
+    label = re.fullmatch(r"fig0*(\d+)([a-z]?)", stem)
+    if not label:
         return False
     lists = re.findall(r"Figs?\. ((?:\d+[a-z]?(?:, | and )?)+)", where)
-    named = [part for text in lists for part in re.findall(r"(\d+)([a-z]?)", text)]
-    return any(number == drawn[1] and (letter == drawn[2] or not letter or not drawn[2]) for number, letter in named)
+    figures = [part for text in lists for part in re.findall(r"(\d+)([a-z]?)", text)]
+    return any(number == label[1] and (letter == label[2] or not letter or not label[2]) for number, letter in figures)
 
 
 def _figure(folder: Path, stem: str, caption: str, beyond: bool = False) -> FigureEntry:
@@ -137,8 +144,8 @@ def _figure(folder: Path, stem: str, caption: str, beyond: bool = False) -> Figu
 
 
 def _table(folder: Path, stem: str, caption: str, beyond: bool = False) -> TableEntry:
-    path = folder / f"{stem}.csv"
-    return TableEntry(stem, caption, read_table(path), (f"{path}", f"{folder / stem}.md"), beyond)
+    path = folder / f"{stem}.md"
+    return TableEntry(stem, caption, read_markdown(path), (f"{folder / stem}.csv", f"{path}"), beyond)
 
 
 def environment(
@@ -148,7 +155,7 @@ def environment(
     slugs: Iterable[str],
     machines: Sequence[Sequence[str]] = (),
 ) -> dict:
-    """Say what holds for all papers: size, software, digests, measurements of no single paper, other machines."""
+    """Return what concerns all papers: size, software, digests, run times of no single paper, other machines."""
     return {
         "size": size,
         "citation": CITATION,
@@ -181,18 +188,18 @@ def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     if not machines:
         return []
     header = ("machine", "what is different there", "papers", "verdicts changed", "numbers beyond tolerance")
-    found = [[*header, "worst margin"]]
+    table = [[*header, "worst margin"]]
     rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
     for name in dict.fromkeys(row["machine"] for row in rows):
-        mine = [row for row in rows if row["machine"] == name]
-        verdicts = [row for row in mine if not row["margin"]]
-        numbers = [row for row in mine if row["margin"]]
+        rows_of_machine = [row for row in rows if row["machine"] == name]
+        verdicts = [row for row in rows_of_machine if not row["margin"]]
+        numbers = [row for row in rows_of_machine if row["margin"]]
         worst = max(numbers, key=lambda row: float(row["margin"]))
         counts = [f"{_sum(part, 'beyond'):,} of {_sum(part, 'numbers'):,}" for part in (verdicts, numbers)]
         place = f" ({worst['paper']}, {worst['artifact']}: {worst['worst']})" if worst["worst"] else ""
-        papers = str(len({row["paper"] for row in mine}))
-        found.append([name, mine[0]["setting"], papers, *counts, worst["margin"] + place])
-    return found
+        papers = str(len({row["paper"] for row in rows_of_machine}))
+        table.append([name, rows_of_machine[0]["setting"], papers, *counts, worst["margin"] + place])
+    return table
 
 
 def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
@@ -209,8 +216,8 @@ def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
         if row["margin"]
     }
     artifacts = dict.fromkeys(key[:2] for key in cells)
-    found = [[*key, *(cells.get((*key, name), "–") for name in names)] for key in artifacts]
-    return [["paper", "artifact", *names], *found] if found else []
+    margins = [[*key, *(cells.get((*key, name), "–") for name in names)] for key in artifacts]
+    return [["paper", "artifact", *names], *margins] if margins else []
 
 
 def _sum(rows: Iterable[Mapping[str, str]], column: str) -> int:
@@ -218,12 +225,12 @@ def _sum(rows: Iterable[Mapping[str, str]], column: str) -> int:
 
 
 def solver_rows(paths: Paths) -> list[list[str]]:
-    """How the iterative solvers of all readings ended: one row for each field that says so, the first row the header.
+    """How the iterative solvers of all readings ended: a row for each field that records it, the first row the header.
 
     A field `status` or `<what>_status` says in words how each solve ended; `converged` or `<what>_converged` whether.
     Fields `iterations` and `residual` of the same name say after how many steps, and with what error.
     """
-    ended: dict[tuple[str, str], Counter] = {}
+    endings: dict[tuple[str, str], Counter] = {}
     where: dict[tuple[str, str], dict[str, set]] = {}
     steps: dict[tuple[str, str], list] = {}
     errors: dict[tuple[str, str], list] = {}
@@ -231,37 +238,37 @@ def solver_rows(paths: Paths) -> list[list[str]]:
         reading = Path(path).parent.name
         for what, states, iterations, residual in _solves(Path(path)):
             key = (name, what)
-            ended.setdefault(key, Counter()).update(states)
+            endings.setdefault(key, Counter()).update(states)
             for state in states:
                 where.setdefault(key, {}).setdefault(state, set()).add(reading)
             steps.setdefault(key, []).extend(iterations)
             errors.setdefault(key, []).extend(residual)
-    if not ended:
+    if not endings:
         return []
     rows = [["stage", "solved", "how it ended, over all readings", "solves", "iterations", "largest residual"]]
-    for key, states in ended.items():
+    for key, states in endings.items():
         usual = states.most_common(1)[0][0]
-        said = [f"{states[usual]} {usual}"]
-        said += [
+        outcomes = [f"{states[usual]} {usual}"]
+        outcomes += [
             f"{count} {state} ({', '.join(name for name in paths if name in where[key][state])})"
             for state, count in states.items()
             if state != usual
         ]
         least, most = (min(steps[key]), max(steps[key])) if steps[key] else (None, None)
-        taken = "–" if least is None else f"{least:,}" if least == most else f"{least:,} to {most:,}"
+        iterations_range = "–" if least is None else f"{least:,}" if least == most else f"{least:,} to {most:,}"
         residual = f"{max(errors[key]):.1e}" if errors[key] else "–"
-        rows.append([*key, "; ".join(said), f"{states.total():,}", taken, residual])
+        rows.append([*key, "; ".join(outcomes), f"{states.total():,}", iterations_range, residual])
     return rows
 
 
 def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
-    """What an artifact says of its solves: their name, how each ended, their numbers of iterations, their residuals."""
-    found = []
+    """The solves recorded in an artifact: name, how each ended, numbers of iterations, residuals."""
+    solves = []
     with artifacts.opened(path) as file:
 
         def values(*names):
-            fields = [artifacts.read_array(path, file[name]).ravel() for name in names if name in file]
-            return fields[0].tolist() if fields else []
+            present = next((name for name in names if artifacts.holds_field(file, name)), None)
+            return artifacts.read_array(path, file[present]).ravel().tolist() if present else []
 
         for name in sorted(file):
             prefix, _, last = name.rpartition("_")
@@ -275,8 +282,8 @@ def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
             more = () if prefix else ("solver_iterations", "worst_residual")
             iterations = values(f"{beside}iterations", *more[:1])
             residuals = [value for value in values(f"{beside}residual", *more[1:]) if math.isfinite(value)]
-            found.append((prefix.replace("_", " ") or path.stem, states, iterations, residuals))
-    return found
+            solves.append((prefix.replace("_", " ") or path.stem, states, iterations, residuals))
+    return solves
 
 
 def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed: str) -> list[list[str]]:
@@ -292,12 +299,12 @@ def provenance_rows(files: Mapping[str, str], stages: Mapping[str, Stage], seed:
         with artifacts.opened(path) as file:
             meaning = file.attrs["meaning"]
         if name in stages:
-            kept = artifacts.provenance(path)
-            sources, drawn, code = kept["made_from"], _seed(kept["inputs"]), kept["code"]
+            provenance = artifacts.provenance(path)
+            sources, seed_used, code = provenance["made_from"], _seed(provenance["inputs"]), provenance["code"]
         else:
-            sources, drawn, code = [f"{need}.h5" for need in stages["montecarlo"].needs], seed, "–"
+            sources, seed_used, code = [f"{need}.h5" for need in stages["montecarlo"].needs], seed, "–"
         made_from = ", ".join(Path(source).stem for source in sorted(sources)) or "inputs alone"
-        rows.append([name, meaning, made_from, drawn, code])
+        rows.append([name, meaning, made_from, seed_used, code])
     return rows
 
 
@@ -326,13 +333,13 @@ def closeups(catalogue: Paper, files: Mapping[str, str]) -> list[CloseUp]:
             return None
         return artifacts.load(files[name], kind, paper=catalogue.slug, reading=Path(files[name]).parent.name)
 
-    drawn = []
+    plots = []
     for name in catalogue.closeups:
         function = getattr(import_module(f"marsedl.papers.{catalogue.slug}.closeups"), name)
-        arguments = given(function, {}, load)
+        arguments = arguments_of(function, {}, load)
         if arguments.keys() == inspect.signature(function).parameters.keys():
-            drawn.append(function(**arguments))
-    return drawn
+            plots.append(function(**arguments))
+    return plots
 
 
 def _seed(inputs: Mapping[str, Any]) -> str:
@@ -341,8 +348,8 @@ def _seed(inputs: Mapping[str, Any]) -> str:
     return str(seeds[0][1] if isinstance(seeds[0], list) else seeds[0]) if seeds else "–"
 
 
-def _value(name, key, written, source) -> InputValue:
+def _value(name, key, value, source) -> InputValue:
     """An input as it is written; with its suffix if it has one."""
     suffix = key.removeprefix(name.rpartition(".")[2]).removeprefix("_")
-    shown = "–" if written is None else json.dumps(written) if isinstance(written, list) else str(written)
-    return InputValue(f"{shown} {suffix}".strip(), source)
+    text = "–" if value is None else json.dumps(value) if isinstance(value, list) else str(value)
+    return InputValue(f"{text} {suffix}".strip(), source)

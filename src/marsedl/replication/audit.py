@@ -1,4 +1,4 @@
-"""The audit: that nothing in the project is left hanging, and that nothing can vanish silently.
+"""The audit: every claim, figure, input and erratum has what belongs to it, and nothing disappears unnoticed.
 
 Every rule counts what it looked at, and the counts are committed in `data/reference/audit.json`. What belongs to a
 paper is counted exactly; of files, which come and go with every change, no fewer may be looked at than before.
@@ -24,7 +24,7 @@ from marsedl.replication.claims import (
     write_text,
 )
 from marsedl.replication.code_digest import remembered_digests
-from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.errors import InputError, MarsedlError, nearest, shown
 from marsedl.replication.inputs import Study
 from marsedl.replication.verification import built_verdicts, committed_verdicts, planned_files, snakemake
 
@@ -33,7 +33,7 @@ PROJECT = "project"  # the part of what belongs to no paper
 
 _FIGURE_FILES = ("png", "pdf")
 _TABLE_FILES = ("csv", "md")
-# Folders of one machine. An interpreter named in the first line of a script is none.
+# Folders of one machine. An interpreter named in the first line of a script does not count.
 _MACHINE_PATH = re.compile(
     r"(?<![\w.:/~<-])(?:file://)?/(?:home|root|work|tmp|usr|opt|var|etc|mnt|srv|media|Users|private|scratch)/\w"
     r"|\b[A-Z]:\\{1,2}Users\b"
@@ -52,7 +52,7 @@ _UNPREDICTABLE = ("time.", "datetime.", "uuid.", "secrets.", "os.urandom", "os.g
 
 @dataclass(frozen=True)
 class Subject:
-    """A paper as the audit sees it: its catalogue, its readings, what it prints, and what is stated about that."""
+    """A paper as the audit sees it: its catalogue, its readings, what it prints, and what is declared about it."""
 
     paper: Paper
     study: Study
@@ -62,7 +62,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Result:
-    """What a rule counted in one part of the project, a paper or `PROJECT`, and what it found amiss there."""
+    """What a rule counted in one part of the project, a paper or `PROJECT`, and the problems it found there."""
 
     rule: str
     part: str
@@ -133,14 +133,14 @@ def evaluated_claims(subject: Subject, verdicts: Mapping[str, Mapping[str, str]]
     """Every printed claim has a verdict in some reading, and every verdict a printed claim."""
     slug, ids = subject.paper.slug, [claim.id for claim in subject.published]
     findings = [
-        f"data/published/{slug}.yaml: claim {name} has no result; evaluate it in src/marsedl/papers/{slug}/claims.py "
-        "and run 'snakemake claims'"
+        f"data/published/{slug}.yaml: claim {name} has no result; write its function in "
+        f"src/marsedl/papers/{slug}/claims and run 'snakemake claims'"
         for name in ids
         if not verdicts.get(name)
     ]
     findings += [
-        f"data/published/{slug}.yaml: claim {name} has a result and is not printed; run 'snakemake claims' if it was "
-        "taken out on purpose"
+        f"data/published/{slug}.yaml: claim {name} has a result but is not in this file; run 'snakemake claims' if "
+        "it was removed on purpose"
         for name in verdicts
         if name not in ids
     ]
@@ -153,7 +153,7 @@ def reasons(subject: Subject, verdicts: Mapping[str, Mapping[str, str]]) -> Resu
     refuted = [name for name, entry in verdicts.items() if entry.get(DEFAULT_READING) in REFUTED_VERDICTS]
     findings = [
         f"{slug}: claim {name} differs or fails and is unexplained; name an erratum or a withheld input in "
-        f"src/marsedl/papers/{slug}/claims.py"
+        f"the claim's decorator in src/marsedl/papers/{slug}/claims"
         for name in refuted
         if not explains(subject.declarations.get(name, Declaration()))
     ]
@@ -161,8 +161,13 @@ def reasons(subject: Subject, verdicts: Mapping[str, Mapping[str, str]]) -> Resu
 
 
 def figures(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> Result:
-    """Every figure of the catalogue has targets, of every reading, and a drawing function."""
-    findings = _products(paper, "figures", paper.figures, (True, False), planned, has_function)
+    """Every figure of the catalogue has targets, of every reading, and a drawing function; `picture` is one of them."""
+    findings = [*_products(paper, "figures", paper.figures, (True, False), planned, has_function)]
+    if paper.picture and paper.picture not in paper.figures:
+        findings.append(
+            f"src/marsedl/papers/{paper.slug}/texts.yaml: picture: there is no figure {shown(paper.picture)}; "
+            f"{nearest(paper.picture, paper.figures)}"
+        )
     return Result("figures, each with targets and a drawing function", paper.slug, len(paper.figures), tuple(findings))
 
 
@@ -180,7 +185,7 @@ def _products(paper, kind, stems, defaults, planned, has_function) -> Iterator[s
     for stem in stems:
         where = f"src/marsedl/papers/{paper.slug}/{kind}.py"
         if not has_function(f"marsedl.papers.{paper.slug}.{kind}:{stem}"):
-            yield f"{where}: no function {stem}, which the paper's catalogue names; write it, or take it out there"
+            yield f"{where}: no function {stem}, which the paper's catalogue names; write it, or remove it there"
         for default in defaults:
             for path in _files(paper.slug, kind, stem, default):
                 if path not in planned.files:
@@ -188,7 +193,7 @@ def _products(paper, kind, stems, defaults, planned, has_function) -> Iterator[s
 
 
 def _no_target(path: str) -> str:
-    return f"{path}: no target; mend workflow/rules so that a rule makes it"
+    return f"{path}: no target; add a rule to workflow/rules that makes it"
 
 
 def _files(slug: str, kind: str, stem: str, default: bool) -> list[str]:
@@ -198,8 +203,8 @@ def _files(slug: str, kind: str, stem: str, default: bool) -> list[str]:
 
 def _of_another_reading(paper: Paper) -> list[str]:
     """The products of a reading that `snakemake all` does not draw: targets of every reading exist, or none."""
-    found = [name for stem in paper.figures for name in _files(paper.slug, "figures", stem, False)]
-    return found + [name for stem in paper.tables for name in _files(paper.slug, "tables", stem, False)]
+    names = [name for stem in paper.figures for name in _files(paper.slug, "figures", stem, False)]
+    return names + [name for stem in paper.tables for name in _files(paper.slug, "tables", stem, False)]
 
 
 def stages(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> Result:
@@ -208,9 +213,7 @@ def stages(paper: Paper, planned: Plan, has_function: Callable[[str], bool]) -> 
     for name, stage in paper.stages.items():
         rule = f"{paper.slug}_{name}"
         if rule not in planned.rules:
-            findings.append(
-                f"workflow/rules/stages.smk: no rule {rule} for the stage {name}; mend its loop over stages"
-            )
+            findings.append(f"workflow/rules/stages.smk: no rule {rule} for the stage {name}; fix its loop over stages")
         for entry in stage.entries:
             if not has_function(entry):
                 module, _, function = entry.partition(":")
@@ -232,33 +235,48 @@ def _functions(root: Path) -> Callable[[str], bool]:
 
 
 def inputs(subject: Subject) -> Result:
-    """Every input has a source in every reading; counted as often as one is written."""
-    study, written, findings = subject.study, 0, []
+    """Every input has a source in every reading; inputs are counted as often as readings set them."""
+    study, count, findings = subject.study, 0, []
     for reading in study.readings.values():
-        written += len(reading.differences())
+        count += len(reading.differences())
         findings += [
             f"{reading.origin}: readings.{reading.name}.{name}: no source; say where the value comes from, or "
             "'assumed: why'"
             for name in reading.inputs.names()
             if name not in reading.sources or not reading.sources[name].source.strip()
         ]
-    return Result("inputs as written, each with a source", study.paper, written, tuple(findings))
+    return Result("inputs as written, each with a source", study.paper, count, tuple(findings))
 
 
 def errata(subject: Subject) -> Result:
-    """Every erratum has a place where it is used: a claim, a reading or the source of an input that names it."""
+    """Every erratum is named by a claim, a reading or the source of an input; readings that keep it exist."""
     slug, readings = subject.paper.slug, subject.study.readings.values()
-    said = [" ".join([*d.errata, d.reason, d.close.reason if d.close else ""]) for d in subject.declarations.values()]
-    said += [text for r in readings for text in (r.summary, *(source.source for source in r.sources.values()))]
+    texts = [" ".join([*d.errata, d.reason, d.close.reason if d.close else ""]) for d in subject.declarations.values()]
+    texts += [text for r in readings for text in (r.summary, *(source.source for source in r.sources.values()))]
     findings = [
         f"src/marsedl/papers/{slug}/__init__.py: erratum {erratum.id} ({erratum.printed}) is used nowhere; name it in "
         "the claim, the reading or the source of the input that it bears on"
         for erratum in subject.paper.errata
-        if not any(re.search(rf"\b{re.escape(erratum.id)}\b", text) for text in said)
+        if not any(re.search(rf"\b{re.escape(erratum.id)}\b", text) for text in texts)
+    ]
+    findings += [
+        f"src/marsedl/papers/{slug}/texts.yaml: errata.{erratum.id}.kept_by: {problem}"
+        for erratum in subject.paper.errata
+        for name in erratum.kept_by
+        if (problem := _not_kept_by(name, subject.study.readings))
     ]
     return Result(
         "errata, each named by a claim, a reading or an input", slug, len(subject.paper.errata), tuple(findings)
     )
+
+
+def _not_kept_by(name: str, readings: Mapping[str, object]) -> str:
+    """Why an erratum cannot be kept by a reading; nothing if it can."""
+    if name not in readings:
+        return f"there is no reading {shown(name)}; {nearest(name, readings)}"
+    if name == DEFAULT_READING:
+        return f"other readings are compared with {shown(name)}; name those that differ from it"
+    return ""
 
 
 # ------------------------------------------------------------------------------------------------------ of the project
@@ -267,15 +285,15 @@ def errata(subject: Subject) -> Result:
 def plan(root: Path, targets: Iterable[str]) -> Plan:
     """Let Snakemake plan `all` and further targets, in the configured chunks and in several of every case.
 
-    Raises MarsedlError with what it said if it cannot.
+    Raises MarsedlError with Snakemake's output if it cannot.
     """
     plans = [planned_files(root, "all", *targets)]
     with ThreadPoolExecutor() as pool:  # after the first, which leaves digests of the code for them
-        listed = pool.submit(snakemake, root, "--list-rules")
+        rule_listing = pool.submit(snakemake, root, "--list-rules")
         plans.append(planned_files(root, "claims", "--config", "chunks=2"))
-        said = listed.result().stdout
+        rule_list = rule_listing.result().stdout
     return Plan(
-        rules=frozenset(line for line in said.splitlines() if re.fullmatch(r"\w+", line)),
+        rules=frozenset(line for line in rule_list.splitlines() if re.fullmatch(r"\w+", line)),
         used=frozenset(file["rule"] for files in plans for file in files.values()),
         files=frozenset(name for files in plans for name in files),
     )
@@ -297,7 +315,7 @@ def workflow_rules(planned: Plan, targets: Iterable[str]) -> Result:
     """Every rule makes something that is asked for, or is a target that users call; and these exist."""
     targets = set(targets)
     findings = [
-        f"workflow/rules: nothing asks for rule {name}; take it out, or add what it makes to a target"
+        f"workflow/rules: nothing asks for rule {name}; remove it, or add what it makes to a target"
         for name in sorted(planned.rules - planned.used - targets)
     ]
     findings += [f"Snakefile: there is no target {name}; add its rule" for name in sorted(targets - planned.rules)]
@@ -306,32 +324,34 @@ def workflow_rules(planned: Plan, targets: Iterable[str]) -> Result:
 
 def text_files(root: Path) -> dict[str, str]:
     """Return the text files that are tracked, or would be, by path; raises MarsedlError if they cannot be listed."""
-    # It lists what is not ignored in a checkout, and in a folder of files that is none.
+    # Lists files that are not ignored, in a checkout as well as in a plain folder.
     command = ["git", "grep", "--no-index", "--exclude-standard", "-lIz", "-e", ""]
     try:
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+        listing = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
-        said = getattr(error, "stderr", None) or error
-        raise MarsedlError(f"{root}: git cannot list the project's files ({said}); install git") from None
-    names = sorted(done.stdout.split("\0")[:-1])
+        reason = getattr(error, "stderr", None) or error
+        raise MarsedlError(f"{root}: git cannot list the project's files ({reason}); install git") from None
+    names = sorted(listing.stdout.split("\0")[:-1])
     return {name: (root / name).read_text(encoding="utf-8", errors="replace") for name in names}
 
 
 def machine_paths(texts: Mapping[str, str]) -> Result:
     """No file names a folder of one machine."""
-    findings = _found(texts, _MACHINE_PATH, "an absolute path; name it relative to the project")
+    findings = _matches(texts, _MACHINE_PATH, "an absolute path; name it relative to the project")
     return Result("text files, none with an absolute path", PROJECT, len(texts), tuple(findings), at_least=True)
 
 
 def index_addresses(texts: Mapping[str, str]) -> Result:
     """No file holds the address of a package index."""
-    findings = _found(texts, _INDEX_ADDRESS, "the address of a package index; leave it to the machine's configuration")
+    findings = _matches(
+        texts, _INDEX_ADDRESS, "the address of a package index; leave it to the machine's configuration"
+    )
     return Result(
         "text files, none with the address of a package index", PROJECT, len(texts), tuple(findings), at_least=True
     )
 
 
-def _found(texts: Mapping[str, str], pattern: re.Pattern, problem: str) -> Iterator[str]:
+def _matches(texts: Mapping[str, str], pattern: re.Pattern, problem: str) -> Iterator[str]:
     for name, text in texts.items():
         for number, line in enumerate(text.splitlines(), start=1):
             if pattern.search(line) and not line.startswith("#!"):
@@ -342,7 +362,7 @@ def randomness(texts: Mapping[str, str]) -> Result:
     """Every generator of random numbers is given a seed, and none has a hidden state or a seed from the clock."""
     number, findings = 0, []
     for name, text in texts.items():
-        if name.endswith(".py") and re.search("random|rvs", text):  # else there is nothing to find
+        if name.endswith(".py") and re.search("random|rvs", text):  # else it draws no random numbers
             generators, problems = _random_numbers(ast.parse(text, filename=name))
             number += generators
             findings += [f"{name}:{line}: {problem}" for line, problem in problems]
@@ -382,7 +402,7 @@ def _random_numbers(tree: ast.Module) -> tuple[int, list[tuple[int, str]]]:
 
 
 def _imported(nodes: Iterable[ast.AST]) -> dict[str, str]:
-    """What the names stand for that a module imports."""
+    """The full names of what a module imports, by the names that it uses."""
     bound = {}
     for node in nodes:
         if isinstance(node, ast.ImportFrom) and not node.level:
@@ -404,7 +424,7 @@ def _problem_of_seed(call: ast.Call | None, dotted: Callable[[ast.expr], str]) -
         names = [dotted(node.func) for node in ast.walk(seed) if isinstance(node, ast.Call)]
         for name in names:
             if name.startswith(tuple(p for p in _UNPREDICTABLE if p.endswith("."))) or name in _UNPREDICTABLE:
-                return f"is seeded by {name}, which is another one in every run; give it a number"
+                return f"is seeded by {name}, which changes in every run; give it a number"
     return ""
 
 
@@ -442,35 +462,35 @@ def findings(results: Iterable[Result]) -> list[str]:
 
 
 def count_changes(results: Sequence[Result], committed: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """Say which counts are not the committed ones, a line each."""
+    """Return the counts that differ from the committed ones, a line each."""
     if not committed:
         return [f"{COUNTS}: no counts are committed"]
     changes = []
     for result in results:
-        before = committed.get(result.rule, {}).get(result.part)
-        if before is None:
+        committed_count = committed.get(result.rule, {}).get(result.part)
+        if committed_count is None:
             changes.append(f"{result.rule}: {result.part}: {result.count}, and no count is committed")
-        elif result.count < before or (result.count > before and not result.at_least):
+        elif result.count < committed_count or (result.count > committed_count and not result.at_least):
             least = "at least " * result.at_least
-            changes.append(f"{result.rule}: {result.part}: {result.count}, committed is {least}{before}")
-    counted = {(result.rule, result.part) for result in results}
+            changes.append(f"{result.rule}: {result.part}: {result.count}, committed is {least}{committed_count}")
+    counted_parts = {(result.rule, result.part) for result in results}
     changes += [
         f"{rule}: {part}: no longer counted, committed is {count}"
         for rule, parts in committed.items()
         for part, count in parts.items()
-        if (rule, part) not in counted
+        if (rule, part) not in counted_parts
     ]
     return changes
 
 
 def format_results(results: Sequence[Result], committed: Mapping[str, Mapping[str, int]]) -> str:
-    """Write the audit for a reader: a line per rule with its counts, then every finding and every changed count."""
+    """Format the audit: a line per rule with its counts, then every finding and every changed count."""
     lines = []
     for rule, parts in _by_rule(results).items():
         several = f" ({', '.join(f'{part} {count}' for part, count in parts.items())})" if len(parts) > 1 else ""
         lines.append(f"{sum(parts.values()):6d} {rule}{several}")
-    found, changed = findings(results), count_changes(results, committed)
-    lines += [f"  {finding}" for finding in found]
-    lines += [f"  {change}" for change in changed]
-    lines.append(f"{len(found)} findings, {len(changed)} counts changed")
+    all_findings, changes = findings(results), count_changes(results, committed)
+    lines += [f"  {finding}" for finding in all_findings]
+    lines += [f"  {change}" for change in changes]
+    lines.append(f"{len(all_findings)} findings, {len(changes)} counts changed")
     return "\n".join(lines)

@@ -5,9 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from marsedl.replication.claims import summary, write_text
-
-_CONFIRMED = ("reproduced", "holds")
+from marsedl.replication.claims import NUMBERS, STATEMENTS, summary, write_text
 
 
 def badge(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
@@ -20,9 +18,12 @@ def badge(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
         The badge. Its colour says nothing: a claim that fails speaks of a paper, not of its replication.
 
     """
-    counted = summary(list(rows))["counted"]
-    confirmed, total = sum(counted[verdict] for verdict in _CONFIRMED), sum(counted.values())
-    message = f"{confirmed} of {total} counted claims reproduce or hold"
+    counts = summary(list(rows))
+    numbers, statements = counts[NUMBERS], counts[STATEMENTS]
+    message = (
+        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers; "
+        f"{statements['holds']} of {sum(statements.values())} statements"
+    )
     return {"schemaVersion": 1, "label": "replication", "message": message, "color": "blue"}
 
 

@@ -73,22 +73,29 @@ class Artifacts:
 
 @dataclass(frozen=True)
 class Erratum:
-    """A slip or gap in the printed paper: what is printed, the evidence against it, what is used instead."""
+    """A slip or gap in the printed paper: what is printed, the evidence against it, what is used instead.
+
+    `title` says it in a few words; `kept_by` are the readings that keep what is printed.
+    """
 
     id: str
     printed: str
     evidence: str
     used: str
+    title: str = ""
+    kept_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Paper:
     """The bill of materials of one replicated paper.
 
-    `stages` are filled in from the paper's functions. `figures` and `tables` exist for every reading; `summaries` are
-    tables over all readings, with their captions. `described` says in our words what each figure of the paper shows and
-    what the paper finds in it; captions say what is drawn here. `closeups` are plots of the report that a reader can
-    look into.
+    `stages` are filled in from the paper's functions, and what has captions from its `texts.yaml`. `figures` and
+    `tables` exist for every reading; `summaries` are tables over all readings, with their captions. `described` says in
+    our words what each figure of the paper shows and what the paper finds in it; captions say what is drawn here.
+    `question` is what the paper asks, in a sentence; `in_short` a few sentences on what came out; `picture` the figure
+    that shows it.
+    `closeups` are plots of the report that a reader can look into.
     A block of trials is the least that is simulated by one job. `noise` are patterns of "reading/artifact/field" whose
     numbers an ill-conditioned problem leaves to rounding: other machines are not expected to find the same. The claims
     of a `measured` paper speak of run times: its evaluators are given its rows of data/reference/benchmarks.csv.
@@ -98,12 +105,15 @@ class Paper:
     title: str
     authors: str
     citation: str
-    figures: dict[str, Product]
+    figures: dict[str, Product] = field(default_factory=dict)
     tables: dict[str, Product] = field(default_factory=dict)
     summaries: dict[str, str] = field(default_factory=dict)
     described: dict[str, str] = field(default_factory=dict)
     closeups: tuple[str, ...] = ()
     errata: tuple[Erratum, ...] = ()
+    question: str = ""
+    in_short: tuple[str, ...] = ()
+    picture: str = ""
     trials_per_block: int = 1000
     noise: tuple[str, ...] = ()
     measured: bool = False

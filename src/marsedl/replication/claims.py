@@ -7,32 +7,42 @@ each of them in every reading. `collect` compares the two by fixed rules; nobody
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from marsedl.replication.errors import ArtifactError, InputError, nearest, shown
 from marsedl.replication.sizes import FULL
 from marsedl.replication.strict_yaml import read_yaml
+from marsedl.replication.thresholds import SIGMAS, THIN
 
 REFUTED_VERDICTS = ("differs", "fails")  # which need a reason
 COUNTED_VERDICTS = ("reproduced", "close", "differs", "holds", "fails", "undetermined")
-LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted")  # inputs and literature: shown, never counted
+NUMBER_VERDICTS = ("reproduced", "close", "differs", "undetermined")
+STATEMENT_VERDICTS = ("holds", "fails", "undetermined")
+STANDING_VERDICTS = ("reproduced", "close", "holds")  # with which a claim stands
+BY_CONSTRUCTION = "by_construction"  # what cannot fail
+# Inputs, literature and what cannot fail: shown, never counted.
+LISTED_VERDICTS = ("as_stated", "not_as_stated", "quoted", BY_CONSTRUCTION)
+UNDECIDED = "undetermined"  # the kind of what the paper's own problem does not fix
+NUMBERS, STATEMENTS = "numbers", "statements"  # the two kinds of results, which are counted apart
+VERDICTS_OF = {NUMBERS: NUMBER_VERDICTS, STATEMENTS: STATEMENT_VERDICTS}
 DEFAULT_READING = "corrected"  # the reading whose verdict counts
 STATED_READING = "printed"  # the reading that must use every input as the paper states it
 NOT_EVALUATED = "–"
 UNEXPLAINED = "Not explained: this verdict is not the one for which the paper's reasons were stated."
 
+PLAIN_WORDS = 12  # in the short form of a claim, at most
+
+_MOST_TRIALS = 1e6  # times ours: what more trials cannot settle
 _MEASURED = ("deterministic", "monte_carlo")  # kinds that compare numbers with numbers
-_SIGMAS = 3.0
 _LITERAL = 1e-9  # relative slack with which an input counts as used literally (unit conversions round)
 
 
@@ -53,32 +63,48 @@ class PublishedClaim:
     resolution: Any = None  # size of the last printed digit: a number, a list shaped like `printed`, or None
     trials: int | None = None  # the paper's number of Monte Carlo trials
     note: str = ""
+    plain: str = ""  # the claim in at most `PLAIN_WORDS` words, for readers who do not know the paper
+    input: Any = None  # of a stated input that needs no code: "section.name", or a list of them
+    headline: int | None = None  # place among the claims that the paper's abstract and conclusions rest on, from 1
 
 
 def load_published(path: str | Path) -> list[PublishedClaim]:
     """Load the printed claims of the paper that gives the file its name.
 
     Args:
-        path: YAML file with the single key `claims`, a list of mappings with the fields of `PublishedClaim`.
+        path: YAML file with the key `claims`, a list of mappings with the fields of `PublishedClaim`, and `headline`,
+            the ids of the few claims that the paper's abstract and conclusions rest on, in their order.
 
     Returns:
-        The claims in the order of the file.
+        The claims in the order of the file; those of the headline have their places in it, from 1.
 
     Raises:
         InputError: the file is missing or malformed; the message names the file, the claim's id and the key.
 
     """
     path = Path(path)
-    document = read_yaml(path)
-    if not isinstance(document, dict) or set(document) != {"claims"} or not isinstance(document["claims"], list):
-        raise InputError(f"{path}: expected one key 'claims' with a list")
+    document = _printed_document(path)
     claims: dict[str, PublishedClaim] = {}
     for number, entry in enumerate(document["claims"], start=1):
         claim = _printed_claim(path, number, entry)
         if claim.id in claims:
             raise InputError(f"{path}:{entry.lines['id']}: claim {claim.id}: key 'id': used by two claims; rename one")
         claims[claim.id] = claim
+    for place, name in enumerate(document.get("headline", ()), start=1):
+        if name not in claims:
+            raise InputError(f"{path}: headline: there is no claim {shown(name)}; {nearest(str(name), claims)}")
+        claims[name] = replace(claims[name], headline=place)
     return list(claims.values())
+
+
+def _printed_document(path: Path) -> dict:
+    document = read_yaml(path)
+    if not isinstance(document, dict) or not {"claims"} <= set(document) <= {"claims", "headline"}:
+        raise InputError(f"{path}: expected the key 'claims', and 'headline' beside it or not")
+    for key, value in document.items():
+        if not isinstance(value, list):
+            raise InputError(f"{path}: key '{key}': must be a list, not {shown(value)}")
+    return document
 
 
 def load_measured(path: str | Path, paper: str) -> dict[str, float]:
@@ -116,11 +142,21 @@ def _known_kind(kind: Any) -> str:
     return kind
 
 
+def _is_short(text: Any) -> bool:
+    return isinstance(text, str) and 0 < len(text.split()) <= PLAIN_WORDS
+
+
 _EXPONENTS = "(YAML reads 1e-6 as text: write 1.0e-6)"
 _Text = Annotated[str, _must_be("text", lambda value: isinstance(value, str) and value.strip())]
 _Name = Annotated[
     str,
     _must_be("letters, digits and _", lambda value: isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9_]+", value)),
+]
+_Names = Annotated[
+    Any,
+    _must_be(
+        "an input 'section.name', or a list of them", _every(lambda v: isinstance(v, str) and re.match(r"\w+\.\w", v))
+    ),
 ]
 _Truth = Annotated[bool, _must_be("true or false", lambda value: isinstance(value, bool))]
 _Trials = Annotated[int, _must_be("a whole number above 0", lambda value: type(value) is int and value > 0)]
@@ -150,13 +186,14 @@ class _Printed(BaseModel):
     resolution: _Sizes | None = None
     trials: _Trials | None = None
     note: str = Field("", strict=True)
+    plain: Annotated[str, _must_be(f"a text of at most {PLAIN_WORDS} words", _is_short)] = ""
 
     @field_validator("resolution")
     @classmethod
     def _shaped_as_printed(cls, resolution, info):
         printed = _flatten(info.data.get("printed", 0))
         if not all(map(_is_number, printed.values())):
-            raise ValueError("what is printed is no number, so it has no last digit; leave it out")
+            raise ValueError("the printed value is not a number, so it has no last digit; leave it out")
         if isinstance(resolution, list) and _flatten(resolution).keys() != printed.keys():
             raise ValueError(f"{shown(resolution)} does not have the shape of 'printed'")
         return resolution
@@ -181,11 +218,18 @@ class _Statement(_Printed):
     printed: _Truth
 
 
+class _Input(_Printed):
+    """A stated input, with its name or names if it is an input of ours as it stands."""
+
+    input: _Names | None = None
+
+
 _OF_KIND = {
     "deterministic": _Measured,
     "monte_carlo": _MonteCarlo,
     "qualitative": _Statement,
-    **dict.fromkeys(("undetermined", "input", "context"), _Printed),
+    "input": _Input,
+    **dict.fromkeys(("undetermined", "context"), _Printed),
 }
 
 
@@ -226,6 +270,10 @@ class Evaluation:
     trials: int | None = None
     evidence: str = ""  # one sentence with computed numbers
     numbers: Mapping[str, Any] = field(default_factory=dict)  # named numbers that a reason may quote
+    failed: bool = False  # what the claim speaks of does not exist, nor do its named numbers
+    undetermined: str = ""  # why a statement could as well be judged otherwise
+    margin: Mapping[str, Any] | None = None  # how far the measure that decides a statement is from its limit
+    by_construction: str = ""  # why it cannot be otherwise in this reading
 
     def __post_init__(self) -> None:
         """Turn arrays into plain Python."""
@@ -258,23 +306,38 @@ class Declaration:
     """What a paper's code states about a claim besides its value.
 
     `reason` may quote computed numbers: `{name}` is a named number of the reading that gives the verdict (`value`,
-    `standard_error` and `z` always exist), `{target4[name]}` is that of the reading `target4`; both take a format as in
-    `{value[0]:.3f}`. A verdict `differs` or `fails` needs a reason and an erratum or a withheld input.
+    `standard_error`, `trials` and `z` always exist), `{target4[name]}` is that of the reading `target4`; both take a
+    format as in `{value[0]:.3f}`. A verdict `differs` or `fails` needs a reason and an erratum or a withheld input.
     """
 
     reason: str = ""
     errata: tuple[str, ...] = ()  # ids of errata, such as "E10"
     withheld: tuple[str, ...] = ()  # inputs that the paper does not give, in words
     close: Close | None = None
+    by_construction: str = ""  # why the claim cannot fail
 
 
 # ------------------------------------------------------------------------------------------------------------ verdicts
+
+
+class Judgement(NamedTuple):
+    """A verdict, and what it rests on."""
+
+    verdict: str | None  # None: not evaluated in this reading
+    # Of a Monte Carlo number the distance beyond the printed rounding in combined standard errors, of the component
+    # that is worst: {"largest": z, "component": [i]}, counted from 1 (None for a scalar).
+    z: dict | None = None
+    components: Any = None  # verdicts on the numbers of a row, shaped like what is printed
+    margin: Mapping[str, Any] | None = None  # how far what decides is from its limit
+    doubt: str = ""  # why it is undetermined
 
 
 def collect(
     published: Sequence[PublishedClaim],
     declarations: Mapping[str, Declaration],
     evaluations_by_reading: Mapping[str, Mapping[str, Evaluation | None]],
+    at_equal_trials: Mapping[str, Mapping[str, Evaluation | None]] | None = None,
+    *,
     default_reading: str = DEFAULT_READING,
     known_errata: Collection[str] | None = None,
     require_reasons: bool = True,
@@ -288,6 +351,8 @@ def collect(
         declarations: tolerances and reasons by claim id; a claim without one has neither.
         evaluations_by_reading: for every reading, an evaluation for every claim id (None: not evaluated in this
             reading). Quoted literature (kind `context`) may be left out.
+        at_equal_trials: evaluations of the readings that have larger ensembles than others, without these, so that
+            readings can be compared.
         default_reading: the reading whose verdict is shown first. Stated inputs are checked in the reading `printed`.
         known_errata: the paper's errata ids; when given, declarations may name no others.
         require_reasons: refuse an unexplained `differs` or `fails`; else its reason is `UNEXPLAINED`, as it must be for
@@ -312,9 +377,9 @@ def collect(
         if declaration.close is not None and claim.kind not in _MEASURED:
             raise InputError(f"{claim.paper}: claim {claim.id}: a {claim.kind} claim takes no tolerance")
         evaluations = {name: evaluations_by_reading[name].get(claim.id) or Evaluation() for name in names}
-        judged = {name: judge(claim, evaluation, declaration.close) for name, evaluation in evaluations.items()}
+        judged = {name: judge(claim, evaluation, declaration) for name, evaluation in evaluations.items()}
         first = STATED_READING if claim.kind == "input" else default_reading
-        verdict = judged[first][0]
+        verdict = judged[first].verdict
         if verdict is None:
             raise InputError(f"{claim.paper}: claim {claim.id}: not evaluated in reading {first}, so it has no verdict")
         if verdict in REFUTED_VERDICTS and not require_reasons and not explains(declaration):
@@ -329,26 +394,32 @@ def collect(
                 "id": claim.id,
                 "where": claim.where,
                 "quantity": claim.quantity,
+                "plain": claim.plain,
                 "unit": claim.unit,
                 "kind": claim.kind,
                 "printed": _finite(claim.printed, infinity="inf"),
                 "resolution": claim.resolution,
                 "trials": claim.trials,
                 "note": claim.note,
+                "headline": claim.headline,
                 "verdict": verdict,
                 "reading": first,
                 "reason": reason,
                 "errata": list(declaration.errata),
                 "withheld": list(declaration.withheld),
                 "close": close and {**vars(close), "absolute": _plain(close.absolute)},
+                "by_construction": declaration.by_construction or evaluations[first].by_construction,
                 "readings": {
                     name: {
-                        "value": _finite(evaluation.value, infinity="inf" if claim.kind == "input" else None),
-                        "standard_error": _finite(evaluation.standard_error),
-                        "trials": evaluation.trials,
-                        "verdict": judged[name][0],
+                        **_result(claim, evaluation, judged[name]),
+                        "numbers": _finite(dict(evaluation.numbers)),
                         "evidence": evaluation.evidence,
-                        "z": _finite(judged[name][1]),
+                        "doubt": judged[name].doubt,
+                        "margin": _finite(judged[name].margin),
+                        "z": _finite(judged[name].z),
+                        "at_equal_trials": _smaller(
+                            claim, declaration, evaluation, (at_equal_trials or {}).get(name, {}).get(claim.id)
+                        ),
                     }
                     for name, evaluation in evaluations.items()
                 },
@@ -357,29 +428,63 @@ def collect(
     return rows
 
 
-def judge(claim: PublishedClaim, evaluation: Evaluation, close: Close | None = None) -> tuple[str | None, dict | None]:
+def _result(claim: PublishedClaim, evaluation: Evaluation, judgement: Judgement) -> dict[str, Any]:
+    """Return a value with its verdict."""
+    return {
+        "value": _finite(evaluation.value, infinity="inf" if claim.kind == "input" else None),
+        "standard_error": _finite(evaluation.standard_error),
+        "trials": evaluation.trials,
+        "verdict": judgement.verdict,
+        "components": judgement.components,
+    }
+
+
+def _smaller(claim, declaration, evaluation, other: Evaluation | None) -> dict[str, Any] | None:
+    """Return what fewer trials give, if they are fewer; nothing where the measure is stored of all trials alone."""
+    if other is None or other.trials is None or other.trials == evaluation.trials:
+        return None
+    judgement = judge(claim, other, declaration)
+    if _sampled(evaluation.margin) and _sampled(other.margin) and other.margin["value"] == evaluation.margin["value"]:
+        return None
+    return {**_result(claim, other, judgement), "margin": _finite(judgement.margin)}
+
+
+def _sampled(margin: Mapping[str, Any] | None) -> bool:
+    return margin is not None and margin["in"] == "standard errors"
+
+
+def judge(claim: PublishedClaim, evaluation: Evaluation, declaration: Declaration | None = None) -> Judgement:
     """Compute the verdict on one claim in one reading.
 
     Args:
         claim: what the paper prints.
         evaluation: what the reading gives.
-        close: the tolerance stated beforehand, if any.
+        declaration: the tolerance that is stated beforehand, and why the claim cannot fail, if either is so.
 
     Returns:
-        The verdict (None: not evaluated in this reading) and, for a Monte Carlo claim, the deviation from the printed
-        value in combined standard errors: `{"largest": z, "component": [i]}` with the component counted from 1 (None
-        for a scalar), of the component that is worst.
+        The verdict with what it rests on.
 
     Raises:
         ArtifactError: the evaluation has the wrong shape or type, or lacks a standard error, trials or evidence.
 
     """
+    declaration = declaration or Declaration()
+    judgement = _judged(claim, evaluation, declaration.close)
+    confirmed = judgement.verdict in (*STANDING_VERDICTS, "undetermined")
+    # A statement may be false by construction; numbers that differ were not bound to agree.
+    bound = evaluation.by_construction and not evaluation.failed and (confirmed or claim.kind == "qualitative")
+    if bound or (declaration.by_construction and confirmed):
+        return judgement._replace(verdict=BY_CONSTRUCTION, components=None, doubt="")
+    return judgement
+
+
+def _judged(claim: PublishedClaim, evaluation: Evaluation, close: Close | None) -> Judgement:
     if claim.kind == "context":
-        return "quoted", None
+        return Judgement("quoted")
     if claim.kind == "undetermined":
-        return "undetermined", None
+        return Judgement("undetermined", doubt="the paper's own problem does not fix the value")
     if evaluation.value is None:
-        return None, None
+        return Judgement(None)
 
     def refuse(problem: str) -> ArtifactError:
         return ArtifactError(f"{claim.paper}: claim {claim.id}: {problem}")
@@ -389,43 +494,104 @@ def judge(claim: PublishedClaim, evaluation: Evaluation, close: Close | None = N
         raise refuse(f"the value {evaluation.value!r} does not have the shape of the printed {claim.printed!r}")
     if claim.kind == "input":
         used = all(_used_literally(values[index], printed[index]) for index in printed)
-        return ("as_stated" if used else "not_as_stated"), None
+        return Judgement("as_stated" if used else "not_as_stated")
     if claim.kind == "qualitative":
         if not isinstance(evaluation.value, bool):
             raise refuse(f"a statement is decided by true or false, found {evaluation.value!r}")
         if not evaluation.evidence.strip():
             raise refuse("the test of a statement needs a sentence of evidence")
-        return ("holds" if evaluation.value == claim.printed else "fails"), None
+        verdict = "holds" if evaluation.value == claim.printed else "fails"
+        verdict = "undetermined" if evaluation.undetermined else verdict
+        return Judgement(verdict, margin=evaluation.margin, doubt=evaluation.undetermined)
 
     if not all(_is_number(value) for value in values.values()):
         raise refuse(f"expected numbers, found {evaluation.value!r}")
-    resolution = _broadcast(claim.resolution, printed)
-    z = None
-    if claim.kind == "monte_carlo":
-        z, reproduced = _monte_carlo(claim, evaluation, printed, values, resolution, refuse)
+    bounds = _close_bounds(claim, close, printed, refuse)
+    differences = {index: values[index] - printed[index] for index in printed}
+    halves = {index: 0.5 * size for index, size in _broadcast(claim.resolution, printed).items()}
+    errors = paper_errors = dict.fromkeys(printed, 0.0)
+    if claim.kind == "monte_carlo" and all(math.isfinite(value) for value in values.values()):
+        errors = _standard_errors(claim, evaluation, values, refuse)
+        # The paper gives no standard errors: its trials are taken to spread like ours.
+        paper_errors = {i: error * math.sqrt(evaluation.trials / claim.trials) for i, error in errors.items()}
+    parts = {
+        i: _component(differences[i], halves[i], errors[i], paper_errors[i], bounds[i], printed[i]) for i in printed
+    }
+    verdicts = [part.verdict for part in parts.values()]
+    verdict = next(v for v in ("differs", "undetermined", "close", "reproduced") if v in verdicts)
+    deciding = [part for part in parts.values() if part.verdict == verdict]
+    nearest_one = (max if verdict == "differs" else min)(deciding, key=lambda part: part.margin["distance"])
+    more = max((part.more for part in deciding), default=1.0) if verdict == "undetermined" else 1.0
+    doubt = "our sampling error decides" if verdict == "undetermined" else ""
+    if more > 1.0:
+        doubt += f"; about {float(f'{more * evaluation.trials:.2g}'):,.0f} trials would settle it"
+    return Judgement(
+        verdict,
+        _largest_z(parts) if claim.kind == "monte_carlo" else None,
+        _nested(claim.printed, {index: part.verdict for index, part in parts.items()}),
+        nearest_one.margin,
+        doubt,
+    )
+
+
+class _Component(NamedTuple):
+    """The verdict on one number."""
+
+    verdict: str
+    z: float
+    margin: dict[str, Any]
+    more: float = 1.0  # so many times our trials would decide
+
+
+def _component(difference, half, error, paper_error, bound, printed) -> _Component:
+    """Judge one number by its difference from the printed one.
+
+    half: of the last printed digit; error, paper_error: standard errors of our number and of the paper's; bound: of
+    what is close, or nothing.
+    """
+    combined = math.hypot(error, paper_error)
+    size = abs(difference)
+    # A number exactly on the rounding edge may be off by its own floating-point noise.
+    tolerance = half * (1 + 2e-9) + 1e-15 * abs(printed) + SIGMAS * combined
+    if combined and math.isfinite(size):
+        z = math.copysign(max(size - half, 0.0) / combined, difference)
     else:
-        reproduced = all(
-            # a number exactly on the rounding edge may be off by its own floating-point noise
-            abs(values[i] - printed[i]) <= resolution[i] * (0.5 + 1e-9) + 1e-15 * abs(printed[i])
-            for i in printed
-        )
-    if reproduced:
-        return "reproduced", z
-    if close is not None:
-        if close.relative is not None:
-            bound = {index: close.relative * abs(number) for index, number in printed.items()}
-        else:
-            bound = _broadcast(_plain(close.absolute), printed)
-        if bound.keys() != printed.keys():
-            raise refuse(f"the tolerance {close.absolute!r} does not have the shape of the printed {claim.printed!r}")
-        if all(abs(values[i] - printed[i]) <= bound[i] * (1 + 1e-9) for i in printed):
-            return "close", z
-    return "differs", z
+        z = 0.0 if size <= tolerance else math.inf
+    scale = combined or half
+    margin = {
+        "measure": "difference from the printed value",
+        "value": difference,
+        "limit": tolerance,
+        "unit": "",
+        "distance": abs(size - tolerance) / scale if math.isfinite(size) else math.inf,
+        "in": "standard errors" if combined else "limits",
+    }
+    if error and abs(size - tolerance) < error:
+        more = 1.0
+        while abs(size - half - SIGMAS * math.hypot(error / math.sqrt(more), paper_error)) < error / math.sqrt(more):
+            more *= 1.5
+            if more > _MOST_TRIALS:
+                more = 1.0
+                break
+        return _Component("undetermined", z, margin, more)
+    if size <= tolerance:
+        return _Component("reproduced", z, margin)
+    return _Component("close" if bound is not None and size <= bound * (1 + 1e-9) else "differs", z, margin)
 
 
-def _monte_carlo(claim, evaluation, printed, values, resolution, refuse) -> tuple[dict | None, bool]:
-    if not all(math.isfinite(value) for value in values.values()):
-        return None, False
+def _close_bounds(claim, close: Close | None, printed, refuse) -> dict:
+    """The bound of what is close for every number; nothing without a tolerance."""
+    if close is None:
+        return dict.fromkeys(printed)
+    if close.relative is not None:
+        return {index: close.relative * abs(number) for index, number in printed.items()}
+    bounds = _broadcast(_plain(close.absolute), printed)
+    if bounds.keys() != printed.keys():
+        raise refuse(f"the tolerance {close.absolute!r} does not have the shape of the printed {claim.printed!r}")
+    return bounds
+
+
+def _standard_errors(claim, evaluation, values, refuse) -> dict:
     if evaluation.standard_error is None or evaluation.trials is None:
         raise refuse("a Monte Carlo value needs its standard error and its number of trials")
     errors = _flatten(evaluation.standard_error)
@@ -435,16 +601,21 @@ def _monte_carlo(claim, evaluation, printed, values, resolution, refuse) -> tupl
         raise refuse(f"a standard error must be finite and not negative, found {evaluation.standard_error!r}")
     if not _is_number(evaluation.trials) or evaluation.trials < 1:
         raise refuse(f"the number of trials must be positive, found {evaluation.trials!r}")
-    # The paper gives no standard errors: its trials are taken to spread like ours.
-    paper_scale = evaluation.trials / claim.trials
-    z = {
-        index: (values[index] - printed[index])
-        / math.sqrt(errors[index] ** 2 * (1.0 + paper_scale) + resolution[index] ** 2 / 12.0)
-        for index in printed
-    }
-    worst = max(z, key=lambda index: abs(z[index]))
-    component = [i + 1 for i in worst] if worst else None
-    return {"largest": z[worst], "component": component}, abs(z[worst]) <= _SIGMAS * (1 + 1e-12)
+    return errors
+
+
+def _largest_z(parts: Mapping) -> dict | None:
+    worst = max(parts, key=lambda index: abs(parts[index].z))
+    if not math.isfinite(parts[worst].z):
+        return None
+    return {"largest": parts[worst].z, "component": [i + 1 for i in worst] if worst else None}
+
+
+def _nested(like: Any, leaves: Mapping, index: tuple[int, ...] = ()) -> Any:
+    """Arrange leaves by their indices in the shape of a nested list; nothing for a single number."""
+    if not isinstance(like, list):
+        return leaves[index] if index else None
+    return [_nested(item, leaves, (*index, i)) for i, item in enumerate(like)]
 
 
 def _check_ids(published, declarations, evaluations_by_reading, default_reading, known_errata) -> None:
@@ -477,14 +648,24 @@ def explains(declaration) -> bool:
     return bool(declaration.reason.strip() and (declaration.errata or declaration.withheld))
 
 
-class _NotBuilt:
-    """Every number of a reading that was not built."""
+@dataclass(frozen=True)
+class _Words:
+    """Words in place of every number."""
+
+    words: str
 
     def __getitem__(self, _):
         return self
 
     def __format__(self, _):
-        return "not built"
+        return self.words
+
+
+class _OfFailed(dict):
+    """Named numbers of a reading where some do not exist."""
+
+    def __missing__(self, _):
+        return _Words("none")
 
 
 def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -> str:
@@ -497,20 +678,24 @@ def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -
             " names an erratum or an input which the paper withholds"
         )
     quotable = {
-        name: {
-            "value": evaluation.value,
-            "standard_error": evaluation.standard_error,
-            "z": judged[name][1] and judged[name][1]["largest"],
-            **evaluation.numbers,
-        }
+        name: (_OfFailed if evaluation.failed else dict)(
+            {
+                "value": evaluation.value,
+                "standard_error": evaluation.standard_error,
+                "trials": evaluation.trials,
+                "z": judged[name].z and judged[name].z["largest"],
+                **evaluation.numbers,
+            }
+        )
         for name, evaluation in evaluations.items()
     }
-    quotable |= dict.fromkeys(left_out, _NotBuilt())
+    quotable |= dict.fromkeys(left_out, _Words("not built"))
     clash = quotable.keys() & quotable[first].keys()
     if clash:
         raise InputError(f"{where}: {sorted(clash)[0]!r} is the name of a reading and of a number")
     try:
-        text = declaration.reason.format_map({**quotable, **quotable[first]})
+        own = quotable[first]
+        text = declaration.reason.format_map(type(own)({**quotable, **own}))
     except (LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{where}: the reason quotes a number that does not exist: {error!r}") from error
     # what the sentence names itself is not named twice
@@ -543,8 +728,13 @@ def write_claims(rows: Iterable[Mapping[str, Any]], path: str | Path) -> None:
     names = [(row["paper"], row["id"]) for row in rows]
     if len(set(names)) != len(names):
         raise ArtifactError(f"{path}: a claim is written twice")
+    write_json(rows, path)
+
+
+def write_json(value: Any, path: str | Path) -> None:
+    """Write plain values as JSON; raises ArtifactError for a number that is not finite."""
     try:
-        text = json.dumps(rows, indent=2, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
     except ValueError as error:
         raise ArtifactError(f"{path}: a number is not finite: {error}") from error
     write_text(path, text + "\n")
@@ -575,13 +765,35 @@ def read_claims(path: str | Path) -> list[dict[str, Any]]:
     return rows
 
 
+def read_counterexamples(path: str | Path) -> dict[str, dict[str, Any] | None]:
+    """Read the counterexamples of a paper's counted claims; raises ArtifactError if they cannot be read."""
+    try:
+        return dict(json.loads(Path(path).read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise ArtifactError(f"{path}: cannot be read ({error}); delete it and run 'snakemake claims'") from None
+
+
+def with_counterexamples(
+    rows: Iterable[Mapping[str, Any]], counterexamples: Mapping[str, Mapping[str, Any] | None]
+) -> list[dict[str, Any]]:
+    """Return rows of claims, each with its counterexample, and whether its verdict is thin."""
+    return [{**row, "counterexample": counterexamples.get(row["id"]), "thin": is_thin(row)} for row in rows]
+
+
+def is_thin(row: Mapping[str, Any]) -> bool:
+    """Whether a counted verdict is so far from its limit that it could hardly be another one."""
+    margin = row["readings"].get(row["reading"], {}).get("margin")
+    confirmed = row["verdict"] in ("holds", "reproduced")
+    return bool(confirmed and margin and margin["distance"] is not None and margin["distance"] > THIN)
+
+
 def _wrong_in_row(row: Any) -> str:
     """What is wrong with a row of claims, in words; nothing if it has the shape that `collect` gives it."""
     if not isinstance(row, dict):
         return "is not a set of keys with values"
     texts = ("paper", "id", "where", "quantity", "unit", "kind", "verdict", "reading", "reason")
     if wrong := next((key for key in texts if not isinstance(row.get(key), str)), None):
-        return f"the key '{wrong}' is missing or not a text"
+        return f"the key '{wrong}' is missing or is not text"
     if missing := next((key for key in ("printed", "resolution") if key not in row), None):
         return f"the key '{missing}' is missing"
     readings = row.get("readings")
@@ -594,7 +806,7 @@ def _wrong_in_row(row: Any) -> str:
             if key not in result:
                 return f"the key 'readings.{name}.{key}' is missing"
         if not isinstance(result["verdict"], str | None):
-            return f"readings.{name}.verdict is not a text"
+            return f"readings.{name}.verdict is not text"
     return ""
 
 
@@ -615,15 +827,10 @@ def reading_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(name for row in rows for name in row["readings"]))
 
 
-def claims_table(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """Lay out claims as a table: what is printed, every reading's value and verdict, the verdict, the reason.
+def claims_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return claims as a table for readers: what is printed, every reading's value and verdict, the reason.
 
-    Args:
-        rows: dictionaries from `collect` or `read_claims`.
-
-    Returns:
-        The table as CSV text and as Markdown text.
-
+    rows: dictionaries from `collect` or `read_claims`. For analysts there is `tables.claims_table`.
     """
     readings = reading_names(rows)
     # not "printed", which is the name of a reading
@@ -638,19 +845,29 @@ def claims_table(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
         for name in readings:
             result = row["readings"].get(name)
             cells.append("; ".join(format_result(row, name)))
-            cells.append((result and result["verdict"]) or NOT_EVALUATED)
+            cells.append(_verdict_cell(result))
         table.append([*cells, row["verdict"], row["reason"]])
-
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([header, *table])
     lines = [header, ["---"] * len(header), *table]
-    markdown = "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
-    return text.getvalue(), markdown
+    return "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
+
+
+def _verdict_cell(result: Mapping[str, Any] | None) -> str:
+    """The verdict of a reading, and the one from as many trials as other readings have if that is another one."""
+    verdict = (result and result["verdict"]) or NOT_EVALUATED
+    other = result and result.get("at_equal_trials")
+    if not other or other["verdict"] == verdict:
+        return verdict
+    return f"{verdict} ({other['verdict']} with {other['trials']:,} trials)"
 
 
 def unexplained(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return the ids of claims that differ or fail without an erratum or a withheld input."""
     return [row["id"] for row in rows if row["reason"] == UNEXPLAINED]
+
+
+def kind_of_result(row: Mapping[str, Any]) -> str:
+    """Return whether a claim is counted among the numbers or the statements."""
+    return STATEMENTS if row["kind"] == "qualitative" else NUMBERS
 
 
 def summary(rows: Iterable[Mapping[str, Any]], reading: str | None = None) -> dict[str, dict[str, int]]:
@@ -661,14 +878,23 @@ def summary(rows: Iterable[Mapping[str, Any]], reading: str | None = None) -> di
         reading: count the verdicts of this reading; by default the verdict that is shown first.
 
     Returns:
-        `{"counted": {verdict: count}, "listed": {verdict: count}}`; stated inputs and quoted literature are listed and
-        never counted, and claims that the reading does not evaluate are in neither.
+        `{"counted": {verdict: count}, "numbers": ..., "statements": ..., "listed": ...}`: all results, printed numbers
+        and statements apart, and what is listed and never counted. Claims that the reading does not evaluate are in
+        none.
 
     """
+    rows = list(rows)
     verdicts = [row["verdict"] if reading is None else row["readings"].get(reading, {}).get("verdict") for row in rows]
+    kinds = [kind_of_result(row) for row in rows]
+
+    def count(names: Iterable[str], kind: str | None = None) -> dict[str, int]:
+        chosen = [verdict for verdict, own in zip(verdicts, kinds, strict=True) if kind in (None, own)]
+        return {verdict: chosen.count(verdict) for verdict in names}
+
     return {
-        "counted": {verdict: verdicts.count(verdict) for verdict in COUNTED_VERDICTS},
-        "listed": {verdict: verdicts.count(verdict) for verdict in LISTED_VERDICTS},
+        "counted": count(COUNTED_VERDICTS),
+        **{kind: count(names, kind) for kind, names in VERDICTS_OF.items()},
+        "listed": count(LISTED_VERDICTS),
     }
 
 
@@ -780,6 +1006,11 @@ def _flatten(value: Any, index: tuple[int, ...] = ()) -> dict[tuple[int, ...], A
 
 def _broadcast(value: Any, like: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
     return _flatten(value) if isinstance(value, list) else dict.fromkeys(like, value)
+
+
+def is_finite(value: Any) -> bool:
+    """Whether a plain value is there, and has no number in it that is not finite."""
+    return value is not None and all(not _is_number(part) or math.isfinite(part) for part in _flatten(value).values())
 
 
 def _is_number(value: Any) -> bool:

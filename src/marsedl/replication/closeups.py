@@ -1,4 +1,4 @@
-"""Plots of the report that a reader can look into: what the page's script is given to draw."""
+"""Interactive plots of the report: the data that the page's script draws."""
 
 import math
 from collections.abc import Mapping
@@ -10,9 +10,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CloseUp:
-    """A plot that the reader can turn, sift and step through.
+    """A plot that the reader can rotate, filter and step through.
 
-    `kind` is the drawing routine of report.js: scatter, tube or histories; `data` is what it draws, ready for JSON.
+    `kind` is the drawing routine of closeups.js: scatter, tube or histories; `data` is what it draws, ready for JSON.
     """
 
     name: str
@@ -23,7 +23,7 @@ class CloseUp:
 
 
 def rounded(values: np.ndarray, axis: int | None = None, digits: int = 4) -> list:
-    """Round to so many digits of the range, which is as much as a screen shows; nan becomes None.
+    """Round to this many digits of the range, as many as a screen shows; NaN becomes None.
 
     axis: along which the range is taken, of all values together by default.
     """

@@ -66,7 +66,7 @@ def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
     return _facts(_closure_of(entry, source_root))[0]
 
 
-def reached(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
+def reachable_symbols(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
     """Sorted "module:symbol" of all that `code_digest` covers; statements run at import as "module:(at import)".
 
     Arguments and errors as for `code_digest`.
@@ -135,7 +135,7 @@ def kernels(source_root: Path = SOURCE_ROOT) -> list[str]:
     These are decorated with `njit(..., cache=True)`, or with a function of their module that calls `njit`.
     Raises MarsedlError for a module that is not valid Python.
     """
-    found = []
+    digests = []
     for path in sorted(source_root.rglob("*.py")):
         name = ".".join(path.relative_to(source_root).with_suffix("").parts).removesuffix(".__init__")
         module = _parsed(name, path.stem == "__init__", str(path), path.read_bytes())
@@ -144,8 +144,8 @@ def kernels(source_root: Path = SOURCE_ROOT) -> list[str]:
         for function, signature in module.signatures.items():
             decorators = signature["decorators"]
             if decorators.get("njit", {}).get("cache") or compilers & decorators.keys():
-                found.append(f"{name}:{function}")
-    return found
+                digests.append(f"{name}:{function}")
+    return digests
 
 
 class RememberedDigests:
@@ -221,9 +221,9 @@ class RememberedDigests:
     def _recall(self) -> None:
         """Take what was found in modules, if this very code found it; marshal reads data and executes nothing."""
         try:
-            stored = self._analyses.read_bytes()
-            if stored.startswith(self._own):
-                _ANALYSES.update(marshal.loads(stored[len(self._own) :]))
+            content = self._analyses.read_bytes()
+            if content.startswith(self._own):
+                _ANALYSES.update(marshal.loads(content[len(self._own) :]))
         except (OSError, ValueError, EOFError, TypeError):
             pass  # nothing remembered, or nothing that can be used
 
@@ -285,8 +285,8 @@ def _facts(closure: "_Closure") -> tuple[str, list[str], dict[str, list[str]]]:
     """Digest and libraries of some code, and what it reads of its parameters."""
     script = closure.module(_SCRIPT)
     digest = closure.digest()
-    whole = _sha256([script.text, digest]) if script else digest
-    return whole, sorted(closure.libraries), closure.reads()
+    combined = _sha256([script.text, digest]) if script else digest
+    return combined, sorted(closure.libraries), closure.reads()
 
 
 def _sha256(parts: Iterable[str]) -> str:
@@ -404,9 +404,9 @@ def _collect(node: ast.AST, package: str, uses: _Uses) -> None:
 
 def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> set[str]:
     """The names of a function's parameters but for those that an import inside of it binds anew."""
-    taken = function.args
-    several = [parameter for parameter in (taken.vararg, taken.kwarg) if parameter]
-    names = {parameter.arg for parameter in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs, *several)}
+    arguments = function.args
+    several = [parameter for parameter in (arguments.vararg, arguments.kwarg) if parameter]
+    names = {parameter.arg for parameter in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, *several)}
     imported = [node for node in ast.walk(function) if isinstance(node, _IMPORTS)]
     return names - {alias.asname or alias.name.partition(".")[0] for node in imported for alias in node.names}
 
@@ -529,16 +529,16 @@ class _Module:
 
 def _signature(function: ast.FunctionDef) -> dict:
     """What a function declares, see `functions`."""
-    taken = [*function.args.posonlyargs, *function.args.args]
+    arguments = [*function.args.posonlyargs, *function.args.args]
     decorators = {}
     for decorator in function.decorator_list:
         called = decorator.func if isinstance(decorator, ast.Call) else decorator
-        with contextlib.suppress(ValueError):  # what is no literal declares nothing
+        with contextlib.suppress(ValueError):  # only literals declare something
             literals = {k.arg: ast.literal_eval(k.value) for k in getattr(decorator, "keywords", ()) if k.arg}
             decorators[ast.unparse(called)] = literals
     summary = (ast.get_docstring(function) or "").partition("\n")[0]
-    optional = {parameter.arg for parameter in taken[len(taken) - len(function.args.defaults) :]}
-    parameters = {parameter.arg: parameter.arg in optional for parameter in taken}
+    optional = {parameter.arg for parameter in arguments[len(arguments) - len(function.args.defaults) :]}
+    parameters = {parameter.arg: parameter.arg in optional for parameter in arguments}
     return {"parameters": parameters, "summary": summary, "decorators": decorators}
 
 
@@ -552,14 +552,14 @@ def _reads(statement: ast.stmt) -> dict[str, list[str]]:
     for function in ast.walk(statement):
         if not isinstance(function, _FUNCTIONS):
             continue
-        taken = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        known = {parameter.arg: (kind,) for parameter in taken if (kind := _type_name(parameter.annotation))}
+        arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+        types = {parameter.arg: (kind,) for parameter in arguments if (kind := _type_name(parameter.annotation))}
         nodes = list(ast.walk(function))
         for target, value in (pair for node in nodes if isinstance(node, ast.Assign) for pair in _assigned(node)):
-            if isinstance(target, ast.Name) and (chain := _chain(value, known)):
-                known.setdefault(target.id, chain)
+            if isinstance(target, ast.Name) and (chain := _chain(value, types)):
+                types.setdefault(target.id, chain)
         for node in nodes:
-            if chain := _chain(node, known):
+            if chain := _chain(node, types):
                 read.setdefault(chain[0], set()).add(".".join(chain[1:]))
     return {kind: sorted(attributes) for kind, attributes in read.items()}
 
@@ -571,14 +571,14 @@ def _assigned(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
     return list(zip(target.elts, value.elts, strict=False)) if several else [(target, value)]
 
 
-def _chain(node: ast.AST, known: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _chain(node: ast.AST, types: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
     """The type and the attributes of `name.attribute...` where the name is known, else nothing."""
     attributes: list[str] = []
     while isinstance(node, ast.Attribute):
         attributes.insert(0, node.attr)
         node = node.value
-    named = attributes and isinstance(node, ast.Name) and node.id in known
-    return (*known[node.id], *attributes) if named else ()
+    has_type = attributes and isinstance(node, ast.Name) and node.id in types
+    return (*types[node.id], *attributes) if has_type else ()
 
 
 def _fields(statement: ast.stmt) -> dict[str, str]:
@@ -642,9 +642,9 @@ def _syntax_tree(path: str, source: bytes) -> ast.Module:
     try:
         return ast.parse(source, filename=path)
     except SyntaxError as error:
-        raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: mend the syntax and run again") from error
+        raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: fix the syntax and run again") from error
     except (ValueError, RecursionError) as error:
-        raise MarsedlError(f"{path}: {error}: mend the file and run again") from error
+        raise MarsedlError(f"{path}: {error}: fix the file and run again") from error
     finally:
         if collecting:
             gc.enable()
@@ -739,20 +739,20 @@ class _Closure:
             self._add_whole(module_name)
             return
         name, rest = attributes[0], attributes[1:]
-        found = name in module.bound_by_effects or name in _HARMLESS_MODULE_ATTRIBUTES
+        is_bound = name in module.bound_by_effects or name in _HARMLESS_MODULE_ATTRIBUTES
         if name in module.definitions:
-            found = True
+            is_bound = True
             self._add_symbol(module, name)
         for imported in module.imports.get(name, ()):
-            found = True
+            is_bound = True
             self._bindings.add((module_name, imported))
             self._follow_import(imported, rest)
         if module.is_package and self.module(f"{module_name}.{name}") is not None:
-            found = True
+            is_bound = True
             self._follow_member(f"{module_name}.{name}", rest)
-        if "__getattr__" in module.definitions and not found:
+        if "__getattr__" in module.definitions and not is_bound:
             self._add_symbol(module, "__getattr__")
-        elif not found and not module.stars:  # what a star brings counts whole already
+        elif not is_bound and not module.stars:  # what a star brings counts whole already
             self._add_whole(module_name)
 
     def _add_library(self, module_name: str) -> None:
@@ -829,20 +829,20 @@ class _Closure:
 
     def digest(self) -> str:
         """SHA-256 of all reached statements and of the imports that bind the names in use."""
-        counted: dict[str, set[int]] = {}
+        statements: dict[str, set[int]] = {}
         for name in self._imported:
-            counted.setdefault(name, set()).update(self.module(name).effects)
+            statements.setdefault(name, set()).update(self.module(name).effects)
         for name, symbol in self._symbols:
-            counted.setdefault(name, set()).update(self.module(name).definitions[symbol])
+            statements.setdefault(name, set()).update(self.module(name).definitions[symbol])
         parts = [
             f"{user} imports {imported.bound} {imported.module} {imported.symbol} {imported.loads}"
             for user, imported in sorted(self._bindings, key=repr)
         ]
-        for name in sorted(counted):
+        for name in sorted(statements):
             module = self.module(name)
             # Functions may stand in any order, but the order of what is executed at import matters.
-            functions = [index for index in counted[name] if module.functions[index]]
-            executed = sorted(counted[name] - set(functions))
+            functions = [index for index in statements[name] if module.functions[index]]
+            executed = sorted(statements[name] - set(functions))
             functions.sort(key=lambda index: (module.functions[index], index))
             parts += [f"{name} {module.texts[index]}" for index in (*executed, *functions)]
         return _sha256(parts)

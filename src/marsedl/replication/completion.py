@@ -1,4 +1,4 @@
-"""Completion of commands in a shell, as a script that knows the parser's commands and options and what papers have."""
+"""A shell script that completes commands, options, and the names of what papers have."""
 
 import argparse
 import shlex
@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 
 _SCRIPT = """\
 _{prog}() {{
-  local word=${{COMP_WORDS[COMP_CWORD]}} before=() given
-  for given in "${{COMP_WORDS[@]:1:COMP_CWORD-1}}"; do [[ $given == -* ]] || before+=("$given"); done
+  local word=${{COMP_WORDS[COMP_CWORD]}} before=() typed
+  for typed in "${{COMP_WORDS[@]:1:COMP_CWORD-1}}"; do [[ $typed == -* ]] || before+=("$typed"); done
   local words=
   case "${{before[*]}}" in
 {cases}
@@ -47,5 +47,6 @@ def script(parser: argparse.ArgumentParser, shell: str, items: Mapping[str, Mapp
 def _branches(words: Mapping[str, Iterable[str]], assignment: str) -> str:
     """The branches of a `case` of the shell, one for each key, that assign its words."""
     return "\n".join(
-        f"    {shlex.quote(key)}) {assignment}{shlex.quote(' '.join(few))} ;;" for key, few in words.items()
+        f"    {shlex.quote(key)}) {assignment}{shlex.quote(' '.join(completions))} ;;"
+        for key, completions in words.items()
     )

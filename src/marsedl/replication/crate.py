@@ -1,4 +1,4 @@
-"""A build as a research object: what ran, from which inputs, and every product with its digest (RO-Crate).
+"""A description of a build as an RO-Crate: what ran, from which inputs, and every product with its digest.
 
 The description follows the Provenance Run Crate profile, and so Workflow Run Crate and RO-Crate 1.1: the workflow and
 its run as a whole, and one action for every artifact, figure and table, with the files that it was made from.
@@ -37,19 +37,22 @@ PROFILES = {
     "https://w3id.org/workflowhub/workflow-ro-crate/1.0": ("Workflow RO-Crate", "1.0"),
 }
 _FORMATS = {
+    ".css": "text/css",
     ".csv": "text/csv",
     ".h5": "application/x-hdf5",
     ".html": "text/html",
+    ".js": "text/javascript",
     ".json": "application/json",
     ".md": "text/markdown",
     ".pdf": "application/pdf",
     ".png": "image/png",
     ".yaml": "application/yaml",
+    ".zip": "application/zip",
 }
 
 
 def write_crate(root: Path, papers: Mapping[str, Paper], shared: Mapping[str, Shared], *config: str) -> Path:
-    """Describe a build that is whole and up to date in the project's folder, which becomes a crate.
+    """Describe a complete, up-to-date build as an RO-Crate in the project's folder.
 
     The description has the same bytes for the same files. Its date is `SOURCE_DATE_EPOCH`, and the fixed date of all
     products if that is not set: no clock is read.
@@ -102,7 +105,7 @@ def write_crate(root: Path, papers: Mapping[str, Paper], shared: Mapping[str, Sh
 
 
 def _add_root(crate: Any, root: Path, papers: Iterable[Paper]) -> None:
-    """What the crate is, whose it is, which papers it replicates, and which profiles it follows."""
+    """Add title, authors, licence, the replicated papers and the profiles that the crate follows."""
     date = datetime.fromtimestamp(
         int(os.environ.get("SOURCE_DATE_EPOCH") or NUMERIC_ENVIRONMENT["SOURCE_DATE_EPOCH"]), UTC
     )
@@ -112,7 +115,7 @@ def _add_root(crate: Any, root: Path, papers: Iterable[Paper]) -> None:
         _add(crate, address, "CreativeWork", {"name": name, "version": version})
         for address, (name, version) in PROFILES.items()
     ]
-    said = {
+    properties = {
         "name": "marsedl: replications of papers on Mars entry, descent and landing",
         "description": f"Figures, tables and printed numbers, regenerated, with a verdict on each claim. {CITATION}",
         "datePublished": date.isoformat(),
@@ -125,7 +128,7 @@ def _add_root(crate: Any, root: Path, papers: Iterable[Paper]) -> None:
         ],
         "conformsTo": profiles,
     }
-    for name, value in said.items():
+    for name, value in properties.items():
         crate.root_dataset[name] = value
     documents = _files(crate, root, [root / name for name in DOCUMENTS])
     if "README.md" in documents:
@@ -142,7 +145,7 @@ def _add_workflow(crate: Any, root: Path, inputs: Mapping[str, Any], results: Ma
         main=True,
         lang="snakemake",
         lang_version=versions["snakemake"],
-        properties=_said(root, "Snakefile"),
+        properties=_file_properties(root, "Snakefile"),
     )
     workflow["name"] = "marsedl"
     workflow["version"] = VERSION
@@ -172,10 +175,10 @@ def _steps(
     """One action for every artifact, figure and table of a paper; what made them becomes part of the workflow."""
     tools, actions = {}, []
     for name, file in results.items():
-        found = _made(name, papers)
-        if found is None:
+        origin = _origin(name, papers)
+        if origin is None:
             continue
-        slug, reading, tool, meaning, needs = found
+        slug, reading, tool, meaning, needs = origin
         if tool not in tools:
             tools[tool] = _add(
                 crate,
@@ -191,13 +194,13 @@ def _steps(
             "actionStatus": "http://schema.org/CompletedActionStatus",
         }
         actions.append(
-            crate.add_action(tools[tool], f"#run-{name}", object=_one(used), result=file, properties=properties)
+            crate.add_action(tools[tool], f"#run-{name}", object=_flat(used), result=file, properties=properties)
         )
     workflow["hasPart"] = list(tools.values())
     return actions
 
 
-def _made(name: str, papers: Mapping[str, Paper]) -> tuple[str, str, str, str, tuple[str, ...]] | None:
+def _origin(name: str, papers: Mapping[str, Paper]) -> tuple[str, str, str, str, tuple[str, ...]] | None:
     """How a product of one reading of a paper is made: paper, reading, tool, its meaning, artifacts that it needs."""
     place, _, file = name.rpartition("/")
     folder, *parts = place.removeprefix("data/").split("/")
@@ -219,13 +222,13 @@ def _files(crate: Any, root: Path, paths: Iterable[Path], folder: Path | None = 
     entries = {}
     for path in filter(Path.is_file, paths):
         name = path.relative_to(root).as_posix()
-        entry = crate.add_file(dest_path=name, properties=_said(root, name))
+        entry = crate.add_file(dest_path=name, properties=_file_properties(root, name))
         entries[path.relative_to(folder or root).as_posix()] = entry
     return entries
 
 
-def _said(root: Path, name: str) -> dict[str, str]:
-    """What is said of a file: its name, format, size in bytes and SHA-256."""
+def _file_properties(root: Path, name: str) -> dict[str, str]:
+    """The properties of a file: its name, format, size in bytes and SHA-256."""
     with (root / name).open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     size = (root / name).stat().st_size
@@ -237,9 +240,9 @@ def _said(root: Path, name: str) -> dict[str, str]:
     }
 
 
-def _one(found: list) -> Any:
-    """A list, or what is in it if that is one thing, as JSON-LD has it."""
-    return found[0] if len(found) == 1 else found
+def _flat(items: list) -> Any:
+    """The item of a list of one, else the list, as JSON-LD has it."""
+    return items[0] if len(items) == 1 else items
 
 
 def _add(crate: Any, name: str, kind: str, properties: Mapping[str, str]) -> Any:

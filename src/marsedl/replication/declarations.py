@@ -1,4 +1,4 @@
-"""What a paper's functions declare by their signatures: a catalogue's stages, and what its products are made from.
+"""Stages, figures and tables as their functions' signatures declare them.
 
 A stage is a function with the decorator `stage`. It takes sections of the paper's inputs and artifacts by their names,
 an artifact by that of its stage or Monte Carlo case. So do figures and tables, which may take the printed claims as
@@ -28,7 +28,7 @@ OTHERS = (PUBLISHED, "measured", "chunks")  # what functions take beside section
 
 
 class Taken(NamedTuple):
-    """What a function takes by its signature, and reads of it."""
+    """What a function takes according to its signature, and what its code reads."""
 
     inputs: tuple[str, ...]  # "section.name"
     needs: tuple[str, ...]  # artifacts
@@ -45,24 +45,24 @@ def declared(paper: Paper, model: type[Inputs], digests: RememberedDigests) -> P
         digests: what reads the source.
 
     Raises:
-        InputError: a function takes what is no section, stage or case, or stages need each other in a circle.
+        InputError: a parameter is not a section, stage or case, or stages depend on each other in a circle.
 
     """
     package = f"marsedl.papers.{paper.slug}"
     functions = digests.functions(package)
     entries = {_stage_name(entry): entry for entry, function in functions.items() if STAGE in function["decorators"]}
 
-    def taken(entry: str) -> Taken:
+    def taken_of(entry: str) -> Taken:
         if entry not in functions:
             raise InputError(f"{entry}: there is no such function, but {paper.slug} has it in its catalogue; write it")
         return taken_by(entry, functions[entry]["parameters"], model, entries, digests)
 
     def stage_of(entry: str) -> Stage:
-        settings, takes = functions[entry]["decorators"][STAGE], taken(entry)
+        settings, takes = functions[entry]["decorators"][STAGE], taken_of(entry)
         return Stage((entry,), takes.inputs, takes.needs, functions[entry]["summary"].rstrip("."), **settings)
 
     def product_of(kind: str, stem: str, product: Product) -> Product:
-        takes = taken(f"{package}.{kind}:{stem}")
+        takes = taken_of(f"{package}.{kind}:{stem}")
         return replace(
             product,
             needs=takes.needs,
@@ -73,7 +73,7 @@ def declared(paper: Paper, model: type[Inputs], digests: RememberedDigests) -> P
 
     stages = {name: stage_of(entry) for name, entry in entries.items()}
     if CHUNK in stages:
-        stages[FLIGHTS] = _whole(stages[CHUNK], stages[GATHER])
+        stages[FLIGHTS] = _whole_case(stages[CHUNK], stages[GATHER])
     return replace(
         paper,
         stages={name: stages[name] for name in _in_order(paper.slug, stages)},
@@ -99,7 +99,7 @@ def taken_by(
         digests: what reads the source.
 
     Raises:
-        InputError: a parameter is no section, stage or case.
+        InputError: a parameter is not a section, stage or case.
 
     """
     sections, needs, others = model.sections(), {False: [], True: []}, []
@@ -109,9 +109,10 @@ def taken_by(
         elif parameter in model.CASES or parameter in stages:
             needs[optional].append(f"{FLIGHTS}.{parameter}" if parameter in model.CASES else parameter)
         elif parameter not in sections:
-            known = [*sections, *stages, *model.CASES]
+            valid_names = [*sections, *stages, *model.CASES]
             raise InputError(
-                f"{entry}: the parameter '{parameter}' is no section, stage or case; {nearest(parameter, known)}"
+                f"{entry}: the parameter '{parameter}' is not a section, stage or case; "
+                f"{nearest(parameter, valid_names)}"
             )
     inputs = tuple(sorted(inputs_read(digests.reads(entry), sections)))
     return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others))
@@ -130,7 +131,7 @@ def _stage_name(entry: str) -> str:
     return _PARTS.get(f"{module}:{function}", module if function == "compute" else function)
 
 
-def _whole(simulate: Stage, gather: Stage) -> Stage:
+def _whole_case(simulate: Stage, gather: Stage) -> Stage:
     """A whole case as one job."""
     return replace(
         simulate,
@@ -143,9 +144,9 @@ def _whole(simulate: Stage, gather: Stage) -> Stage:
 
 def _in_order(slug: str, stages: Mapping[str, Stage]) -> list[str]:
     """The names of the stages, none before one that it needs; parts of the Monte Carlo flights come last."""
-    needed = {name: {need.partition(".")[0] for need in stage.needs} for name, stage in sorted(stages.items())}
+    needs = {name: {need.partition(".")[0] for need in stage.needs} for name, stage in sorted(stages.items())}
     try:
-        order = list(TopologicalSorter(needed).static_order())
+        order = list(TopologicalSorter(needs).static_order())
     except CycleError as error:
-        raise InputError(f"{slug}: stages need each other in a circle: {' -> '.join(error.args[1])}") from None
+        raise InputError(f"{slug}: stages depend on each other in a circle: {' -> '.join(error.args[1])}") from None
     return sorted(order, key=lambda name: name.startswith(FLIGHTS))

@@ -1,4 +1,4 @@
-"""Digests of product files that mean their content, and what differs between two products."""
+"""Digests of the content of product files, and the differences between two products."""
 
 import csv
 import hashlib
@@ -36,9 +36,10 @@ def digest(path: str | Path) -> str:
     """SHA-256 of a product file, as 64 hexadecimal digits.
 
     Of HDF5: paths, types, shapes, values and attributes, whatever the compression or byte order, without /provenance
-    and without the artifact's line of meaning (a docstring, and editing docstrings rebuilds nothing). Of others: bytes.
+    and without the artifact's line of meaning (a docstring, and editing docstrings rebuilds nothing). What a field's
+    dimensions are called counts, by the names of the scales. Of others: bytes.
 
-    Raises InputError if there is no such file, ArtifactError if an HDF5 file is damaged or leads out of itself.
+    Raises InputError if there is no such file, ArtifactError if an HDF5 file is damaged or links to other files.
     """
     path = _existing_file(path)
     hasher = hashlib.sha256()
@@ -61,9 +62,9 @@ def digest_tree(folder: str | Path, patterns: Iterable[str]) -> dict[str, str]:
     """Digests of all files in `folder` that match one of the glob patterns ("**/*.h5"), by sorted relative path."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder: name one that holds products")
-    found = {path for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
-    return {name: digest(path) for name, path in sorted((path.relative_to(folder).as_posix(), path) for path in found)}
+        raise InputError(f"{folder}: the folder does not exist: name one that holds products")
+    paths = {path for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
+    return {name: digest(path) for name, path in sorted((path.relative_to(folder).as_posix(), path) for path in paths)}
 
 
 def difference(a: str | Path, b: str | Path) -> list[Difference]:
@@ -76,7 +77,7 @@ def difference(a: str | Path, b: str | Path) -> list[Difference]:
     if a.is_dir() and b.is_dir():
         return _folder_difference(a, b)
     if a.is_dir() != b.is_dir() and a.exists() and b.exists():
-        raise InputError(f"{a} and {b}: one is a folder and the other a file: name two of a kind")
+        raise InputError(f"{a} and {b}: one is a folder and the other a file: name two files or two folders")
     return _file_difference(_existing_file(a), _existing_file(b), str(a))
 
 
@@ -119,7 +120,7 @@ def _text(item: Any) -> Any:
 def _existing_file(path: str | Path) -> Path:
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file: build it first, or correct the name")
+        raise InputError(f"{path}: the file does not exist: build it first, or correct the name")
     return path
 
 
@@ -129,7 +130,11 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
 
     def add_attributes(node: h5py.Group | h5py.Dataset, name: str) -> None:
         for key in sorted(node.attrs):
+            if key == "REFERENCE_LIST":  # of a scale: what DIMENSION_LIST of the fields says, the other way round
+                continue
             value = node.attrs[key]
+            if key == "DIMENSION_LIST":
+                value = [_text(h5py.h5r.get_name(scale, node.id)) for scales in value for scale in scales]
             if isinstance(value, h5py.Empty):
                 value = ""
             content[f"{name}@{key}"] = np.asarray(value, dtype=object if isinstance(value, str | bytes) else None)
@@ -139,7 +144,7 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
         if address in ancestors:
             raise ArtifactError(f"{path}: group '{name}' contains itself: delete the file and run snakemake again")
         if isinstance(node, h5py.Dataset):
-            content[name] = read_array(path, node)
+            content[name] = np.array(node.shape) if _is_bare_scale(node) else read_array(path, node)
         else:
             content[f"{name}/"] = None
             for key in sorted(node):
@@ -157,6 +162,11 @@ def _hdf5_content(path: Path) -> dict[str, np.ndarray | None]:
             if array is not None and array.dtype.hasobject:
                 _canonical(array)  # refuses object references while the file's name is at hand
     return content
+
+
+def _is_bare_scale(dataset: h5py.Dataset) -> bool:
+    """Whether a dataset is a dimension scale without values, which has nothing but its extent."""
+    return dataset.attrs.get("CLASS") == b"DIMENSION_SCALE" and dataset.id.get_storage_size() == 0
 
 
 def _folder_difference(a: Path, b: Path) -> list[Difference]:
@@ -295,10 +305,10 @@ def _leaf_difference(name: str, a: dict[str, tuple[str, Any]], b: dict[str, tupl
         elif value_a != value_b or type(value_a) is not type(value_b):
             others.setdefault(group, []).append((f"{_shortened(value_a)} and {_shortened(value_b)}", place))
     rows = []
-    for group, found in numbers.items():
-        absolute, _, place = max(found, key=lambda item: item[0])
-        what = f"{len(found)} number{'s' * (len(found) > 1)} differ{'s' * (len(found) == 1)}"
-        rows.append(Difference(name, group, what, absolute, max(item[1] for item in found), place))
+    for group, differences in numbers.items():
+        absolute, _, place = max(differences, key=lambda item: item[0])
+        what = f"{len(differences)} number{'s' * (len(differences) > 1)} differ{'s' * (len(differences) == 1)}"
+        rows.append(Difference(name, group, what, absolute, max(item[1] for item in differences), place))
     for group, texts in others.items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         rows.append(Difference(name, group, texts[0][0] + more, place=texts[0][1]))

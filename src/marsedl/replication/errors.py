@@ -1,4 +1,4 @@
-"""The errors whose message is meant for the user, and words that occur in many."""
+"""Errors whose message is meant for the user, and helpers for such messages."""
 
 import typing
 
@@ -16,7 +16,7 @@ class InputError(MarsedlError):
 
 
 class SolverError(MarsedlError):
-    """A program that came to no solution; `iterate` holds its last iterate, columns of equal length by name."""
+    """A solver that found no solution; `iterate` holds its last iterate as named columns of equal length."""
 
     def __init__(self, message: str, iterate: dict):
         """Take the message for the user and the iterate."""
@@ -24,19 +24,19 @@ class SolverError(MarsedlError):
         self.iterate = iterate
 
 
-def nearest(name: str, known: typing.Iterable[str]) -> str:
+def nearest(name: str, valid: typing.Iterable[str]) -> str:
     """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
     import difflib
 
-    known = sorted(known)
-    matches = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) and len(name) <= 100 else []
-    return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(known)}"
+    valid = sorted(valid)
+    matches = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) <= 100 else []
+    return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(valid)}"
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: short, and never an error of its own."""
+    """Return a short text of a value for a message; never raises."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # a number of thousands of digits, or lists inside of lists without end
+    except (ValueError, RecursionError):  # a number of thousands of digits, or endlessly nested lists
         return f"a {type(value).__name__} too large to show"
     return text if len(text) <= 100 else text[:97] + "..."

@@ -7,7 +7,7 @@ chain.
 
     memory = Memory()
     nominal = Run.of(paper, inputs, memory).record("nominal")
-    changed = Run(paper, {**inputs.plain(), "ensemble.seed": 7}, memory, trials).evaluations()
+    changed = Run(paper, {**inputs.plain(), "ensemble.seed": 7}, memory, trials).evaluations(published)
 
 Nothing is global but the imported modules, and no file is written unless the memory has a folder: any number of runs
 can share a memory, in one process or, by its folder, in several.
@@ -22,8 +22,9 @@ from pathlib import Path
 
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import FLIGHTS, Paper
+from marsedl.replication.claiming import claims_of
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.jobs import computed, given, record_type, whole_case
+from marsedl.replication.jobs import arguments_of, compute_record, record_type, whole_case
 from marsedl.replication.sections import Inputs
 
 
@@ -65,13 +66,13 @@ class Run:
     """One paper with one complete set of inputs; every record is computed when it is first asked for."""
 
     def __init__(self, paper: Paper, values: Mapping[str, object], memory: Memory, trials: Mapping[str, int]):
-        """Take what is to be run.
+        """Define the run.
 
         Args:
             paper: its catalogue.
             values: all inputs as plain values by "section.name", as `Inputs.plain` gives them.
             memory: what remembers records, shared with other runs.
-            trials: the numbers of trials of the Monte Carlo cases, as `Reading.flown` gives them.
+            trials: the numbers of trials of the Monte Carlo cases, as `Reading.trial_counts` gives them.
 
         """
         self.paper, self.values, self.memory, self.trials = paper, values, memory, trials
@@ -85,24 +86,26 @@ class Run:
     def record(self, name: str) -> typing.Any:
         """Return an artifact by its name, such as "gains" or "montecarlo.closed_loop".
 
-        Raises InputError if the paper has none of this name, or the case no trials; what the stages raise.
+        Raises InputError if the paper has no such artifact or the case no trials, and what the stages raise.
         """
         return self._remembered(name)[0]
 
-    def evaluations(self, **others) -> dict[str, typing.Any]:
-        """Return what the paper's claims are measured to be, by claim; others: what they ask for beside artifacts."""
-        evaluate = import_module(f"marsedl.papers.{self.paper.slug}.claims").evaluate
-        return evaluate(**given(evaluate, self.values, self._taken, **others))
+    def evaluations(self, published: Mapping[str, typing.Any], **others) -> dict[str, typing.Any]:
+        """Return the evaluation of each claim of the paper.
+
+        published: the printed claims by id; others: what claims ask for beside artifacts.
+        """
+        return claims_of(self.paper.slug).evaluate(self.values, self._artifact, published, **others)
 
     def table(self, stem: str, published: Mapping[str, typing.Any]) -> typing.Any:
-        """Return the rows of a table of this reading; published: the printed claims by id."""
+        """Return a table of this reading; published: the printed claims by id."""
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.tables"), stem)
-        return function(**self._given(function, self.paper.tables[stem].inputs, published=published))
+        return function(**self._arguments(function, self.paper.tables[stem].inputs, published=published))
 
-    def _given(self, function: typing.Callable, names: typing.Iterable[str], **others) -> dict:
-        return given(function, {name: self.values[name] for name in names}, self._taken, **others)
+    def _arguments(self, function: typing.Callable, names: typing.Iterable[str], **others) -> dict:
+        return arguments_of(function, {name: self.values[name] for name in names}, self._artifact, **others)
 
-    def _taken(self, parameter: str, kind: type) -> typing.Any:
+    def _artifact(self, parameter: str, kind: type) -> typing.Any:
         """The artifact that a parameter takes; None for a case without trials."""
         if parameter in self.trials:
             return self.record(f"{FLIGHTS}.{parameter}")
@@ -111,9 +114,9 @@ class Run:
     def _remembered(self, name: str) -> tuple[object, str]:
         stage, _, case = name.partition(".")
         if stage not in self.paper.stages or bool(case) != (stage == FLIGHTS):
-            known = [known for known in self.paper.stages if not known.startswith(FLIGHTS)]
-            known += [f"{FLIGHTS}.{case}" for case in self.trials]
-            raise InputError(f"{self.paper.slug} has no artifact '{name}'; {nearest(name, known)}")
+            stage_names = [stage_names for stage_names in self.paper.stages if not stage_names.startswith(FLIGHTS)]
+            stage_names += [f"{FLIGHTS}.{case}" for case in self.trials]
+            raise InputError(f"{self.paper.slug} has no artifact '{name}'; {nearest(name, stage_names)}")
         if case and case not in self.trials:
             raise InputError(f"{self.paper.slug}: case '{case}' has no trials; give it some, or ask for another case")
         declared = self.paper.stages[stage]
@@ -127,8 +130,8 @@ class Run:
         key = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).hexdigest()
 
         def give(function, **others):
-            return self._given(function, declared.inputs, **others)
+            return self._arguments(function, declared.inputs, **others)
 
         return self.memory.get(
-            key, record_type(declared.entries), lambda: computed(declared.entries, give, options), self.paper.slug
+            key, record_type(declared.entries), lambda: compute_record(declared.entries, give, options), self.paper.slug
         )

@@ -62,7 +62,7 @@ class Reading:
         values = self.inputs.plain()
         return {name: values[name] for name in sorted(names)}
 
-    def flown(self) -> dict[str, int]:
+    def trial_counts(self) -> dict[str, int]:
         """Return the Monte Carlo cases with their numbers of trials; a case without trials is left out."""
         trials = {case: self.inputs.get(name) for case, name in self.inputs.CASES.items()}
         return {case: number for case, number in trials.items() if number}
@@ -76,13 +76,15 @@ class Reading:
 class Study:
     """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case.
 
-    `compared` are the readings in which claims are evaluated; a smaller size may leave some out.
+    `compared` are the readings in which claims are evaluated; a smaller size may leave some out. `own` are those of a
+    user's file.
     """
 
     paper: str
     readings: dict[str, Reading]
     chunks: dict[str, int]
     compared: tuple[str, ...]
+    own: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class _Place:
     """A key in a configuration, as messages name it: file, line and the keys that lead to it."""
 
     origin: str
-    document: object = None  # as it was read, to tell lines; None if there is no file
+    document: object = None  # as it was read, for line numbers; None if there is no file
     keys: tuple[str, ...] = ()
 
     def __truediv__(self, key: object) -> "_Place":
@@ -114,18 +116,18 @@ class _Written:
     body: object
 
 
-def read_own_file(path: Path, known: typing.Iterable[str]) -> dict:
+def read_own_file(path: Path, keys: typing.Iterable[str]) -> dict:
     """Read a user's own configuration: keys with values, and only the known ones at its top.
 
-    Snakemake reads such a file too, and would run what stands under `__use_yte__` in it. Whoever reads one reads it
-    with this first, so that all refuse the same files with the same words.
+    Snakemake reads such a file too, and would run code under `__use_yte__` in it. Every reader calls this first, so
+    that all reject the same files with the same message.
     """
     document = read_yaml(path, "check its path and permissions; write targets before --configfile, not after it")
     name = printable(str(path))
     if not isinstance(document, dict):
-        given = "nothing" if document is None else shown(document)
-        raise InputError(f"{name}: must be keys with values, not {given}; begin with one of {', '.join(known)}")
-    return _mapping(document, _Place(name, document), known)
+        what = "nothing" if document is None else shown(document)
+        raise InputError(f"{name}: must be keys with values, not {what}; begin with one of {', '.join(keys)}")
+    return _mapping(document, _Place(name, document), keys)
 
 
 def load_study(
@@ -158,26 +160,26 @@ def load_study(
     chunks = _mapping(document.get("chunks", {}), place / "chunks", cases, required=cases)
     for case, number in chunks.items():
         _check_chunks(number, place / "chunks" / case)
-    written = _readings(document["readings"], place / "readings")
+    bodies = _readings(document["readings"], place / "readings")
     if overlay is not None:
-        own = _Place(overlay_name, overlay_document) / paper
-        body = _mapping(overlay, own, {"readings"}, required={"readings"})
-        for name, reading in _own_readings(body["readings"], own / "readings").items():
-            if name in written:
+        own_place = _Place(overlay_name, overlay_document) / paper
+        body = _mapping(overlay, own_place, {"readings"}, required={"readings"})
+        for name, reading in _own_readings(body["readings"], own_place / "readings").items():
+            if name in bodies:
                 raise InputError(
-                    f"{reading.place}: the name is taken by a reading of {written[name].place.origin}; "
+                    f"{reading.place}: the name belongs to a reading of {bodies[name].place.origin}; "
                     f"choose another name and write 'based_on: {name}'"
                 )
-            written[name] = reading
-    limits, compared = _size(document.get("sizes", {}), place / "sizes", size, model, document["readings"])
+            bodies[name] = reading
+    limits, compared_readings = _size(document.get("sizes", {}), place / "sizes", size, model, document["readings"])
     readings = {}
-    for name in written:
-        for link in reversed(_lineage(name, written, readings, model)):
-            readings[link] = _reading(link, written[link], readings, model)
+    for name in bodies:
+        for link in reversed(_lineage(name, bodies, readings, model)):
+            readings[link] = _reading(link, bodies[link], readings, model)
     # Only now, so that a reading is what is written, whatever the size: frozen ones are compared with their digest.
     limited = {name: _limited(reading, limits, place / "sizes" / size) for name, reading in readings.items()}
-    counted = tuple(name for name in readings if name in compared or name not in document["readings"])
-    return Study(paper, limited, chunks, counted)
+    compared_names = tuple(name for name in readings if name in compared_readings or name not in document["readings"])
+    return Study(paper, limited, chunks, compared_names, frozenset(readings.keys() - document["readings"].keys()))
 
 
 def configured_readings(model: type[Inputs], path: Path) -> list[str]:
@@ -196,8 +198,8 @@ def _configuration(model: type[Inputs], path: Path) -> tuple[dict, _Place]:
 
 def counted_inputs(study: Study) -> str:
     """Return the digest of the resolved inputs of the readings in which verdicts count."""
-    counted = {name: study.readings[name].inputs.plain() for name in ("printed", "corrected")}
-    return hashlib.sha256(json.dumps(counted, sort_keys=True).encode()).hexdigest()[:12]
+    values = {name: study.readings[name].inputs.plain() for name in ("printed", "corrected")}
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def committed_inputs(root: Path) -> dict[str, str]:
@@ -234,14 +236,14 @@ def load_studies(
         InputError: before anything is computed.
 
     """
-    known = (*models, *SETTINGS)
-    documents = [read_own_file(path, known) for path in config_files]
+    keys = (*models, *SETTINGS)
+    documents = [read_own_file(path, keys) for path in config_files]
     origin = ", ".join(printable(str(path)) for path in config_files) or "--config"
     document = (
         documents[0] if len(documents) == 1 else None
     )  # of several, Snakemake does not tell which one a key is of
     place = _Place(origin, document)
-    _mapping(config, place, known)
+    _mapping(config, place, keys)
     chunks = config.get("chunks")
     if chunks is not None:
         _check_chunks(chunks, place / "chunks")
@@ -270,13 +272,13 @@ def _readings(bodies: object, place: _Place) -> dict[str, _Written]:
 
 
 def _own_readings(bodies: object, place: _Place) -> dict[str, _Written]:
-    written = _readings(bodies, place)
-    if len(written) > MOST_READINGS:
+    readings = _readings(bodies, place)
+    if len(readings) > MOST_READINGS:
         raise InputError(
-            f"{place}: {len(written)} readings are more than {MOST_READINGS}; "
+            f"{place}: {len(readings)} readings are more than {MOST_READINGS}; "
             "write several files and run them one after the other"
         )
-    return written
+    return readings
 
 
 def _size(sizes, place, size, model, readings) -> tuple[dict[str, dict], set[str]]:
@@ -290,12 +292,10 @@ def _size(sizes, place, size, model, readings) -> tuple[dict[str, dict], set[str
         )
     place = place / size
     limits = dict(_mapping(sizes[size], place, {"readings", *model.sections()}))
-    compared = limits.pop("readings", list(readings))
-    if not isinstance(compared, list) or not {"printed", "corrected"} <= {str(name) for name in compared}:
-        raise InputError(
-            f"{place / 'readings'}: {shown(compared)} is not a list of readings with printed and corrected"
-        )
-    for name in compared:
+    names = limits.pop("readings", list(readings))
+    if not isinstance(names, list) or not {"printed", "corrected"} <= {str(name) for name in names}:
+        raise InputError(f"{place / 'readings'}: {shown(names)} is not a list of readings with printed and corrected")
+    for name in names:
         if name not in readings:
             raise InputError(f"{place / 'readings'}: there is no reading {shown(name)}; {nearest(name, readings)}")
     for section, numbers in limits.items():
@@ -303,7 +303,7 @@ def _size(sizes, place, size, model, readings) -> tuple[dict[str, dict], set[str
         for name, limit in _mapping(numbers, place / section, of.model_fields).items():
             if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
                 raise InputError(f"{place / section / name}: {shown(limit)} is not a number above zero")
-    return limits, set(compared)
+    return limits, set(names)
 
 
 def _limited(reading: Reading, limits: dict[str, dict], place: _Place) -> Reading:
@@ -318,7 +318,7 @@ def _limited(reading: Reading, limits: dict[str, dict], place: _Place) -> Readin
                 continue
             entries = np.atleast_1d(value)
             if entries.dtype.kind not in "if":
-                raise InputError(f"{place / section / name}: only numbers can be limited, and it is {shown(value)}")
+                raise InputError(f"{place / section / name}: only numbers can be limited, but this is {shown(value)}")
             if entries.dtype.kind == "i" and not isinstance(limit, int):
                 raise InputError(f"{place / section / name}: {shown(limit)} is not a whole number")
             if entries.max() > limit and np.ndim(value):
@@ -331,31 +331,31 @@ def _limited(reading: Reading, limits: dict[str, dict], place: _Place) -> Readin
     return replace(reading, inputs=reading.inputs.model_copy(update=sections)) if sections else reading
 
 
-def _lineage(name: str, written: dict[str, _Written], done: dict[str, Reading], model: type[Inputs]) -> list[str]:
-    """Return a reading and those that it is based on in turn, up to one that is done or stands alone."""
+def _lineage(name: str, bodies: dict[str, _Written], resolved: dict[str, Reading], model: type[Inputs]) -> list[str]:
+    """Return a reading and those that it is based on in turn, up to one that is resolved or based on none."""
     names = []
-    while name is not None and name not in done:
+    while name is not None and name not in resolved:
         if name in names:
             raise InputError(
-                f"{written[names[-1]].place / 'based_on'}: '{name}' is in the end based on '{names[-1]}' itself; "
-                "name another reading"
+                f"{bodies[names[-1]].place / 'based_on'}: '{name}' is itself based on '{names[-1]}', directly or "
+                "through others; name another reading"
             )
         names.append(name)
-        name = _base(name, written, model)
+        name = _base(name, bodies, model)
     return names
 
 
-def _base(name: str, written: dict[str, _Written], model: type[Inputs]) -> str | None:
+def _base(name: str, bodies: dict[str, _Written], model: type[Inputs]) -> str | None:
     """Return the name of the reading that a reading is based on, if any; checks both names."""
-    place, body = written[name].place, written[name].body
+    place, body = bodies[name].place, bodies[name].body
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
         raise InputError(
             f"{place}: a reading's name is lower case letters, digits and _, at most 40 of them; rename it"
         )
     if periodic := re.search(r"(.+?)\1{19,}$", name):
         raise InputError(
-            f"{place}: the name ends in {periodic[1]!r} over and over, by which Snakemake knows rules that call "
-            "themselves; rename it"
+            f"{place}: the name ends in {periodic[1]!r} repeated, which Snakemake takes for a rule that needs "
+            "itself; rename it"
         )
     _check_keys(_mapping(body, place), place, model)
     based_on = body.get("based_on")
@@ -363,13 +363,13 @@ def _base(name: str, written: dict[str, _Written], model: type[Inputs]) -> str |
         return None
     if not isinstance(based_on, str):
         raise InputError(f"{place / 'based_on'}: must be the name of a reading, not {shown(based_on)}")
-    if based_on not in written:
-        raise InputError(f"{place / 'based_on'}: there is no reading {shown(based_on)}; {nearest(based_on, written)}")
+    if based_on not in bodies:
+        raise InputError(f"{place / 'based_on'}: there is no reading {shown(based_on)}; {nearest(based_on, bodies)}")
     return based_on
 
 
 def _check_keys(body: dict, place: _Place, model: type[Inputs]) -> None:
-    """Refuse what is no section; the message names the section in which a misplaced input belongs."""
+    """Reject unknown sections; the message names the section to which a misplaced input belongs."""
     sections = model.sections()
     for key, value in body.items():
         if key in sections or key in ABOUT:
@@ -392,17 +392,17 @@ def _section_of(key: str, model: type[Inputs]) -> str:
     return next((name for name, section in model.sections().items() if section.keys().get(key)), "")
 
 
-def _reading(name: str, written: _Written, done: dict[str, Reading], model: type[Inputs]) -> Reading:
-    """Return a reading, of which that which it is based on is done."""
-    place, body = written.place, written.body
+def _reading(name: str, source_body: _Written, resolved: dict[str, Reading], model: type[Inputs]) -> Reading:
+    """Return a reading; the one that it is based on is resolved already."""
+    place, body = source_body.place, source_body.body
     summary, based_on, frozen = body.get("summary", ""), body.get("based_on"), body.get("frozen", "")
     if not isinstance(summary, str):
         raise InputError(f"{place / 'summary'}: must be a sentence, not {shown(summary)}")
     _check_characters(summary, place / "summary")
     if not isinstance(frozen, str):
         raise InputError(f"{place / 'frozen'}: must be the digest of the reading's inputs, not {shown(frozen)}")
-    sources = dict(done[based_on].sources) if based_on else {}
-    values = dict(done[based_on].written) if based_on else {}
+    sources = dict(resolved[based_on].sources) if based_on else {}
+    values = dict(resolved[based_on].written) if based_on else {}
     for section, of in model.sections().items():
         for field_name, value, source in _entries(body.get(section, {}), place / section, section, model, name):
             values[f"{section}.{field_name}"], sources[f"{section}.{field_name}"] = value, source
@@ -413,7 +413,7 @@ def _reading(name: str, written: _Written, done: dict[str, Reading], model: type
                 "give it, or name a complete reading under based_on"
             )
     inputs = _validated(values, sources, place, model)
-    for section in body:  # what is taken over from another reading is how many are drawn at most
+    for section in body:  # an inherited number is only an upper limit
         if section in model.sections() and "drawn_trials" in body[section]:
             trials = getattr(inputs, section)
             if trials.drawn_trials > trials.trials:
@@ -438,20 +438,20 @@ def _entries(
         if key == "source":
             continue
         name, factor = _accepted_key(key, accepted, model, section, place)
-        here = place / key
+        input_place = place / key
         if not isinstance(entry, dict):
-            raise InputError(f'{here}: write {{value: ..., source: "..."}}, not {shown(entry)}')
+            raise InputError(f'{input_place}: write {{value: ..., source: "..."}}, not {shown(entry)}')
         required = {"value"} if common is not None else {"value", "source"}
-        entry = _mapping(entry, here, {"value", "unit", "source"}, required)
+        entry = _mapping(entry, input_place, {"value", "unit", "source"}, required)
         source = entry.get("source", common)
-        _check_source(source, here)
-        unit = of.unit(name) if key == name else key.removeprefix(f"{name}_").replace("_", "/")
+        _check_source(source, input_place)
+        unit = of.unit_of_key(key)
         if "unit" in entry and entry["unit"] != unit:
-            raise InputError(f"{here / 'unit'}: is {shown(entry['unit'])}, must be '{unit}'")
+            raise InputError(f"{input_place / 'unit'}: is {shown(entry['unit'])}, must be '{unit}'")
         if name in keys:
-            raise InputError(f"{here}: '{name}' is set twice, also as '{keys[name]}'")
+            raise InputError(f"{input_place}: '{name}' is set twice, also as '{keys[name]}'")
         keys[name] = key
-        yield name, _scaled(entry["value"], factor, here), Source(key, entry["value"], source, reading)
+        yield name, _scaled(entry["value"], factor, input_place), Source(key, entry["value"], source, reading)
 
 
 def _validated(values: dict[str, object], sources: dict[str, Source], place: _Place, model: type[Inputs]) -> Inputs:
@@ -464,12 +464,12 @@ def _validated(values: dict[str, object], sources: dict[str, Source], place: _Pl
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             source = sources.get(f"{section}.{first['loc'][0]}") if first["loc"] else None
-            here = place / section / source.key if source else place / section
-            given = f" (given: {shown(source.written)})" if source else ""
+            input_place = place / section / source.key if source else place / section
+            value_in_file = f" (given: {shown(source.written)})" if source else ""
             message = first["msg"].removeprefix("Value error, ").replace("valid tuple", "list of numbers")
             # What a validator says of a file may hold whatever stands in its name.
             message = printable(message[:LONGEST_REASON])
-            raise InputError(f"{here}: {message}{given}{_number_hint(first['input'])}") from None
+            raise InputError(f"{input_place}: {message}{value_in_file}{_number_hint(first['input'])}") from None
     for check in model.CHECKS:
         try:
             check(*(sections[name] for name in inspect.signature(check).parameters))
@@ -530,12 +530,12 @@ def _check_source(source, place) -> None:
 
 
 def _visible(text: str) -> bool:
-    """Whether a reader sees a letter or a digit of a text."""
+    """Whether a text has a visible letter or digit."""
     return any(c.isalnum() and c not in INVISIBLE_LETTERS for c in text)
 
 
 def _check_characters(text, place) -> None:
-    """Refuse what no file or terminal can show: control characters and lone surrogates."""
+    """Reject what no file or terminal can show: control characters and lone surrogates."""
     unfit = next((c for c in text if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs")), None)
     if unfit is not None:
         raise InputError(f"{place}: has the character {unfit!r}, which cannot be shown; remove it")
@@ -559,11 +559,11 @@ def _scaled_number(value, factor, place):
 
 
 def _bare(name: object) -> str:
-    """Return a name as it is, or as `shown` if it is none."""
+    """Return a valid name as it is, and anything else as `shown` does."""
     return name if isinstance(name, str) and re.fullmatch(r"\S{1,60}", name) and name.isprintable() else shown(name)
 
 
 def _number_hint(value) -> str:
     if isinstance(value, str) and re.fullmatch(r"[+-]?\d+[eE][+-]?\d+", value.strip()):
-        return "; YAML takes this for text: write the number with a point, as in 1.0e-3"
+        return "; YAML reads this as text: write the number with a point, as in 1.0e-3"
     return ""

@@ -36,10 +36,10 @@ INSTRUCTION_SETS = (
 )
 UNPINNED = "MARSEDL_UNPINNED"
 _OF_THIS_PROJECT = ("PYTHONHASHSEED", "NUMBA_CACHE_DIR", "NUMBA_CACHE_LOCATOR_CLASSES")
-# Errors of the system that are no fault of the code, with what to do.
+# Errors of the system that the code does not cause, with the remedy.
 OUTSIDE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space and run again"),
-    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "give yourself permission to write there and run again"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "change its permissions and run again"),
 }
 
 
@@ -75,8 +75,8 @@ def pretended_machine() -> str:
     """Return the instruction sets that this process was given in place of the pinned ones; empty if they are pinned."""
     if not os.environ.get(UNPINNED):
         return ""
-    given = [f"{name}={os.environ[name]}" for name in INSTRUCTION_SETS if name in os.environ]
-    return "; ".join(given) or "this machine's own"
+    settings = [f"{name}={os.environ[name]}" for name in INSTRUCTION_SETS if name in os.environ]
+    return "; ".join(settings) or "this machine's own"
 
 
 def _pinned() -> dict[str, str]:
@@ -85,8 +85,8 @@ def _pinned() -> dict[str, str]:
     return {name: value for name, value in NUMERIC_ENVIRONMENT.items() if name not in free}
 
 
-def given(function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **others) -> dict:
-    """Return what a stage, figure, table or claim asks for by its signature.
+def arguments_of(function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **others) -> dict:
+    """Return the arguments that a stage, figure, table or claim has in its signature.
 
     Args:
         function: which is asked.
@@ -110,22 +110,19 @@ def given(function: typing.Callable, inputs: Mapping[str, object], artifact: typ
             arguments[name] = others[name]
         elif _is(kind, Section):
             arguments[name] = kind.given(sections.get(name, {}))
-        elif _is(kind, Inputs):
-            arguments[name] = kind.given(inputs)
-        elif _is(kind, Artifacts):
-            records = {f: artifact(f, _kind(of)) for f, of in typing.get_type_hints(kind).items()}
-            arguments[name] = kind(**{f: record for f, record in records.items() if record is not None})
+        elif _is(kind, Inputs) or _is(kind, Artifacts):
+            arguments[name] = _argument(kind, inputs, artifact)
         elif (record := artifact(name, _kind(kind))) is not None:
             arguments[name] = record
     return arguments
 
 
-def computed(entries: typing.Iterable[str], give: typing.Callable, options: Mapping[str, object]) -> object:
+def compute_record(entries: typing.Iterable[str], give: typing.Callable, options: Mapping[str, object]) -> object:
     """Return what a stage computes.
 
     Args:
         entries: its functions, "package.module:function"; what one returns, the next one gathers.
-        give: function of a function and of further arguments, that returns its arguments, see `given`.
+        give: function of a function and of further arguments, that returns its arguments, see `arguments_of`.
         options: of a stage that flies trials, which ones: fields of `Flown`.
 
     """
@@ -147,6 +144,18 @@ def whole_case(case: str, trials: int, paper) -> dict[str, object]:
     return {"case": case, "trials": trials, "block_size": paper.trials_per_block}
 
 
+def published_of(params) -> dict[str, dict]:
+    """Return the printed claims by id, as the argument `published`; nothing if a job of these params shows none.
+
+    It is no method of a job, so that an edit of how claims are read does not make every stage anew.
+    """
+    from marsedl.replication.claims import load_published
+
+    if not params.printed:
+        return {}
+    return {"published": {claim.id: claim for claim in load_published(params.published)}}
+
+
 class Job:
     """One job of the workflow, from the `snakemake` object that its script is given."""
 
@@ -159,8 +168,8 @@ class Job:
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
         self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
 
-    def given(self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **others) -> dict:
-        """Return the function's arguments: sections, and artifacts from the job's input files, see `given`.
+    def arguments_of(self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **others) -> dict:
+        """Return the function's arguments: sections, and artifacts from the job's input files, see `arguments_of`.
 
         inputs: plain values by "section.name"; by default those of the job's params.
         """
@@ -168,7 +177,7 @@ class Job:
             kind = typing.get_args(typing.get_type_hints(function)["chunks"])[0]
             others["chunks"] = [self.load(path, kind) for path in ([chunks] if isinstance(chunks, str) else chunks)]
         files = dict(self.input.items())
-        return given(
+        return arguments_of(
             function,
             self.params.inputs if inputs is None else inputs,
             lambda name, kind: self.load(files[name], kind) if name in files else None,
@@ -184,35 +193,37 @@ class Job:
             self._loaded[path] = artifacts.load(path, kind, paper=paper, reading=reading)
         return self._loaded[path]
 
-    def published(self) -> dict[str, dict]:
-        """Return the printed claims by id, as the argument `published`; nothing if the job shows none."""
-        from marsedl.replication.claims import load_published
-
-        if not self.params.printed:
-            return {}
-        return {"published": {claim.id: claim for claim in load_published(self.params.published)}}
-
     def run(self) -> None:
         """Compute each artifact of the stage, and save it; the params hold their recipes."""
         for path, recipe in zip(self.output, self.params.recipes, strict=True):
-            give = functools.partial(self.given, inputs=recipe["inputs"])
-            self.save(path, computed(self.params.entries, give, recipe["options"]), recipe)
+            give = functools.partial(self.arguments_of, inputs=recipe["inputs"])
+            self.save(path, compute_record(self.params.entries, give, recipe["options"]), recipe)
 
-    def readings(self, function: typing.Callable, **others) -> dict[str, dict]:
-        """Return the arguments of a function over all readings, by reading; inputs and files are in the params."""
+    def readings(self) -> dict[str, tuple[Mapping[str, object], typing.Callable]]:
+        """Return the inputs of each reading, and the function of an artifact's name and type that loads it."""
 
-        def of(reading: str) -> dict:
-            files = self.params.artifacts[reading]
+        def load(files: Mapping[str, str], name: str, kind: type) -> object:
+            return self.load(files[name], kind) if name in files else None
 
-            def load(name: str, kind: type) -> object:
-                return self.load(files[name], kind) if name in files else None
+        return {
+            reading: (self.params.inputs[reading], functools.partial(load, files))
+            for reading, files in self.params.artifacts.items()
+        }
 
-            return given(function, self.params.inputs[reading], load, **others)
+    def of_readings(self, function: typing.Callable) -> dict[str, tuple]:
+        """Return the argument `readings` of a function: inputs and records by reading, of the types that it annotates.
 
-        return {reading: of(reading) for reading in self.params.artifacts}
+        function: its parameter `readings` is annotated as `dict[str, tuple[Inputs, Records]]`.
+        """
+        _, pair = typing.get_args(typing.get_type_hints(function)["readings"])
+
+        def of(values: Mapping[str, object], artifact: typing.Callable) -> tuple:
+            return tuple(_argument(kind, values, artifact) for kind in typing.get_args(pair))
+
+        return {reading: of(*inputs_and_records) for reading, inputs_and_records in self.readings().items()}
 
     def check_artifacts(self) -> None:
-        """Refuse input artifacts that their rules would make otherwise now; the params hold their recipes."""
+        """Reject input artifacts that their rules would now make differently; the params hold their recipes."""
         if not self._artifacts:
             return
         from marsedl.replication.artifacts import check_recipe
@@ -221,15 +232,15 @@ class Job:
             check_recipe(path, recipe, paper, reading)
 
     def check_libraries(self) -> None:
-        """Refuse to run with libraries of other versions than those that Snakemake planned with."""
+        """Raise MarsedlError if library versions differ from those that Snakemake planned with."""
         from marsedl.replication.libraries import versions_used
 
         recipes = self.params.get("recipes", [self.params])
         planned = recipes[0].get("libraries", "")
         names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
-        if planned and (found := versions_used(frozenset(names))) != planned:
+        if planned and (present := versions_used(frozenset(names))) != planned:
             raise MarsedlError(
-                f"the job would run with {found}, but was planned with {planned}: start snakemake in the environment "
+                f"the job would run with {present}, but was planned with {planned}: start snakemake in the environment "
                 "in which its jobs run"
             )
 
@@ -238,7 +249,7 @@ class Job:
         from marsedl.replication import artifacts, digests
         from marsedl.replication.recipes import recipe_digest
 
-        needs = {Path(need).name: recipe_digest(made) for need, (_, _, made) in self._artifacts.items()}
+        needs = {Path(need).name: recipe_digest(need_recipe) for need, (_, _, need_recipe) in self._artifacts.items()}
         recipe = {**recipe, "needs": needs}
         provenance = {
             **recipe,
@@ -275,7 +286,8 @@ def replay(folder: Path, paper, study, reading: str, trial: tuple[str, int], mod
     from marsedl.replication.sharing import Shared
 
     case, number = trial
-    inputs, trials, shared = study.readings[reading].inputs, study.readings[reading].flown(), Shared(paper, study)
+    inputs, trials = study.readings[reading].inputs, study.readings[reading].trial_counts()
+    shared = Shared(paper, study)
     if not trials.get(case):
         raise InputError(f"reading {reading} has no case '{case}'; {nearest(case, trials)}")
     if not 0 <= number < trials[case]:
@@ -287,13 +299,21 @@ def replay(folder: Path, paper, study, reading: str, trial: tuple[str, int], mod
             raise InputError(f"{folder / path} is not built yet; run 'snakemake {path}{options}' first")
         return artifacts.load(folder / path, kind, paper=paper.slug, reading=shared.owner(reading, name))
 
-    arguments = given(module.replay, inputs.plain(), load)
-    ensemble, stored = None, f"{FLIGHTS}.{case}"
-    if (folder / shared.file(reading, stored)).exists():
-        ensemble = load(stored, typing.get_type_hints(module.gather)["return"])
+    arguments = arguments_of(module.replay, inputs.plain(), load)
+    ensemble, artifact_name = None, f"{FLIGHTS}.{case}"
+    if (folder / shared.file(reading, artifact_name)).exists():
+        ensemble = load(artifact_name, typing.get_type_hints(module.gather)["return"])
         if number >= ensemble.outcome.shape[-1]:  # of fewer trials than the reading now has
             ensemble = None
     return module.replay(**arguments, trial=Trial(case, number, ensemble))
+
+
+def _argument(kind: type, inputs: Mapping[str, object], artifact: typing.Callable) -> object:
+    """All inputs, or a dataclass of artifacts; arguments as for `arguments_of`."""
+    if not issubclass(kind, Artifacts):
+        return kind.given(inputs)
+    records = {name: artifact(name, _kind(of)) for name, of in typing.get_type_hints(kind).items()}
+    return kind(**{name: record for name, record in records.items() if record is not None})
 
 
 def _is(kind: object, of: type) -> bool:
@@ -306,7 +326,7 @@ def _kind(annotation):
 
 
 def _described(error: Exception, outputs: typing.Iterable[str]) -> tuple[str, bool]:
-    """Return an error in one line, and whether it was foreseen, so that its traceback tells a user nothing more."""
+    """Return an error in one line, and whether it is an expected one, whose traceback would not help a user."""
     if isinstance(error, MarsedlError):
         return str(error), True
     if isinstance(error, OSError) and error.errno in OUTSIDE:
@@ -322,13 +342,13 @@ def _kept_iterate(path: Path, iterate: dict) -> str:
     try:
         np.savetxt(path, np.column_stack(list(iterate.values())), delimiter=",", header=",".join(iterate), comments="")
     except OSError as error:
-        return f" (its last iterate could not be kept: {error.strerror})"
+        return f" (its last iterate could not be saved: {error.strerror})"
     return f" (its last iterate: {path})"
 
 
 @contextlib.contextmanager
 def guarded(snakemake) -> typing.Iterator[Job]:
-    """Run a job's body: warnings and tracebacks go to its log, a failure ends in one message that names job and log."""
+    """Run a job's body: warnings and tracebacks go to its log; a failure prints one message that names job and log."""
     log = Path(snakemake.log[0])
     job = Job(snakemake)
     try:

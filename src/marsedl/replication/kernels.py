@@ -1,4 +1,4 @@
-"""The cache of compiled kernels: one process compiles at a time, and loads only what this user's own jobs stored.
+"""The cache of compiled kernels: one process compiles at a time, and only files of this user's own jobs are loaded.
 
 Numba's cache files are pickles. Whoever writes one can run code in the process that loads it, and one that is cut short
 ends the job. So every file is sealed with a key that lies outside of the project, in the user's own cache folder, and
@@ -34,9 +34,9 @@ def cache_folder(root: Path, source: str) -> Path:
 
 
 def vector_features() -> str:
-    """What this processor can do, as NUMBA_CPU_FEATURES takes it, with vectors of 512 bits; empty if it has none.
+    """The features of this processor for NUMBA_CPU_FEATURES, with vectors of 512 bits; empty if it has none of these.
 
-    LLVM takes 256 bits on processors that have 512 unless it is told otherwise. The bits of the numbers are the same.
+    By default LLVM uses 256 bits on processors that have 512. The bits of the numbers are the same.
     """
     from llvmlite.binding import get_host_cpu_features
 
@@ -53,13 +53,13 @@ def private_key() -> bytes:
         except OSError:
             continue
     raise MarsedlError(
-        f"no key for the cache of compiled kernels can be kept in {' or '.join(map(str, folders))}: "
+        f"the key for the cache of compiled kernels cannot be stored in {' or '.join(map(str, folders))}: "
         "set XDG_CACHE_HOME to a folder of your own"
     )
 
 
 class Kernels:
-    """What numba asks where a function's compiled form is; the first time, it sets up turns and seals."""
+    """Tells numba where compiled functions are stored; the first call sets up the lock and the seals."""
 
     @staticmethod
     def from_function(py_func, py_file):
@@ -72,7 +72,7 @@ class Kernels:
 
 @cache
 def _take_turns() -> None:
-    """Let one process at a time compile kernels, so that those that wait load what it stored.
+    """Let one process at a time compile kernels; those that wait then load what it stored.
 
     Numba tells when it takes the lock of its compiler, before it looks into its cache, and when it gives it back, after
     it has stored there. Processes that end without doing so hold nothing: the system takes their file locks away.
@@ -103,16 +103,16 @@ def _take_turns() -> None:
 
 
 def announce_compiling() -> None:
-    """Say on standard error, once, when a kernel is compiled: the reader then knows what takes so long."""
+    """Print once, on standard error, that kernels are being compiled, as it takes a while."""
     from numba.core import event
 
     class Announcement(event.Listener):
-        said = False
+        announced = False
 
         def on_start(self, event):
-            if not self.said:
-                print("compiling kernels, once: the next run loads them", file=sys.stderr, flush=True)
-            self.said = True
+            if not self.announced:
+                print("compiling kernels; later runs load them", file=sys.stderr, flush=True)
+            self.announced = True
 
         def on_end(self, event):
             pass
@@ -129,8 +129,8 @@ class Seals:
         self._seen: dict[str, tuple] = {}  # state and seal of files that this process has read
 
     def drop_others(self) -> None:
-        """Delete files whose content is not what was sealed, and say so."""
-        seals, dropped = self._stored(), []
+        """Delete files whose content is not what was sealed, and print which."""
+        seals, dropped = self._stored_seals(), []
         for name, path, state in self._files():
             if self._seen.get(name) == (state, seals.get(name)):
                 continue
@@ -142,37 +142,35 @@ class Seals:
         if dropped:
             more = f" and {len(dropped) - 1} more" if len(dropped) > 1 else ""
             print(
-                f"{self._folder / dropped[0]}{more}: not as a job of this user stored it (cut short, edited or "
-                "copied): deleted, the kernel is compiled again",
+                f"{self._folder / dropped[0]}{more}: not as it was stored (cut short, edited or "
+                "copied); it is deleted and compiled again",
                 file=sys.stderr,
             )
 
     def add(self) -> None:
         """Seal what is new since `drop_others`: this process has stored it."""
-        stored = self._stored()
+        stored_seals = self._stored_seals()
         seals = {}
         for name, path, state in self._files():
-            known, seal = self._seen.get(name, (None, None))
-            seals[name] = seal if known == state else self._seal(name, path)
+            state_before, seal = self._seen.get(name, (None, None))
+            seals[name] = seal if state_before == state else self._seal(name, path)
             self._seen[name] = (state, seals[name])
-        if seals != stored:
+        if seals != stored_seals:
             partial = self._file.with_suffix(f".{os.getpid()}")
             partial.write_text(json.dumps(seals, indent=0), encoding="utf-8")
             partial.replace(self._file)
 
     def _files(self) -> Iterator[tuple[str, Path, tuple]]:
         for path in sorted(self._folder.rglob("*.nb[ic]")):
-            found = path.lstat()
-            yield path.relative_to(self._folder).as_posix(), path, (found.st_ino, found.st_mtime_ns, found.st_size)
+            status = path.lstat()
+            yield path.relative_to(self._folder).as_posix(), path, (status.st_ino, status.st_mtime_ns, status.st_size)
 
-    def _stored(self) -> dict[str, str]:
+    def _stored_seals(self) -> dict[str, str]:
         try:
-            stored = json.loads(self._file.read_text(encoding="utf-8"))
+            seals = json.loads(self._file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
-        return (
-            {n: s for n, s in stored.items() if isinstance(s, str) and s.isascii()} if isinstance(stored, dict) else {}
-        )
+        return {n: s for n, s in seals.items() if isinstance(s, str) and s.isascii()} if isinstance(seals, dict) else {}
 
     def _seal(self, name: str, path: Path) -> str:
         return hmac.new(self._key, f"{name}\0".encode() + path.read_bytes(), hashlib.sha256).hexdigest()
@@ -180,14 +178,14 @@ class Seals:
 
 def _private_folders() -> Iterator[Path]:
     """Where the key may be: the user's cache folder; where there is none, a folder for temporary files."""
-    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    configured = Path(os.environ.get("XDG_CACHE_HOME", ""))
     with contextlib.suppress(RuntimeError):  # some containers have users without a home
-        yield (named if named.is_absolute() else Path.home() / ".cache") / "marsedl"
+        yield (configured if configured.is_absolute() else Path.home() / ".cache") / "marsedl"
     yield Path(tempfile.gettempdir()) / f"marsedl-{os.getuid()}"
 
 
 def _key_in(folder: Path) -> bytes:
-    """The key in a folder that nobody else can write to; raises OSError where it cannot be kept."""
+    """The key in a folder that nobody else can write to; raises OSError if it cannot be stored."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _make_private(folder, 0o700)
     path = folder / "kernels.key"
@@ -213,9 +211,9 @@ def _key_in(folder: Path) -> bytes:
 
 
 def _make_private(path: Path, mode: int) -> None:
-    """Keep others from a file or folder of this user's; raises PermissionError if it is someone else's."""
-    found = path.lstat()
-    if found.st_uid != os.getuid() or path.is_symlink():
+    """Deny other users access to a file or folder; raises PermissionError if it belongs to someone else."""
+    status = path.lstat()
+    if status.st_uid != os.getuid() or path.is_symlink():
         raise PermissionError(f"{path} belongs to someone else")
-    if found.st_mode & 0o077:
+    if status.st_mode & 0o077:
         path.chmod(mode)

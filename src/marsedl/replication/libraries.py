@@ -4,13 +4,14 @@ import importlib.metadata
 import sys
 from functools import cache
 
-# What a library calls without being told by name in our code: its compiler, its solvers, what draws and stores images.
+from marsedl.extras import DISTRIBUTIONS
+
+# Libraries that others use without our code naming them: compilers, solvers, image libraries.
 COMPANIONS = {
     "numba": ("llvmlite",),
     "cvxpy": ("clarabel", "scs"),
     "matplotlib": ("pillow", "contourpy", "fonttools", "kiwisolver"),
 }
-DISTRIBUTIONS = {"PIL": "pillow"}  # by the name of the module, where it is another one
 READ_INPUTS = ("yaml", "pydantic")  # they read and check inputs, which are parameters of the jobs themselves
 
 

@@ -1,7 +1,7 @@
-"""Other machines: the smoke size under other instruction sets and library versions, beside the pinned one.
+"""Other machines: the smoke size with other instruction sets and library versions, compared with the pinned ones.
 
 A build is pinned to one instruction set, so that its numbers are the same wherever it runs. What they would be
-elsewhere is found by taking the pins off (see `replication/jobs.py`) and asking every library for the code that it
+elsewhere is found by removing the pins (see `replication/jobs.py`) and asking every library for the code that it
 would run on another machine. Verdicts are compared, and the numbers of `replication/verification.py`, with its
 tolerances.
 """
@@ -64,10 +64,10 @@ class Machine:
         if self.instruction_sets:
             return "; ".join(f"{name}={value}" for name, value in self.instruction_sets.items())
         python = self.python or sys.executable
-        done = subprocess.run([python, "-c", _VERSIONS], capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise MarsedlError(f"{python}: does not hold the libraries; it says:\n{done.stderr[-1000:]}")
-        return ", ".join(f"{name} {version}" for name, version in json.loads(done.stdout).items())
+        process = subprocess.run([python, "-c", _VERSIONS], capture_output=True, text=True, check=False)
+        if process.returncode:
+            raise MarsedlError(f"{python}: lacks some of the libraries; it says:\n{process.stderr[-1000:]}")
+        return ", ".join(f"{name} {version}" for name, version in json.loads(process.stdout).items())
 
 
 _PINNED = Machine(PINNED)
@@ -96,23 +96,23 @@ MACHINES = {
 }
 
 
-def chosen(names: Sequence[str], libraries: Iterable[str] = ()) -> list[Machine]:
+def select(names: Sequence[str], libraries: Iterable[str] = ()) -> list[Machine]:
     """Return the machines of these names, all if there are none, and one for every `NAME=PYTHON` of `libraries`.
 
-    Raises InputError for a name that is none, or if this machine's processor cannot run one of them.
+    Raises InputError for an unknown name, or if this machine's processor cannot run one of them.
     """
-    others = []
+    other_pythons = []
     for text in libraries:
         name, equals, python = text.partition("=")
         if not equals or not name.isidentifier() or name in (PINNED, *MACHINES) or not Path(python).is_file():
             raise InputError(f"--libraries {text}: give a new name and a Python, as in older=build/older/bin/python")
-        others.append(Machine(name, python=str(Path(python).absolute())))
+        other_pythons.append(Machine(name, python=str(Path(python).absolute())))
     if unknown := next((name for name in names if name not in MACHINES), None):
         raise InputError(f"there is no machine '{unknown}'; {nearest(unknown, MACHINES)}")
-    machines = [MACHINES[name] for name in (names or ([] if others else MACHINES))]
+    machines = [MACHINES[name] for name in (names or ([] if other_pythons else MACHINES))]
     if lacking := next((machine for machine in machines if machine.needs and not _has(machine.needs)), None):
         raise InputError(f"machine '{lacking.name}' cannot be run on a processor without {lacking.needs}; name others")
-    return [*machines, *others]
+    return [*machines, *other_pythons]
 
 
 def _has(feature: str) -> bool:
@@ -125,16 +125,16 @@ def _has(feature: str) -> bool:
 def build(root: Path, folder: Path, slugs: Iterable[str], machine: Machine = _PINNED, cores: int = 2) -> None:
     """Build the claims of some papers at the smoke size in an empty folder, as on another machine or as it is pinned.
 
-    Raises MarsedlError with the end of what Snakemake said if that fails.
+    Raises MarsedlError with the end of Snakemake's output if that fails.
     """
     copy_tree(root, folder)
     arguments = (*(f"report/claims/{slug}.json" for slug in slugs), "--cores", str(cores), "--config", "size=smoke")
-    done = snakemake(folder, *arguments, nice=19, python=machine.python, **machine.environment)
-    if done.returncode:
-        raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
+    process = snakemake(folder, *arguments, nice=19, python=machine.python, **machine.environment)
+    if process.returncode:
+        raise MarsedlError(f"the smoke build in {folder} failed:\n{process.stdout[-3000:]}")
 
 
-def compared(pinned: Path, folder: Path, slug: str, noise: Sequence[str] = ()) -> Comparison:
+def compare_builds(pinned: Path, folder: Path, slug: str, noise: Sequence[str] = ()) -> Comparison:
     """Compare the verdicts and numbers of one paper in two builds; noise as for `verification.compare`."""
     builds = [build_folder(root, "smoke") for root in (pinned, folder)]
     return compare(*(fingerprints(build, slug, _artifacts(build, slug)) for build in builds), noise)
@@ -160,9 +160,9 @@ def rows(machine: str, setting: str, slug: str, comparison: Comparison, verdicts
         worst margin in tolerances, and where that is. Numbers that rounding decides are not among them.
 
     """
-    changed = [change.name for change in comparison.changes if change.verdict]
+    changed_verdicts = [change.name for change in comparison.changes if change.verdict]
     start = (machine, setting, slug)
-    found = [(*start, _VERDICTS, str(verdicts), str(len(changed)), "", "; ".join(changed))]
+    table = [(*start, _VERDICTS, str(verdicts), str(len(changed_verdicts)), "", "; ".join(changed_verdicts))]
     margins = {name: value for name, value in comparison.margins.items() if name not in comparison.by_shape}
     margins |= {c.name: c.margin for c in comparison.changes if not c.verdict}  # those that one build lacks, too
     for stage, names in groupby(sorted(margins, key=_artifact), key=_artifact):
@@ -170,8 +170,8 @@ def rows(machine: str, setting: str, slug: str, comparison: Comparison, verdicts
         worst = max(names, key=margins.get)
         beyond = sum(margins[name] > 1 for name in names)
         where = worst.replace(f"{stage}/", "", 1) if margins[worst] > 0 else ""
-        found.append((*start, stage, str(len(names)), str(beyond), f"{margins[worst]:.1e}", where))
-    return found
+        table.append((*start, stage, str(len(names)), str(beyond), f"{margins[worst]:.1e}", where))
+    return table
 
 
 def _artifact(name: str) -> str:
@@ -194,34 +194,34 @@ def measure(
     folder = root / "build" / "machines"
     print(f"smoke build in {folder / PINNED}", flush=True)
     build(root, folder / PINNED, slugs, cores=cores)
-    measured = []
+    all_rows = []
     for machine in machines:
         setting = settings[machine.name]
         print(f"smoke build in {folder / machine.name} ({setting})", flush=True)
         build(root, folder / machine.name, slugs, machine, cores)
         for slug in slugs:
-            comparison = compared(folder / PINNED, folder / machine.name, slug, noise.get(slug, ()))
+            comparison = compare_builds(folder / PINNED, folder / machine.name, slug, noise.get(slug, ()))
             verdicts = sum(map(len, built_verdicts(build_folder(folder / PINNED, "smoke"), slug).values()))
-            found = rows(machine.name, setting, slug, comparison, verdicts)
-            _print_rows(found)
+            paper_rows = rows(machine.name, setting, slug, comparison, verdicts)
+            _print_rows(paper_rows)
             if comparison.changes:
                 print(format_changes(comparison.changes), flush=True)
-            measured += found
-    store(root, measured)
-    return all(row[HEADER.index("beyond")] == "0" for row in measured)
+            all_rows += paper_rows
+    store(root, all_rows)
+    return all(row[HEADER.index("beyond")] == "0" for row in all_rows)
 
 
-def store(root: Path, measured: Sequence[Sequence[str]]) -> None:
+def store(root: Path, new_rows: Sequence[Sequence[str]]) -> None:
     """Write rows into the table, in place of those of the same machines and papers."""
-    old = read_table(root / TABLE)[1:] if (root / TABLE).exists() else []
-    names = list(dict.fromkeys(row[0] for row in [*old, *measured]))
-    now = {(row[0], row[2]) for row in measured}
-    kept = [*(row for row in old if (row[0], row[2]) not in now), *measured]
+    old_rows = read_table(root / TABLE)[1:] if (root / TABLE).exists() else []
+    names = list(dict.fromkeys(row[0] for row in [*old_rows, *new_rows]))
+    replaced = {(row[0], row[2]) for row in new_rows}
+    all_rows = [*(row for row in old_rows if (row[0], row[2]) not in replaced), *new_rows]
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([HEADER, *sorted(kept, key=lambda row: names.index(row[0]))])
+    csv.writer(text, lineterminator="\n").writerows([HEADER, *sorted(all_rows, key=lambda row: names.index(row[0]))])
     write_text(root / TABLE, text.getvalue())
 
 
-def _print_rows(found: Sequence[Sequence[str]]) -> None:
+def _print_rows(table: Sequence[Sequence[str]]) -> None:
     """Print rows of one machine and paper as a table."""
-    print(f"{found[0][0]}, {found[0][2]}\n{columns([row[3:] for row in (HEADER, *found)], 2)}", flush=True)
+    print(f"{table[0][0]}, {table[0][2]}\n{columns([row[3:] for row in (HEADER, *table)], 2)}", flush=True)

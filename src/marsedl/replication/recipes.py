@@ -17,20 +17,20 @@ def recipe_digest(recipe: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def recipe_changes(kept: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iterator[str]:
+def recipe_changes(stored: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iterator[str]:
     """Say what differs between a recipe that was kept, perhaps not all of it, and another."""
     for key in ("inputs", "options"):
-        old, new = kept.get(key, {}), json.loads(json.dumps(recipe[key]))
+        old, new = stored.get(key, {}), json.loads(json.dumps(recipe[key]))
         names = sorted(name for name in {*old, *new} if old.get(name) != new.get(name))
         yield from (f"{name} is {_short(old.get(name))}, not {_short(new.get(name))}" for name in names[:NAMED_CHANGES])
         if len(names) > NAMED_CHANGES:
             yield f"{len(names) - NAMED_CHANGES} more {key}"
-    if kept.get("code") != recipe["code"]:
+    if stored.get("code") != recipe["code"]:
         yield "other code"
-    old, new = (str(side.get("libraries", "")).split(", ") for side in (kept, recipe))
+    old, new = (str(side.get("libraries", "")).split(", ") for side in (stored, recipe))
     if old != new:
         yield f"{_short(', '.join(item for item in old if item not in new))} among the libraries"
-    old, new = kept.get("needs", {}), recipe["needs"]
+    old, new = stored.get("needs", {}), recipe["needs"]
     if others := sorted(name for name in new if old.get(name) != new[name]):
         yield f"another {', '.join(others[:NAMED_CHANGES])}"
 

@@ -67,18 +67,19 @@ def next_steps(slug: str) -> str:
             f"test it:       pytest tests/papers/test_{slug}.py",
             "replace the lander by the paper, file by file: docs/adding-a-paper.md says what belongs where",
             f"tests/papers/conftest.py: a fixture Pipeline('{slug}'), and in REDUCED its sizes that only cost time",
-            "README.md: a row of the table;  CITATION.cff: a reference",
-            "after a full build that you have looked at: marsedl accept",
+            "when its inputs are as they should be: make schemas",
+            "CITATION.cff: add a reference",
+            "after a full build that you have looked at, with its line in README.md: marsedl accept",
         ]
     )
 
 
 def _registered(root: Path) -> tuple[str, ...]:
     """The papers that the project knows."""
-    found = _SLUGS.search(_read(root / REGISTER))
-    if not found:
+    match = _SLUGS.search(_read(root / REGISTER))
+    if not match:
         raise InputError(f"{root / REGISTER}: no line 'SLUGS = (...)', in which papers are registered; restore it")
-    return ast.literal_eval(found[1])
+    return ast.literal_eval(match[1])
 
 
 def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
@@ -88,14 +89,14 @@ def _check_slug(root: Path, slug: str, slugs: tuple[str, ...]) -> None:
         )
     if slug in slugs:
         raise InputError(f"there is a paper '{slug}' already; choose another name")
-    for known in slugs:
-        if f"{known}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{known}_"):
-            raise InputError(f"'{slug}' would be taken for '{known}' in the names of rules; choose another name")
+    for other_slug in slugs:
+        if f"{other_slug}_".startswith(f"{slug}_") or f"{slug}_".startswith(f"{other_slug}_"):
+            raise InputError(f"'{slug}' would be taken for '{other_slug}' in the names of rules; choose another name")
     rules = [root / "Snakefile", *sorted((root / "workflow" / "rules").glob("*.smk"))]
     # A rule in a loop has the name that its function yields first.
-    taken = {name for path in rules for name in re.findall(r'(?m)^(?:rule | +yield ")(\w+)', _read(path))}
-    taken |= {path.stem for path in (root / REGISTER).parent.iterdir()} | {path.stem for path in rules}
-    if slug in taken:
+    names_in_use = {name for path in rules for name in re.findall(r'(?m)^(?:rule | +yield ")(\w+)', _read(path))}
+    names_in_use |= {path.stem for path in (root / REGISTER).parent.iterdir()} | {path.stem for path in rules}
+    if slug in names_in_use:
         raise InputError(f"'{slug}' is the name of a rule or module already; choose another name")
 
 

@@ -29,19 +29,19 @@ SUFFIXES = {
     "m": {"_km": 1000.0},
     "m/s": {"_km_s": 1000.0},
 }
-SUFFIX_ONLY = ("rad", "rad/s", "rad/s^2")  # an angle without its unit in the name is too easily taken for degrees
+SUFFIX_ONLY = ("rad", "rad/s", "rad/s^2")  # an angle without its unit in the name is too easily read as degrees
 KNOWN_SUFFIXES = (
     *(suffix for accepted in SUFFIXES.values() for suffix in accepted),
     *("_rad", "_m", "_s", "_ms", "_h", "_kg", "_g", "_lb", "_t", "_N", "_kN", "_percent", "_ft", "_mi", "_m_s", "_K"),
 )
 
-# Magnitudes that no quantity here has, in any SI unit: what lies beyond is a slip, and overflows when it is squared.
+# Limits of magnitudes in SI units: a number beyond them is a mistake, and overflows when it is squared.
 SMALLEST, LARGEST = 1e-30, 1e30
 LARGEST_ANGLE = 20 * math.pi  # rad; ten turns
 
 
 def _no_stand_in(value):
-    """Refuse what Python takes for equal to a whole number, of which a Literal would make one."""
+    """Reject floats and booleans, which a Literal would accept as equal to a whole number."""
     if isinstance(value, bool | float):
         raise ValueError("Input should be a whole number, 1 or -1")
     return value
@@ -72,11 +72,11 @@ def at_most(most: int, reason: str) -> type:
 
 Few = at_most(10_000, "each costs a computation of its own")
 Drawn = at_most(10_000, "a figure shows no more")
-Iterations = at_most(1_000_000, "what has not converged by then does not")
+Iterations = at_most(1_000_000, "an iteration that has not converged by then never does")
 StudyTrials = at_most(10_000_000, "a study keeps all of its trials in memory")
 
 
-# Behind the type of a list: its numbers as an array, and as a list where it is written.
+# Follows the type of a list: its numbers become an array, and a list again when written.
 ARRAY = (AfterValidator(lambda value: np.array(value, float)), PlainSerializer(np.ndarray.tolist))
 
 
@@ -119,7 +119,14 @@ def covariance(size: int) -> type:
         return tuple(tuple(row) for row in matrix.tolist())
 
     entry = Number | tuple[Number, ...]
-    return typing.Annotated[tuple[entry, ...], AfterValidator(check), *ARRAY]
+    return typing.Annotated[tuple[entry, ...], AfterValidator(check), *ARRAY, WithJsonSchema(_covariance_schema(size))]
+
+
+def _covariance_schema(size: int) -> dict:
+    """The JSON Schema of a covariance (size, size), written whole or as its diagonal."""
+    length = {"type": "array", "minItems": size, "maxItems": size}
+    variances = {**length, "items": {"type": "number", "exclusiveMinimum": 0}}
+    return {"anyOf": [variances, {**length, "items": {**length, "items": {"type": "number"}}}]}
 
 
 def given(unit: str, meaning: str, **constraints):
@@ -171,17 +178,23 @@ class Section(BaseModel):
         return accepted
 
     @classmethod
+    def unit_of_key(cls, key: str) -> str:
+        """Return the unit in which the value of a key is written, such as km of `entry_altitude_km`."""
+        name, _ = cls.keys()[key]
+        return cls.unit(name) if key == name else key.removeprefix(f"{name}_").replace("_", "/")
+
+    @classmethod
     def given(cls, values: typing.Mapping[str, object]) -> typing.Self:
         """Return the section with some of its inputs, from plain values that were validated before.
 
-        To read an input that is not among them is an error, see `replication/declarations.py`.
+        Reading any other input is an error, see `replication/declarations.py`.
         """
         return cls.model_construct(
             **{name: np.array(v, float) if isinstance(v, list | tuple) else v for name, v in values.items()}
         )
 
     def __getattr__(self, name):
-        """Say which input was read that the stage was not given."""
+        """Name the input that was read although the stage does not have it."""
         if name in type(self).model_fields:
             raise AttributeError(
                 f"the input '{name}' was not given: of a section, a stage is given what its code reads as "
@@ -201,7 +214,7 @@ class Inputs(BaseModel):
 
     # Monte Carlo ensembles, with the input "section.name" that holds their number of trials.
     CASES: typing.ClassVar[dict[str, str]] = {}
-    # Functions that refuse what does not fit together, by ValueError; they take sections by their names.
+    # Functions that raise ValueError for inputs that do not fit together; they take sections by their names.
     CHECKS: typing.ClassVar[tuple[typing.Callable, ...]] = ()
 
     @classmethod

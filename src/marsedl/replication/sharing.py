@@ -1,8 +1,8 @@
-"""What the artifacts of a paper's readings are made from, and whose file each is.
+"""What the artifacts of a paper's readings are made from, and which reading owns each file.
 
-What two readings would compute from the same is computed once. One owns it, the first in a fixed order: `corrected`,
-then as they stand in the files, a user's own last. When an owner is edited, the next of the others owns a file of its
-own, which is computed again with the same result.
+An artifact that two readings would compute from the same inputs is computed once. One of them owns it, the first in a
+fixed order: `corrected`, then as they stand in the files, a user's own last. When an owner is edited, the next of the
+others owns a file of its own, which is computed again with the same result.
 """
 
 from collections.abc import Callable, Iterable
@@ -36,7 +36,7 @@ class Shared:
         self.paper, self._study, self._reached = paper, study, reached
         self._order = sorted(study.readings, key=lambda name: name != FIRST)  # stable: otherwise as they stand
         self._values = {name: reading.inputs.plain() for name, reading in study.readings.items()}
-        self._flown = {name: reading.flown() for name, reading in study.readings.items()}
+        self._flown = {name: reading.trial_counts() for name, reading in study.readings.items()}
         self._recipes: dict[tuple[str, str], dict] = {}
         self._digests: dict[tuple[str, str], str] = {}
         self._owners: dict[tuple[str, str], str] = {}  # by name of the artifact and digest
@@ -66,15 +66,16 @@ class Shared:
         return f"data/cache/{self.paper.slug}/{self.owner(reading, name)}/{name}.h5"
 
     def files(self, reading: str, needs: Iterable[str], optional: Iterable[str] = ()) -> dict[str, str]:
-        """Return the paths of artifacts by the parameter that takes them; optional: those that there are."""
+        """Return the paths of artifacts by the parameter that takes them; of the optional ones, those that exist."""
         needs = [*needs, *(need for need in optional if self.has(reading, need))]
         return {need.split(".")[-1]: self.file(reading, need) for need in needs}
 
     def claimed(self, reading: str) -> dict[str, str]:
-        """Return the paths of all artifacts that the claims of a reading use, by name."""
-        stages = self.paper.stages.items()
+        """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
+        own = reading in self._study.own
+        stages = [(name, stage) for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)]
         names = [
-            *(n for n, stage in stages if not n.startswith(FLIGHTS) and reading in (stage.claimed_in or [reading])),
+            *(name for name, stage in stages if own or reading in (stage.claimed_in or [reading])),
             *(f"{FLIGHTS}.{case}" for case in self._flown[reading]),
         ]
         return {name: self.file(reading, name) for name in names}

@@ -1,4 +1,4 @@
-"""Text for a terminal: nothing in it can act on the terminal, and tables fit its width."""
+"""Text for a terminal: control characters are escaped, and tables fit its width."""
 
 import shutil
 import textwrap
@@ -10,12 +10,12 @@ NARROWEST = 8  # of a column that is made narrower
 
 
 def printable(text: object) -> str:
-    """Return a text without control characters: those that stand in a file are shown as in Python, \\x1b for one."""
+    """Return a text with its control characters escaped as in Python, such as \\x1b."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
 
 
 def printable_lines(text: object) -> str:
-    """Return a text of several lines without control characters other than the line breaks."""
+    """Return a text of several lines with all control characters but line breaks escaped."""
     return "\n".join(map(printable, str(text).split("\n")))
 
 
@@ -23,7 +23,7 @@ def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = T
     """Lay out rows of equal length as aligned columns.
 
     Args:
-        rows: the cells; control characters in them are shown, not printed.
+        rows: the cells; control characters in them are escaped.
         indent: spaces before each line.
         wrap: break what is too long over several lines; otherwise it is cut off.
         width: of the whole; that of the terminal unless given, without limit if the output goes elsewhere.
@@ -42,14 +42,14 @@ def columns(rows: Sequence[Sequence[object]], indent: int = 0, *, wrap: bool = T
         widths[max(wide, key=widths.__getitem__)] -= 1
     lines = []
     for row in cells:
-        parts = [_broken(cell, size, wrap) for cell, size in zip(row, widths, strict=True)]
+        parts = [_wrapped(cell, size, wrap) for cell, size in zip(row, widths, strict=True)]
         for line in zip_longest(*parts, fillvalue=""):
             padded = "  ".join(part.ljust(size) for part, size in zip(line, widths, strict=True))
             lines.append((" " * indent + padded).rstrip())
     return "\n".join(lines)
 
 
-def _broken(cell: str, width: int, wrap: bool) -> list[str]:
+def _wrapped(cell: str, width: int, wrap: bool) -> list[str]:
     """A cell as lines of at most a width."""
     if len(cell) <= width:
         return [cell]

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from marsedl.replication.claims import read_claims, unexplained, write_text
+from marsedl.replication.claims import read_claims, read_counterexamples, unexplained, write_text
 from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
@@ -25,8 +26,8 @@ from marsedl.replication.terminal import columns, printable
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
 PRODUCTS = ("data/cache/**/*.h5", "figures/**/*.*", "report/**/*.*")
-# What must not matter: cores, chunks, the order of sets and dictionaries, the date and the language. Two time zones in
-# which it is never the same day, written so that no table of zones is needed.
+# What must not matter: cores, chunks, the order of sets and dictionaries, the date and the language. The two time zones
+# never have the same date, and are written so that no table of zones is needed.
 BUILDS = (
     {"cores": "2", "chunks": "1", "PYTHONHASHSEED": "0", "TZ": "NUT11", "LC_ALL": "C"},
     {"cores": "3", "chunks": "3", "PYTHONHASHSEED": "271828", "TZ": "LINT-14"},  # and a locale of the machine
@@ -37,8 +38,10 @@ RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding
 SMALLEST_SCALE = 1e-3  # in the field's own unit: smaller fields are compared as if they were of this size
 RESIDUALS = ("_error", "_gap", "_residual")  # fields of this name are zero but for rounding: compared as if of size one
 COUNT_TOLERANCE = 0.02  # of iteration counts, which jump where rounding decides the last iteration
-REMEDY = "what is meant to change is accepted by 'marsedl accept', after a full build"
-_VERDICTS, _PUBLISHED = "verdicts/", "published/"  # before the id of a claim; other names have three parts
+REMEDY = "if the changes are intended, accept them with 'marsedl accept' after a full build"
+# Before the id of a claim; other names have three parts.
+_VERDICTS, _PUBLISHED, _COUNTEREXAMPLES = "verdicts/", "published/", "counterexamples/"
+NOT_TURNED = "not turned"  # of a claim without a counterexample that works
 _MOMENTS = ("root mean square", "mean", "weighted mean", "smallest", "largest")
 _NOTHING = "–"  # in a table, where one side has no such claim, verdict or field
 _ROWS = 40  # of a table of changes, beside those of claims, which are all shown
@@ -68,9 +71,9 @@ def snakemake(
 ) -> subprocess.CompletedProcess:
     """Run Snakemake in a copy of the tree, with that copy's package; returns the finished process with its output.
 
-    nice: by how much it and its jobs give way to other processes, as for the command of this name. offline: without
+    nice: niceness of Snakemake and its jobs. offline: without
     network, where `offline_works`. python: another interpreter, whose environment may have other versions of libraries.
-    environment: further variables; None takes one away.
+    environment: further variables; None removes one.
     """
     environment = {**os.environ, **environment, "PYTHONPATH": str(folder / "src")}
     environment = {name: value for name, value in environment.items() if value is not None}
@@ -87,19 +90,19 @@ def snakemake(
 
 
 def offline_works() -> bool:
-    """Return whether this machine lets a process go without network."""
-    return _said(*_OFFLINE, "true") is not None
+    """Return whether this machine can run a process without network."""
+    return _output_of(*_OFFLINE, "true") is not None
 
 
 def other_locale() -> str:
     """Return a locale of this machine that is not the plain one: the first by name with a language, else any."""
-    known = sorted((_said("locale", "-a") or "").split())
-    others = [name for name in known if name not in ("C", "POSIX")]
+    locales = sorted((_output_of("locale", "-a") or "").split())
+    others = [name for name in locales if name not in ("C", "POSIX")]
     return next((name for name in others if "_" in name), others[0] if others else "C.UTF-8")
 
 
-def _said(*command: str) -> str | None:
-    """What a command of the system says; nothing if there is no such command, or if it fails."""
+def _output_of(*command: str) -> str | None:
+    """The output of a system command; None if it does not exist or fails."""
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
@@ -118,7 +121,7 @@ def build_twice(root: Path) -> bool:
         network = "without network" if offline and build is builds[-1] else "with the machine's network"
         print(f"smoke build in {folder.name} ({settings}, {network})", flush=True)
     if not offline:
-        print("  no build without network: this machine does not let a process go without it", flush=True)
+        print("  both builds use the network: this machine cannot run a process without it", flush=True)
 
     def run(folder, build):
         config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
@@ -129,42 +132,53 @@ def build_twice(root: Path) -> bool:
     # At the same time, the build of fewer cores before the other: were it the last to end, the other cores would idle.
     with ThreadPoolExecutor() as pool:
         finished = list(pool.map(run, folders, builds))
-    for folder, done in zip(folders, finished, strict=True):
-        if done.returncode:
-            raise MarsedlError(f"the smoke build in {folder} failed:\n{done.stdout[-3000:]}")
+    for folder, process in zip(folders, finished, strict=True):
+        if process.returncode:
+            raise MarsedlError(f"the smoke build in {folder} failed:\n{process.stdout[-3000:]}")
     products = [build_folder(folder, "smoke") for folder in folders]
     first, second = (digest_tree(folder, PRODUCTS) for folder in products)
     unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
     for name in unequal:
-        shown = f"marsedl diff build/verify/0/build/smoke/{name} build/verify/1/build/smoke/{name}"
-        print(f"  differs: {name} (compare with '{shown}')")
+        command = f"marsedl diff build/verify/0/build/smoke/{name} build/verify/1/build/smoke/{name}"
+        print(f"  differs: {name} (compare with '{command}')")
     print(f"{len(first)} products in each of two builds, {len(unequal)} differ", flush=True)
     return not unequal
 
 
 def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str, dict | str]:
-    """Reduce a full build of a paper to what is compared, by name.
+    """Reduce a full build of a paper to the numbers and verdicts that are compared, by name.
 
     Of every claim what the paper prints, the verdicts by reading, and the values as numbers; of the artifacts, moments
     of every field. cached: files of artifacts by "reading/artifact"; several readings may share one.
     """
-    from marsedl.replication.artifacts import opened
+    from marsedl.replication.artifacts import holds_field, opened
 
     rows = read_claims(_product(root, f"report/claims/{slug}.json"))
-    found = {f"{_VERDICTS}{row['id']}": _verdicts(row) for row in rows}
-    found |= {f"{_PUBLISHED}{row['id']}": _printed(row) for row in rows}
+    entries = {f"{_VERDICTS}{row['id']}": _verdicts(row) for row in rows}
+    entries |= {f"{_PUBLISHED}{row['id']}": _printed(row) for row in rows}
+    entries |= _counterexamples(root, slug)
     for row in rows:
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
-                found[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
+                entries[f"claims/{row['id']}/{reading}"] = _reduced(np.array(result["value"]))
     reduced: dict[Path, dict[str, dict]] = {}
     for artifact, path in cached.items():
         if path not in reduced and path.exists():
             with opened(path) as file:
-                numbers = {n: d for n, d in sorted(file.items()) if hasattr(d, "dtype") and d.dtype.kind in "fiub"}
+                fields = {name: file[name] for name in sorted(file) if holds_field(file, name)}
+                numbers = {name: field for name, field in fields.items() if field.dtype.kind in "fiub"}
                 reduced[path] = {name: _reduced(np.array(dataset)) for name, dataset in numbers.items()}
-        found |= {f"{artifact}/{name}": numbers for name, numbers in reduced.get(path, {}).items()}
-    return found
+        entries |= {f"{artifact}/{name}": numbers for name, numbers in reduced.get(path, {}).items()}
+    return entries
+
+
+def _counterexamples(root: Path, slug: str) -> dict[str, str]:
+    """The verdict that each counted claim has after its counterexample, if they were built."""
+    path = root / "report" / "counterexamples" / f"{slug}.json"
+    counterexamples = read_counterexamples(path) if path.exists() else {}
+    return {
+        f"{_COUNTEREXAMPLES}{name}": turned["to"] if turned else NOT_TURNED for name, turned in counterexamples.items()
+    }
 
 
 def _printed(row: Mapping) -> str:
@@ -201,16 +215,16 @@ def _reduced(array: np.ndarray) -> dict:
     return {"shape": list(array.shape), "counts": array.dtype.kind in "iub", "numbers": [float(n) for n in numbers]}
 
 
-def margin(name: str, reference: dict, found: dict) -> float:
+def margin(name: str, reference: dict, values: dict) -> float:
     """Return the largest difference of a field's two reductions in tolerances; infinite for another shape."""
-    return float(max(_margins(name, reference, found), default=0.0))
+    return float(max(_margins(name, reference, values), default=0.0))
 
 
-def _margins(name: str, reference: dict, found: dict) -> np.ndarray:
+def _margins(name: str, reference: dict, values: dict) -> np.ndarray:
     """The difference of each number, in tolerances."""
-    if reference["shape"] != found["shape"] or len(reference["numbers"]) != len(found["numbers"]):
+    if reference["shape"] != values["shape"] or len(reference["numbers"]) != len(values["numbers"]):
         return np.array([np.inf])
-    a, b = np.array(reference["numbers"]), np.array(found["numbers"])
+    a, b = np.array(reference["numbers"]), np.array(values["numbers"])
     if reference["counts"]:
         tolerance = 1.0 + COUNT_TOLERANCE * np.abs(a)
     else:
@@ -246,18 +260,21 @@ class Comparison:
 
 
 def compare(
-    reference: Mapping[str, dict | str], found: Mapping[str, dict | str], noise: Sequence[str] = ()
+    reference: Mapping[str, dict | str], build: Mapping[str, dict | str], noise: Sequence[str] = ()
 ) -> Comparison:
     """Compare what is committed with what was found, both as `fingerprints` gives them.
 
     noise: patterns of names of which only the shape is compared.
     """
     by_shape = {name for name in reference if any(fnmatchcase(name, pattern) for pattern in noise)}
-    margins, printed, verdicts, numbers = {}, [], [], []
-    for name in dict.fromkeys([*reference, *found]):
-        old, new = reference.get(name), found.get(name)
+    margins, printed, verdicts, turned, numbers = {}, [], [], [], []
+    for name in dict.fromkeys([*reference, *build]):
+        old, new = reference.get(name), build.get(name)
         if name.startswith(_VERDICTS):
             verdicts.append(name)
+        elif name.startswith(_COUNTEREXAMPLES):
+            if old != new and old is not None and new is not None:
+                turned.append(Change(f"{name.partition('/')[2]}, counterexample", old, new, np.inf, verdict=True))
         elif name.startswith(_PUBLISHED):
             claim = name.removeprefix(_PUBLISHED)
             if old != new:
@@ -271,17 +288,17 @@ def compare(
                 worst = int(np.argmax(_margins(name, expected, new)))
                 numbers.append(Change(name, _described(old, worst), _described(new, worst), margins[name]))
     numbers.sort(key=lambda change: -change.margin)
-    changed = [change for name in verdicts for change in _verdict_changes(name, reference, found, margins)]
-    return Comparison([*printed, *changed, *numbers], margins, by_shape & margins.keys())
+    verdict_changes = [change for name in verdicts for change in _verdict_changes(name, reference, build, margins)]
+    return Comparison([*printed, *verdict_changes, *turned, *numbers], margins, by_shape & margins.keys())
 
 
-def _verdict_changes(name: str, reference: Mapping, found: Mapping, margins: Mapping[str, float]) -> list[Change]:
+def _verdict_changes(name: str, reference: Mapping, build: Mapping, margins: Mapping[str, float]) -> list[Change]:
     """The readings in which a claim has another verdict; one change for a claim that is new or gone."""
     claim = name.removeprefix(_VERDICTS)
-    if name not in reference or name not in found:
-        old, new = (", ".join(sorted({*side.get(name, {}).values()})) or _NOTHING for side in (reference, found))
+    if name not in reference or name not in build:
+        old, new = (", ".join(sorted({*side.get(name, {}).values()})) or _NOTHING for side in (reference, build))
         return [Change(claim, old, new, np.inf, verdict=True)]
-    old, new = reference[name], found[name]
+    old, new = reference[name], build[name]
     return [
         Change(
             f"{claim}, {reading}",
@@ -306,7 +323,7 @@ def _described(entry: Mapping | None, moment: int = 0) -> str:
 
 
 def format_changes(changes: Sequence[Change]) -> str:
-    """Lay changes out as a table: what, old, new, margin; all claims, and as many numbers as one looks at."""
+    """Format changes as a table: name, old, new, margin; all claims, and the first numbers."""
     claims = [change for change in changes if change.printed or change.verdict]
     numbers = [change for change in changes if not (change.printed or change.verdict)]
     rows = [("claim or field", "old", "new", "margin in tolerances")]
@@ -318,14 +335,20 @@ def format_changes(changes: Sequence[Change]) -> str:
     return columns(rows, 2) + more
 
 
-def read_reference(root: Path, slug: str) -> dict[str, dict | str]:
-    """Return the committed numbers of a paper; raises MarsedlError if there are none, or if the file is damaged."""
-    path = _reference(root, slug)
+def read_reference(root: Path, slug: str, folder: Path | None = None) -> dict[str, dict | str]:
+    """Return the reference numbers of a paper; raises MarsedlError if there are none, or if the file is damaged.
+
+    folder: holds the reference; the committed one if not given.
+    """
+    path = _reference(root, slug, folder)
     if not path.exists():
-        raise MarsedlError(f"{path} is missing; restore it, or make it with 'marsedl accept' after a full build")
+        if folder is not None:
+            raise MarsedlError(f"{path} is missing; restore it, or write it with '{_accept_command(folder)}'")
+        raise MarsedlError(f"{path} is missing; restore it, or write it with 'marsedl accept' after a full build")
 
     def refuse(problem: str) -> MarsedlError:
-        return MarsedlError(f"{path}: {problem}; restore it with 'git checkout {path.relative_to(root)}'")
+        name = path.relative_to(root) if path.is_relative_to(root) else path
+        return MarsedlError(f"{path}: {problem}; restore it with 'git checkout {name}'")
 
     try:
         reference = json.loads(path.read_text(encoding="utf-8"))
@@ -342,13 +365,13 @@ def read_reference(root: Path, slug: str) -> dict[str, dict | str]:
 
 
 def _wrong_in_entry(name: str, entry: object) -> str:
-    """What is wrong with an entry of a reference, in words; nothing if it is as `fingerprints` gives it."""
-    if name.startswith(_PUBLISHED):
-        return "" if isinstance(entry, str) else "is no text"
+    """What is wrong with an entry of a reference, in words; empty if it has the form of `fingerprints`."""
+    if name.startswith((_PUBLISHED, _COUNTEREXAMPLES)):
+        return "" if isinstance(entry, str) else "is not text"
     if not isinstance(entry, dict):
         return "is not a set of keys with values"
     if name.startswith(_VERDICTS):
-        return "" if all(isinstance(verdict, str) for verdict in entry.values()) else "holds a verdict that is no text"
+        return "" if all(isinstance(verdict, str) for verdict in entry.values()) else "holds a verdict that is not text"
     if name.count("/") != 2:
         return "is not a name of three parts"
     shape, numbers = entry.get("shape"), entry.get("numbers")
@@ -367,6 +390,13 @@ def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
     return {name.removeprefix(_VERDICTS): entry for name, entry in reference.items() if name.startswith(_VERDICTS)}
 
 
+def committed_counterexamples(root: Path, slug: str) -> dict[str, str]:
+    """Return the committed verdicts that counted claims have after their counterexamples, or `NOT_TURNED`, by claim."""
+    reference = read_reference(root, slug)
+    names = [name for name in reference if name.startswith(_COUNTEREXAMPLES)]
+    return {name.removeprefix(_COUNTEREXAMPLES): reference[name] for name in names}
+
+
 def built_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
     """Return the verdicts of a build on a paper's claims, by claim and reading; none if nothing is built."""
     path = root / "report" / "claims" / f"{slug}.json"
@@ -378,8 +408,13 @@ def _verdicts(row: Mapping) -> dict[str, str]:
     return {reading: result["verdict"] for reading, result in row["readings"].items() if result["verdict"]}
 
 
-def _reference(root: Path, slug: str) -> Path:
-    return root / "data" / "reference" / f"{slug}.json"
+def _reference(root: Path, slug: str, folder: Path | None = None) -> Path:
+    return (folder or root / "data" / "reference") / f"{slug}.json"
+
+
+def _accept_command(folder: Path) -> str:
+    """The command that writes a reference of the user's own."""
+    return f"marsedl accept --reference {shlex.quote(str(folder))}"
 
 
 def compare_reference(
@@ -388,45 +423,50 @@ def compare_reference(
     noise: Mapping[str, Sequence[str]] | None = None,
     readings: Mapping[str, Iterable[str]] | None = None,
     size: str = FULL,
+    folder: Path | None = None,
 ) -> bool:
-    """Compare a build with the committed numbers; prints the changes and the worst margin of every paper.
+    """Compare a build with reference numbers; prints the changes and the worst margin of every paper.
 
     papers: whose file each artifact is, by paper; an artifact that readings share is compared with the numbers of each.
     noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
-    all of them if not given. size: of the build; its numbers of trials have to be the full ones. False, too, if a
-    verdict is not explained.
+    all of them if not given. size: of the build; its numbers of trials have to be those of the reference. folder: holds
+    a reference of the user's own; without it, the build is compared with the committed numbers, and is refused as well
+    if a verdict is not explained.
+
+    Returns whether they agree.
     """
     agree, build = True, build_folder(root, size)
     for slug, shared in papers.items():
-        reference = read_reference(root, slug)
+        reference = read_reference(root, slug, folder)
         if readings is not None:
             reference = _of_readings(reference, set(readings[slug]))
-        found = fingerprints(build, slug, _artifacts_of(build, reference, shared))
-        comparison = compare(reference, found, (noise or {}).get(slug, ()))
-        names = _unexplained(build, slug)
+        entries = fingerprints(build, slug, _artifacts_of(build, reference, shared))
+        comparison = compare(reference, entries, (noise or {}).get(slug, ()))
+        names = _unexplained(build, slug) if folder is None else []
         _print_comparison(slug, comparison, names)
         agree = agree and not comparison.changes and not names
     if not agree:
-        print(REMEDY, flush=True)
+        remedy = REMEDY if folder is None else f"if the changes are intended, run '{_accept_command(folder)}'"
+        print(remedy, flush=True)
     return agree
 
 
-def _of_readings(reference: Mapping[str, dict | str], built: set[str]) -> dict[str, dict | str]:
+def _of_readings(reference: Mapping[str, dict | str], readings: set[str]) -> dict[str, dict | str]:
     """The part of a reference that belongs to the readings that were built."""
-    kept = {}
+    entries = {}
     for name, entry in reference.items():
-        if name.startswith(_PUBLISHED):
-            kept[name] = entry
+        if name.startswith((_PUBLISHED, _COUNTEREXAMPLES)):
+            entries[name] = entry
         elif name.startswith(_VERDICTS):
-            kept[name] = {reading: verdict for reading, verdict in entry.items() if reading in built}
-        elif built & {name.split("/")[i] for i in (0, 2)}:
-            kept[name] = entry
-    return kept
+            entries[name] = {reading: verdict for reading, verdict in entry.items() if reading in readings}
+        elif readings & {name.split("/")[i] for i in (0, 2)}:
+            entries[name] = entry
+    return entries
 
 
 def _artifacts_of(build: Path, reference: Iterable[str], shared: Shared) -> dict[str, Path]:
     """The files of the artifacts that a reference holds numbers of, by "reading/artifact"."""
-    others = ("claims/", _PUBLISHED, _VERDICTS)
+    others = ("claims/", _PUBLISHED, _VERDICTS, _COUNTEREXAMPLES)
     names = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
     of_readings = [(name, *name.split("/")) for name in sorted(names)]
     return {
@@ -450,7 +490,7 @@ def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterabl
         f"{sum(value > 1 for value in margins.values())} numbers beyond tolerance, {len(comparison.missing)} missing; "
         f"worst margin {margins.get(worst, 0.0):.3g} tolerances ({printable(worst)})"
         + (f"; {rounding} that rounding decides compared by shape" if rounding else "")
-        + (f"; {printed} printed claims are not those that were accepted" if printed else "")
+        + (f"; {printed} printed claims differ from those accepted" if printed else "")
     )
     if changes:
         print(format_changes(changes))
@@ -463,13 +503,13 @@ def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
     """Return Snakemake's summary of all files behind some targets: by path their `rule`, `status` and `plan`.
 
     arguments: the targets, and other arguments of Snakemake. Paths are below the folder of the size that is built.
-    Raises MarsedlError with what it said if it cannot plan.
+    Raises MarsedlError with Snakemake's output if it cannot plan.
     """
-    done = snakemake(root, *arguments, "--summary")
-    lines = done.stdout.splitlines()
+    process = snakemake(root, *arguments, "--summary")
+    lines = process.stdout.splitlines()
     start = next((number for number, line in enumerate(lines) if line.startswith("output_file\t")), None)
-    if done.returncode or start is None:
-        raise MarsedlError(f"the workflow cannot be planned; Snakemake says:\n{done.stdout[-3000:]}")
+    if process.returncode or start is None:
+        raise MarsedlError(f"the workflow cannot be planned; Snakemake says:\n{process.stdout[-3000:]}")
     rows = csv.DictReader(lines[start:], delimiter="\t", quoting=csv.QUOTE_NONE)
     return {row["output_file"]: row for row in rows if row["plan"]}
 
@@ -495,23 +535,26 @@ def built_files(root: Path, target: str, *config: str) -> dict[str, dict[str, st
     Raises MarsedlError that says what is missing or not up to date.
     """
     files = planned_files(root, target, *(["--config", *config] if config else []))
+    command = " ".join(["snakemake all", *(["--config", *config] if config else [])])
+    return _up_to_date(files, build_folder(root, size_of(config)), command)
+
+
+def _up_to_date(files: Mapping[str, Mapping[str, str]], build: Path, command: str) -> dict[str, Mapping[str, str]]:
+    """The files that stay; raises MarsedlError, with the command that makes them, if one is missing or older."""
     files = {name: file for name, file in files.items() if "/chunks/" not in name}  # which are temporary
     # A lost file that nothing needs any more is no reason for Snakemake to plan an update.
     pending = sorted(name for name, file in files.items() if file["plan"] != "no update" or file["status"] == "missing")
     if pending:
         name = pending[0]
-        size = size_of(config)
-        command = " ".join(["snakemake all", *(["--config", *config] if config else [])])
         raise MarsedlError(
-            f"there is no build of size {size} that is up to date with configuration and code: {len(pending)} of "
-            f"{len(files)} files are missing or older, the first is {build_folder(root, size) / name} "
-            f"({files[name]['status']}); run '{command}'"
+            f"the build in {build} is not up to date with configuration and code: {len(pending)} of {len(files)} files "
+            f"are missing or older, the first is {build / name} ({files[name]['status']}); run '{command}'"
         )
     return files
 
 
 def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
-    """Commit the digests of the inputs that verdicts are found with: with these, each refuted claim needs a reason."""
+    """Store the digests of the inputs behind the verdicts: with these inputs, each refuted claim needs a reason."""
     path = root / COMMITTED_INPUTS
     digests = {slug: counted_inputs(study) for slug, study in studies.items()}
     write_text(path, json.dumps(digests, indent=1) + "\n")
@@ -521,7 +564,7 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
 def accept_reference(
     root: Path, papers: Mapping[str, Shared], noise: Mapping[str, Sequence[str]] | None = None
 ) -> list[Path]:
-    """Make the numbers of a full build the committed ones; prints what changes, as `compare_reference` does.
+    """Store the numbers of a full build as the committed ones; prints what changes, as `compare_reference` does.
 
     Numbers within tolerance keep their committed digits, so that the files show what moved and nothing else.
 
@@ -530,32 +573,64 @@ def accept_reference(
     Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, if a verdict is
     not explained, or if this machine pretends to be another one.
     """
-    if machine := pretended_machine():
-        raise MarsedlError(
-            f"the committed numbers are those of the pinned instruction sets; unset {UNPINNED} ({machine})"
-        )
-    built, accepted = set(built_artifacts(root)), {}
-    for slug, shared in papers.items():
+    _refuse_pretended_machine()
+    built_paths = set(built_artifacts(root))
+    for slug in papers:
         if names := _unexplained(root, slug):
             raise MarsedlError(
                 f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {names[0]} differs or fails without a "
-                f"reason that names an erratum; state it in src/marsedl/papers/{slug}/claims.py first"
+                f"reason that names an erratum; state it in src/marsedl/papers/{slug}/claims first"
             )
-        path = _reference(root, slug)
-        reference = read_reference(root, slug) if path.exists() else {}
-        claimed = {
-            f"{reading}/{name}": root / file
+    return _store(root, root, papers, noise, built_paths)
+
+
+def accept_own_reference(
+    root: Path,
+    folder: Path,
+    papers: Mapping[str, Shared],
+    noise: Mapping[str, Sequence[str]] | None = None,
+    size: str = FULL,
+    options: Sequence[str] = (),
+) -> list[Path]:
+    """Store the numbers of a build of some papers in a folder of the user's own, as `accept_reference` does.
+
+    papers, noise, size, folder: as for `compare_reference`. options: of Snakemake, with which the build was made.
+
+    Returns the files. Raises MarsedlError, and writes nothing, without a build that is up to date, or if this machine
+    pretends to be another one.
+    """
+    _refuse_pretended_machine()
+    targets = [f"report/claims/{slug}.json" for slug in papers]
+    build = build_folder(root, size)
+    files = _up_to_date(planned_files(root, *targets, *options), build, shlex.join(["snakemake", *targets, *options]))
+    return _store(root, build, papers, noise, set(files), folder)
+
+
+def _refuse_pretended_machine() -> None:
+    if machine := pretended_machine():
+        raise MarsedlError(f"reference numbers are those of the pinned instruction sets; unset {UNPINNED} ({machine})")
+
+
+def _store(root, build, papers, noise, built_paths, folder=None) -> list[Path]:
+    """Write the reference of every paper from a build; nothing is written unless all of them can be."""
+    texts = {}
+    for slug, shared in papers.items():
+        path = _reference(root, slug, folder)
+        reference = read_reference(root, slug, folder) if path.exists() else {}
+        files = {
+            f"{reading}/{name}": build / file
             for reading in sorted(shared.readings)
             for name, file in sorted(shared.claimed(reading).items())
-            if file in built
+            if file in built_paths
         }
-        found = fingerprints(root, slug, claimed)
-        comparison = compare(reference, found, (noise or {}).get(slug, ()))
+        build_entries = fingerprints(build, slug, files)
+        comparison = compare(reference, build_entries, (noise or {}).get(slug, ()))
         _print_comparison(slug, comparison, ())
-        kept = {name for name, value in comparison.margins.items() if value <= 1}
-        entries = {name: reference[name] if name in kept else entry for name, entry in found.items()}
+        unchanged = {name for name, value in comparison.margins.items() if value <= 1}
+        entries = {name: reference[name] if name in unchanged else entry for name, entry in build_entries.items()}
         lines = [f" {json.dumps(name)}: {json.dumps(entry)}" for name, entry in entries.items()]
-        accepted[path] = "{\n" + ",\n".join(lines) + "\n}\n"
-    for path, text in accepted.items():
+        texts[path] = "{\n" + ",\n".join(lines) + "\n}\n"
+    for path, text in texts.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
-    return list(accepted)
+    return list(texts)

@@ -2,14 +2,23 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema, model_validator
 
 from marsedl.models.density_table import physical_table, table_or_file
 from marsedl.replication.sections import ARRAY, Number, Positive, Section, given, vector
 
+_ROW = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": "number"}}
+_WRITTEN = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "array", "minItems": 3, "items": _ROW}]}
 DensityTable = Annotated[
-    tuple[tuple[Number, Number], ...], BeforeValidator(table_or_file), AfterValidator(physical_table), *ARRAY
+    tuple[tuple[Number, Number], ...],
+    BeforeValidator(table_or_file),
+    AfterValidator(physical_table),
+    *ARRAY,
+    WithJsonSchema(_WRITTEN),
 ]
+
+
+Negative = Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)]
 
 
 class MeanDensity(Section):
@@ -29,8 +38,23 @@ class MeanDensity(Section):
     @model_validator(mode="after")
     def _table_is_named(self):
         if self.density_profile == "table" and self.density_table is None:
-            raise ValueError("density_profile is 'table', but density_table names none: write its file")
+            raise ValueError("density_profile is 'table', but density_table is empty: write the name of its file")
         return self
+
+
+class FittedDensity(MeanDensity):
+    """The mean density, with the constants of the fit of temperature and pressure among the inputs.
+
+    T = c_3 h^3 + c_2 h^2 + c_1 h + c_0,   p = p_0 exp(k h),   rho = p / (R T),   h the altitude
+    """
+
+    temperature_cubic: Number = given("K/m^3", "of temperature_pressure_fit: c_3, the temperature's cubic term")
+    temperature_quadratic: Number = given("K/m^2", "of temperature_pressure_fit: c_2, its quadratic term")
+    temperature_linear: Number = given("K/m", "of temperature_pressure_fit: c_1, its linear term")
+    temperature_constant: Positive = given("K", "of temperature_pressure_fit: c_0, the temperature at the surface")
+    surface_pressure: Positive = given("Pa", "of temperature_pressure_fit: p_0, the pressure at the surface")
+    pressure_exponent: Negative = given("1/m", "of temperature_pressure_fit: k, by which its logarithm falls")
+    gas_constant: Positive = given("J/(kg K)", "of temperature_pressure_fit: R, specific gas constant of the air")
 
 
 class DensityVariance(Section):

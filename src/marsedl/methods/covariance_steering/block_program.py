@@ -1,9 +1,10 @@
-"""Chance-constrained covariance steering under correlated disturbances as one cone program (random field, Eq. 56).
+r"""Chance-constrained covariance steering under correlated disturbances as one cone program (random field, Eq. 56).
 
 The paper optimizes over L = K (I - B K)^-1 and needs a root of S = A P_0 A' + G Cov(W) G'. The form used here optimizes
 over the response of the controls to the innovations: with a block-causal root of blockdiag(P_0, Cov(W)) = M M',
 
-    [x~_0; W~] = M z,  z ~ N(0, I),      U~ = Y z,      X~ = (Z + B Y) z,      Z = [A G] M
+    $(\tilde{x}_0, \tilde{W}) = M z, \quad z \sim N(0, I), \quad \tilde{U} = Y z, \quad \tilde{X} = (Z + B Y) z,
+      \quad Z = [A \; G] M$
 
 where row block k of Y may use the innovations of x_0, w_0, ..., w_{k-1} only. The optimum is the same, L S^1/2 and Y
 being equal but for a rotation, yet there are fewer unknowns, none of them multiplies a zero, and no ill-conditioned
@@ -115,20 +116,20 @@ def causal_root(system, pivot_tolerance=1e-14):
     rank = 0
     for k in range(intervals + 1):
         rows, past = slice(k * n, (k + 1) * n), slice(0, k * n)
-        known = covariance[rows, past] @ whitening[:rank, past].T
-        own = covariance[rows, rows]
-        deviation = np.sqrt(np.maximum(np.diag(own), 0))
+        from_past = covariance[rows, past] @ whitening[:rank, past].T
+        own_covariance = covariance[rows, rows]
+        deviation = np.sqrt(np.maximum(np.diag(own_covariance), 0))
         # Fractions of the components' own variances do not depend on their units.
         unit = np.where(deviation > 0, deviation, 1.0)
-        pivots, directions = np.linalg.eigh((own - known @ known.T) / np.outer(unit, unit))
-        kept = pivots > pivot_tolerance
-        new = slice(rank, rank + np.count_nonzero(kept))
-        root = np.sqrt(pivots[kept])
-        factor[rows, :rank] = known
-        factor[rows, new] = directions[:, kept] * root * unit[:, None]
-        inverse = directions[:, kept].T / root[:, None] / unit
+        pivots, directions = np.linalg.eigh((own_covariance - from_past @ from_past.T) / np.outer(unit, unit))
+        informative = pivots > pivot_tolerance
+        new = slice(rank, rank + np.count_nonzero(informative))
+        root = np.sqrt(pivots[informative])
+        factor[rows, :rank] = from_past
+        factor[rows, new] = directions[:, informative] * root * unit[:, None]
+        inverse = directions[:, informative].T / root[:, None] / unit
         whitening[new, rows] = inverse
-        whitening[new, past] = -inverse @ known @ whitening[:rank, past]
+        whitening[new, past] = -inverse @ from_past @ whitening[:rank, past]
         block[new] = k
         rank = new.stop
     factor, whitening, block = factor[:, :rank], whitening[:rank], block[:rank]
@@ -163,11 +164,11 @@ class CompiledProgram:
             RuntimeError: as `solve`.
         """
         model = _assemble(program, accept_ill_conditioned)
-        for name, ours in self.structure.items():
-            if model.structure[name] != ours:
+        for name, compiled_value in self.structure.items():
+            if model.structure[name] != compiled_value:
                 raise ValueError(
                     f"the program's structure differs from the compiled one in: {name}, which "
-                    f"is {_shortened(model.structure[name])} instead of {_shortened(ours)}; compile it anew"
+                    f"is {_shortened(model.structure[name])} instead of {_shortened(compiled_value)}; compile it again"
                 )
         for name, parameter in self.parameters.items():
             parameter.value = model.data[name]
@@ -278,19 +279,19 @@ def _assemble(program, accept_ill_conditioned):
     """Scale the program and reduce it to the arrays that the cone program consists of."""
     system = program.system
     intervals, n, m = system.control.shape
-    whole, root = stacked(system), causal_root(system)
+    blocks, root = stacked(system), causal_root(system)
     if root.condition > _WORST_CONDITION and not accept_ill_conditioned:
         raise IllConditionedError(
             f"Cov(W) has the condition number {root.condition:.2g}, more than {_WORST_CONDITION:.0e}: the disturbances "
             "are almost exactly predictable from the states, and the optimal gains are of no use; add independent "
             "noise to the disturbance covariance, or pass accept_ill_conditioned=True"
         )
-    open_loop = np.hstack([whole.transition, whole.disturbance]) @ root.factor
-    mean = whole.transition @ system.initial_mean + whole.affine
+    open_loop = np.hstack([blocks.transition, blocks.disturbance]) @ root.factor
+    mean = blocks.transition @ system.initial_mean + blocks.affine
     causal = np.arange(intervals).repeat(m)[:, None] >= root.block
-    unit = _control_unit(program, whole.control[-n:], open_loop[-n:])
+    unit = _control_unit(program, blocks.control[-n:], open_loop[-n:])
     effects = _Effects(
-        (whole.control * unit).reshape(intervals + 1, n, -1),
+        (blocks.control * unit).reshape(intervals + 1, n, -1),
         open_loop.reshape(intervals + 1, n, -1),
         mean.reshape(intervals + 1, n),
     )
@@ -332,7 +333,7 @@ def _assemble(program, accept_ill_conditioned):
         "kinds of costs and constraints": tuple(data),
     }
     return _Model(
-        program, whole, root, open_loop, mean, unit, cost_unit, causal, inverse_factor, shift, data, structure
+        program, blocks, root, open_loop, mean, unit, cost_unit, causal, inverse_factor, shift, data, structure
     )
 
 
@@ -374,10 +375,10 @@ def _deviations(program, effects, inverse_factor, shift):
         scales of the rows (k,); and the data by which |weights T + offsets| is the deviation over the scale.
     """
     last, count = len(effects.control) - 1, effects.control.shape[2]
-    wanted = [("state", item.step, item.normal) for item in program.state_constraints]
-    wanted += [("control", item.step, item.normal) for item in program.control_constraints]
-    wanted += [("state", last, item.gradient) for item in _weighed(program)]
-    rows, index = _distinct(wanted)
+    directions = [("state", item.step, item.normal) for item in program.state_constraints]
+    directions += [("control", item.step, item.normal) for item in program.control_constraints]
+    directions += [("state", last, item.gradient) for item in _weighed(program)]
+    rows, index = _distinct(directions)
     if not rows:
         return rows, index, np.zeros(0), {}
     weights, offsets = np.zeros((len(rows), count)), np.zeros((len(rows), shift.shape[1]))
@@ -413,7 +414,7 @@ def _half_planes(program, effects, size, unit):
     return {"plane_rows": normals / scale[:, None], "plane_factor": factor / scale, "plane_margin": margin / scale}
 
 
-def _final_conditions(program, effects, inverse_factor, shift, known):
+def _final_conditions(program, effects, inverse_factor, shift, before_last):
     """rows V = margin (random field, Eq. 46), and the matrix weights T + offsets of Eq. 48.
 
     The columns of innovations that come after the last control are a constant; `known` marks the others.
@@ -428,8 +429,8 @@ def _final_conditions(program, effects, inverse_factor, shift, known):
         inverse_root = (vectors / np.sqrt(values)) @ vectors.T
         weights = inverse_root @ control @ inverse_factor
         offsets = inverse_root @ effects.open_loop[-1] - weights @ shift
-        data["final_weights"], data["final_offsets"] = weights, offsets[:, known]
-        data["final_remainder"] = np.eye(len(values)) - offsets[:, ~known] @ offsets[:, ~known].T
+        data["final_weights"], data["final_offsets"] = weights, offsets[:, before_last]
+        data["final_remainder"] = np.eye(len(values)) - offsets[:, ~before_last] @ offsets[:, ~before_last].T
     return data
 
 
@@ -523,14 +524,14 @@ def _build(model, data, cones_together=_CONES_TOGETHER, relaxed=()):
         for first in range(0, len(steps), cones_together):
             group = slice(first, min(first + cones_together, len(steps)))
             last = steps[group.stop - 1]
-            seen, used = int(np.count_nonzero(model.root.block <= last)), min(last + 1, intervals) * m
-            if seen == 0:
+            visible, used = int(np.count_nonzero(model.root.block <= last)), min(last + 1, intervals) * m
+            if visible == 0:
                 constraints.append(deviation[group] >= 0)
                 continue
-            moved = cvxpy.Constant(0.0) + data["deviation_offsets"][group, :seen]
+            response_root = cvxpy.Constant(0.0) + data["deviation_offsets"][group, :visible]
             if response is not None:
-                moved = moved + data["deviation_weights"][group, :used] @ response[:used, :seen]
-            constraints.append(cvxpy.SOC(deviation[group], moved, axis=1))
+                response_root = response_root + data["deviation_weights"][group, :used] @ response[:used, :visible]
+            constraints.append(cvxpy.SOC(deviation[group], response_root, axis=1))
     index, planes = list(structure["deviations of half planes and percentiles"]), structure["number of half planes"]
     if planes:
         spread = cvxpy.multiply(data["plane_factor"], deviation[index[:planes]])
@@ -585,7 +586,7 @@ def _final_covariance(model, data, response, slack):
     intervals, n, _ = model.structure["intervals, states and controls"]
     ends = np.cumsum(model.structure["innovations of each block"])[:intervals]
     remainder = data["final_remainder"] + slack * np.eye(n)
-    moved = (
+    final_root = (
         data["final_offsets"]
         if response is None
         else data["final_offsets"] + data["final_weights"] @ response[:, : ends[-1]]
@@ -593,7 +594,7 @@ def _final_covariance(model, data, response, slack):
     constraints = []
     for start, end in zip([0, *ends[:-1]], ends, strict=True):
         if end > start:
-            share, part = cvxpy.Variable((n, n), symmetric=True), moved[:, start:end]
+            share, part = cvxpy.Variable((n, n), symmetric=True), final_root[:, start:end]
             constraints.append(cvxpy.bmat([[share, part], [part.T, np.eye(end - start)]]) >> 0)
             remainder = remainder - share
     return [*constraints, cvxpy.Constant(0) + remainder >> 0]
@@ -615,19 +616,19 @@ def _build_history(model):
 def _solve(model, cone_program, solver, tolerance, accept_inaccurate, accept_ill_conditioned):
     """Run the solver and turn its solution into a law."""
     report = _run(cone_program.problem, solver, tolerance, accept_inaccurate)
-    reached = (
+    progress = (
         f"after {report['iterations']} iterations, with residuals {report['primal_residual']:.2g} (primal) and "
         f"{report['dual_residual']:.2g} (dual)"
     )
     if report["status"] in ("infeasible", "infeasible_inaccurate"):
-        raise InfeasibleProgram(f"{_explain(model)} ({solver} ended with the status {report['status']!r} {reached})")
+        raise InfeasibleProgram(f"{_explain(model)} ({solver} ended with the status {report['status']!r} {progress})")
     if report["status"] != "optimal" and not (accept_inaccurate and report["status"] == "optimal_inaccurate"):
         advice = {
             "optimal_inaccurate": "; a looser tolerance or accept_inaccurate=True takes its solution",
             "unbounded": "; limit the mean control by its weight or its trust region",
         }.get(report["status"], "")
         raise RuntimeError(
-            f"covariance steering program: {solver} ended with the status {report['status']!r} {reached}{advice}"
+            f"covariance steering program: {solver} ended with the status {report['status']!r} {progress}{advice}"
         )
     law = cone_program.law(model, report)
     if law.largest_gain > _LARGEST_GAIN and not accept_ill_conditioned:
@@ -644,7 +645,7 @@ def _explain(model):
 
     First every kind of constraint alone is relaxed. If that is never enough, all of them are.
     """
-    program, found = model.program, []
+    program, remedies = model.program, []
     kinds = {
         "final covariance": program.final_covariance is not None,
         "final mean": program.final_mean is not None,
@@ -655,22 +656,24 @@ def _explain(model):
     }
     kinds = [kind for kind, present in kinds.items() if present]
     for relaxed in [*([kind] for kind in kinds), kinds]:
-        if relaxed is kinds and found:
+        if relaxed is kinds and remedies:
             break
         elastic = _build(model, model.data, relaxed=relaxed)
         report = _run(elastic.problem, "CLARABEL", None)
         if report["status"] == "optimal":
-            reached = margins(program, elastic.law(model, report))
-            failed = [margin for margin in reached if margin.kind in relaxed and margin.excess > _VIOLATED]
+            margins_when_relaxed = margins(program, elastic.law(model, report))
+            failed = [margin for margin in margins_when_relaxed if margin.kind in relaxed and margin.excess > _VIOLATED]
             least = "the least reachable " if len(failed) == 1 else ""
             sentences = (
                 f"{margin.name}: {least}{margin.quantity} is {margin.value:.6g}, must be <= {margin.limit:.6g}"
                 for margin in failed
             )
-            found.append(", and ".join(sentences) or f"{' and '.join(relaxed)} by less than {_VIOLATED:g} of the limit")
-    if not found:
+            remedies.append(
+                ", and ".join(sentences) or f"{' and '.join(relaxed)} by less than {_VIOLATED:g} of the limit"
+            )
+    if not remedies:
         return "the constraints cannot be met together, and the solver finds no compromise"
-    return "the constraints cannot be met together; it would be enough to relax " + "; or ".join(found)
+    return "the constraints cannot be met together; it would be enough to relax " + "; or ".join(remedies)
 
 
 def _law_of_response(model, controls, response, report):
@@ -827,21 +830,21 @@ def _nonzero(scale):
 
 def _distinct(rows):
     """Unit vectors of the given (kind, step, row) in the order of steps, one for parallel ones; and each row's own."""
-    found, index = [], np.zeros(len(rows), dtype=int)
+    distinct, index = [], np.zeros(len(rows), dtype=int)
     for i in sorted(range(len(rows)), key=lambda i: rows[i][1]):
         kind, step, row = rows[i]
         direction = row / (np.linalg.norm(row) or 1.0)
-        for j in range(len(found) - 1, -1, -1):
-            if found[j][1] != step:
+        for j in range(len(distinct) - 1, -1, -1):
+            if distinct[j][1] != step:
                 j = -1
                 break
-            other = found[j][2]
-            if found[j][0] == kind and min(np.abs(direction - other).max(), np.abs(direction + other).max()) < 1e-12:
+            other = distinct[j][2]
+            if distinct[j][0] == kind and min(np.abs(direction - other).max(), np.abs(direction + other).max()) < 1e-12:
                 break
         else:
             j = -1
         if j < 0:
-            found.append((kind, step, direction))
-            j = len(found) - 1
+            distinct.append((kind, step, direction))
+            j = len(distinct) - 1
         index[i] = j
-    return found, index.tolist()
+    return distinct, index.tolist()

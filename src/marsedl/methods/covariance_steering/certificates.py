@@ -63,8 +63,8 @@ def mean_certificate(problem, intervals):
     if rank < n:
         raise ValueError(f"{intervals} held controls cannot steer {n} states to their target")
     control = solution.reshape(intervals, m) / root[:, None]
-    reached = np.vstack([np.zeros(n), np.cumsum(np.einsum("kij,kj->ki", effect, control), axis=0)])
-    mean = np.einsum("kij,kj->ki", transition, problem.initial_mean + reached) + affine
+    displacement = np.vstack([np.zeros(n), np.cumsum(np.einsum("kij,kj->ki", effect, control), axis=0)])
+    mean = np.einsum("kij,kj->ki", transition, problem.initial_mean + displacement) + affine
     return HeldMean(time=bounds, control=control, mean=mean, cost=float(solution @ solution))
 
 

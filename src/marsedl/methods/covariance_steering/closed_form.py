@@ -1,16 +1,16 @@
-"""Covariance steering of a linear system without iteration (Ridderhof and Tsiotras, powered descent; Secs. II and III).
+r"""Covariance steering of a linear system without iteration (Ridderhof and Tsiotras, powered descent; Secs. II, III).
 
 The paper steers mean and covariance of
 
-    dx = A x dt + B u dt + c dt + G B dw                                                     (Eq. 5)
+    $dx = A x \, dt + B u \, dt + c \, dt + G B \, dw \qquad \text{(Eq. 5)}$
 
 from (x0, S0) to (xT, ST) at least E int u'u dt (Eq. 10), with u = -B' Lambda x + B' lambda (Eq. 24). It finds
 Lambda(0) by iteration (Algorithm 1), Lambda(t) and lambda(t) by integration (Algorithm 2). All of it has a closed form
 in the open-loop quantities Phi(t,0) (Eq. 47), N(t) = int_0^t Phi(0,s) B B' Phi(0,s)' ds and int_0^t Phi(t,s) c ds. With
 x = Phi(t,0) z the drift A disappears, Eq. 21 becomes d(L^-1)/dt = -b b' with b = Phi(0,t) B, and therefore
 
-    R(t)       = I - N(t) Lambda(0)
-    Lambda(t)  = Phi(0,t)' Lambda(0) R(t)^-1 Phi(0,t),     Theta(t,0) = Phi(t,0) R(t)
+    $R(t) = I - N(t) \Lambda(0)$
+    $\Lambda(t) = \Phi(0,t)^\top \Lambda(0) R(t)^{-1} \Phi(0,t), \quad \Theta(t,0) = \Phi(t,0) R(t)$
 
 and Sigma(T) = ST is a quadratic matrix equation in Z = N(T)^-1 - Lambda(0), whose positive root is the one that keeps
 R(t) invertible on [0, T]. Time is counted from the first node; the units are those of the caller.

@@ -49,15 +49,15 @@ def successive_convexification(step: Callable[[np.ndarray], Step], guess, *, ite
     tolerances = np.atleast_1d(np.asarray(tolerances, dtype=float))
     controls, monitored, results = [np.asarray(guess, dtype=float)], [], []
     for number in range(iterations):
-        done = step(controls[-1])
-        values = np.atleast_1d(np.asarray(done.monitored, dtype=float))
+        result = step(controls[-1])
+        values = np.atleast_1d(np.asarray(result.monitored, dtype=float))
         if values.shape != tolerances.shape:
             raise ValueError(
                 f"iteration {number + 1} monitors {values.size} quantities, tolerances has {tolerances.size}"
             )
-        controls.append(np.asarray(done.control, dtype=float))
+        controls.append(np.asarray(result.control, dtype=float))
         monitored.append(values)
-        results.append(done.result)
+        results.append(result.result)
         if stop and classify(monitored, tolerances)[0] != "stopped":
             break
     outcome, period = classify(monitored, tolerances)

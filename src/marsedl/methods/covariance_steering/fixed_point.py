@@ -77,13 +77,13 @@ def fixed_point(
     shapes = [np.shape(matrix) for matrix in (transition, gramian, initial_covariance, final_covariance)]
     if len(set(shapes)) > 1 or len(shapes[0]) != 2 or shapes[0][0] != shapes[0][1]:
         raise ValueError(f"transition, gramian and both covariances must be of one shape (n, n), not {shapes}")
-    for name, value, known in (
+    for name, value, choices in (
         ("boundary", boundary, _BOUNDARIES),
         ("order", order, ("gauss_seidel", "jacobi")),
         ("tolerance_kind", tolerance_kind, ("relative", "absolute")),
     ):
-        if value not in known:
-            raise ValueError(f"{name} is {value!r}, must be one of {', '.join(known)}")
+        if value not in choices:
+            raise ValueError(f"{name} is {value!r}, must be one of {', '.join(choices)}")
     inverse = np.linalg.inv(transition)
     weight = equivalent_squared_noise_density(noise_density, boundary=boundary)
     q, p, iterations, change, code = _iterate(

@@ -12,6 +12,8 @@ from scipy.integrate import solve_ivp
 
 __all__ = ["ForwardIntegration", "ModifiedIndex", "integrate_forward", "modified_index"]
 
+_SMALLEST = 1e-30  # error that an entry may have which starts from zero, in any unit
+
 
 class ForwardIntegration(NamedTuple):
     """Solution of the differential equations of Sec. III at the k requested times."""
@@ -106,8 +108,7 @@ def integrate_forward(motion, riccati_initial, final_mean, *, times=None, relati
 
     h_initial = noise_density**2 * np.linalg.inv(initial_covariance) - riccati_initial  # Eq. 43
     matrices = (riccati_initial, initial_covariance, identity, identity, h_initial, zeros, zeros)
-    start = np.concatenate([np.ravel(matrices), np.zeros(3 * n)])
-    path = _solve(rates, duration, start, times, relative_tolerance)
+    path = _solve(rates, duration, (*matrices, *np.zeros((3, n))), times, relative_tolerance)
     riccati, covariance, theta, adjoint, h = (
         path[:-1, i * n * n : (i + 1) * n * n].reshape(-1, n, n) for i in range(5)
     )
@@ -130,8 +131,7 @@ def integrate_forward(motion, riccati_initial, final_mean, *, times=None, relati
             ]
         )
 
-    start = np.concatenate([np.ravel(riccati_initial), eq39, initial_mean])
-    path = _solve(mean_rates, duration, start, times, relative_tolerance)[:-1, n * n :]
+    path = _solve(mean_rates, duration, (riccati_initial, eq39, initial_mean), times, relative_tolerance)[:-1, n * n :]
     return ForwardIntegration(
         time=times,
         riccati=riccati,
@@ -206,10 +206,8 @@ def modified_index(motion, riccati_initial, costate_initial, *, feedback, feedfo
             ]
         )
 
-    start = np.concatenate(
-        [np.ravel((riccati_initial, initial_covariance)), costate_initial, initial_mean, np.zeros(4)]
-    )
-    end = _solve(rates, duration, start, np.array([duration]), relative_tolerance)[-1]
+    parts = (riccati_initial, initial_covariance, costate_initial, initial_mean, *np.zeros((4, 1)))
+    start, end = _joined(parts), _solve(rates, duration, parts, np.array([duration]), relative_tolerance)[-1]
 
     def potential(y):  # E[x' Lambda x - 2 lambda' x] (Eqs. 16, 17)
         (riccati, covariance), (costate, mean) = y[: 2 * n * n].reshape(2, n, n), y[2 * n * n : -4].reshape(2, n)
@@ -225,11 +223,21 @@ def modified_index(motion, riccati_initial, costate_initial, *, feedback, feedfo
     )
 
 
-def _solve(rates, duration, start, times, relative_tolerance):
-    """Solution at the given times, with the one at the duration as an extra last row."""
-    # Entries differ by many powers of ten and some start from zero, so the error control is relative throughout.
+def _joined(parts):
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def _solve(rates, duration, parts, times, relative_tolerance):
+    """Solution from matrices and vectors at the given times, with the one at the duration as an extra last row."""
+    start = _joined(parts)
+    # Entries differ by many powers of ten and some start from zero, so their errors are relative. Those that a problem
+    # leaves uncoupled hold the rounding error of the others of their matrix, and must not set the step.
+    reached = np.maximum(np.abs(start), duration * np.abs(rates(0.0, start)))
+    ends = np.cumsum([np.size(part) for part in parts])[:-1]
+    scale = np.concatenate([np.full(len(entries), entries.max()) for entries in np.split(reached, ends)])
+    floor = np.maximum(np.finfo(float).eps * scale, _SMALLEST)
     solution = solve_ivp(
-        rates, (0.0, duration), start, method="DOP853", rtol=relative_tolerance, atol=1e-30, dense_output=True
+        rates, (0.0, duration), start, method="DOP853", rtol=relative_tolerance, atol=floor, dense_output=True
     )
     if not solution.success or not np.isfinite(solution.y[:, -1]).all():
         raise RuntimeError(f"forward integration stopped at t = {solution.t[-1]:.6g} s: {solution.message}")

@@ -41,10 +41,10 @@ def history_program(program, cost_unit):
     import cvxpy
     from scipy.sparse import csr_array
 
-    system, whole = program.system, stacked(program.system)
+    system, blocks = program.system, stacked(program.system)
     intervals, n, m = system.control.shape
-    covariance = whole.transition @ system.initial_covariance @ whole.transition.T
-    covariance += whole.disturbance @ system.disturbance_covariance @ whole.disturbance.T
+    covariance = blocks.transition @ system.initial_covariance @ blocks.transition.T
+    covariance += blocks.disturbance @ system.disturbance_covariance @ blocks.disturbance.T
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
@@ -53,9 +53,9 @@ def history_program(program, cost_unit):
     placed = csr_array((np.ones(places.size), (places, np.arange(places.size))), shape=(free.size, places.size))
     history = cvxpy.reshape(placed @ cvxpy.Variable(places.size), free.shape, order="C")
     mean_control = cvxpy.Variable(intervals * m)
-    state = (np.eye(len(covariance)) + whole.control @ history) @ root  # (I + B L) S^1/2
+    state = (np.eye(len(covariance)) + blocks.control @ history) @ root  # (I + B L) S^1/2
     control = history @ root
-    mean = whole.transition @ system.initial_mean + whole.control @ mean_control + whole.affine
+    mean = blocks.transition @ system.initial_mean + blocks.control @ mean_control + blocks.affine
     x, u = (
         [slice(k * n, (k + 1) * n) for k in range(intervals + 1)],
         [slice(k * m, (k + 1) * m) for k in range(intervals)],
@@ -104,5 +104,5 @@ def history_program(program, cost_unit):
 def _root(weight):
     """F with F'F = Q, one row for every eigenvalue that is not zero."""
     values, vectors = np.linalg.eigh(weight)
-    kept = values > 1e-14 * values[-1]
-    return np.sqrt(values[kept])[:, None] * vectors[:, kept].T if kept.any() else np.zeros((1, len(weight)))
+    positive = values > 1e-14 * values[-1]
+    return np.sqrt(values[positive])[:, None] * vectors[:, positive].T if positive.any() else np.zeros((1, len(weight)))

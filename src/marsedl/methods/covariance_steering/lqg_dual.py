@@ -364,9 +364,9 @@ def solve_over_weights(problem, start=None):
     def derivatives(key):
         unknown, base = np.frombuffer(key), outputs(key)
         steps = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(unknown), 1)
-        moved = [outputs((unknown + row).tobytes()) for row in np.diag(steps)]
+        perturbed = [outputs((unknown + row).tobytes()) for row in np.diag(steps)]
         # SciPy 1.17's SLSQP misreads a Jacobian that is not in C order.
-        return np.ascontiguousarray((np.array(moved) - base).T / steps)
+        return np.ascontiguousarray((np.array(perturbed) - base).T / steps)
 
     weight, control_weight = np.asarray(start[0]) * np.outer(scale, scale), np.asarray(start[1], dtype=float)
     # A singular start has no logarithm.

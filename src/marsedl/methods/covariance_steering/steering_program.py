@@ -170,7 +170,7 @@ class SteeringProgram:
         for name, shape in shapes.items():
             _check_array(f"system.{name}", getattr(system, name), shape)
         object.__setattr__(self, "system", system)
-        own = {
+        stacked_shapes = {
             "state_weight": (intervals, n, n),
             "control_weight": (intervals, m, m),
             "mean_control_weight": (intervals, m, m),
@@ -179,7 +179,7 @@ class SteeringProgram:
             "final_covariance": (n, n),
             "control_reference": (intervals, m),
         }
-        for name, shape in own.items():
+        for name, shape in stacked_shapes.items():
             value = getattr(self, name)
             if value is None and name in ("desired_state", "final_mean", "final_covariance", "control_reference"):
                 continue
@@ -325,10 +325,10 @@ def closed_loop(system, gain, disturbance_covariance=None):
     covariance = np.asarray(covariance, dtype=float)
     _check_array("disturbance_covariance", covariance, (intervals * n, intervals * n))
 
-    whole = stacked(system)
+    blocks = stacked(system)
     feedback = gain.transpose(0, 2, 1, 3).reshape(intervals * m, -1)
-    response = np.linalg.inv(np.eye((intervals + 1) * n) - whole.control @ feedback)
-    initial, disturbed = response @ whole.transition, response @ whole.disturbance
+    response = np.linalg.inv(np.eye((intervals + 1) * n) - blocks.control @ feedback)
+    initial, disturbed = response @ blocks.transition, response @ blocks.disturbance
     states = initial @ system.initial_covariance @ initial.T + disturbed @ covariance @ disturbed.T
     controls = feedback @ states @ feedback.T
     return ClosedLoop(diagonal_blocks(states, n), diagonal_blocks(controls, m))
@@ -345,7 +345,7 @@ def margins(program, law):
         One `Margin` for every half plane, component of the final mean, the final covariance, and every trust region,
         in this order; the trust region of the controls counts as one.
     """
-    found = []
+    rows = []
     for kind, symbol, items, means, covariances in (
         ("state", "x", program.state_constraints, law.mean, law.covariance),
         ("control", "u", program.control_constraints, law.control, law.control_covariance),
@@ -357,19 +357,19 @@ def margins(program, law):
             size = max(abs(item.bound), abs(middle), value - middle)
             name = f"{kind} constraint {item.name or i} at step {item.step}"
             quantity = f"value of normal' {symbol} exceeded with probability {item.probability:g}"
-            found.append((f"{kind} constraints", name, quantity, value, item.bound, size))
+            rows.append((f"{kind} constraints", name, quantity, value, item.bound, size))
     distance = "distance from the reference"
     if program.final_mean is not None:
         size = max(np.abs(program.final_mean).max(), np.abs(law.mean).max())
-        for i, (reached, wanted) in enumerate(zip(law.mean[-1], program.final_mean, strict=True)):
-            found.append(
-                ("final mean", f"final mean of state {i}", "distance from it", abs(reached - wanted), 0.0, size)
+        for i, (final_mean, target) in enumerate(zip(law.mean[-1], program.final_mean, strict=True)):
+            rows.append(
+                ("final mean", f"final mean of state {i}", "distance from it", abs(final_mean - target), 0.0, size)
             )
     if program.final_covariance is not None:
         root = np.linalg.cholesky(program.final_covariance)
         relative = np.linalg.solve(root, np.linalg.solve(root, law.covariance[-1]).T)
         quantity, value = "largest eigenvalue of P_f^-1/2 P_N P_f^-1/2", np.linalg.eigvalsh(relative)[-1]
-        found.append(("final covariance", "final covariance", quantity, value, 1.0, 1.0))
+        rows.append(("final covariance", "final covariance", quantity, value, 1.0, 1.0))
     if program.control_trust is not None:
         centre = 0.0 if program.control_reference is None else program.control_reference
         value, limit = np.abs(law.control - centre).max(axis=1), program.control_trust
@@ -377,15 +377,15 @@ def margins(program, law):
             "control trust region",
             max(limit, np.abs(law.control).max(), np.sqrt(law.control_covariance.max())),
         )
-        found.append((kind, f"{kind} at step {np.argmax(value)}", distance, value.max(), limit, size))
+        rows.append((kind, f"{kind} at step {np.argmax(value)}", distance, value.max(), limit, size))
     for item in program.state_trust:
-        reached, limit = item.row @ law.mean[item.step], item.radius
-        size = max(limit, abs(reached), abs(item.reference))
+        final_mean, limit = item.row @ law.mean[item.step], item.radius
+        size = max(limit, abs(final_mean), abs(item.reference))
         name = f"state trust region at step {item.step}"
-        found.append(("state trust regions", name, distance, abs(reached - item.reference), limit, size))
+        rows.append(("state trust regions", name, distance, abs(final_mean - item.reference), limit, size))
     return tuple(
         Margin(kind, name, quantity, float(value), float(limit), float((value - limit) / (size or 1.0)))
-        for kind, name, quantity, value, limit, size in found
+        for kind, name, quantity, value, limit, size in rows
     )
 
 

@@ -51,14 +51,14 @@ def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=1
     for _ in range(iterations):
         steps = _newton_steps(function, points, blocks, balls)
         trials = _retract(points[:, None] + _FRACTIONS[:, None] * steps[:, None], blocks, balls)
-        reached = np.asarray(function(trials.reshape(-1, points.shape[1]))).reshape(trials.shape[:2])
-        reached = np.where(np.isfinite(reached), reached, -np.inf)
-        chosen = np.arange(polished), reached.argmax(axis=1)
-        better = reached[chosen] > values
+        trial_values = np.asarray(function(trials.reshape(-1, points.shape[1]))).reshape(trials.shape[:2])
+        trial_values = np.where(np.isfinite(trial_values), trial_values, -np.inf)
+        best_trials = np.arange(polished), trial_values.argmax(axis=1)
+        better = trial_values[best_trials] > values
         if not better.any():
             break
-        points = np.where(better[:, None], trials[chosen], points)
-        values = np.where(better, reached[chosen], values)
+        points = np.where(better[:, None], trials[best_trials], points)
+        values = np.where(better, trial_values[best_trials], values)
     return float(values.max()), points[values.argmax()]
 
 

@@ -152,11 +152,11 @@ class ClosedLoop:
             length = float(self.time[step + 1] - self.time[step])
             middle = 2 * step + 1
             one = self.error_rates(middle - 1, deviation, disturbance, additive)
-            two = self.error_rates(middle, _moved(deviation, one, length / 2), disturbance, additive)
-            three = self.error_rates(middle, _moved(deviation, two, length / 2), disturbance, additive)
-            four = self.error_rates(middle + 1, _moved(deviation, three, length), disturbance, additive)
+            two = self.error_rates(middle, _step_along(deviation, one, length / 2), disturbance, additive)
+            three = self.error_rates(middle, _step_along(deviation, two, length / 2), disturbance, additive)
+            four = self.error_rates(middle + 1, _step_along(deviation, three, length), disturbance, additive)
             mean = [a + d + 2.0 * (b + c) for a, b, c, d in zip(one, two, three, four, strict=True)]
-            deviation = _moved(deviation, mean, length / 6)
+            deviation = _step_along(deviation, mean, length / 6)
         return deviation
 
     def flow_jacobians(self, first, last):
@@ -176,7 +176,7 @@ class ClosedLoop:
         return tuple(np.split(flow, [nx, nx + nw], axis=1))
 
 
-def _moved(components, rates, length):
+def _step_along(components, rates, length):
     """Components moved along their rates."""
     return tuple(x + length * rate for x, rate in zip(components, rates, strict=True))
 

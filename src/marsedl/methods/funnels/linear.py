@@ -72,7 +72,7 @@ def linear_exact(transitions, responses, shapes, initial_level):
 
     The minimum is the Lagrange dual, and equal: a semidefinite program with the two equations |y| = |w| = 1 has a
     solution of rank one. It is convex in ln q, and every q gives an upper bound. For the dynamics themselves the level
-    is no bound: their nonlinear terms are left out.
+    is not a bound: their nonlinear terms are left out.
 
     Args:
         transitions: Phi between slices, (N - 1, nx, nx).
@@ -157,11 +157,11 @@ def minkowski_shape(transitions, responses, initial_set, scales):
         raise ValueError(f"scales must be positive; entry {np.argmin(scales > 0)} is {scales[np.argmin(scales > 0)]}")
     ellipsoids = [2 * _inverse(initial_set, "the matrix of the initial set")]
     for across, response in zip(transitions, responses, strict=True):
-        moved, pushed = across @ ellipsoids[-1] @ across.T, response @ response.T
-        ratio = (np.diag(pushed) / scales**2).sum() / (np.diag(moved) / scales**2).sum()
+        propagated, pushed = across @ ellipsoids[-1] @ across.T, response @ response.T
+        ratio = (np.diag(pushed) / scales**2).sum() / (np.diag(propagated) / scales**2).sum()
         # Without a disturbance p = 0; the floor keeps 1/p finite.
         p = max(np.sqrt(ratio), 1e-9)
-        ellipsoids.append((1 + p) * moved + (1 + 1 / p) * pushed)
+        ellipsoids.append((1 + p) * propagated + (1 + 1 / p) * pushed)
     return np.array([2 * _inverse(ellipsoid, f"the ellipsoid of step {k}") for k, ellipsoid in enumerate(ellipsoids)])
 
 

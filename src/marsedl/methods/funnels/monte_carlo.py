@@ -185,6 +185,6 @@ def _in_steps(name, value, steps, count, components):
         raise ValueError(f"{name} has {len(segments)} segments, which do not divide the {steps} fine steps")
     if not np.isfinite(segments).all():
         raise ValueError(f"{name} must be finite")
-    held = steps // len(segments)
+    steps_per_segment = steps // len(segments)
     rows = np.ascontiguousarray(segments.swapaxes(1, 2))
-    return lambda loop, step, value_matrix, deviation: rows[step // held]
+    return lambda loop, step, value_matrix, deviation: rows[step // steps_per_segment]

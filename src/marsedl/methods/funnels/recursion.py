@@ -135,7 +135,7 @@ class StageRule:
         solver: function of values (M,) and basis (M, p) that returns a `Certificate`.
         order, condition, raw_scale: of `FunnelStage`.
         maximum: None, or a function of `FunnelStage` and s_k that returns the largest V_{k+1}/rho_k of the integrated
-            error, no series between: found by an ascent, which shows where s_k is no bound, or proven.
+            error, no series between: found by an ascent, which shows where s_k is not a bound, or proven.
         inflate: raise the level to that maximum, where it is larger: rho_{k+1} = max(s_k, maximum) rho_k. Only with a
             proven maximum are the slices proven to follow one another.
         verify: None, or a function of design, certificate and polynomial whose results the funnel carries. One that is
@@ -202,7 +202,7 @@ def backward(loop, shapes, slices, last_level, design, rule=None, *, additive=No
 
         largest rho_k with rho_k s_k(rho_k) <= rho_{k+1}
 
-    The samples depend on the unknown, so this is no single program: ln rho_k is found by the secant rule within a
+    The samples depend on the unknown, so this is not a single program: ln rho_k is found by the secant rule within a
     bracket, and a level is taken only if it satisfies the inequality.
 
     Args:
@@ -253,8 +253,8 @@ class _Stages:
     def __post_init__(self):
         slices, shapes = np.asarray(self.slices), np.asarray(self.shapes, dtype=float)
         steps = self.loop.steps
-        whole = slices.ndim == 1 and len(slices) > 1 and np.issubdtype(slices.dtype, np.integer)
-        if not whole or (np.diff(slices) < 1).any() or slices[0] < 0 or slices[-1] > steps:
+        integers = slices.ndim == 1 and len(slices) > 1 and np.issubdtype(slices.dtype, np.integer)
+        if not integers or (np.diff(slices) < 1).any() or slices[0] < 0 or slices[-1] > steps:
             raise FunnelError(f"slices must be two or more fine steps, increasing, within 0 ... {steps}")
         if len(shapes) != len(slices):
             raise FunnelError(f"{len(slices)} slices need as many shapes, not {len(shapes)}")
@@ -378,11 +378,11 @@ class _Stages:
             return
         feedback = largest_feedback(self.loop.gains[2 * self.slices[k]], self.shapes[k], rho)
         worst = np.argmax(feedback / self.rule.feedback_limit)
-        allowed = np.broadcast_to(self.rule.feedback_limit, feedback.shape)[worst]
-        if feedback[worst] > allowed:
+        limit = np.broadcast_to(self.rule.feedback_limit, feedback.shape)[worst]
+        if feedback[worst] > limit:
             raise FunnelError(
                 f"{self.name(k)} at rho = {rho:.4g} asks for a deviation {feedback[worst]:.4g} of control {worst + 1}, "
-                f"more than the limit {allowed:.4g}" + ("; the initial set is too large" if k == 0 else "")
+                f"more than the limit {limit:.4g}" + ("; the initial set is too large" if k == 0 else "")
             )
 
     def divergence(self, k, rho, first_level, limit):

@@ -268,12 +268,12 @@ def proven_stages(loop, shapes, slices, first_level, design, order=3, model_orde
         except ValueError as error:
             raise FunnelError(f"nothing is proven after slice {k + 1}, rho = {level:.4g}: {error}") from error
         certificate = solver(at_points @ growths[-1].coefficients, design.basis)
-        passed = (loop.time[nodes[:-1]] - loop.time[first]) / (loop.time[last] - loop.time[first])
+        fraction = (loop.time[nodes[:-1]] - loop.time[first]) / (loop.time[last] - loop.time[first])
         safe = [
             absorb_residual(
                 at_points @ growth.coefficients, design.basis, 1.0 - c + c * certificate.bound, c * certificate.gram
             )[0]
-            for c, growth in zip(passed, growths, strict=False)
+            for c, growth in zip(fraction, growths, strict=False)
         ]
         safe.append(certificate.safe_bound)
         bounds = [growth.bound(s, on_disturbance_ball=True) for growth, s in zip(growths, safe, strict=True)]

@@ -121,11 +121,11 @@ class FunnelStage:
             rates = self._coefficients(self.loop.error_rates(2 * self.first, ray, pushed), deviations.shape).sum(axis=0)
             grown = np.sum((self.next_factor.T @ deviations) ** 2, axis=0) / 2
             return (grown + step * np.sum(rates * (self.shape @ deviations), axis=0)) / self.rho
-        moved = self.next_factor.T @ self._coefficients(
+        whitened = self.next_factor.T @ self._coefficients(
             self.loop.flow(self.first, self.last, ray, pushed), deviations.shape
         )
         # Each c_i meets the sum of the c_j with j <= order + 1 - i.
-        parts = moved[1:]
+        parts = whitened[1:]
         return np.sum(parts * np.cumsum(parts, axis=0)[::-1], axis=(0, 1)) / (2 * self.rho)
 
     def true_values(self, points):
@@ -138,8 +138,8 @@ class FunnelStage:
             Array (m,); at most s on the slice if the stage bounds the motion.
         """
         deviations, disturbances = self._split(points)
-        moved = self.loop.flow(self.first, self.last, list(deviations), list(disturbances))
-        return np.sum((self.next_factor.T @ np.array(np.broadcast_arrays(*moved))) ** 2, axis=0) / (2 * self.rho)
+        final = self.loop.flow(self.first, self.last, list(deviations), list(disturbances))
+        return np.sum((self.next_factor.T @ np.array(np.broadcast_arrays(*final))) ** 2, axis=0) / (2 * self.rho)
 
     def _split(self, points):
         """Deviations (nx, m) and disturbances (nw, m) of points."""

@@ -16,9 +16,10 @@ class AdjointGains(NamedTuple):
 
 
 def adjoint_gains(transition, control, final_adjoint, overcontrol):
-    """Gains that cancel the predicted final error by a control held to the end (stochastic entry guidance, Eqs. 46-50).
+    r"""Gains that cancel the predicted final error by a control held to the end (stochastic entry, Eqs. 46 to 50).
 
-        theta_k = A_k' theta_{k+1},   theta_u,k = theta_u,k+1 + B_k' theta_{k+1},   K_k = -K_oc theta_k' / theta_u,k
+        $\theta_k = A_k^\top \theta_{k+1}, \quad \theta_{u,k} = \theta_{u,k+1} + B_k^\top \theta_{k+1}, \quad
+          K_k = -K_\text{oc} \frac{\theta_k^\top}{\theta_{u,k}}$
 
     marched backwards from theta_N = theta_f, theta_u,N = 0: Eq. 49 with the transition over each interval. Shortly
     before the last interval with a control effect theta_u is small and the gains are large; where no effect is left
@@ -58,9 +59,10 @@ def adjoint_gains(transition, control, final_adjoint, overcontrol):
 
 
 def drag_form(gain, density, drag, scale_height, velocity, flight_path_angle):
-    """Gains of range, drag and altitude rate that feed back, at equal velocity, what the five-state gains do.
+    r"""Gains of range, drag and altitude rate that feed back, at equal velocity, what the five-state gains do.
 
-        K_R = K_R,   K_D = K_rho rho/D - K_r H/D,   K_hdot = K_gamma / (V cos(gamma))
+        $K_R = K_R, \quad K_D = K_\rho \frac{\rho}{D} - K_r \frac{H}{D}, \quad K_{\dot{h}} = \frac{K_\gamma}{V
+          \, \cos\gamma}$
 
     A drag deviation at the reference velocity is a density deviation, D~/D = rho~/rho. It is taken for one along the
     mean profile, hence for an altitude deviation too, r~ = -H D~/D. (Stochastic entry guidance, end of Sec. III.B,

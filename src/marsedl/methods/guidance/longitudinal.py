@@ -48,9 +48,10 @@ def linear_model(
     lift_factor,
     gravitational_parameter,
 ):
-    """Matrices A and B of the deviation from a reference flight (stochastic entry guidance, Eqs. 32 and 33).
+    r"""Matrices A and B of the deviation from a reference flight (stochastic entry guidance, Eqs. 32 and 33).
 
-        A = df/d(z, rho),    B = df/du,    f = (f_z, f_rho s')
+        $A = \frac{\partial f}{\partial (z, \rho)}, \quad B = \frac{\partial f}{\partial u}, \quad f = (f_z,
+          f_\rho \dot{s})$
 
     Eq. 33 prints the derivative with respect to z alone, with which A is not square; the density is a state of Eq. 30.
     The atmosphere depends on the radius: d rho_bar/dr = -rho_bar/H, and lambda = decay_factor/H changes with H.

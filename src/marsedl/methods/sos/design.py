@@ -60,8 +60,8 @@ class Design:
         rank = self.rank
         if rank == len(self.points):
             return self
-        kept = np.sort(_pivots(_highest_values(self.spheres, self.degree, self.points))[:rank])
-        return replace(self, points=self.points[kept], basis=self.basis[kept])
+        indices = np.sort(_pivots(_highest_values(self.spheres, self.degree, self.points))[:rank])
+        return replace(self, points=self.points[indices], basis=self.basis[indices])
 
 
 def well_chosen_design(spheres, seed, degree=2, basis="orthonormal"):
@@ -83,10 +83,10 @@ def well_chosen_design(spheres, seed, degree=2, basis="orthonormal"):
     Raises:
         ValueError: for an unknown basis, or if the samples do not determine the products.
     """
-    needed = spheres.sample_count(degree)
-    candidates = spheres.random_points(_CANDIDATES_PER_SAMPLE * needed, _generator(seed))
-    chosen = _pivots(_highest_values(spheres, degree, candidates))[:needed]
-    return _design(spheres, degree, basis, candidates[chosen], allow_deficient=False)
+    count = spheres.sample_count(degree)
+    candidates = spheres.random_points(_CANDIDATES_PER_SAMPLE * count, _generator(seed))
+    indices = _pivots(_highest_values(spheres, degree, candidates))[:count]
+    return _design(spheres, degree, basis, candidates[indices], allow_deficient=False)
 
 
 def random_design(spheres, count, seed, degree=2, basis="orthonormal", allow_deficient=False):

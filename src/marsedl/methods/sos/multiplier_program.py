@@ -49,7 +49,7 @@ class MultiplierProgram:
         tolerance: of the solver, relative to the largest coefficient but the constant.
 
     Raises:
-        ValueError: for dimensions that are none, flags of another number, an unknown solver or a degree below 1.
+        ValueError: for invalid dimensions, a wrong number of flags, an unknown solver or a degree below 1.
     """
 
     def __init__(self, dimensions, full_ball=False, degree=2, solver="CLARABEL", tolerance=1e-8):  # noqa: D107
@@ -116,7 +116,7 @@ class MultiplierProgram:
         bound, gram = float(shift + scale * bound), scale * nearest_semidefinite(gram)
         free = self._shapes[2][0]
         multipliers = scale * np.array(others[:free]).reshape(self._shapes[2])
-        ball_grams = scale * np.array([nearest_semidefinite(each) for each in others[free:]]).reshape(self._shapes[3])
+        ball_grams = scale * np.array([nearest_semidefinite(m) for m in others[free:]]).reshape(self._shapes[3])
         residual = self._residual(coefficients, bound, gram, multipliers, ball_grams)
         return MultiplierCertificate(
             bound=bound,
@@ -158,13 +158,13 @@ class MultiplierProgram:
         products = self._squares.sum(axis=1)
         gram = gram + (self._squares.T @ (residual / products)).reshape(gram.shape)
         gram, ball_grams = (gram + gram.T) / 2, (ball_grams + ball_grams.swapaxes(1, 2)) / 2
-        left = self._residual(coefficients, bound, gram, multipliers, ball_grams, exact=True)
+        remainder = self._residual(coefficients, bound, gram, multipliers, ball_grams, exact=True)
         spheres = len(self.spheres.dimensions)
         rise = (1 + spheres) ** self.degree * _proven_shift(gram, _multinomials(self._half, self.degree))
-        for each in ball_grams:
-            rise += (1 + spheres) ** (self.degree - 1) * _proven_shift(each, np.ones(len(each)))
+        for ball_gram in ball_grams:
+            rise += (1 + spheres) ** (self.degree - 1) * _proven_shift(ball_gram, np.ones(len(ball_gram)))
         # The last factor covers the rounding of these few sums.
-        return float(bound + (rise + fsum(np.abs(left))) * (1 + 1e-12) + 4 * np.spacing(abs(bound)))
+        return float(bound + (rise + fsum(np.abs(remainder))) * (1 + 1e-12) + 4 * np.spacing(abs(bound)))
 
     def evaluate(self, points):
         """Values of the monomials z.
@@ -227,7 +227,7 @@ def polynomial_coefficients(function, variables, degree, seed, points=1500, spre
 
     Returns:
         (coefficients, in the order of `Spheres.monomials`, (n,); largest difference at the points). A difference beyond
-        rounding says that the function is no polynomial of the degree.
+        rounding says that the function is not a polynomial of this degree.
 
     Raises:
         ValueError: if the points are too few for the coefficients, or a value is not finite.
@@ -248,10 +248,10 @@ def _fit_points(variables, degree, seed, points, spread):
     if points < len(exponents):
         raise ValueError(f"{points} points do not determine {len(exponents)} coefficients")
     locations = spread * np.random.Generator(np.random.Philox(seed)).standard_normal((points, variables))
-    kept = locations, *np.linalg.qr(space.evaluate(exponents, locations))
-    for array in kept:
+    points_and_factors = locations, *np.linalg.qr(space.evaluate(exponents, locations))
+    for array in points_and_factors:
         array.flags.writeable = False
-    return kept
+    return points_and_factors
 
 
 def _stacked(bound, gram, multipliers, ball_grams):

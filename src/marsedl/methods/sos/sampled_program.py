@@ -168,14 +168,14 @@ def _interior_point(values, basis, products, tolerance, iterations):
             best_error, best = error, (bound, gram, multipliers)
         if error < tolerance:
             return *best, steps, "optimal"
-        reached = f"gap and residual {best_error:.1e} of the range of the values"
+        accuracy = f"gap and residual {best_error:.1e} of the range of the values"
         if steps == iterations:
-            return *best, steps, f"not converged in {iterations} iterations: {reached}"
+            return *best, steps, f"not converged in {iterations} iterations: {accuracy}"
         try:
             gram_root, slack_root = np.linalg.cholesky(gram), np.linalg.cholesky(slack)
             newton = _newton(basis, products, gram, gram_root, slack_root)
         except np.linalg.LinAlgError:
-            return *best, steps, f"stopped by rounding: {reached}"
+            return *best, steps, f"stopped by rounding: {accuracy}"
         _, gram_step, _, slack_step = _direction(newton, -gram, primal, dual)
         gram_length, slack_length = _longest(gram_step, gram_root), _longest(slack_step, slack_root)
         complementarity = np.vdot(gram, slack)
@@ -239,8 +239,8 @@ def _factored(schur):
 
 def _direction(newton, target, primal, dual):
     """(ds, dQ, dmu, dS) with dQ + sym(Q dS S^-1) = target that removes the primal and dual residuals."""
-    right = np.einsum("ij,ij->i", newton.basis @ target, newton.basis) - primal
-    particular = _solve(newton.factor, right)
+    right_side = np.einsum("ij,ij->i", newton.basis @ target, newton.basis) - primal
+    particular = _solve(newton.factor, right_side)
     bound_step = (particular.sum() - dual) / newton.ones_solution.sum()
     multiplier_step = particular - bound_step * newton.ones_solution
     slack_step = _weighted_product(newton.basis, multiplier_step)
@@ -281,9 +281,9 @@ def _interpolant(basis, products, samples):
     return _weighted_product(basis, _solve((products, True), samples))
 
 
-def _solve(factor, right):
+def _solve(factor, right_side):
     """Solution with a Cholesky factor; looking for numbers that are not finite would take as long again."""
-    return cho_solve(factor, right, check_finite=False)
+    return cho_solve(factor, right_side, check_finite=False)
 
 
 def _symmetric_product(matrix):

@@ -62,9 +62,9 @@ class Spheres:
         if degree != int(degree) or degree < 0:
             raise ValueError(f"the degree of a polynomial must be a whole number from 0, got {degree!r}")
         rows = [
-            np.bincount(np.array(chosen, dtype=int), minlength=self.variables)
+            np.bincount(np.array(variables, dtype=int), minlength=self.variables)
             for total in range(int(degree) + 1)
-            for chosen in combinations_with_replacement(range(self.variables), total)
+            for variables in combinations_with_replacement(range(self.variables), total)
         ]
         return np.array(rows)
 

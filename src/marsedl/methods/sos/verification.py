@@ -57,6 +57,6 @@ def verify(design, certificate, polynomial, seed, points=4000, tolerance=1e-6):
     identity_error = np.abs(excess - np.einsum("mi,mi->m", basis @ certificate.gram, basis)).max()
     eigenvalues = np.linalg.eigvalsh(certificate.gram)
     margin = len(eigenvalues) * np.finfo(float).eps * np.abs(eigenvalues).max()
-    allowed = tolerance * (np.ptp(values) or 1.0)
-    sound = identity_error <= allowed and excess.min() >= -allowed and eigenvalues[0] >= -margin
+    limit = tolerance * (np.ptp(values) or 1.0)
+    sound = identity_error <= limit and excess.min() >= -limit and eigenvalues[0] >= -margin
     return Verification(float(identity_error), float(excess.min()), float(eigenvalues[0]), float(margin), bool(sound))

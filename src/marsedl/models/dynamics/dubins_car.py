@@ -9,9 +9,9 @@ __all__ = ["dubins_car_rates"]
 
 @jitable
 def dubins_car_rates(x, y, heading, turn_rate, speed):
-    """Time derivatives of position and heading of a Dubins car (robust entry funnels, Fig. 2).
+    r"""Time derivatives of position and heading of a Dubins car (robust entry funnels, Fig. 2).
 
-        x' = v cos(theta),   y' = v sin(theta),   theta' = u
+        $\dot{x} = v \, \cos\theta, \quad \dot{y} = v \, \sin\theta, \quad \dot{\theta} = u$
 
     Args:
         x, y: position, m; the rates do not depend on it.

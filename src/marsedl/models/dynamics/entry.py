@@ -26,9 +26,9 @@ def reference_area(diameter):
 
 
 def aerodynamic_coefficients(mass, reference_area, ballistic_coefficient, lift_to_drag):
-    """Drag and lift coefficient from ballistic coefficient and lift-to-drag ratio (stochastic entry guidance, Table 1).
+    r"""Drag and lift coefficient from ballistic coefficient and lift-to-drag ratio (stochastic entry, Table 1).
 
-        C_D = m / (BC A),   C_L = (L/D) C_D
+        $C_D = \frac{m}{BC \, A}, \quad C_L = \frac{L}{D} C_D$
 
     Args:
         mass: m, kg.
@@ -62,16 +62,20 @@ def aerodynamic_factor(coefficient, reference_area, mass):
 def entry_rates_from_sines(
     radius, velocity, latitude, flight_path_angle, azimuth, bank, density, aerodynamics, planet, heading_sign
 ):
-    """Time derivatives of the entry state in planet-relative coordinates (stochastic entry guidance, Eqs. 1a to 1f).
+    r"""Time derivatives of the entry state in planet-relative coordinates (stochastic entry guidance, Eqs. 1a to 1f).
 
-        r'     = V sin(gamma)
-        theta' = V cos(gamma) sin(psi) / (r cos(phi))
-        phi'   = V cos(gamma) cos(psi) / r
-        V'     = -D/m - g sin(gamma) + W^2 r cos(phi) (sin(gamma) cos(phi) - cos(gamma) sin(phi) cos(psi))
-        gamma' = [L cos(sigma)/m - g cos(gamma) + V^2 cos(gamma)/r + 2 W V cos(phi) sin(psi)
-                  + W^2 r cos(phi) (cos(gamma) cos(phi) + sin(gamma) sin(phi) cos(psi))] / V
-        psi'   = [L sin(sigma)/(m cos(gamma)) + s (V^2 cos(gamma) sin(psi) tan(phi)/r
-                  - 2 W V (tan(gamma) cos(phi) cos(psi) - sin(phi)) + W^2 r sin(phi) cos(phi) sin(psi)/cos(gamma))] / V
+        $\dot{r} = V \, \sin\gamma$
+        $\dot{\theta} = \frac{V \, \cos\gamma \, \sin\psi}{r \, \cos\phi}, \quad \dot{\phi} = \frac{V \, \cos\gamma
+          \, \cos\psi}{r}$
+        $\dot{V} = -\frac{D}{m} - g \, \sin\gamma + W^2 r \, \cos\phi (\sin\gamma \, \cos\phi - \cos\gamma \, \sin\phi
+          \, \cos\psi)$
+        $V \dot{\gamma} = \frac{L \, \cos\sigma}{m} - g \, \cos\gamma + \frac{V^2 \, \cos\gamma}{r} + 2 W V \, \cos\phi
+          \, \sin\psi + a_\gamma$
+        $a_\gamma = W^2 r \, \cos\phi (\cos\gamma \, \cos\phi + \sin\gamma \, \sin\phi \, \cos\psi)$
+        $V \dot{\psi} = \frac{L \, \sin\sigma}{m \, \cos\gamma} + s \left( \frac{V^2 \, \cos\gamma \, \sin\psi \,
+          \tan\phi}{r} + a_\psi \right)$
+        $a_\psi = -2 W V (\tan\gamma \, \cos\phi \, \cos\psi - \sin\phi) + \frac{W^2 r \, \sin\phi \, \cos\phi
+          \, \sin\psi}{\cos\gamma}$
 
     with g = mu/r^2, D/m = k_D rho V^2, L/m = k_L rho V^2, W the rotation rate. The azimuth runs clockwise from north,
     as theta' and phi' show, so s = +1. Eq. 1f prints s = -1, for which vacuum flight keeps neither inertial energy nor

@@ -19,15 +19,17 @@ def longitudinal_entry_rates(
     lift_factor,
     gravitational_parameter,
 ):
-    """Time derivatives of the longitudinal state and the drift of the density.
+    r"""Time derivatives of the longitudinal state and the drift of the density.
 
     Stochastic entry guidance, Eqs. 27 and 24 with the density's drift of Eq. 13:
 
-        r'     = V sin(gamma)
-        V'     = -k_D rho V^2 - g sin(gamma)
-        gamma' = k_L rho V u - (g - V^2/r) cos(gamma)/V
-        R'     = V cos(gamma)
-        rho'   = [(1/H - lambda) rho + lambda rho_bar] s',    s' = -V sin(gamma),    g = mu/r^2
+        $\dot{r} = V \, \sin\gamma$
+        $\dot{V} = -k_D \rho V^2 - g \, \sin\gamma$
+        $\dot{\gamma} = k_L \rho V u - \left( g - \frac{V^2}{r} \right) \frac{\cos\gamma}{V}, \quad g =
+          \frac{\mu}{r^2}$
+        $\dot{R} = V \, \cos\gamma$
+        $\dot{\rho} = \left[ \left( \frac{1}{H} - \lambda \right) \rho + \lambda \bar{\rho} \right] \dot{s},
+          \quad \dot{s} = -V \, \sin\gamma$
 
     The planet does not rotate. Mean density, scale height and decay rate are those at the current radius, looked up by
     the caller.
@@ -62,9 +64,9 @@ def longitudinal_entry_rates(
 
 @jitable
 def density_noise_intensity(mean_density, diffusion, radius_rate):
-    """Variance that the density of a descending vehicle gains per second (stochastic entry guidance, Eqs. 13 and 24).
+    r"""Variance that the density of a descending vehicle gains per second (stochastic entry guidance, Eqs. 13 and 24).
 
-        g^2 = rho_bar^2 phi max(s', 0),   s' = -r'
+        $g^2 = \bar{\rho}^2 \varphi \, \max(\dot{s}, 0), \quad \dot{s} = -\dot{r}$
 
     A climbing vehicle meets densities again that it has seen below, hence no new noise.
 

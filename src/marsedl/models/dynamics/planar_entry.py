@@ -19,11 +19,12 @@ def planar_entry_rates_from_sines(
     lift_factor,
     gravitational_parameter,
 ):
-    """Time derivatives of radius, velocity and flight path angle (random field, Eqs. 71a to 71c).
+    r"""Time derivatives of radius, velocity and flight path angle (random field, Eqs. 71a to 71c).
 
-        r'     = V sin(gamma)
-        V'     = -k_D rho V^2 - g sin(gamma)
-        gamma' = k_L rho V u - (g - V^2/r) cos(gamma)/V,    g = mu/r^2
+        $\dot{r} = V \, \sin\gamma$
+        $\dot{V} = -k_D \rho V^2 - g \, \sin\gamma$
+        $\dot{\gamma} = k_L \rho V u - \left( g - \frac{V^2}{r} \right) \frac{\cos\gamma}{V}, \quad g =
+          \frac{\mu}{r^2}$
 
     The caller looks up the density, random part included: rho = rho_bar(r) (1 + variation), Eq. 72.
 

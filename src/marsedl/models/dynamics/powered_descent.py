@@ -38,9 +38,9 @@ def thrust_magnitude(thrust_downrange, thrust_vertical):
 
 @jitable
 def powered_descent_rates(state, thrust, disturbance, gravity, mass_flow_constant):
-    """Time derivatives of position, velocity and mass (Eqs. 1, 2 and 49).
+    r"""Time derivatives of position, velocity and mass (Eqs. 1, 2 and 49).
 
-        r' = v,   v' = (0, -g) + (u + d) / m,   m' = -alpha ||u||
+        $\dot{r} = v, \quad \dot{v} = (0, -g) + \frac{u + d}{m}, \quad \dot{m} = -\alpha \lVert u \rVert$
 
     The disturbance d (noise held over a step in a simulation) accelerates the vehicle but burns no propellant.
 

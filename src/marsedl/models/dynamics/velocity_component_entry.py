@@ -11,19 +11,21 @@ __all__ = ["velocity_component_entry_rates", "velocity_component_entry_rates_fro
 def velocity_component_entry_rates_from_sines(
     altitude, latitude, velocity, bank, bank_rate, bank_acceleration, density, vehicle, planet
 ):
-    """Time derivatives of position, velocity and bank of a capsule that is steered by its bank angle (Eqs. 1 and 2).
+    r"""Time derivatives of position, velocity and bank of a capsule that is steered by its bank angle (Eqs. 1 and 2).
 
-        h' = v_r,   phi' = v_n / r,   theta' = v_e / (r cos(phi)),   r = r_m + h
-        v_r' = -mu/r^2 + (v_n^2 + v_e^2)/r + a_r
-        v_n' = -(v_r v_n + v_e^2 tan(phi))/r + a_n
-        v_e' = -(v_r v_e - v_n v_e tan(phi))/r + a_e
-        xi'' = u
+        $\dot{h} = v_r, \quad \dot{\phi} = \frac{v_n}{r}, \quad \dot{\theta} = \frac{v_e}{r \, \cos\phi}, \quad r =
+          r_m + h$
+        $\dot{v}_r = -\frac{\mu}{r^2} + \frac{v_n^2 + v_e^2}{r} + a_r$
+        $\dot{v}_n = -\frac{v_r v_n + v_e^2 \, \tan\phi}{r} + a_n$
+        $\dot{v}_e = -\frac{v_r v_e - v_n v_e \, \tan\phi}{r} + a_e$
+        $\ddot{\xi} = u$
 
     The paper gives the aerodynamic acceleration (a_r, a_n, a_e) by its symbols only. Drag, a_D = rho V^2 / (2 BC), acts
     against the velocity; lift, a_L = (L/D) a_D, at right angles to it, turned by the bank angle from up to the right:
 
-        a = -a_D e_v + a_L (cos(xi) up + sin(xi) right),   V_h^2 = v_n^2 + v_e^2
-        up = (V_h/V, -v_r v_n/(V V_h), -v_r v_e/(V V_h)),   right = (0, -v_e/V_h, v_n/V_h)
+        $a = -a_D e_v + a_L (\cos\xi \; \text{up} + \sin\xi \; \text{right}), \quad V_h^2 = v_n^2 + v_e^2$
+        $\text{up} = \left( \frac{V_h}{V}, -\frac{v_r v_n}{V V_h}, -\frac{v_r v_e}{V V_h} \right)$
+        $\text{right} = \left( 0, -\frac{v_e}{V_h}, \frac{v_n}{V_h} \right)$
 
     so a positive bank turns an eastward flight to the south. The longitude enters no rate.
 

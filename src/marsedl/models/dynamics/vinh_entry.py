@@ -19,16 +19,20 @@ def vinh_entry_rates(
     gravitational_parameter,
     rotation_rate,
 ):
-    """Time derivatives of the entry state, heading counter-clockwise from east (robust entry funnels, Eq. 37).
+    r"""Time derivatives of the entry state, heading counter-clockwise from east (robust entry funnels, Eq. 37).
 
-        h'     = V sin(gamma)
-        theta' = V cos(gamma) cos(psi) / (r cos(phi))
-        phi'   = V cos(gamma) sin(psi) / r
-        V'     = -D/m - g sin(gamma) + W^2 r cos(phi) (sin(gamma) cos(phi) - cos(gamma) sin(phi) sin(psi))
-        gamma' = [L cos(sigma)/m - g cos(gamma) + V^2 cos(gamma)/r + 2 W V cos(phi) cos(psi)
-                  + W^2 r cos(phi) (cos(gamma) cos(phi) + sin(gamma) sin(phi) sin(psi))] / V
-        psi'   = [-L sin(sigma)/(m cos(gamma)) - V^2 cos(gamma) cos(psi) tan(phi)/r
-                  + 2 W V (tan(gamma) cos(phi) sin(psi) - sin(phi)) - W^2 r sin(phi) cos(phi) cos(psi)/cos(gamma)] / V
+        $\dot{h} = V \, \sin\gamma$
+        $\dot{\theta} = \frac{V \, \cos\gamma \, \cos\psi}{r \, \cos\phi}, \quad \dot{\phi} = \frac{V \, \cos\gamma
+          \, \sin\psi}{r}$
+        $\dot{V} = -\frac{D}{m} - g \, \sin\gamma + W^2 r \, \cos\phi (\sin\gamma \, \cos\phi - \cos\gamma \, \sin\phi
+          \, \sin\psi)$
+        $V \dot{\gamma} = \frac{L \, \cos\sigma}{m} - g \, \cos\gamma + \frac{V^2 \, \cos\gamma}{r} + 2 W V \, \cos\phi
+          \, \cos\psi + a_\gamma$
+        $a_\gamma = W^2 r \, \cos\phi (\cos\gamma \, \cos\phi + \sin\gamma \, \sin\phi \, \sin\psi)$
+        $V \dot{\psi} = -\frac{L \, \sin\sigma}{m \, \cos\gamma} - \frac{V^2 \, \cos\gamma \, \cos\psi \, \tan\phi}{r} +
+          a_\psi$
+        $a_\psi = 2 W V (\tan\gamma \, \cos\phi \, \sin\psi - \sin\phi) - \frac{W^2 r \, \sin\phi \, \cos\phi
+          \, \cos\psi}{\cos\gamma}$
 
     with r = R + h, g = mu/r^2, D/m = k_D rho V^2, L/m = k_L rho V^2, W the rotation rate. The paper abbreviates the
     Coriolis and centrifugal terms and leaves out that of V'. They are those of `entry_rates_from_sines`, whose azimuth

@@ -17,7 +17,6 @@ from marsedl.methods.collocation import (
     BranchEndError,
     Condition,
     Guess,
-    NotConvergedError,
     Program,
     Solution,
     Variable,
@@ -25,9 +24,17 @@ from marsedl.methods.collocation import (
 from marsedl.methods.desensitization import Desensitized, column
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.streams import normals, uniforms
-from marsedl.papers import density
-from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, LEVEL, MEASURED, MIRROR, POSITIONS, WARM, Setup
+from marsedl.papers.desensitized import entry_problem, mean_density
+from marsedl.papers.desensitized.entry_problem import (
+    BANK,
+    LEVEL,
+    MEASURED,
+    MIRROR,
+    POSITIONS,
+    WARM,
+    Setup,
+    attempt,
+)
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import Branches, Nominal, Tradeoff
@@ -68,8 +75,8 @@ def compute(
 ) -> Branches:
     """Collect local minima, vary the conditions on the bank, and follow the branches."""
     setup = Setup(planet, vehicle, mission, solver, design)
-    found = catalogue(setup, ensemble, studies, nominal, tradeoff)
-    solutions, number = found.solutions, found.nominal
+    minima = catalogue(setup, ensemble, studies, nominal, tradeoff)
+    solutions, number = minima.solutions, minima.nominal
     held = error_program(setup)
     curve, fold = nominal_curve(setup, simulation, held, solutions[number], tradeoff)
     extended, continued = continued_branches(setup, solutions, number, tradeoff)
@@ -81,14 +88,14 @@ def compute(
         *at_row_errors(setup, simulation, held, solutions, errors, number, tradeoff),
     ]
     return Branches(
-        **described(vehicle, studies, found, errors),
+        **described(vehicle, studies, minima, errors),
         **bank_conditions(setup, nominal),
         curve_error=np.array([given_error(simulation, s) for s in curve]),
         curve_effort=np.array([effort(s) for s in curve]),
         curve_weight=np.array([weight_at_error(s) for s in curve]),
         curve_final_bank=np.array([s.states[-1, BANK] for s in curve]),
         fold_weight=fold[1],
-        fold_error=fold[0] * simulation.tabulated_error,
+        fold_error=fold[0] * abs(simulation.tabulated_error),
         continued_solution=np.array([k for k, _ in continued], dtype=int),
         continued_weight=np.array([s.given["weight"] for _, s in continued]),
         continued_effort=np.array([effort(s) for _, s in continued]),
@@ -141,15 +148,6 @@ def catalogue(setup: Setup, ensemble: Ensemble, studies: Studies, nominal: Nomin
         failed,
         status,
     )
-
-
-def attempt(solver: Solver, transcribed, guess, given=None, **options) -> Solution:
-    """Solve; where that fails, the last iterate, whose status tells."""
-    options = {"tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
-    try:
-        return transcribed.solve(guess, given or entry_problem.given(), **options)
-    except NotConvergedError as error:
-        return error.solution
 
 
 def enter(setup: Setup, groups, transcribed, solution: Solution, count) -> int:
@@ -217,7 +215,7 @@ def descent(setup: Setup, banks, switch_times, intervals) -> Guess:
     from scipy.integrate import solve_ivp
 
     planet, vehicle, mission, solver = setup.planet, setup.vehicle, setup.mission, setup.solver
-    log_density = density.profile(planet)
+    log_density = mean_density.profile(planet)
     steps, switch_times = np.diff(banks), np.asarray(switch_times)
 
     def turned(time):
@@ -306,9 +304,9 @@ def catalogue_error(setup: Setup, simulation: Simulation, solution: Solution):
     return final * entry_problem.lengths(planet) * simulation.tabulated_error
 
 
-def described(vehicle: Vehicle, studies: Studies, found: Catalogue, errors):
+def described(vehicle: Vehicle, studies: Studies, minima: Catalogue, errors):
     """The fields of the local minima."""
-    solutions = found.solutions
+    solutions = minima.solutions
     banks = np.array([solution.states[:, BANK] for solution in solutions])
     totals = np.array([cumulative(solution) for solution in solutions])
     return {
@@ -322,13 +320,13 @@ def described(vehicle: Vehicle, studies: Studies, found: Catalogue, errors):
         "error": errors,
         "time": np.array([solution.time for solution in solutions]),
         "bank": banks,
-        "found": np.array(found.found),
-        "returned": np.array(found.returned),
-        "nominal": found.nominal,
+        "found": np.array(minima.found),
+        "returned": np.array(minima.returned),
+        "nominal": minima.nominal,
         "starts": int(studies.search_starts),
-        "failed_starts": found.failed_starts,
+        "failed_starts": minima.failed_starts,
         "roll": studies.roll_banks,
-        "roll_status": np.array(found.roll_status),
+        "roll_status": np.array(minima.roll_status),
     }
 
 
@@ -342,21 +340,21 @@ def bank_conditions(setup: Setup, nominal: Nominal):
     """
     banks = entry_problem.bank_ends(setup.mission)
     fixed = np.array(list(product((False, True), repeat=len(banks))))
-    found = []
+    solutions = []
     for choice in fixed:
         ends = entry_problem.BankEnds(
             *((bank or 0.0) if held else None for bank, held in zip(banks, choice, strict=True))
         )
         declared = entry_problem.problem(setup.planet, setup.vehicle, setup.mission, ends)
         transcribed = entry_problem.program(setup.planet, setup.solver, declared)
-        found.append(attempt(setup.solver, transcribed, as_guess(nominal), barrier=WARM))
-    solved = np.array([solution.status == SOLVED for solution in found])
+        solutions.append(attempt(setup.solver, transcribed, as_guess(nominal), barrier=WARM))
+    solved = np.array([solution.status == SOLVED for solution in solutions])
     return {
         "set_fixed": fixed,
-        "set_status": np.array([solution.status for solution in found]),
-        "set_effort": np.where(solved, [effort(solution) for solution in found], np.nan),
-        "set_cumulative": np.where(solved, [cumulative(solution) for solution in found], np.nan),
-        "set_reversals": np.array([entry_problem.reversals(solution.states[:, BANK]) for solution in found]),
+        "set_status": np.array([solution.status for solution in solutions]),
+        "set_effort": np.where(solved, [effort(solution) for solution in solutions], np.nan),
+        "set_cumulative": np.where(solved, [cumulative(solution) for solution in solutions], np.nan),
+        "set_reversals": np.array([entry_problem.reversals(solution.states[:, BANK]) for solution in solutions]),
     }
 
 
@@ -456,9 +454,9 @@ def nominal_curve(setup: Setup, simulation: Simulation, held: ErrorProgram, solu
         return [], (np.nan, np.nan)
     top = first.given["norm"]
     if len(tradeoff.fold_error):
-        bottom = 2.0 * tradeoff.fold_error[0, 0] / simulation.tabulated_error - top
+        bottom = 2.0 * tradeoff.fold_error[0, 0] / abs(simulation.tabulated_error) - top
     else:
-        bottom = row_errors(tradeoff)[0].min() / simulation.tabulated_error
+        bottom = row_errors(tradeoff)[0].min() / abs(simulation.tabulated_error)
     # The weight rises steeply at first: short steps there.
     values = top - max(top - bottom, 0.0) * (np.arange(1, CURVE_POINTS + 1) / CURVE_POINTS) ** 2
     points = followed(setup.solver, setup.design, held.program, first, "norm", values)
@@ -503,7 +501,7 @@ def weight_at_error(solution: Solution):
 
 def given_error(simulation: Simulation, solution: Solution):
     """Norm of the final error at which a solution was held, m."""
-    return solution.given["norm"] * simulation.tabulated_error
+    return solution.given["norm"] * abs(simulation.tabulated_error)
 
 
 # ---- other branches over the weight, and comparison ------------------------------------------------------------------
@@ -551,7 +549,7 @@ def at_row_errors(
             continue
         first = held_at_own_error(setup.planet, setup.solver, held, solution)
         if first.status == SOLVED:
-            values = -np.sort(-wanted[below]) / simulation.tabulated_error
+            values = -np.sort(-wanted[below]) / abs(simulation.tabulated_error)
             points = followed(setup.solver, setup.design, held.program, first, "norm", values)
             candidates += [Candidate(number, effort(point), given_error(simulation, point)) for point in points]
     return candidates

@@ -13,21 +13,18 @@ from marsedl.methods.collocation import (
     SCHEMES,
     SOLVED,
     Guess,
-    NotConvergedError,
     Problem,
     Program,
     Solution,
 )
 from marsedl.methods.desensitization import Desensitized, column
-from marsedl.methods.linearization import linearize
-from marsedl.methods.sensitivity import adjoint_rows, propagate_columns
+from marsedl.methods.sensitivity import adjoint_rows, propagate_columns, scheme_change
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED
-from marsedl.papers import density
-from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM, Setup
+from marsedl.papers.desensitized import entry_problem, environment, flight, mean_density
+from marsedl.papers.desensitized.entry_problem import MIRROR, STATES, WARM, Setup, Trajectory, attempt
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
-from marsedl.papers.desensitized.linearization import position_columns, position_rows
+from marsedl.papers.desensitized.linearization import model, position_columns, position_rows, transitions
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import (
     APPROXIMATED,
@@ -55,14 +52,6 @@ class Case(NamedTuple):
 
     weight: float
     guess: Guess
-
-
-class Trajectory(NamedTuple):
-    """What the equations of a mesh are about."""
-
-    time: np.ndarray
-    state: np.ndarray  # (N + 1, 8)
-    bank_acceleration: np.ndarray  # (N,)
 
 
 @stage(claimed_in=("corrected",))
@@ -112,11 +101,11 @@ def compute(
     )
 
 
-def _stacked(found):
+def _stacked(nested):
     """Fields of nested lists of dictionaries as arrays."""
-    if isinstance(found, dict):
-        return found
-    inner = [_stacked(item) for item in found]
+    if isinstance(nested, dict):
+        return nested
+    inner = [_stacked(item) for item in nested]
     return {name: np.array([item[name] for item in inner]) for name in inner[0]}
 
 
@@ -150,27 +139,19 @@ def refined(setup: Setup, studies: Studies, case: Case, scheme) -> dict[int, Sol
 
     def solved(intervals, guess):
         start = Guess(guess.states[:, : len(STATES)], guess.controls, guess.final_time)
-        start = extended.guess(start, entry_problem.given()) if extended else start
-        return attempt(solver, entry_problem.program(planet, solver, problem, intervals, scheme), start, case.weight)
+        start = extended.guess(start, entry_problem.given(), scheme) if extended else start
+        transcribed = entry_problem.program(planet, solver, problem, intervals, scheme)
+        return attempt(solver, transcribed, start, entry_problem.given(case.weight), barrier=WARM)
 
     own, studied = solver.intervals, [int(number) for number in studies.studied_intervals]
-    found = {own: solved(own, case.guess)}
+    solutions = {own: solved(own, case.guess)}
     for numbers in ([n for n in studied if n > own], [n for n in reversed(studied) if n < own]):
-        last = found[own]
+        last = solutions[own]
         for number in numbers:
-            found[number] = solved(number, last.guess(number))
-            if found[number].status == SOLVED:
-                last = found[number]
-    return found
-
-
-def attempt(solver: Solver, transcribed, guess, weight, **options) -> Solution:
-    """A solution, or the last iterate of a solve that came to none; its status says which."""
-    options = {"barrier": WARM, "tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
-    try:
-        return transcribed.solve(guess, entry_problem.given(weight), **options)
-    except NotConvergedError as error:
-        return error.solution
+            solutions[number] = solved(number, last.guess(number))
+            if solutions[number].status == SOLVED:
+                last = solutions[number]
+    return solutions
 
 
 def meshes(setup: Setup, simulation: Simulation, studies: Studies, run, numbers):
@@ -179,25 +160,20 @@ def meshes(setup: Setup, simulation: Simulation, studies: Studies, run, numbers)
     return _stacked([_mesh(setup, simulation, studies, run[number], on_own_mesh) for number in numbers])
 
 
-def trajectory(solution: Solution) -> Trajectory:
-    """A solution without its columns."""
-    return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
-
-
 def _mesh(setup: Setup, simulation: Simulation, studies: Studies, solution, on_own_mesh):
     """The fields of one mesh."""
     planet = setup.planet
-    found = {"status": solution.status, "iterations": solution.iterations}
+    fields = {"status": solution.status, "iterations": solution.iterations}
     if solution.status != SOLVED:
         numbers = ("effort", "cumulative", "bank_change", "longitude_deviation", "crossrange_deviation")
         unknown = dict.fromkeys((*numbers, "solver_deviation"), np.nan)
-        return found | unknown | dict.fromkeys(("error", "flown_error", "miss"), np.full(3, np.nan))
-    along = trajectory(solution)
+        return fields | unknown | dict.fromkeys(("error", "flown_error", "miss"), np.full(3, np.nan))
+    along = entry_problem.of_solution(solution)
     sensitivity = sensitivities(planet, setup.vehicle, solution.scheme, along)[0]
     share = on_own_mesh.time / on_own_mesh.final_time
     bank = np.interp(share, solution.time / solution.final_time, solution.state("bank"))
     miss, flown_error = flown(setup, simulation, studies, along)
-    return found | {
+    return fields | {
         "effort": effort(solution),
         "cumulative": entry_problem.cumulative(along.time, along.bank_acceleration),
         "bank_change": np.abs(bank - on_own_mesh.state("bank")).max(),
@@ -247,7 +223,7 @@ def orders(errors, intervals):
 
 def motion(planet: Planet, vehicle: Vehicle, states, bank_acceleration):
     """Rates of states (..., 8) by numpy, beside those that the solver has traced: (..., 8)."""
-    log_density = density.profile(planet)(states[..., 0])[0]
+    log_density = mean_density.profile(planet)(states[..., 0])[0]
     rates = velocity_component_entry_rates(
         np.moveaxis(states, -1, 0),
         bank_acceleration,
@@ -273,40 +249,16 @@ def change(planet: Planet, vehicle: Vehicle, scheme, start, end, bank_accelerati
     return step * (first + 4.0 * rates(middle) + last) / 6.0
 
 
-def change_derivatives(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory):
-    """Derivatives of `change` with respect to start and end of all intervals, (N, 8, 8) each."""
-    control = along.bank_acceleration
-    step = np.diff(along.time)[:, np.newaxis, np.newaxis]
-    start, end = along.state[:-1], along.state[1:]
-
-    def matrix(states):
-        parameters = list(entry_problem.given().values())
-        return linearize(entry_problem.rates(planet, vehicle), states, control[:, np.newaxis], parameters).state_matrix
-
-    if scheme == "midpoint":
-        half = step / 2.0 * matrix((start + end) / 2.0)
-        return half, half
-    first, last = matrix(start), matrix(end)
-    if scheme == "trapezoid":
-        return step / 2.0 * first, step / 2.0 * last
-    slope = motion(planet, vehicle, start, control) - motion(planet, vehicle, end, control)
-    middle = matrix((start + end) / 2.0 + step[:, :, 0] * slope / 8.0)
-    half = np.eye(len(STATES)) / 2.0
-    return (
-        step / 6.0 * (first + 4.0 * middle @ (half + step / 8.0 * first)),
-        step / 6.0 * (last + 4.0 * middle @ (half - step / 8.0 * last)),
-    )
-
-
 def sensitivities(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory):
     """Sensitivity at the nodes to the state at entry (N + 1, 8, 8), transitions, and d change / d end, (N, 8, 8) each.
 
     Exact for the equations of the scheme; for the midpoint rule the recursion of Sec. 4.2. As differences from the
     unit matrix the transitions keep the column of an ignorable state to the last bit.
     """
-    before, after = change_derivatives(planet, vehicle, scheme, along)
-    transitions = np.eye(len(STATES)) + np.linalg.solve(np.eye(len(STATES)) - after, before + after)
-    return propagate_columns(transitions, np.eye(len(STATES))), transitions, after
+    linear = model(planet, vehicle, scheme, along)
+    steps = transitions(linear)
+    after = scheme_change(scheme, linear.state_matrix, np.diff(along.time))[1]
+    return propagate_columns(steps, np.eye(len(STATES))), steps, after
 
 
 def flow_deviation(setup: Setup, solution: Solution):
@@ -318,18 +270,19 @@ def flow_deviation(setup: Setup, solution: Solution):
     if solution.status != SOLVED:
         return np.nan
     planet, vehicle = setup.planet, setup.vehicle
-    along, size, scale = trajectory(solution), len(STATES), entry_problem.state_scale(planet, setup.design)
+    along, size = entry_problem.of_solution(solution), len(STATES)
+    scale = entry_problem.state_scale(planet, setup.design)
     sensitivity, _, after = sensitivities(planet, vehicle, solution.scheme, along)
     apart = STATE_DIFFERENCE * np.diag(scale)
     moved = along.state[0] + np.concatenate([apart, -apart])
     for k, step in enumerate(np.diff(along.time)):
         start, moved = moved, moved + along.state[k + 1] - along.state[k]
         for _ in range(NEWTON_STEPS):
-            changed = change(planet, vehicle, solution.scheme, start, moved, along.bank_acceleration[k], step)
-            moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - changed).T).T
-    found = (moved[:size] - moved[size:]).T / (2.0 * STATE_DIFFERENCE) / scale[:, np.newaxis]
+            taken = change(planet, vehicle, solution.scheme, start, moved, along.bank_acceleration[k], step)
+            moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - taken).T).T
+    differences = (moved[:size] - moved[size:]).T / (2.0 * STATE_DIFFERENCE) / scale[:, np.newaxis]
     expected = sensitivity[-1] * scale / scale[:, np.newaxis]
-    return np.abs(found - expected).max() / np.abs(expected).max()
+    return np.abs(differences - expected).max() / np.abs(expected).max()
 
 
 # ---- identities ------------------------------------------------------------------------------------------------------
@@ -367,16 +320,16 @@ def solver_deviation(solution: Solution, sensitivity):
     """`column_deviation` of the radius column that a solver found; NaN for a problem without columns."""
     names = [variable.name for variable in solution.problem.states]
     rows = [row for row, state in enumerate(STATES) if column(state, CHANNELS[0]) in names]
-    found = [names.index(column(STATES[row], CHANNELS[0])) for row in rows]
-    return column_deviation(solution.states[:, found], sensitivity[:, rows]) if rows else np.nan
+    columns = [names.index(column(STATES[row], CHANNELS[0])) for row in rows]
+    return column_deviation(solution.states[:, columns], sensitivity[:, rows]) if rows else np.nan
 
 
-def column_deviation(found, sensitivity):
+def column_deviation(own, sensitivity):
     """Largest difference of a radius column (N + 1, n) to the sensitivity's, relative to the largest of each state."""
     expected = sensitivity[:, :, 0]
     largest = np.abs(expected).max(axis=0)
     reached = largest > 0.0
-    return (np.abs(found - expected).max(axis=0)[reached] / largest[reached]).max()
+    return (np.abs(own - expected).max(axis=0)[reached] / largest[reached]).max()
 
 
 def defect(setup: Setup, scheme, along: Trajectory):
@@ -397,9 +350,9 @@ def _row(setup: Setup, simulation: Simulation, tradeoff, number):
     moved = np.zeros(len(STATES))
     moved[STATES.index("longitude")] = LONGITUDE_SHIFT
     shifted = along._replace(state=along.state + moved)
-    sensitivity, transitions, _ = sensitivities(planet, vehicle, scheme, along)
+    sensitivity, steps, _ = sensitivities(planet, vehicle, scheme, along)
     position = final_position(planet, sensitivity)
-    backward = adjoint_rows(transitions, position_rows(planet))[0] @ position_columns(planet)
+    backward = adjoint_rows(steps, position_rows(planet))[0] @ position_columns(planet)
     expected = np.sum(position[:, 0] ** 2) + 1.0 + np.sum(turned_flight(along) ** 2)
 
     def error(other):
@@ -429,14 +382,17 @@ def slopes(setup: Setup, tradeoff, rows):
     """Relative deviation of dJ0/d(norm) from minus the weight at rows of Table 3, by solves at weights beside them."""
     planet, solver, design = setup.planet, setup.solver, setup.design
     extended, transcribed = prepared(setup)
-    found = []
+    deviations = []
     for row in rows:
         start, weight = extended.guess(row_guess(tradeoff, row), entry_problem.given()), tradeoff.weight[row]
-        beside = [attempt(solver, transcribed, start, weight * (1.0 + sign * NEIGHBOUR)) for sign in (-1.0, 1.0)]
+        beside = [
+            attempt(solver, transcribed, start, entry_problem.given(weight * (1.0 + sign * NEIGHBOUR)), barrier=WARM)
+            for sign in (-1.0, 1.0)
+        ]
         efforts, norms = [effort(s) for s in beside], [norm(planet, design, extended, s) for s in beside]
         solved = all(s.status == SOLVED for s in beside)
-        found.append(np.diff(efforts)[0] / np.diff(norms)[0] / -weight - 1.0 if solved else np.nan)
-    return np.array(found)
+        deviations.append(np.diff(efforts)[0] / np.diff(norms)[0] / -weight - 1.0 if solved else np.nan)
+    return np.array(deviations)
 
 
 def variants_from_profile(setup: Setup) -> list[Solution]:
@@ -464,8 +420,8 @@ def _variants(planet: Planet, solver: Solver, problem, guess, weight, **options)
         UNEXPANDED: Program(problem, solver.intervals, solver.scheme, expand=False),
         APPROXIMATED: Program(problem, solver.intervals, solver.scheme, expand=expand, hessian="limited-memory"),
     }
-    accept = {"accept": (SOLVED, ACCEPTABLE)}
-    return [attempt(solver, programs[variant], guess, weight, **options, **accept) for variant in VARIANTS]
+    options = {"barrier": WARM, "accept": (SOLVED, ACCEPTABLE)} | options
+    return [attempt(solver, programs[variant], guess, entry_problem.given(weight), **options) for variant in VARIANTS]
 
 
 def against_flights(setup: Setup, simulation: Simulation, case: Case, sizes):

@@ -18,12 +18,12 @@ from marsedl.methods.collocation import (
 from marsedl.methods.desensitization import Desensitized, Gain, Perturbation, column
 from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.models.reaction_control import bank_propellant
-from marsedl.papers import density
+from marsedl.papers.desensitized import mean_density
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Vehicle
-from marsedl.papers.desensitized.records import CHANNELS
+from marsedl.papers.desensitized.records import CHANNELS, Nominal, Tradeoff
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.units import DEGREE
 
-DEGREE = np.pi / 180.0
 STATES = (
     *("altitude", "latitude", "longitude", "radial_velocity", "north_velocity", "east_velocity"),
     *("bank", "bank_rate"),
@@ -52,7 +52,7 @@ class Setup(NamedTuple):
 
 def rates(planet: Planet, vehicle: Vehicle):
     """Equations of motion (Eqs. 1, 2 and 4) as a function of states, control, weight and density factor."""
-    log_density = density.log_density(planet)
+    log_density = mean_density.log_density(planet)
 
     def entry_rates(*arguments):
         *motion, bank_acceleration, _, density_factor = arguments
@@ -89,6 +89,29 @@ def entry_state(mission: Mission):
 def bank_acceleration_squared(*arguments):
     """Integrand of the control energy J0 (Eq. 3), deg^2/s^4."""
     return (arguments[len(STATES)] / DEGREE) ** 2
+
+
+class Trajectory(NamedTuple):
+    """What is followed, linearised or measured: nodes, states and the bank acceleration between them."""
+
+    time: np.ndarray  # (N + 1,), s
+    state: np.ndarray  # (N + 1, 8)
+    bank_acceleration: np.ndarray  # (N,), rad/s^2
+
+
+def of_nominal(nominal: Nominal) -> Trajectory:
+    """The nominal as a trajectory."""
+    return Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
+
+
+def of_rows(tradeoff: Tradeoff) -> list[Trajectory]:
+    """The rows of Table 3 as trajectories."""
+    return [Trajectory(*row) for row in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True)]
+
+
+def of_solution(solution: Solution) -> Trajectory:
+    """A solution without its columns."""
+    return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
 class BankEnds(NamedTuple):
@@ -256,6 +279,15 @@ def solve(solver: Solver, case, transcribed, guess, weight=0.0, **options) -> So
         raise failure(case, error) from error
 
 
+def attempt(solver: Solver, transcribed, guess, parameters=None, **options) -> Solution:
+    """Solve; where that fails, the last iterate with its status. parameters: those given, no weight if None."""
+    options = {"tolerance": solver.solver_tolerance, "iterations": solver.solver_iterations} | options
+    try:
+        return transcribed.solve(guess, parameters or given(), **options)
+    except NotConvergedError as error:
+        return error.solution
+
+
 def failure(case, error: NotConvergedError) -> SolverError:
     """The message for a case that did not converge, with its last iterate."""
     last = error.solution
@@ -318,17 +350,48 @@ def propellant(vehicle: Vehicle, cumulative_bank_acceleration):
     )
 
 
+def _wrapped(bank):
+    """The bank angle, brought into -180 to 180 degrees, and the nodes at which it is clear of zero."""
+    wrapped = (np.asarray(bank) + np.pi) % (2.0 * np.pi) - np.pi
+    return wrapped, np.flatnonzero(np.abs(wrapped) > LEVEL)
+
+
+def _reversals(bank):
+    """Nodes beside each reversal, the last clear one before it and the first one after it: (reversals, 2)."""
+    wrapped, clear = _wrapped(bank)
+    angles = wrapped[clear]
+    crossed = (np.sign(angles[1:]) != np.sign(angles[:-1])) & (np.abs(np.diff(angles)) < np.pi)
+    return np.column_stack([clear[:-1][crossed], clear[1:][crossed]])
+
+
 def reversals(bank):
     """How often the bank angle, brought into -180 to 180 degrees, changes its side through zero."""
-    wrapped = (np.asarray(bank) + np.pi) % (2.0 * np.pi) - np.pi
-    clear = wrapped[np.abs(wrapped) > LEVEL]
-    changed = np.sign(clear[1:]) != np.sign(clear[:-1])
-    return int(np.count_nonzero(changed & (np.abs(np.diff(clear)) < np.pi)))
+    return len(_reversals(bank))
+
+
+def reversal_times(time, bank):
+    """When it does, by lines between the nodes, (reversals,), s."""
+    times = []
+    for before, after in _reversals(bank):
+        turns = np.round((bank[before] + bank[after]) / (4.0 * np.pi))
+        angles = np.asarray(bank[before : after + 1]) - 2.0 * np.pi * turns
+        k = int(np.argmax(angles[:-1] * angles[1:] <= 0.0))
+        step = time[before + k + 1] - time[before + k]
+        times.append(time[before + k] - angles[k] * step / (angles[k + 1] - angles[k]))
+    return np.array(times)
 
 
 def full_rolls(bank):
     """Full turns by which the bank angle moves on from its start."""
     return int((np.max(bank) - np.min(bank)) // (2.0 * np.pi))
+
+
+def first_bank(bank):
+    """Sign of the first bank angle that is clear of zero: negative or positive; level if there is none."""
+    wrapped, clear = _wrapped(bank)
+    if not clear.size:
+        return "level"
+    return "negative" if wrapped[clear[0]] < 0.0 else "positive"
 
 
 def branch_name(bank):

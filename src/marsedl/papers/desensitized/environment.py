@@ -3,14 +3,13 @@
 import numpy as np
 
 from marsedl.models import atmosphere
-from marsedl.papers.density import profile
-from marsedl.papers.desensitized import components, entry_problem, flight, records
+from marsedl.papers.desensitized import components, entry_problem, flight, mean_density, records
 from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
 
 
 def surroundings(planet: Planet, vehicle: Vehicle):
     """Constants of the flights and the cells of their density table, as `flight.fly` takes them first."""
-    nodes = atmosphere.uniform_nodes(profile(planet))
+    nodes = atmosphere.uniform_nodes(mean_density.profile(planet))
     cells = atmosphere.uniform_cells(nodes.log_density, nodes.slope, nodes.spacing)
     return flight.settings(planet, vehicle, nodes), cells
 

@@ -1,11 +1,13 @@
 """Figures of the paper, and those beyond it. Each function draws one file from artifacts."""
 
+import dataclasses
+
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
 
-from marsedl.papers.desensitized.claims import printed_rows
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE
+from marsedl.papers.desensitized.claims.measures import printed_rows
+from marsedl.papers.desensitized.entry_problem import BANK
 from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
@@ -13,6 +15,7 @@ from marsedl.papers.desensitized.records import (
     CHANNELS,
     DENSITY,
     NO_DOC,
+    ONE_SET,
     RESHAPED,
     Branches,
     Certificates,
@@ -25,14 +28,15 @@ from marsedl.papers.desensitized.records import (
     Responses,
     Tradeoff,
 )
+from marsedl.plotting.curves import legend_below, legend_entry, mark, name_axes, plot, zero
 from marsedl.plotting.ellipses import probability_inside
+from marsedl.plotting.fields import Field, field, printed_unit
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from marsedl.replication.units import converted
 
-KM = 1e3
-DEGREE = np.pi / 180
-TIME_LABEL = "time from entry (s)"
-BANK_LABEL, RATE_LABEL, ACCELERATION_LABEL = "bank angle (deg)", "bank rate (deg/s)", "bank acceleration (deg/s$^2$)"
-RADIUS, CROSSRANGE, DOWNRANGE = range(len(CHANNELS))
+RADIUS, CROSSRANGE, DOWNRANGE = CHANNELS
+BANK_ANGLE = {"unit": "deg", "name": "bank angle"}
+FINAL_ERROR = "final position error"
 # How the flights of a channel are drawn: without feedback, reshaped, and under the law of the channel.
 CURVE = ((BLACK, "--"), (BLUE, "-."), (VERMILION, "-"))
 LAW_NAME = {NO_DOC: "no DOC", RESHAPED: "DOC without feedback"}
@@ -53,8 +57,10 @@ FUEL_CURVE = (
 FUEL = 1  # the solution of least fuel
 CROWDED = 0.04  # of the axes, under which rows of Table 3 share a label
 ELLIPSE_SIGMA = 3
-LEVEL = 0.995  # of the flights' errors, either way, that the axes of the dispersion reach
+LEVEL, ROOM = 0.995, 1.15  # of the flights' errors, either way; times those, how far the axes of the dispersion reach
+LOST = "x"  # marks lost flights
 DRAWN = 2000  # flights of a law at most, in the dispersion
+EARLY = 1.0  # s, by which the flights of a law end before those of another, from which the figure says so
 FAR = 1.6  # times what flights without feedback reach, beyond which others may leave the axes
 
 
@@ -64,42 +70,44 @@ FAR = 1.6  # times what flights without feedback reach, beyond which others may 
 def fig01a(vehicle: Vehicle, nominal: Nominal) -> Figure:
     """Bank rate and bank acceleration of the nominal."""
     figure, (rate, acceleration) = new_figure(6.4, 4.4, nrows=2, sharex=True)
-    rate.plot(nominal.time, nominal.state[:, BANK_RATE] / DEGREE, color=BLUE)
-    acceleration.stairs(nominal.bank_acceleration / DEGREE, nominal.time, baseline=None, color=BLUE, linewidth=1.2)
-    _bounds(rate, vehicle.bank_rate_bound / DEGREE, nominal.largest_bank_rate / DEGREE, "deg/s")
-    _bounds(
-        acceleration, vehicle.bank_acceleration_bound / DEGREE, nominal.largest_bank_acceleration / DEGREE, "deg/s$^2$"
-    )
-    rate.set_ylabel(RATE_LABEL)
-    acceleration.set(xlabel=TIME_LABEL, ylabel=ACCELERATION_LABEL, xlim=nominal.time[[0, -1]])
+    plot(rate, nominal, "state.bank_rate", unit="deg/s", color=BLUE)
+    control, time = field(nominal, "bank_acceleration", unit="deg/s^2"), field(nominal, "time")
+    _steps(acceleration, control, time, color=BLUE)
+    _limits(rate, vehicle.bank_rate_bound, nominal.largest_bank_rate, "rad/s", "deg/s")
+    _limits(acceleration, vehicle.bank_acceleration_bound, nominal.largest_bank_acceleration, "rad/s^2", "deg/s^2")
+    acceleration.set_xlim(nominal.time[[0, -1]])
     return figure
 
 
 def fig01b(nominal: Nominal) -> Figure:
     """Bank angle of the nominal, and when it passes zero."""
     figure, axes = new_figure(6.4, 3.4)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    axes.plot(nominal.time, nominal.state[:, BANK] / DEGREE, color=BLUE)
+    zero(axes)
+    plot(axes, nominal, "state.bank", **BANK_ANGLE, color=BLUE)
+    rate = field(nominal, "state.bank_rate")
     for time in nominal.reversal_times:
-        rising = np.interp(time, nominal.time, nominal.state[:, BANK_RATE]) > 0.0
+        rising = np.interp(time, nominal.time, rate.values) > 0.0
         axes.plot(time, 0.0, "o", color=VERMILION, markersize=4)
         axes.annotate(f"{time:.0f} s", (time, 0.0), (6, -12 if rising else 5), textcoords="offset points")
-    axes.set(xlabel=TIME_LABEL, ylabel=BANK_LABEL, xlim=nominal.time[[0, -1]], title=nominal.branch)
+    axes.set(xlim=nominal.time[[0, -1]], title=nominal.branch)
     return figure
 
 
 def fig02(tradeoff: Tradeoff) -> Figure:
-    """Bank angle of the rows of Table 3."""
-    figure, axes = new_figure(7.2, 4.2)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    infinite = iter(("--", ":"))
+    """Bank angle of the rows of Table 3, those of an infinite weight apart."""
+    figure, panels = new_figure(7.2, 5.2, nrows=2, sharex=True, height_ratios=(1.5, 1))
+    zero(*panels)
+    # The infinite rows come close to each other: the second is drawn thin, over the first.
+    infinite = iter(({"linewidth": 3.0, "alpha": 0.6}, {"linestyle": "--"}))
     for number, color in enumerate(ROW_COLOR):
-        style = next(infinite) if np.isnan(tradeoff.printed_weight[number]) else "-"
-        bank = tradeoff.state[number, :, BANK] / DEGREE
+        finite = np.isfinite(tradeoff.printed_weight[number])
+        axes, style = (panels[0], {}) if finite else (panels[1], next(infinite))
         label = f"{_row(tradeoff, number)}: {_counted(tradeoff.reversals[number], 'reversal')}"
-        axes.plot(tradeoff.time[number], bank, color=color, linestyle=style, label=label)
-    axes.set(xlabel=TIME_LABEL, ylabel=BANK_LABEL, xlim=(0, tradeoff.time.max()))
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        bank = field(tradeoff, "state.bank", **BANK_ANGLE, at={"rows": number}, x="time")
+        plot(axes, bank, color=color, label=label, **style)
+    panels[0].set_xlim(0, tradeoff.time.max())
+    for axes in panels:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
@@ -108,12 +116,12 @@ def fig02(tradeoff: Tradeoff) -> Figure:
 
 def fig03a(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the radius error at entry."""
-    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), responses.wide, responses.wide_error)
+    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), "wide")
 
 
 def fig03b(gains: Gains, responses: Responses) -> Figure:
     """The same for small errors."""
-    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), responses.narrow, responses.narrow_error)
+    return _sweep(gains, responses, RADIUS, (NO_DOC, RESHAPED), "narrow")
 
 
 def fig04(gains: Gains, responses: Responses) -> Figure:
@@ -133,12 +141,12 @@ def fig05b(gains: Gains, responses: Responses) -> Figure:
 
 def fig06a(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the downrange error at entry."""
-    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), responses.wide, responses.wide_error)
+    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "wide")
 
 
 def fig06b(gains: Gains, responses: Responses) -> Figure:
     """The same for small errors."""
-    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), responses.narrow, responses.narrow_error)
+    return _sweep(gains, responses, DOWNRANGE, (NO_DOC,), "narrow")
 
 
 def fig07a(gains: Gains, responses: Responses) -> Figure:
@@ -158,7 +166,7 @@ def fig08(gains: Gains, responses: Responses) -> Figure:
 
 def fig09(gains: Gains, responses: Responses) -> Figure:
     """Final position error against the crossrange error at entry."""
-    return _sweep(gains, responses, CROSSRANGE, (NO_DOC,), responses.wide, responses.wide_error)
+    return _sweep(gains, responses, CROSSRANGE, (NO_DOC,), "wide")
 
 
 def fig10a(gains: Gains, responses: Responses) -> Figure:
@@ -176,91 +184,106 @@ def fig11(gains: Gains, responses: Responses) -> Figure:
     return _histories(gains, responses, CROSSRANGE, (NO_DOC,))
 
 
-def _sweep(gains, responses, channel, compared, initial, final):
-    """Norm of the final error against the error at entry of a channel, of laws and of the channel's own."""
-    figure, axes = new_figure(6.4, 3.8)
-    norms = np.linalg.norm(final[:, channel], axis=-1)
-    for name, (color, style) in _drawn(channel, compared):
-        number = _number(gains, name)
+def _sweep(gains, responses, channel, compared, sweep):
+    """Norm of the final error against the error at entry of a channel, of laws and of the channel's own.
+
+    Small errors are also drawn on a logarithmic axis, on which what remains with feedback is seen.
+    """
+    panels = 2 if sweep == "narrow" else 1
+    figure, panels = new_figure((6.4, 8.4)[panels - 1], 3.8, ncols=panels, squeeze=False)
+    axes, initial = panels[0, 0], field(responses, f"{sweep}.{channel}", name=f"{channel} error at entry")
+    norms = {
+        name: _norm(responses, f"{sweep}_error.{channel}", at={"law": _number(gains, name)}, x=initial)
+        for name in (*compared, channel)
+    }
+    for name, (color, style) in _law_styles(channel, compared):
         label, marker = _label(gains, name), None
-        if lost := int(np.isnan(norms[number]).sum()):
+        if lost := int(np.isnan(norms[name].values).sum()):
             # Of flights among lost ones no line is left.
-            label, marker = f"{label},\n{lost} of {len(norms[number])} flights lost", "."
-        axes.plot(initial[channel], norms[number], color=color, linestyle=style, marker=marker, label=label)
-    plain = np.nanmax(norms[[_number(gains, name) for name in compared]], initial=0.0)
-    if plain > 0.0:
-        reached = np.nanmax(norms[_number(gains, CHANNELS[channel])], initial=plain)
-        axes.set_ylim(-0.03 * plain, min(1.05 * reached, FAR * plain))
-    axes.set(xlabel=f"{CHANNELS[channel]} error at entry (m)", ylabel="final position error (m)")
-    axes.set_xlim(initial[channel, [0, -1]])
-    figure.legend(loc="outside lower center", ncols=len(compared) + 1)
+            label, marker = f"{label},\n{lost} of {len(initial.values)} flights lost", "."
+        line = {"color": color, "linestyle": style, "marker": marker}
+        plot(axes, norms[name], **line, label=label)
+        for logarithmic in panels[0, 1:]:
+            plot(logarithmic, _either_side(norms[name].where(initial.values != 0.0)), **line)
+            logarithmic.set_yscale("log")
+    largest = np.nanmax(np.array([norms[name].values for name in compared]), initial=0.0)
+    if largest > 0.0:
+        reached = np.nanmax(norms[channel].values, initial=largest)
+        axes.set_ylim(-0.03 * largest, min(1.05 * reached, FAR * largest))
+    for axes in panels.flat:
+        axes.set_xlim(initial.values[[0, -1]])
+    legend_below(figure, panels[0, :1])
     return figure
 
 
 def _histories(gains, responses, channel, compared):
     """Position errors over time of laws and of the channel's own, for the error at entry that the figures have."""
     figure, panels = new_figure(6.4, 6.2, nrows=3, sharex=True)
-    plain = np.nanmax(np.abs(responses.error[_number(gains, NO_DOC), channel]), initial=0.0)
-    own = _number(gains, CHANNELS[channel])
-    for component, axes in enumerate(panels):
-        axes.axhline(0.0, color=GREY, linewidth=0.6)
-        _mark_reversals(axes, responses, own)
-        for name, (color, style) in _drawn(channel, compared):
-            number = _number(gains, name)
-            error = responses.error[number, channel, :, component]
-            axes.plot(responses.time[number], error, color=color, linestyle=style, label=_label(gains, name))
-        _hold(axes, 3.0 * plain)
-        axes.set_ylabel(f"{CHANNELS[component]} error (m)")
+    curves = {
+        (component, name): field(
+            responses, f"error.{channel}.{component}", name=f"{component} error", x="time",
+            at={"law": _number(gains, name)},
+        )
+        for component in CHANNELS
+        for name in (*compared, channel)
+    }  # fmt: skip
+    largest = np.nanmax(np.abs([curves[component, NO_DOC].values for component in CHANNELS]), initial=0.0)
+    latest = max(curve.x.values[-1] for curve in curves.values())
+    for component, axes in zip(CHANNELS, panels, strict=True):
+        zero(axes, color=GREY)
+        _mark_reversals(axes, responses, _number(gains, channel))
+        for name, (color, style) in _law_styles(channel, compared):
+            curve, label = curves[component, name], _label(gains, name)
+            end = curve.x.values[-1]
+            if latest - end > EARLY:
+                label += f", ends at {end:.0f} s"
+                plot(axes, curve.where(slice(-1, None)), color=color, marker="o", markersize=4)
+            plot(axes, curve, color=color, linestyle=style, label=label)
+        _hold(axes, 3.0 * largest)
     panels[0].set_title(_perturbation(responses, channel))
-    panels[-1].set(xlabel=TIME_LABEL, xlim=(0, responses.time.max()))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(compared) + 1)
+    panels[-1].set_xlim(0, responses.time.max())
+    legend_below(figure, panels[:1])
     return figure
 
 
 def _bank_rates(gains, responses, channel):
-    """Bank rate and acceleration under the law of a channel, without and with the error at entry."""
-    figure, panels = new_figure(6.4, 4.6, nrows=2, sharex=True)
-    number = _number(gains, CHANNELS[channel])
-    time = responses.time[number]
-    for axes, nominal, perturbed, label in (
-        (
-            panels[0],
-            responses.nominal[number, :, BANK_RATE],
-            responses.state[number, channel, :, BANK_RATE],
-            RATE_LABEL,
-        ),
-        (
-            panels[1],
-            responses.nominal_acceleration[number],
-            responses.acceleration[number, channel],
-            ACCELERATION_LABEL,
-        ),
+    """Bank rate and acceleration under the law of a channel, without and with the error at entry, and differences."""
+    figure, panels = new_figure(8.4, 4.6, nrows=2, ncols=2, sharex=True, width_ratios=(1.3, 1))
+    number, label = _number(gains, channel), _perturbed(gains, responses, channel)
+    for (axes, difference), paths, unit, steps in (
+        (panels[0], ("nominal.bank_rate", f"state.{channel}.bank_rate"), "deg/s", {}),
+        # The nominal's control is constant on each interval; both are stored where an interval begins.
+        (panels[1], ("nominal_acceleration", f"acceleration.{channel}"), "deg/s^2", {"drawstyle": "steps-post"}),
     ):
-        axes.axhline(0.0, color=GREY, linewidth=0.6)
-        axes.plot(time, nominal / DEGREE, color=BLACK, linestyle="--", label="nominal")
-        axes.plot(time, perturbed / DEGREE, color=VERMILION, label=_perturbed(gains, responses, channel))
-        axes.set_ylabel(label)
-    panels[0].set_title(_perturbation(responses, channel))
-    panels[-1].set(xlabel=TIME_LABEL, xlim=time[[0, -1]])
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        nominal, perturbed = (field(responses, path, unit=unit, at={"law": number}, x="time") for path in paths)
+        zero(axes, difference, color=GREY)
+        plot(axes, nominal, **steps, color=BLACK, linestyle="--", label="nominal")
+        plot(axes, perturbed, **steps, color=VERMILION, label=label)
+        plot(difference, perturbed.minus(nominal, "difference"), color=VERMILION)
+    panels[0, 0].set_title(_perturbation(responses, channel))
+    panels[0, 1].set_title("perturbed minus nominal")
+    panels[0, 0].set_xlim(responses.time[number, [0, -1]])
+    legend_below(figure, panels[0, :1])
     return figure
 
 
 def _bank_angles(gains, responses, channel):
     """Bank angle under the law of a channel, without and with the error at entry, and the difference."""
     figure, (angle, difference) = new_figure(6.4, 4.8, nrows=2, sharex=True, height_ratios=(1.6, 1))
-    number = _number(gains, CHANNELS[channel])
-    time, nominal = responses.time[number], responses.nominal[number, :, BANK] / DEGREE
-    perturbed = responses.state[number, channel, :, BANK] / DEGREE
-    angle.plot(time, nominal, color=BLACK, linestyle="--", label="nominal")
-    angle.plot(time, perturbed, color=VERMILION, label=_perturbed(gains, responses, channel))
-    difference.plot(time, perturbed - nominal, color=VERMILION)
+    number = _number(gains, channel)
+    nominal, perturbed = (
+        field(responses, path, **BANK_ANGLE, at={"law": number}, x="time")
+        for path in ("nominal.bank", f"state.{channel}.bank")
+    )
+    plot(angle, nominal, color=BLACK, linestyle="--", label="nominal")
+    plot(angle, perturbed, color=VERMILION, label=_perturbed(gains, responses, channel))
+    plot(difference, perturbed.minus(nominal, "difference"), color=VERMILION)
     for axes in (angle, difference):
-        axes.axhline(0.0, color=GREY, linewidth=0.6)
+        zero(axes, color=GREY)
         _mark_reversals(axes, responses, number)
-    angle.set(ylabel=BANK_LABEL, title=_perturbation(responses, channel))
-    difference.set(xlabel=TIME_LABEL, ylabel="difference (deg)", xlim=time[[0, -1]])
-    figure.legend(*angle.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    angle.set_title(_perturbation(responses, channel))
+    difference.set_xlim(responses.time[number, [0, -1]])
+    legend_below(figure, [angle])
     return figure
 
 
@@ -274,28 +297,30 @@ def pareto(simulation: Simulation, tradeoff: Tradeoff, branches: Branches, publi
     """
     columns = 2 if len(branches.curve_error) else 1
     figure, panels = new_figure(4.6 * columns, 5.6, ncols=columns, width_ratios=(1.6, 1)[:columns], squeeze=False)
-    axes = panels[0, 0]
-    error = np.linalg.norm(tradeoff.path_error, axis=1)
-    for number, name in enumerate(tradeoff.branch):
-        on = tradeoff.path_branch == number
-        color = BRANCH_COLOR[number % len(BRANCH_COLOR)]
-        axes.plot(error[on], tradeoff.path_effort[on], color=color, label=f"over the weight, from {name}")
-    for number, (errors, efforts) in enumerate(zip(tradeoff.fold_error, tradeoff.fold_effort, strict=True)):
-        label = None if number else "jump at the end of a branch"
-        axes.plot(errors, efforts, color=GREY, linestyle=":", label=label)
-    axes.plot(
-        branches.curve_error, branches.curve_effort, ".", color=ORANGE, markersize=7, zorder=1,
-        label="the nominal's branch, error given",
-    )  # fmt: skip
-    for number in np.unique(branches.continued_solution):
-        on = branches.continued_solution == number
-        axes.plot(
-            np.linalg.norm(branches.continued_error[on], axis=1), branches.continued_effort[on], ".", markersize=5,
-            color=_solution_color(number), label=f"at the weights of the rows, from {branches.name[number]}",
-        )  # fmt: skip
+    axes, label = panels[0, 0], f"{FINAL_ERROR} for {simulation.tabulated_error:g} m of radius"
+    _energies(axes, tradeoff, branches, published, label)
+    axes.set_yscale("log")
     rows = np.linalg.norm(tradeoff.error, axis=1)
-    axes.plot(rows, tradeoff.effort, "o", color=BLACK, markersize=6, markerfacecolor="none", label="rows of Table 3")
+    enlarged = np.zeros(len(rows), bool)
+    if columns == 2 and len(tradeoff.fold_error):
+        (left, right), (low, high) = _about_folds(tradeoff, branches)
+        enlarged = (rows > left) & (rows < right) & (tradeoff.effort > low) & (tradeoff.effort < high)
+        inset = axes.inset_axes((0.42, 0.5, 0.57, 0.48))
+        _energies(inset, tradeoff, branches, published, label)
+        inset.set(yscale="log", xlim=(left, right), ylim=(low, high), xlabel="", ylabel="")
+        inset.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        inset.yaxis.set_major_formatter("{x:g}")
+        inset.yaxis.set_minor_formatter(NullFormatter())
+        inset.locator_params(axis="x", nbins=4)
+        inset.tick_params(labelsize=7)
+        axes.indicate_inset_zoom(inset, edgecolor=GREY)
+        for number in np.flatnonzero(enlarged):
+            spot = rows[number], tradeoff.effort[number]
+            text = f"$c_1$ = {_printed_weight(tradeoff, number)}"
+            inset.annotate(text, spot, (0, 7), textcoords="offset points", fontsize=7, ha="center")
     for place, group in enumerate(_crowds(tradeoff, rows)):
+        if enlarged[group].all():
+            continue
         # Beside the curve, and inwards at its right end.
         at_end = rows[group[0]] > rows.max() - 0.03 * np.ptp(rows)
         below, end, beside = ((-6, -11), "right"), ((10, 6), "right"), ((6, 4), "left")
@@ -303,23 +328,52 @@ def pareto(simulation: Simulation, tradeoff: Tradeoff, branches: Branches, publi
         names = ", ".join(dict.fromkeys(_printed_weight(tradeoff, number) for number in group))
         spot = rows[group[0]], tradeoff.effort[group[0]]
         axes.annotate(f"$c_1$ = {names}", spot, offset, textcoords="offset points", fontsize=7, ha=side)
+    if columns == 2:
+        weight, folded = panels[0, 1], np.isfinite(branches.fold_weight)
+        along = field(branches, "curve_weight", x=field(branches, "curve_error", name=label))
+        # Without a fold the weight rises over decades, from what is zero but for rounding.
+        clear = along.values > (-np.inf if folded else 1e-6 * along.values.max())
+        plot(weight, along.where(clear), marker=".", linestyle="--", color=ORANGE)
+        weight.plot(branches.fold_error, branches.fold_weight, "o", color=VERMILION, markersize=5)
+        fold = f"fold: {branches.fold_weight:.4g} at {branches.fold_error:.0f} m" if folded else "no fold"
+        weight.set(title=f"the nominal's branch\n{fold}", yscale="linear" if folded else "log")
+        weight.locator_params(axis="x", nbins=4)
+    legend_below(figure, [axes], columns)
+    return figure
+
+
+def _energies(axes, tradeoff, branches, published, label):
+    """Draw control energy against final position error, which is called `label`."""
+    path = field(tradeoff, "path_effort", x=_norm(tradeoff, "path_error", name=label))
+    for number, name in enumerate(tradeoff.branch):
+        color = BRANCH_COLOR[number % len(BRANCH_COLOR)]
+        plot(axes, path.where(tradeoff.path_branch == number), color=color, label=f"over the weight, from {name}")
+    for number in range(len(tradeoff.fold_weight)):
+        jump = field(tradeoff, "fold_effort", x="fold_error", at={"folds": number})
+        text = None if number else "jump at the end of a branch"
+        plot(axes, jump, color=GREY, linestyle=":", label=text)
+    dots = {"linestyle": "none", "marker": "."}
+    curve = {"label": "the nominal's branch, error given", "zorder": 1, "markersize": 7}
+    plot(axes, branches, "curve_effort", x="curve_error", **dots, **curve, color=ORANGE)
+    continued = field(branches, "continued_effort", x=_norm(branches, "continued_error"))
+    for number in np.unique(branches.continued_solution):
+        start = f"at the weights of the rows, from {branches.name[number]}"
+        branch = continued.where(branches.continued_solution == number)
+        plot(axes, branch, **dots, markersize=5, color=_solution_color(number), label=start)
+    rows = field(tradeoff, "effort", x=_norm(tradeoff, "error"))
+    circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
+    plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
     if published:
         efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
         axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
-    label = f"final position error for {simulation.tabulated_error:g} m of radius (m)"
-    axes.set(yscale="log", xlabel=label, ylabel="control energy $J_0$ (deg$^2$/s$^3$)")
-    if columns == 2:
-        weight, folded = panels[0, 1], np.isfinite(branches.fold_weight)
-        # Without a fold the weight rises over decades, from what is zero but for rounding.
-        clear = branches.curve_weight > (-np.inf if folded else 1e-6 * branches.curve_weight.max())
-        weight.plot(branches.curve_error[clear], branches.curve_weight[clear], ".--", color=ORANGE)
-        weight.plot(branches.fold_error, branches.fold_weight, "o", color=VERMILION, markersize=5)
-        fold = f"fold: {branches.fold_weight:.4g} at {branches.fold_error:.0f} m" if folded else "no fold"
-        weight.set(xlabel=label, ylabel="weight $c$ (deg$^2$/s$^3$)", title=f"the nominal's branch\n{fold}")
-        weight.set_yscale("linear" if folded else "log")
-        weight.locator_params(axis="x", nbins=4)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
-    return figure
+
+
+def _about_folds(tradeoff, branches):
+    """Limits of error and control energy about the jumps at folds and the nominal's branch."""
+    errors = np.append(tradeoff.fold_error, branches.curve_error)
+    efforts = np.append(tradeoff.fold_effort, branches.curve_effort)
+    margin, factor = 0.25 * np.ptp(errors), (efforts.max() / efforts.min()) ** 0.25
+    return (errors.min() - margin, errors.max() + margin), (efforts.min() / factor, efforts.max() * factor)
 
 
 def branches(branches: Branches) -> Figure:
@@ -328,207 +382,258 @@ def branches(branches: Branches) -> Figure:
     groups = [group for group in (np.flatnonzero(~turning), np.flatnonzero(turning)) if len(group)]
     figure, panels = new_figure(7.6, 4.4, ncols=len(groups), squeeze=False)
     for axes, group in zip(panels[0], groups, strict=True):
-        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        zero(axes)
         for number in group:
             label = (
                 f"{branches.name[number]}: $J_0$ = {branches.effort[number]:.4g} deg$^2$/s$^3$,\n"
                 f"{np.linalg.norm(branches.error[number]):.0f} m, {_starts(branches, number)}"
             )
-            style = "-" if number == branches.nominal else "--"
-            bank = branches.bank[number] / DEGREE
-            axes.plot(branches.time[number], bank, color=_solution_color(number), linestyle=style, label=label)
+            style = {"color": _solution_color(number), "linestyle": "-" if number == branches.nominal else "--"}
+            plot(axes, branches, "bank", unit="deg", at={"solutions": number}, x="time", label=label, **style)
         if turning[group].all():
             axes.yaxis.set_major_locator(MultipleLocator(180.0))
-        axes.set(xlabel=TIME_LABEL, ylabel=BANK_LABEL, xlim=(0, branches.time.max()))
+        axes.set_xlim(0, branches.time.max())
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=7)
     return figure
 
 
 def gain_candidates(gains: Gains, gain_study: GainStudy) -> Figure:
-    """Flown errors under all gains found for a channel, and under one set of gains for all channels."""
+    """Flown errors under all gains of a channel, and under one set of gains for all channels."""
     figure, panels = new_figure(8.0, 7.2, nrows=2, ncols=2, sharey=True)
-    sizes = gain_study.tuning_error
-    order = np.argsort(sizes)
-    plain = np.linalg.norm(gains.final[_number(gains, NO_DOC)], axis=0)
+    order = np.argsort(gain_study.tuning_error)
+    linear = np.linalg.norm(gains.final[_number(gains, NO_DOC)], axis=0)
+    dots = {"marker": "."}
     for channel, axes in enumerate(panels.flat[: len(CHANNELS)]):
-        axes.plot(sizes[order], plain[channel] * np.abs(sizes[order]), ".--", color=BLACK, label="no feedback, linear")
-        mine = np.flatnonzero(gain_study.channel == channel)
-        for place, number in enumerate(mine[np.argsort(gain_study.rank[mine])]):
-            norm = np.linalg.norm(gain_study.scaled_gain[number])
-            label = f"{gain_study.method[number]}, |k| = {norm:.3g}"
+        candidates = np.flatnonzero(gain_study.channel == channel)
+        candidates = candidates[np.argsort(gain_study.rank[candidates])]
+        errors = [field(gain_study, "flown_error", at={"candidates": number}).where(order) for number in candidates]
+        sizes = field(gain_study, "tuning_error").where(order)
+        without = Field(linear[channel] * np.abs(sizes.values), FINAL_ERROR, "m", sizes)
+        plot(axes, _either_side(without), **dots, color=BLACK, linestyle="--", label="no feedback, linear")
+        for place, (number, error) in enumerate(zip(candidates, errors, strict=True)):
+            label = f"{gain_study.method[number]}, |k| = {np.linalg.norm(gain_study.scaled_gain[number]):.3g}"
             color = CANDIDATE_COLOR[place % len(CANDIDATE_COLOR)]
-            axes.plot(sizes[order], gain_study.flown_error[number, order], ".-", color=color, label=label)
+            plot(axes, _either_side(error), **dots, color=color, label=label)
+            _mark_lost(axes, error, color)
         axes.set_title(f"{CHANNELS[channel]} error at entry")
     together = panels.flat[-1]
-    # Errors as solved for, then tuned.
-    for flown, style, kind in zip(gain_study.all_flown_error, ("-", "--"), ("as solved for", "tuned"), strict=True):
-        for channel, color in enumerate((VERMILION, GREEN, BLUE)):
-            label = f"{CHANNELS[channel]}, {kind}"
-            together.plot(gain_study.all_sizes, flown[channel], style, marker=".", color=color, label=label)
+    for gain_set, style, kind in zip(ONE_SET.names, ("-", "--"), ("as solved for", "tuned"), strict=True):
+        for channel, color in zip(CHANNELS, (VERMILION, GREEN, BLUE), strict=True):
+            curve = {"color": color, "linestyle": style, "label": f"{channel}, {kind}"}
+            error = field(gain_study, f"all_flown_error.{gain_set}.{channel}", x="all_sizes")
+            plot(together, _either_side(error), **dots, **curve)
+            _mark_lost(together, error, color)
     together.set_title("one set of gains for all channels")
     for axes in panels.flat:
-        axes.set(yscale="log", xlabel="error at entry (m)")
+        _name_lost(axes, [axes])
+    for axes in panels.flat:
+        axes.set_yscale("log")
         axes.locator_params(axis="x", nbins=5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize=7, ncols=2 if axes is together else 1)
-    for axes in panels[:, 0]:
-        axes.set_ylabel("final position error (m)")
     return figure
 
 
 def dispersion(ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble) -> Figure:
-    """Final crossrange and downrange errors for random position errors at entry, under every law."""
-    figure, panels = new_figure(7.6, 6.2, nrows=2, ncols=3, sharex=True, sharey=True)
+    """Final crossrange and downrange errors for random position errors at entry, under every law.
+
+    Each law has axes of its own size; a square as large as those of the first one tells their scale.
+    """
+    figure, panels = new_figure(7.6, 6.6, nrows=2, ncols=3)
     trials = entry_errors.final_error.shape[1]
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = ELLIPSE_SIGMA * np.array([np.cos(angle), np.sin(angle)])
-    reach = [1e-3]
+    plane = [CHANNELS.index(component) for component in (DOWNRANGE, CROSSRANGE)]
+    first, scale = panels[0, 0], None
     for number, axes in enumerate(panels.flat):
-        flown = entry_errors.final_error[number][:, [DOWNRANGE, CROSSRANGE]] / KM
-        ended = flown[np.isfinite(flown).all(axis=1)]
-        shown = flown[:DRAWN]
-        axes.plot(*shown.T, ".", color=SKY, markersize=1.5, alpha=0.6, rasterized=True)
+        right, up = (
+            field(entry_errors, f"final_error.{name}", unit="km", name=f"{name} error", at={"law": number})
+            for name in (DOWNRANGE, CROSSRANGE)
+        )
+        up = dataclasses.replace(up, x=right)
+        flights = {"linestyle": "none", "marker": ".", "markersize": 1.5, "alpha": 0.6, "rasterized": True}
+        plot(axes, up.where(slice(DRAWN)), **flights, color=SKY)
         # The root of the covariance by singular values, as it may be singular.
-        factor = gains.final[number][[DOWNRANGE, CROSSRANGE]] * ensemble.initial_deviations / KM
-        left, values, _ = np.linalg.svd(factor, full_matrices=False)
-        axes.plot(*(left * values @ circle), color=VERMILION)
-        name, remarks = str(gains.law[number]), []
-        if not gains.converged[number]:
-            remarks.append("not converged")
+        factor = converted(gains.final[number][plane] * ensemble.initial_deviations, "m", "km")
+        directions, lengths, _ = np.linalg.svd(factor, full_matrices=False)
+        ellipse = directions * lengths @ circle
+        plot(axes, dataclasses.replace(up.of(ellipse[1]), x=right.of(ellipse[0])), color=VERMILION)
+        errors = np.transpose([right.values, up.values])
+        ended = errors[np.isfinite(errors).all(axis=1)]
+        remarks = [] if gains.converged[number] else ["not converged"]
         if lost := trials - len(ended):
             remarks.append(f"{lost:,} lost")
-        notes = [LAW_TITLE[name], *([", ".join(remarks)] if remarks else [])]
+        notes = [LAW_TITLE[str(gains.law[number])], *([", ".join(remarks)] if remarks else [])]
+        limit = 1e-3
         if len(ended):
-            reach.append(np.quantile(np.abs(ended), LEVEL, axis=0).max())
+            limit = max(limit, np.quantile(np.abs(ended), LEVEL, axis=0).max())
             deviations = zip(("down", "cross"), ended.std(axis=0), np.linalg.norm(factor, axis=1), strict=True)
             notes += [rf"$\sigma$ {name} {_length(a)}, linear {_length(b)}" for name, a, b in deviations]
+        limit *= ROOM
+        scale = scale or limit
+        axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
+        if axes is not first:
+            axes.plot(*(scale * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])), color=GREY, linestyle=":")
         axes.set_title("\n".join(notes), fontsize=8)
-    panels[0, 0].set(xlim=(-1.05 * max(reach), 1.05 * max(reach)), ylim=(-1.05 * max(reach), 1.05 * max(reach)))
-    for axes in panels[:, 0]:
-        axes.set_ylabel("crossrange error (km)")
-    for axes in panels[-1]:
-        axes.set_xlabel("downrange error (km)")
+    for axes in panels[:, 1:].flat:
+        axes.set_ylabel("")
+    for axes in panels[0]:
+        axes.set_xlabel("")
     level = 100 * probability_inside(ELLIPSE_SIGMA)
     ellipse = f"{ELLIPSE_SIGMA}-sigma ellipse of linear covariance ({level:.1f} %)"
-    handles = [
-        axes.plot([], [], ".", color=SKY, label=f"{min(DRAWN, trials):,} of {trials:,} flights")[0],
-        axes.plot([], [], color=VERMILION, label=ellipse)[0],
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    legend_entry(first, f"{min(DRAWN, trials):,} of {trials:,} flights", color=SKY, marker=".", linestyle="none")
+    legend_entry(first, ellipse, color=VERMILION)
+    legend_entry(first, f"axes of {LAW_TITLE[str(gains.law[0])]}", color=GREY, linestyle=":")
+    legend_below(figure, [first])
     return figure
 
 
 def discretisation(solver: Solver, simulation: Simulation, certificates: Certificates) -> Figure:
     """Miss of the flown controls, and error of the sensitivity, against the number of intervals."""
-    figure, panels = new_figure(7.6, 4.2, ncols=2)
-    wrong = np.linalg.norm(certificates.mesh_error - certificates.mesh_flown_error, axis=-1)
-    miss = np.linalg.norm(certificates.mesh_miss, axis=-1)
-    intervals = certificates.intervals
-    for axes, values, label in (
-        (panels[0], miss, "miss of the target (m)"),
-        (
-            panels[1],
-            wrong,
-            "error of the sensitivity,\nfor " + f"{_length(simulation.tabulated_error / KM)} of radius (m)",
-        ),
+    figure, (misses, differences) = new_figure(7.6, 4.2, ncols=2)
+    size = _length(converted(simulation.tabulated_error, "m", "km"))
+    for axes, paths, name in (
+        (misses, ("mesh_miss",), "miss of the target"),
+        (differences, ("mesh_error", "mesh_flown_error"), f"error of the sensitivity,\nfor {size} of radius"),
     ):
-        for case, style in enumerate(("-", "--")):
-            for scheme, name in enumerate(certificates.scheme):
-                axes.loglog(
-                    intervals, values[case, scheme], color=SCHEME_COLOR[scheme % len(SCHEME_COLOR)], linestyle=style,
-                    marker="o", markersize=3, label=f"{SCHEME_NAME.get(str(name), name)}, {_case(certificates, case)}",
-                )  # fmt: skip
-        for order, scheme in ((2, 0), (4, -1)):
-            start = np.nanmax(values[:, scheme, 0], initial=0.0)
-            axes.loglog(
-                intervals, 2.0 * start * (intervals[0] / intervals) ** order, color=GREY, linestyle=":",
-                label=f"order {order}" if axes is panels[0] else None,
+        curves = {
+            (case, scheme): _norm(certificates, *paths, name=name, at={"cases": case, "scheme": scheme}, x="intervals")
+            for case in range(2)
+            for scheme in range(len(certificates.scheme))
+        }
+        for (case, number), curve in curves.items():
+            scheme = str(certificates.scheme[number])
+            plot(
+                axes, curve, color=SCHEME_COLOR[number % len(SCHEME_COLOR)], linestyle=("-", "--")[case], marker="o",
+                markersize=3, label=f"{SCHEME_NAME.get(scheme, scheme)}, {_case(certificates, case)}",
             )  # fmt: skip
+        intervals = certificates.intervals
+        for order, scheme in ((2, 0), (4, len(certificates.scheme) - 1)):
+            start = np.nanmax(np.array([curves[case, scheme].values[0] for case in range(2)]), initial=0.0)
+            slope = curves[0, scheme].of(2.0 * start * (intervals[0] / intervals) ** order)
+            plot(axes, slope, color=GREY, linestyle=":", label=f"order {order}")
+        axes.set(xscale="log", yscale="log")
         axes.set_xticks(intervals, [str(number) for number in intervals])
         axes.minorticks_off()
-        axes.set(xlabel="intervals", ylabel=label)
-        axes.axvline(solver.intervals, color=GREY, linewidth=0.6)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        mark(axes, x=solver.intervals, linestyle="-", linewidth=0.6)
+    legend_below(figure, [misses], columns=2)
     return figure
 
 
 def minimum_fuel(minimum_fuel: MinimumFuel) -> Figure:
     """Bank acceleration and bank angle of least energy and of least fuel, and the switching function, by bound."""
-    found = minimum_fuel
-    figure, panels = new_figure(8.0, 6.6, nrows=3, ncols=len(found.bound), sharex=True, sharey="row", squeeze=False)
+    columns = len(minimum_fuel.bound)
+    figure, panels = new_figure(8.0, 6.6, nrows=3, ncols=columns, sharex=True, sharey="row", squeeze=False)
     for number, (acceleration, angle, switching) in enumerate(panels.T):
         for place, (color, style, name) in enumerate(FUEL_CURVE):
-            time, control = found.time[number, place], found.bank_acceleration[number, place] / DEGREE
+            solution = {"at": {"bound": number, "solution": place}}
+            control = field(minimum_fuel, "bank_acceleration", unit="deg/s^2", **solution)
+            mass = _mass(minimum_fuel.propellant[number, place])
+            _steps(acceleration, control, field(minimum_fuel, "time", **solution), color=color, linestyle=style)
+            legend_entry(acceleration, mass, color=color, linestyle=style)
             curve = {"color": color, "linestyle": style, "label": name}
-            # An edge that is not finite makes matplotlib refuse the whole.
-            if np.isfinite(time).all():
-                acceleration.stairs(control, time, baseline=None, linewidth=1.2, **curve)
-            angle.plot(time, found.bank[number, place] / DEGREE, **curve)
-        time = found.time[number, FUEL]
-        switching.plot((time[1:] + time[:-1]) / 2.0, found.switching[number], color=FUEL_CURVE[FUEL][0])
-        for level in (-1.0, 1.0):
-            switching.axhline(level, color=GREY, linewidth=0.9, linestyle=":")
-        masses = ", ".join(f"{mass:.3g}" if np.isfinite(mass) else "not solved" for mass in found.propellant[number])
-        acceleration.set_title(f"bound {found.bound[number] / DEGREE:g} deg/s$^2$; propellant (kg)\n{masses}")
-        switching.set_xlabel(TIME_LABEL)
-    panels[0, 0].set_xlim(0.0, np.nanmax(found.time, initial=1.0))
+            plot(angle, minimum_fuel, "bank", unit="deg", x="time", **solution, **curve)
+        nodes = field(minimum_fuel, "time", at={"bound": number, "solution": FUEL})
+        middle = nodes.of((nodes.values[1:] + nodes.values[:-1]) / 2.0)
+        function = {"name": "switching function\nof least fuel", "at": {"bound": number}, "x": middle}
+        plot(switching, minimum_fuel, "switching", **function, color=FUEL_CURVE[FUEL][0])
+        mark(switching, y=(-1.0, 1.0))
+        bound = converted(minimum_fuel.bound[number], "rad/s^2", "deg/s^2")
+        acceleration.set_title(f"bound {bound:g} deg/s$^2$")
+        acceleration.legend(title="propellant", title_fontsize=8, loc="upper right")
+    panels[0, 0].set_xlim(0.0, np.nanmax(minimum_fuel.time, initial=1.0))
     # Linear as far as the nominals reach, so that both they and bursts are seen.
-    largest = np.nanmax(np.abs(found.bank_acceleration[:, 0]), initial=1e-6) / DEGREE
-    panels[0, 0].set_yscale("symlog", linthresh=largest)
-    panels[0, 0].set_ylabel(ACCELERATION_LABEL)
-    panels[1, 0].set_ylabel(BANK_LABEL)
-    panels[2, 0].set_ylabel("switching function\nof least fuel")
-    figure.legend(*panels[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    nominals = field(minimum_fuel, "bank_acceleration", unit="deg/s^2", at={"solution": 0})
+    panels[0, 0].set_yscale("symlog", linthresh=np.nanmax(np.abs(nominals.values), initial=1e-6))
+    legend_below(figure, panels[1, :1])
     return figure
 
 
 def further_perturbations(studies: Studies, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations) -> Figure:
     """Other perturbations of the rows of Table 3, and the density desensitized and fed back against."""
-    found = further_perturbations
-    figure, ((over_rows, energy), (density, radius)) = new_figure(8.0, 7.0, nrows=2, ncols=2)
-    norms = np.linalg.norm(found.row_linear_error, axis=-1)
-    place = np.arange(len(norms))
-    for number, name in enumerate(found.perturbation):
-        style = {"color": PERTURBATION_COLOR[number], "marker": "o", "markersize": 3}
-        over_rows.plot(place, norms[:, number] / norms[0, number], label=str(name), **style)
-    over_rows.set_xticks(place, [_printed_weight(tradeoff, number) for number in place])
-    over_rows.set(xlabel="$c_1$, against radius errors", ylabel="final error, relative to no DOC")
+    figure, ((over_rows, energy), (density, radius)) = new_figure(8.0, 7.2, nrows=2, ncols=2)
+    places = Field(np.arange(len(tradeoff.weight)), "$c_1$, against radius errors", "1")
+    for number, name in enumerate(further_perturbations.perturbation):
+        error = _norm(further_perturbations, "row_linear_error", at={"perturbation": number}, x=places)
+        relative = error.of(error.values / error.values[0], "final error, relative to no DOC", "1")
+        # Every other one is dashed and marked by rings, so that one is seen through the other where they coincide.
+        dashed = {"linestyle": "--", "markersize": 5, "markerfacecolor": "none"} if number % 2 else {"markersize": 3}
+        style = {"color": PERTURBATION_COLOR[number], "marker": "o"} | dashed
+        plot(over_rows, relative, label=str(name), **style)
+    over_rows.set_xticks(places.values, [_row_tick(tradeoff, number) for number in places.values])
+    over_rows.tick_params(axis="x", labelsize=7)
     over_rows.legend(fontsize=7)
 
-    path = np.linalg.norm(found.path_error, axis=1)
-    for number, name in enumerate(found.branch):
-        on = found.path_branch == number
+    label = f"final error for {100 * studies.density_error:g} % of density"
+    path = field(further_perturbations, "path_effort", x=_norm(further_perturbations, "path_error", name=label))
+    for number, name in enumerate(further_perturbations.branch):
         color = BRANCH_COLOR[number % len(BRANCH_COLOR)]
-        energy.semilogy(path[on], found.path_effort[on], color=color, label=f"against density, from {name}")
-    energy.semilogy(
-        norms[:, DENSITY], tradeoff.effort, "o", color=VERMILION, markersize=5, markerfacecolor="none",
-        label="rows of Table 3, against radius",
-    )  # fmt: skip
-    percent = 100 * studies.density_error
-    energy.set(xlabel=f"final error for {percent:g} % of density (m)", ylabel="control energy $J_0$ (deg$^2$/s$^3$)")
+        branch = path.where(further_perturbations.path_branch == number)
+        plot(energy, branch, color=color, label=f"against density, from {name}")
+    rows = field(tradeoff, "effort", x=_norm(further_perturbations, "row_linear_error", at={"perturbation": DENSITY}))
+    circles = {"linestyle": "none", "marker": "o", "markersize": 5, "markerfacecolor": "none"}
+    plot(energy, rows, **circles, color=VERMILION, label="rows of Table 3, against radius")
+    energy.set_yscale("log")
     energy.legend(fontsize=7)
 
-    for axes, initial, flown, unit, label in (
-        (density, found.density_error, found.density_flown_error, 0.01, "density error (%)"),
-        (radius, found.radius_error, found.radius_flown_error, 1.0, "radius error at entry (m)"),
-    ):
-        order = np.argsort(initial)
-        for number, name in enumerate(found.law):
-            label_of = str(name) + ("" if found.converged[number] else " (not converged)")
-            errors = np.linalg.norm(flown[number], axis=-1)[order] / KM
+    for axes, channel, unit in ((density, "density", "%"), (radius, "radius", "m")):
+        initial = field(further_perturbations, f"{channel}_error", unit=unit)
+        order = np.argsort(initial.values)
+        for number, name in enumerate(further_perturbations.law):
+            law = {"at": {"law": number}, "x": initial, "unit": "km"}
+            errors = _norm(further_perturbations, f"{channel}_flown_error", **law).where(order)
+            text = str(name) + ("" if further_perturbations.converged[number] else " (not converged)")
             color = FEEDBACK_COLOR[number % len(FEEDBACK_COLOR)]
-            axes.semilogy(initial[order] / unit, errors, ".-", color=color, label=label_of)
-        axes.set(xlabel=label, ylabel="final position error (km)")
-    figure.legend(*density.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+            plot(axes, _either_side(errors), marker=".", color=color, label=text)
+            _mark_lost(axes, errors, color)
+        axes.set_yscale("log")
+    _name_lost(density, (density, radius))
+    legend_below(figure, [density])
     return figure
 
 
 # ---- parts of figures ------------------------------------------------------------------------------------------------
 
 
-def _drawn(channel, compared):
+def _norm(record, path, subtracted="", *, name=FINAL_ERROR, **how):
+    """Norm of an error (places, position), or of its difference from another; `how` as `field` takes it."""
+    error = field(record, path, **how)
+    values = error.values - field(record, subtracted, **how).values if subtracted else error.values
+    return error.of(np.linalg.norm(values, axis=-1), name)
+
+
+def _steps(axes, control, time, **style):
+    """Draw a control (intervals,), constant on each interval, over its nodes; nothing where it was not solved."""
+    name_axes(axes, dataclasses.replace(control, x=time))
+    # An edge that is not finite makes matplotlib refuse the whole.
+    if np.isfinite(time.values).all():
+        axes.stairs(control.values, time.values, baseline=None, **{"linewidth": 1.2} | style)
+
+
+def _either_side(curve):
+    """A curve whose two sides of zero are not joined, as for a logarithmic axis."""
+    return dataclasses.replace(curve, pieces=np.sign(curve.x.values))
+
+
+def _mark_lost(axes, curve, color):
+    """Draw crosses at the upper edge where a curve has no values because flights were lost."""
+    lost = curve.x.values[np.isnan(curve.values)]
+    if len(lost):
+        # Above those of other curves.
+        height = np.full(len(lost), 1.0 + 0.03 * sum(line.get_marker() == LOST for line in axes.lines))
+        cross = {"marker": LOST, "markersize": 5, "linestyle": "none", "clip_on": False}
+        axes.plot(lost, height, color=color, transform=axes.get_xaxis_transform(), **cross)
+
+
+def _name_lost(axes, panels):
+    """Add an entry for the crosses of lost flights to the legend of axes, if any of the panels has some."""
+    if any(line.get_marker() == LOST for panel in panels for line in panel.lines):
+        legend_entry(axes, "flight lost", color=GREY, marker=LOST, markersize=5, linestyle="none")
+
+
+def _law_styles(channel, compared):
     """Laws of a figure and how they are drawn: those without feedback, and that of the channel."""
     styles = dict(zip((NO_DOC, RESHAPED), CURVE, strict=False))
-    return [(name, styles[name]) for name in compared] + [(CHANNELS[channel], CURVE[-1])]
+    return [(name, styles[name]) for name in compared] + [(channel, CURVE[-1])]
 
 
 def _number(artifact, name):
@@ -542,23 +647,22 @@ def _label(gains, name):
 
 def _perturbed(gains, responses, channel):
     """What the perturbed flight under a channel's law is called, and whether it comes to its end."""
-    lost = np.isnan(responses.state[_number(gains, CHANNELS[channel]), channel, -1]).any()
-    return "perturbed" + _unfinished(gains, CHANNELS[channel]) + (", lost" if lost else "")
+    final = responses.state[_number(gains, channel), CHANNELS.index(channel), -1]
+    return "perturbed" + _unfinished(gains, channel) + (", lost" if np.isnan(final).any() else "")
 
 
 def _unfinished(gains, name):
-    """What is said beside a law whose gains were not found."""
+    """Remark beside a law whose gains did not converge."""
     return "" if gains.converged[_number(gains, name)] else " (gains not converged)"
 
 
 def _perturbation(responses, channel):
-    return f"{CHANNELS[channel]} error of {responses.drawn_error[channel]:+g} m at entry"
+    return f"{channel} error of {responses.drawn_error[CHANNELS.index(channel)]:+g} m at entry"
 
 
 def _mark_reversals(axes, responses, number):
     """Dotted lines where the bank angle of the nominal passes zero."""
-    for time in zero_crossings(responses.time[number], responses.nominal[number, :, BANK]):
-        axes.axvline(time, color=GREY, linewidth=0.9, linestyle=":")
+    mark(axes, x=zero_crossings(responses.time[number], responses.nominal[number, :, BANK]), linewidth=0.9)
 
 
 def _hold(axes, most):
@@ -568,11 +672,12 @@ def _hold(axes, most):
         axes.set_ylim(max(lower, -most), min(upper, most))
 
 
-def _bounds(axes, bound, largest, unit):
+def _limits(axes, bound, largest, unit, shown_unit):
     """Lines at a bound either way if a curve comes near it, and else words."""
+    bound, largest = (converted(value, unit, shown_unit) for value in (bound, largest))
     if largest > 0.5 * bound:
-        for level in (-bound, bound):
-            axes.axhline(level, color=GREY, linestyle="--")
+        mark(axes, y=(-bound, bound), linestyle="--", linewidth=1.2)
+    unit = printed_unit(shown_unit)
     axes.set_title(f"largest {largest:.3g} {unit}, bound {bound:g} {unit}", loc="right")
 
 
@@ -581,6 +686,12 @@ def _row(tradeoff, number):
     name = f"$c_1$ = {_printed_weight(tradeoff, number)}"
     infinite = np.isnan(tradeoff.printed_weight[number])
     return f"{name} ($c$ = {_power(tradeoff.weight[number])})" if infinite else name
+
+
+def _row_tick(tradeoff, number):
+    """What a row of Table 3 is called beside an axis of c1."""
+    infinite = np.isnan(tradeoff.printed_weight[number])
+    return _printed_weight(tradeoff, number) + (f"\n$c$ = {_power(tradeoff.weight[number])}" if infinite else "")
 
 
 def _crowds(tradeoff, errors):
@@ -619,7 +730,7 @@ def _solution_color(number):
 
 
 def _starts(branches, number):
-    """How a local minimum was found."""
+    """How many random starts lead to a local minimum."""
     times = f"found from {branches.found[number]} of {branches.starts} starts"
     return times + (" (nominal)" if number == branches.nominal else "")
 
@@ -629,6 +740,10 @@ def _case(certificates, case):
     return f"$c$ = {weight:.3g}" if weight else "nominal"
 
 
+def _mass(mass):
+    return f"{mass:.3g} kg" if np.isfinite(mass) else "not solved"
+
+
 def _length(kilometres):
     """A length with its unit, metres where it is short."""
-    return f"{kilometres:.3g} km" if kilometres >= 1.0 else f"{KM * kilometres:.3g} m"
+    return f"{kilometres:.3g} km" if kilometres >= 1.0 else f"{1e3 * kilometres:.3g} m"

@@ -175,9 +175,9 @@ def _log_density(altitude, cells, constants):
     inside = inside if inside < last else last
     cell = np.int32(inside)
     rest = position - cell
-    found = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
-    found = LEAST_LOG_DENSITY if found < LEAST_LOG_DENSITY else found  # NaN stays NaN
-    return LARGEST_LOG_DENSITY if found > LARGEST_LOG_DENSITY else found
+    logarithm = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
+    logarithm = LEAST_LOG_DENSITY if logarithm < LEAST_LOG_DENSITY else logarithm  # NaN stays NaN
+    return LARGEST_LOG_DENSITY if logarithm > LARGEST_LOG_DENSITY else logarithm
 
 
 @inline_njit

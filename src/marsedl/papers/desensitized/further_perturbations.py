@@ -11,13 +11,21 @@ import numpy as np
 
 from marsedl.methods import sensitivity_gains
 from marsedl.methods.desensitization import Perturbation, column
-from marsedl.methods.linearization import linearize
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.papers.desensitized import entry_problem, environment, flight
-from marsedl.papers.desensitized.entry_problem import BANK, MEASURED, POSITIONS, STATES, WARM, Setup, gain_vector
+from marsedl.papers.desensitized.entry_problem import (
+    BANK,
+    MEASURED,
+    POSITIONS,
+    STATES,
+    WARM,
+    Setup,
+    Trajectory,
+    gain_vector,
+)
 from marsedl.papers.desensitized.gains import gain_problem, reference
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Simulation, Solver, Studies, Vehicle
-from marsedl.papers.desensitized.linearization import position_columns, position_rows
+from marsedl.papers.desensitized.linearization import model, position_columns, position_rows
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import DENSITY, PERTURBATIONS, FurtherPerturbations, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import Point, effort, final_error, follow
@@ -41,23 +49,6 @@ class Study(NamedTuple):
     setup: Setup
     simulation: Simulation
     studies: Studies
-
-
-class Model(NamedTuple):
-    """Linear model of a trajectory in the middle of its intervals, the first fields as in `Linearization`."""
-
-    time: np.ndarray  # (N + 1,)
-    state_matrix: np.ndarray  # (N, 8, 8)
-    control_matrix: np.ndarray  # (N, 8)
-    density_matrix: np.ndarray  # (N, 8), per density factor
-
-
-class Trajectory(NamedTuple):
-    """What a flight follows."""
-
-    time: np.ndarray
-    state: np.ndarray  # (N + 1, 8)
-    bank_acceleration: np.ndarray  # (N,)
 
 
 class Law(NamedTuple):
@@ -90,9 +81,9 @@ def compute(
     """Perturb the rows of Table 3 in other ways, desensitize the nominal against density, and feed back against it."""
     study = Study(Setup(planet, vehicle, mission, solver, design), simulation, studies)
     air = environment.surroundings(planet, vehicle)
-    rows = [Trajectory(*row) for row in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True)]
+    rows = entry_problem.of_rows(tradeoff)
     points, designs, path_end, extended = density_path(study, nominal)
-    plain = Trajectory(nominal.time, nominal.state, nominal.bank_acceleration)
+    plain = entry_problem.of_nominal(nominal)
     laws = list(density_feedback(study, air, plain))
     errors = FlownErrors(
         studies.density_error * np.kron(DENSITY_FRACTIONS, BOTH_WAYS),
@@ -100,7 +91,7 @@ def compute(
     )
     under_laws = [under_law(study, air, plain, law, errors) for law in laws]
     solutions = [point.solution for point in points]
-    designed = [trajectory(point.solution) for point in designs]
+    designed = [entry_problem.of_solution(point.solution) for point in designs]
     totals = [entry_problem.cumulative(t.time, t.bank_acceleration) for t in designed]
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     return FurtherPerturbations(
@@ -151,20 +142,12 @@ def directions(planet: Planet, mission: Mission):
     """Change of the state at entry per unit of the perturbations, (8, 6); that of the density changes none."""
     speed, climb, heading = mission.entry_velocity, mission.entry_flight_path_angle, mission.entry_azimuth
     towards = np.array([np.cos(heading), np.sin(heading)])  # north, east
-    found = np.zeros((len(STATES), len(PERTURBATIONS)))
+    changes = np.zeros((len(STATES), len(PERTURBATIONS)))
     velocity = slice(STATES.index("radial_velocity"), STATES.index("east_velocity") + 1)
-    found[velocity, 1] = [np.sin(climb), *np.cos(climb) * towards]
-    found[velocity, 2] = [speed * np.cos(climb), *-speed * np.sin(climb) * towards]
-    found[:, RADIUS:] = position_columns(planet)
-    return found
-
-
-def model(planet: Planet, vehicle: Vehicle, along: Trajectory) -> Model:
-    """Linear model about a trajectory, with the density factor as a further control."""
-    middle = (along.state[1:] + along.state[:-1]) / 2.0
-    given = np.tile(list(entry_problem.given().values()), (len(middle), 1))
-    found = linearize(entry_problem.rates(planet, vehicle), middle, np.column_stack([along.bank_acceleration, given]))
-    return Model(along.time, found.state_matrix, found.control_matrix[:, :, 0], found.control_matrix[:, :, -1])
+    changes[velocity, 1] = [np.sin(climb), *np.cos(climb) * towards]
+    changes[velocity, 2] = [speed * np.cos(climb), *-speed * np.sin(climb) * towards]
+    changes[:, RADIUS:] = position_columns(planet)
+    return changes
 
 
 def closed_loop(study: Study, along: Trajectory, perturbations):
@@ -173,23 +156,23 @@ def closed_loop(study: Study, along: Trajectory, perturbations):
     The unit of a perturbation is its size over the radius error of Table 3, so that all count alike.
     """
     setup, simulation = study.setup, study.simulation
-    of = model(setup.planet, setup.vehicle, along)
+    of = model(setup.planet, setup.vehicle, setup.solver.scheme, along)
     unit = sizes(simulation, study.studies) / simulation.tabulated_error
     forcing = np.zeros((*of.density_matrix.shape, len(PERTURBATIONS)))
-    forcing[:, :, DENSITY] = of.density_matrix
+    forcing[..., DENSITY] = of.density_matrix
     return gain_problem(
         setup.planet,
         setup.design,
         of,
         (directions(setup.planet, setup.mission) * unit)[:, perturbations],
-        (forcing * unit)[:, :, perturbations],
+        (forcing * unit)[..., perturbations],
     )
 
 
 def linear_errors(study: Study, along: Trajectory, scaled_gain=0.0, perturbations=ALL):
     """Final errors for perturbations by their sensitivity, (perturbations, 3); NaN where it overflows."""
-    found = sensitivity_gains.final_errors(closed_loop(study, along, perturbations), scaled_gain)
-    return np.where(np.isfinite(found), found, np.nan).T * study.simulation.tabulated_error
+    errors = sensitivity_gains.final_errors(closed_loop(study, along, perturbations), scaled_gain)
+    return np.where(np.isfinite(errors), errors, np.nan).T * study.simulation.tabulated_error
 
 
 def flown_errors(study: Study, air, along: Trajectory):
@@ -199,8 +182,8 @@ def flown_errors(study: Study, air, along: Trajectory):
     deviations = (directions(setup.planet, setup.mission).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
     factors = np.ones((len(PERTURBATIONS), len(BOTH_WAYS)))
     factors[DENSITY] += BOTH_WAYS * studies.density_error
-    found = flown(setup.planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
-    return found.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
+    errors = flown(setup.planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
+    return errors.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
 
 
 def flown(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, deviations, density_factors):
@@ -240,7 +223,7 @@ def density_path(study: Study, nominal: Nominal):
         return parameters["weight"] * np.sqrt(sum(parts) + design.norm_smoothing)
 
     transcribed = entry_problem.program(planet, solver, replace(extended.problem, end_cost=end_cost))
-    guess = extended.guess(as_guess(nominal), entry_problem.given())
+    guess = extended.guess(as_guess(nominal), entry_problem.given(), solver.scheme)
     points = [Point(entry_problem.solve(solver, "no weight on density", transcribed, guess, barrier=WARM), 0)]
     designs, path_end = [points[0]], "at the largest weight wanted"
     for weight in np.sort(studies.density_weights):
@@ -253,11 +236,6 @@ def density_path(study: Study, nominal: Nominal):
         points += [Point(point.solution, last.branch + point.branch) for point in further[1:]]
         designs.append(points[-1])
     return points, designs, path_end, extended
-
-
-def trajectory(solution) -> Trajectory:
-    """A solution without its columns."""
-    return Trajectory(solution.time, solution.states[:, : len(STATES)], solution.controls[:, 0])
 
 
 # ---- feedback against density ----------------------------------------------------------------------------------------
@@ -274,26 +252,26 @@ def density_feedback(study: Study, air, along: Trajectory):
     yield null(design, closed_loop(study, along, [DENSITY]), none)
     both = closed_loop(study, along, [DENSITY, RADIUS])
     least = sensitivity_gains.regularized(both, design.all_columns_regularization)[-1]
-    found = null(design, both, np.ravel(least.k))
-    if not found.converged:
+    gains = null(design, both, np.ravel(least.k))
+    if not gains.converged:
         # Where no null is found the last gains mean nothing; those of the least squares do.
         weight = design.all_columns_regularization[-1]
-        found = Law(np.ravel(least.k), False, f"regularized by {weight:g} instead, for {found.ended}")
-    yield found
+        gains = Law(np.ravel(least.k), False, f"regularized by {weight:g} instead, for {gains.ended}")
+    yield gains
     yield tuned(study, air, along, [])
     yield tuned(study, air, along, [study.simulation.tabulated_error])
 
 
 def null(design: Design, problem, start) -> Law:
     """Least gains that null the columns of a problem."""
-    found = sensitivity_gains.minimum_norm(
+    gains = sensitivity_gains.minimum_norm(
         problem,
         start,
         step_limit=design.gain_step_limit,
         tolerance=design.gain_tolerance,
         iterations=design.gain_iterations,
     )
-    return Law(np.ravel(found.k), bool(found.converged), found.reason)
+    return Law(np.ravel(gains.k), bool(gains.converged), gains.reason)
 
 
 def tuned(study: Study, air, along: Trajectory, radii) -> Law:
@@ -302,23 +280,23 @@ def tuned(study: Study, air, along: Trajectory, radii) -> Law:
     planet, design = setup.planet, setup.design
     fractions = np.kron(TUNED_FRACTIONS, BOTH_WAYS)
     radii = np.kron(radii, BOTH_WAYS)
-    weight = np.concatenate([np.abs(fractions) * simulation.tabulated_error, np.abs(radii)])
+    weight = np.concatenate([np.abs(fractions) * abs(simulation.tabulated_error), np.abs(radii)])
     factors = np.concatenate([1.0 + fractions * study.studies.density_error, np.ones(len(radii))])
     deviations = (
         np.concatenate([np.zeros(len(fractions)), radii])[:, np.newaxis] * directions(planet, setup.mission)[:, RADIUS]
     )
 
     def errors(scaled_gain):
-        found = flown(
+        result = flown(
             planet, simulation, air, along, gain_vector(planet, design, np.ravel(scaled_gain)), deviations, factors
         )
-        return (found / weight[:, np.newaxis]).ravel()
+        return (result / weight[:, np.newaxis]).ravel()
 
     start = np.zeros(len(MEASURED))
     if not np.isfinite(errors(start)).all():
         return Law(start, False, "flights without feedback come below the ground, so there is nothing to start from")
-    found = sensitivity_gains.tune(errors, start, iterations=design.gain_iterations)
-    return Law(found.k, bool(found.converged), found.reason)
+    result = sensitivity_gains.tune(errors, start, iterations=design.gain_iterations)
+    return Law(result.k, bool(result.converged), result.reason)
 
 
 def under_law(study: Study, air, along: Trajectory, law: Law, errors: FlownErrors):
@@ -330,9 +308,9 @@ def under_law(study: Study, air, along: Trajectory, law: Law, errors: FlownError
     )
     factors = np.concatenate([1.0 + errors.density, np.ones(len(errors.radius))])
     gain = gain_vector(setup.planet, setup.design, law.scaled_gain)
-    found = flown(setup.planet, study.simulation, air, along, gain, deviations, factors)
+    final = flown(setup.planet, study.simulation, air, along, gain, deviations, factors)
     return {
         "law_linear_error": linear_errors(study, along, law.scaled_gain, [DENSITY, RADIUS]),
-        "density_flown_error": found[: len(errors.density)],
-        "radius_flown_error": found[len(errors.density) :],
+        "density_flown_error": final[: len(errors.density)],
+        "radius_flown_error": final[len(errors.density) :],
     }

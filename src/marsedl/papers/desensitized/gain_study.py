@@ -9,16 +9,23 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods import sensitivity_gains
-from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment
-from marsedl.papers.desensitized.entry_problem import MEASURED, gain_vector
-from marsedl.papers.desensitized.gains import Tuning, flown_law, gain_problem, least_gains, simulated_errors, tuned
+from marsedl.papers.desensitized.entry_problem import gain_vector
+from marsedl.papers.desensitized.gains import (
+    STARTS_PER_TUNING,
+    Tuning,
+    flown_law,
+    gain_problem,
+    least_gains,
+    random_starts,
+    simulated_errors,
+    tuned,
+)
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.linearization import position_columns
 from marsedl.papers.desensitized.records import ALL_COLUMNS, CHANNELS, LOST, Gains, GainStudy, Linearization
 from marsedl.replication.catalogue import stage
 
-START_STREAM = 2
 SAME = 1e-3  # scaled gains nearer to each other than this are one candidate
 
 
@@ -85,28 +92,27 @@ def compute(
 
 def starts_of(design: Design):
     """Random starts of the least gains in each channel."""
-    return 10 * design.tuning_starts
+    return STARTS_PER_TUNING * design.tuning_starts
 
 
 def collected(tuning: Tuning, linearization, problem, reference, number):
     """Candidates of a channel, by its number, and how many random starts led to none."""
     design = tuning.design
-    least = least_gains(tuning.planet, design, linearization, problem.columns, CHANNELS[number])
+    least = least_gains(tuning.planet, design, tuning.ensemble, linearization, CHANNELS[number])
     candidates = [Candidate("least gains", np.ravel(least.k))]
-    draws = normals(tuning.ensemble.seed, START_STREAM + number, np.arange(starts_of(design)), len(MEASURED))
     lost = 0
-    for start in draws:
-        found = sensitivity_gains.minimum_norm(
+    for start in random_starts(design, tuning.ensemble, CHANNELS[number])[: starts_of(design)]:
+        gains = sensitivity_gains.minimum_norm(
             problem,
             start[np.newaxis],
             step_limit=design.gain_step_limit,
             tolerance=design.gain_tolerance,
             iterations=design.gain_iterations,
         )
-        if not found.converged:
+        if not gains.converged:
             lost += 1
             continue
-        keep(candidates, "least gains, another start", found.k)
+        keep(candidates, "least gains, another start", gains.k)
     weights = design.all_columns_regularization
     keep(candidates, "regularised least squares", sensitivity_gains.regularized(problem, weights)[-1].k)
     for result in tuned(tuning, reference, number, least.k):

@@ -11,19 +11,20 @@ import numpy as np
 
 from marsedl.methods import sensitivity_gains
 from marsedl.methods.collocation import SOLVED, NotConvergedError, Solution
-from marsedl.methods.sensitivity import closed_loop, midpoint_transitions, propagate_columns
+from marsedl.methods.sensitivity import propagate_columns
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import entry_problem, environment, flight
 from marsedl.papers.desensitized.entry_problem import MEASURED, STATES, WARM, Setup, gain_scale, gain_vector
 from marsedl.papers.desensitized.inputs import Design, Ensemble, Mission, Planet, Simulation, Solver, Vehicle
-from marsedl.papers.desensitized.linearization import along, position_columns, position_rows
+from marsedl.papers.desensitized.linearization import Model, model, position_columns, position_rows, transitions
 from marsedl.papers.desensitized.nominal import as_guess
 from marsedl.papers.desensitized.records import CHANNELS, LAWS, Gains, Linearization, Nominal, Tradeoff
 from marsedl.papers.desensitized.tradeoff import last_finite_row
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import SolverError
 
-TUNING_STREAM = 1  # of the random numbers; flights use others
+TUNING_STREAM, START_STREAM = 1, 2  # of the random numbers, the latter of the first channel; flights use others
+STARTS_PER_TUNING = 10  # random starts of the least gains, for each start of the tuning
 
 
 class Law(NamedTuple):
@@ -48,17 +49,27 @@ class Tuning(NamedTuple):
     ensemble: Ensemble
 
 
-def gain_problem(planet: Planet, design: Design, linearization: Linearization, columns, forcing=None):
-    """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry."""
+def gain_problem(planet: Planet, design: Design, linearization: Linearization | Model, columns, forcing=None):
+    """The final position, in metres per metre, as a function of the gains, for columns (8, c) of the state at entry.
+
+    forcing: of the columns, (N, points, 8, c), or None.
+    """
+    scheme = str(linearization.scheme)
+
+    def at_points(values):
+        """By the midpoint rule the one point of an interval is no dimension of the problem."""
+        return values[:, 0] if scheme == "midpoint" and values is not None else values
+
     return sensitivity_gains.GainProblem(
-        state_matrix=linearization.state_matrix,
-        control_matrix=linearization.control_matrix[:, :, np.newaxis],
+        scheme=scheme,
+        state_matrix=at_points(linearization.state_matrix),
+        control_matrix=at_points(linearization.control_matrix[..., np.newaxis]),
         step=np.diff(linearization.time),
         columns=columns,
         outputs=position_rows(planet),
         fed_back=np.arange(len(MEASURED)),
         state_scale=gain_scale(planet, design),
-        forcing=forcing,
+        forcing=at_points(forcing),
     )
 
 
@@ -78,28 +89,44 @@ def compute(
     """Design the gains of every law as the inputs say."""
     setup = Setup(planet, vehicle, mission, solver, design)
     tuning = Tuning(planet, vehicle, design, simulation, ensemble)
-    columns = position_columns(planet)
     plain = Law(nominal.time, nominal.state, nominal.bank_acceleration)
     row = last_finite_row(tradeoff)
     laws = [plain, Law(tradeoff.time[row], tradeoff.state[row], tradeoff.bank_acceleration[row])]
-    for number, channel in enumerate(CHANNELS):
+    for channel in CHANNELS:
         if design.gain_design == "unregularized":
             laws.append(together(setup, nominal, channel))
             continue
-        found = least_gains(planet, design, linearization, columns[:, [number]], channel)
-        if design.gain_design == "tuned":
-            lost = found._replace(converged=False, reason="no start of the tuning flies all errors to the end")
-            found = next(iter(tuned(tuning, reference(plain), number, found.k)), lost)
-        laws.append(with_gains(plain, found))
+        laws.append(with_gains(plain, channel_gains(tuning, linearization, plain, channel)))
     laws.append(for_all_columns(setup, nominal, linearization))
     return described(setup, laws)
 
 
-def least_gains(planet: Planet, design: Design, linearization, columns, channel=""):
-    """Least gains that null the final position of some columns, a `sensitivity_gains.GainDesign`."""
+def channel_gains(tuning: Tuning, linearization: Linearization, plain: Law, channel):
+    """Gains against the errors of one channel on the nominal: least, regularised or tuned."""
+    planet, design, number = tuning.planet, tuning.design, CHANNELS.index(channel)
+    if design.gain_design == "regularized":
+        problem = gain_problem(planet, design, linearization, position_columns(planet)[:, [number]])
+        return sensitivity_gains.regularized(problem, design.all_columns_regularization)[-1]
+    least = least_gains(planet, design, tuning.ensemble, linearization, channel)
+    if design.gain_design != "tuned":
+        return least
+    lost = least._replace(converged=False, reason="no start of the tuning flies all errors to the end")
+    return next(iter(tuned(tuning, reference(plain), number, least.k)), lost)
+
+
+def random_starts(design: Design, ensemble: Ensemble, channel):
+    """Random starts of the search for least gains of a channel, (starts, 6): those of the study of other gains."""
+    count = max(design.gain_start, STARTS_PER_TUNING * design.tuning_starts)
+    return normals(ensemble.seed, START_STREAM + CHANNELS.index(channel), np.arange(count), len(MEASURED))
+
+
+def least_gains(planet: Planet, design: Design, ensemble: Ensemble, linearization, channel):
+    """Least gains that null the final position of a channel's column, a `sensitivity_gains.GainDesign`."""
     start = design.downrange_gain_start if channel == "downrange" else np.zeros(len(MEASURED))
+    if design.gain_start:
+        start = random_starts(design, ensemble, channel)[design.gain_start - 1]
     return sensitivity_gains.minimum_norm(
-        gain_problem(planet, design, linearization, columns),
+        gain_problem(planet, design, linearization, position_columns(planet)[:, [CHANNELS.index(channel)]]),
         start[np.newaxis],
         step_limit=design.gain_step_limit,
         tolerance=design.gain_tolerance,
@@ -107,10 +134,13 @@ def least_gains(planet: Planet, design: Design, linearization, columns, channel=
     )
 
 
-def with_gains(law: Law, found) -> Law:
-    """A law with the gains that a search found."""
+def with_gains(law: Law, design) -> Law:
+    """A law with the gains of a search, a `sensitivity_gains.GainDesign` or `Tuning`."""
     return law._replace(
-        scaled_gain=np.ravel(found.k), iterations=found.iterations, converged=bool(found.converged), ended=found.reason
+        scaled_gain=np.ravel(design.k),
+        iterations=design.iterations,
+        converged=bool(design.converged),
+        ended=design.reason,
     )
 
 
@@ -141,13 +171,13 @@ def tuned(tuning: Tuning, nominal_reference, channel, least):
     simulate, design = simulated_errors(tuning, nominal_reference, channel), tuning.design
     changes = normals(tuning.ensemble.seed, TUNING_STREAM, np.arange(1, design.tuning_starts), np.size(least))
     starts = [np.ravel(least), *(np.ravel(least) + design.tuning_spread * changes)]
-    found = [
+    results = [
         sensitivity_gains.tune(simulate, start, iterations=design.gain_iterations)
         for start in starts
         if np.isfinite(simulate(start)).all()
     ]
-    ranking = sensitivity_gains.rank([result.k for result in found], simulate)
-    return [found[number] for number in ranking.order]
+    ranking = sensitivity_gains.rank([result.k for result in results], simulate)
+    return [results[number] for number in ranking.order]
 
 
 def together(setup: Setup, nominal: Nominal, channel) -> Law:
@@ -159,7 +189,7 @@ def together(setup: Setup, nominal: Nominal, channel) -> Law:
     planet, solver, design = setup.planet, setup.solver, setup.design
     extended = entry_problem.desensitized(setup, [entry_problem.position_error(planet, channel)], gains=True)
     transcribed = entry_problem.program(planet, solver, entry_problem.weighted(planet, design, extended, [channel]))
-    guess = extended.guess(as_guess(nominal), entry_problem.given())
+    guess = extended.guess(as_guess(nominal), entry_problem.given(), solver.scheme)
     weight, most = entry_problem.given(design.feedback_weight), design.unregularized_iterations
     try:
         solution = transcribed.solve(guess, weight, barrier=WARM, tolerance=solver.solver_tolerance, iterations=most)
@@ -190,7 +220,7 @@ def for_all_columns(setup: Setup, nominal: Nominal, linearization: Linearization
 
     transcribed = entry_problem.program(planet, solver, replace(extended.problem, end_cost=end_cost))
     free = dict(zip(gains, fixed, strict=True))
-    last = extended.guess(as_guess(nominal)._replace(free=free), entry_problem.given())
+    last = extended.guess(as_guess(nominal)._replace(free=free), entry_problem.given(), solver.scheme)
     for weight in weights:
         try:
             most = design.all_columns_iterations
@@ -226,9 +256,9 @@ def described(setup: Setup, laws) -> Gains:
     planet, design = setup.planet, setup.design
     columns, rows, final = position_columns(planet), position_rows(planet), []
     for law in laws:
-        matrix, control = along(planet, setup.vehicle, law.time, law.state, law.bank_acceleration)
-        closed = closed_loop(matrix, control, gain_vector(planet, design, law.scaled_gain)[np.newaxis])
-        final.append(rows @ propagate_columns(midpoint_transitions(closed, np.diff(law.time)), columns)[-1])
+        linear = model(planet, setup.vehicle, setup.solver.scheme, law)
+        steps = transitions(linear, gain_vector(planet, design, law.scaled_gain))
+        final.append(rows @ propagate_columns(steps, columns)[-1])
 
     def stacked(name):
         return np.array([getattr(law, name) for law in laws])

@@ -3,9 +3,11 @@
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, Strict, model_validator
 
 from marsedl.replication.sections import (
+    ARRAY,
     Few,
     Inputs,
     Iterations,
@@ -16,7 +18,7 @@ from marsedl.replication.sections import (
     given,
     vector,
 )
-from marsedl.sections.air import MeanDensity
+from marsedl.sections.air import FittedDensity
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle, Propulsion
@@ -26,6 +28,7 @@ Intervals = Annotated[int, Strict(), Field(ge=10, le=5000)]
 Substeps = Annotated[int, Strict(), Field(gt=0, le=1000)]
 Points = Annotated[int, Strict(), Field(ge=3, le=10_001)]
 Weights = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=200)]
+Rows = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
 Profile = Annotated[tuple[Number, ...], Field(min_length=1, max_length=20)]
 Switches = Annotated[tuple[Positive, ...], Field(max_length=19)]
 
@@ -37,7 +40,12 @@ def _increases(name, values):
         raise ValueError(f"{name} does not increase: {', '.join(f'{value:g}' for value in values)}")
 
 
-class Planet(CentralBody, MeanDensity):
+def _no_zero(name, values):
+    if not np.all(values):
+        raise ValueError(f"{name} has a zero, an error that changes nothing: give its size, positive or negative")
+
+
+class Planet(CentralBody, FittedDensity):
     """The planet and the mean density of its air."""
 
 
@@ -95,8 +103,12 @@ class Solver(Section):
     guess_width: Positive = given("s", "width of these changes")
     guess_final_time: Positive = given("s", "final time of the guess")
     nominal_reversals: Annotated[int, Strict(), Field(ge=0, le=1000)] = given(
-        "1", "bank reversals that the nominal must have; a solution with others is on another branch and is refused"
+        "1", "bank reversals that the nominal must have; we refuse a solution with others, which is on another branch"
     )
+    nominal_full_rolls: Annotated[int, Strict(), Field(ge=0, le=1000)] = given(
+        "1", "full turns of its bank angle, likewise"
+    )
+    nominal_first_bank: Literal["negative", "positive"] = given("1", "sign of its first bank angle, likewise")
 
     @model_validator(mode="after")
     def _guess_fits_together(self):
@@ -112,13 +124,13 @@ class Solver(Section):
 class Design(Section):
     """What makes flights insensitive: the weight on the sensitivity, and the gains of the feedback."""
 
-    printed_weights: vector(4, Positive) = given("1", "the paper's c1 between zero and infinity")
+    printed_weights: Rows = given("1", "the paper's c1 between zero and infinity, a row for each")
     weight_rule: Literal["matched", "proportional"] = given(
-        "1", "how a row gets its weight: so that it has the printed control energy, or in proportion to the printed one"
+        "1", "weight of a row: such that it has the printed control energy, or in proportion to the printed weight"
     )
-    matched_efforts: vector(4, Positive) = given("deg^2/s^3", "control energies of the rows, for matched")
+    matched_efforts: Rows = given("deg^2/s^3", "control energies of these rows, for matched")
     weight_factor: Positive = given("1", "weight per printed weight, for proportional")
-    infinite_weights: vector(2, Positive) = given("1", "weights that stand for an infinite one")
+    infinite_weights: Rows = given("deg^2/s^3", "weights that stand for an infinite one, a row for each")
     weight_path: Weights = given("1", "weights through which the solutions are continued, beside those of the rows")
     sensitivity_length: Positive = given("m", "length that counts as one radian in the norm of the sensitivity")
     sensitivity_columns: Literal["radius", "all"] = given(
@@ -127,14 +139,17 @@ class Design(Section):
     norm_smoothing: NonNegative = given("1", "added to the squared norm, so that it has a derivative where it is zero")
     branch_tolerance: Positive = given("rad", "largest change of the bank angle between neighbours on a branch")
     solved_weight_scale: Positive = given("1", "weight above which the objective is divided by weight / this")
-    gain_design: Literal["minimum_norm", "unregularized", "tuned"] = given(
+    gain_design: Literal["minimum_norm", "regularized", "unregularized", "tuned"] = given(
         "1",
-        "constant gains: least ones that null the column on the fixed nominal; trajectory and gains together, without "
-        "regularisation; or tuned to flown errors",
+        "constant gains: smallest ones that null the column on the fixed nominal; regularised least squares of it; "
+        "solved for with the trajectory, not regularised; or tuned to flown errors",
     )
-    gain_time: Positive = given(
-        "s", "velocities are scaled by the planet's radius over this time, in the norm of gains"
+    gain_start: Annotated[int, Strict(), Field(ge=0, le=10_000)] = given(
+        "1",
+        "start of the search for the smallest gains: 0 from none, or downrange_gain_start; n from the n-th random "
+        "start of the study of other gains",
     )
+    gain_time: Positive = given("s", "the norm of gains scales velocities by the planet's radius over this time")
     gain_step_limit: Positive = given("1", "largest change of the gains in one iteration")
     gain_tolerance: Positive = given("1", "change of the gains at which their iteration stops")
     gain_iterations: Iterations = given("1", "largest number of iterations of the gains")
@@ -153,8 +168,14 @@ class Design(Section):
 
     @model_validator(mode="after")
     def _fits_together(self):
-        for name in ("printed_weights", "matched_efforts", "infinite_weights", "weight_path"):
+        for name in ("printed_weights", "infinite_weights", "weight_path"):
             _increases(name, getattr(self, name))
+        efforts, weights = len(self.matched_efforts), len(self.printed_weights)
+        if self.weight_rule == "matched" and efforts != weights:
+            raise ValueError(
+                f"weight_rule is 'matched', and matched_efforts has {efforts} values for {weights} printed_weights: "
+                "give a control energy for each weight"
+            )
         if 0.0 in self.tuning_errors:
             raise ValueError("tuning_errors has a zero, without which gains have nothing to do: leave it out")
         return self
@@ -163,12 +184,21 @@ class Design(Section):
 class Simulation(Section):
     """Flights with given position errors at entry, and how all flights are integrated."""
 
-    tabulated_error: Positive = given("m", "radius error of Table 3")
-    drawn_errors: vector(3, Positive) = given("m", "radius, crossrange and downrange error of the histories")
+    tabulated_error: Number = given("m", "radius error of Table 3, either way")
+    compared_errors: vector(2) = given(
+        "m", "errors at entry in each channel after which flights with and without feedback are compared, either way"
+    )
+    drawn_errors: vector(3) = given("m", "radius, crossrange and downrange error of the histories, either way")
     wide_errors: vector(3, Positive) = given("m", "largest radius, crossrange and downrange error of the sweeps")
     narrow_errors: vector(3, Positive) = given("m", "the same of the zoomed ones")
     sweep_points: Points = given("1", "initial errors in a sweep")
     substeps: Substeps = given("1", "Runge-Kutta steps in an interval of the nominal")
+
+    @model_validator(mode="after")
+    def _errors_are_errors(self):
+        for name in ("tabulated_error", "compared_errors", "drawn_errors"):
+            _no_zero(name, getattr(self, name))
+        return self
 
 
 class Ensemble(Trials):
@@ -185,7 +215,7 @@ class Studies(Section):
     roll_banks: vector(2) = given("rad", "further turns of the bank in the guesses of the rolling solutions")
     search_starts: Few = given("1", "random guesses from which other solutions of the nominal problem are sought")
     density_error: Annotated[Positive, Field(le=0.5)] = given(
-        "1", "relative error of the density, of the further perturbations, which fly twice as much as well"
+        "1", "relative error of the density in the further perturbations, which also fly twice as much"
     )
     velocity_error: Positive = given("m/s", "error of the entry velocity, of the further perturbations")
     path_angle_error: Positive = given("rad", "error of the entry flight path angle, of the further perturbations")
@@ -194,6 +224,18 @@ class Studies(Section):
         "1", "numbers of intervals of the discretisation study, each a multiple of the one before"
     )
     fuel_bounds: vector(2, Positive) = given("rad/s^2", "bounds of the bank acceleration in the problems of least fuel")
+    larger_weight_factors: Rows = given(
+        "1", "largest weights to which the last row of Table 3 is continued, over the weight of that row"
+    )
+    low_heights: vector(2, Positive) = given(
+        "m", "heights above deployment between which lie the altitudes that count as low"
+    )
+
+    @model_validator(mode="after")
+    def _rises(self):
+        _increases("larger_weight_factors", (1.0, *self.larger_weight_factors))
+        _increases("low_heights", self.low_heights)
+        return self
 
     @model_validator(mode="after")
     def _meshes_are_nested(self):

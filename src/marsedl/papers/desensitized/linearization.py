@@ -1,22 +1,42 @@
-"""Sensitivity of the flight to its start, without feedback (Eqs. 5 and 7, Sec. 4.2)."""
+"""Sensitivity of the flight to its start by the scheme of the transcription (Eqs. 5 and 7, Sec. 4.2)."""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.methods.linearization import linearize
-from marsedl.methods.sensitivity import adjoint_rows, midpoint_transitions, propagate_columns
+from marsedl.methods.linearization import linearize_intervals
+from marsedl.methods.sensitivity import adjoint_rows, propagate_columns, scheme_transitions
 from marsedl.papers.desensitized import entry_problem, records
-from marsedl.papers.desensitized.entry_problem import STATES
-from marsedl.papers.desensitized.inputs import Planet, Vehicle
+from marsedl.papers.desensitized.entry_problem import STATES, Trajectory
+from marsedl.papers.desensitized.inputs import Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import Linearization, Nominal, Tradeoff
 from marsedl.replication.catalogue import stage
 
 
-def along(planet: Planet, vehicle: Vehicle, time, states, bank_acceleration):
-    """Linear model in the middle of the intervals: df/dy (N, 8, 8) and df/du (N, 8, 1)."""
-    middle = (states[1:] + states[:-1]) / 2.0
-    parameters = list(entry_problem.given().values())
-    model = linearize(entry_problem.rates(planet, vehicle), middle, bank_acceleration[:, np.newaxis], parameters)
-    return model.state_matrix, model.control_matrix
+class Model(NamedTuple):
+    """Linear model of a trajectory where the scheme evaluates the equations, the first fields as in `Linearization`."""
+
+    scheme: str
+    time: np.ndarray  # (N + 1,)
+    state_matrix: np.ndarray  # (N, points, 8, 8)
+    control_matrix: np.ndarray  # (N, points, 8)
+    density_matrix: np.ndarray  # (N, points, 8), per density factor
+
+
+def model(planet: Planet, vehicle: Vehicle, scheme, along: Trajectory) -> Model:
+    """Linearise about a trajectory, with the density factor as a further control."""
+    parameters = np.tile(list(entry_problem.given().values()), (len(along.bank_acceleration), 1))
+    controls = np.column_stack([along.bank_acceleration, parameters])
+    linear = linearize_intervals(
+        entry_problem.rates(planet, vehicle), along.state, controls, np.diff(along.time), scheme
+    )
+    return Model(scheme, along.time, linear.state_matrix, linear.control_matrix[..., 0], linear.control_matrix[..., -1])
+
+
+def transitions(of: Model | Linearization, gain=0.0):
+    """Sensitivity of the end of every interval to its start under constant gains (8,), (N, 8, 8)."""
+    matrices = of.state_matrix + of.control_matrix[..., np.newaxis] * gain
+    return scheme_transitions(str(of.scheme), matrices, np.diff(of.time))
 
 
 def position_columns(planet: Planet):
@@ -34,21 +54,22 @@ def position_rows(planet: Planet):
 
 
 @stage()
-def compute(planet: Planet, vehicle: Vehicle, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
+def compute(planet: Planet, vehicle: Vehicle, solver: Solver, nominal: Nominal, tradeoff: Tradeoff) -> Linearization:
     """Linearise about the nominal, and propagate the position columns along it and along the rows of Table 3."""
     columns, rows = position_columns(planet), position_rows(planet)
-    matrix, control = along(planet, vehicle, nominal.time, nominal.state, nominal.bank_acceleration)
-    transitions = midpoint_transitions(matrix, np.diff(nominal.time))
+    linear = model(planet, vehicle, solver.scheme, entry_problem.of_nominal(nominal))
+    steps = transitions(linear)
     final = []
-    for time, state, acceleration in zip(tradeoff.time, tradeoff.state, tradeoff.bank_acceleration, strict=True):
-        steps = midpoint_transitions(along(planet, vehicle, time, state, acceleration)[0], np.diff(time))
-        final.append(rows @ propagate_columns(steps, columns)[-1])
+    for row in entry_problem.of_rows(tradeoff):
+        of_row = transitions(model(planet, vehicle, solver.scheme, row))
+        final.append(rows @ propagate_columns(of_row, columns)[-1])
     return Linearization(
+        scheme=solver.scheme,
         time=nominal.time,
-        state_matrix=matrix,
-        control_matrix=control[:, :, 0],
-        sensitivity=propagate_columns(transitions, columns),
-        adjoint=adjoint_rows(transitions, rows),
+        state_matrix=linear.state_matrix,
+        control_matrix=linear.control_matrix,
+        sensitivity=propagate_columns(steps, columns),
+        adjoint=adjoint_rows(steps, rows),
         final=np.array(final),
         printed_weight=tradeoff.printed_weight,
     )

@@ -11,11 +11,11 @@ import numpy as np
 
 from marsedl.methods.collocation import SOLVED, BranchEndError, Guess, Program, Solution, Variable
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.branches import attempt
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, DEGREE, STATES, WARM, Setup
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, STATES, WARM, Setup, attempt
 from marsedl.papers.desensitized.inputs import Design, Mission, Planet, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.records import SOLUTIONS, MinimumFuel, Nominal
 from marsedl.replication.catalogue import stage
+from marsedl.replication.units import DEGREE
 
 SHARES = (0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 0.999, 1.0)  # of the fuel in the cost
 CLEAR = 1e-3  # of the bound: less counts as coasting, and so little below it as at the bound
@@ -42,11 +42,11 @@ def compute(
 ) -> MinimumFuel:
     """Minimise the fuel under each bound."""
     setup = Setup(planet, vehicle, mission, solver, design)
-    found = [under_bound(setup, nominal, float(bound)) for bound in studies.fuel_bounds]
+    of_bounds = [under_bound(setup, nominal, float(bound)) for bound in studies.fuel_bounds]
     return MinimumFuel(
         bound=studies.fuel_bounds,
         solution=np.array(SOLUTIONS),
-        **{name: np.array([fields[name] for fields in found]) for name in found[0]},
+        **{name: np.array([fields[name] for fields in of_bounds]) for name in of_bounds[0]},
     )
 
 
@@ -121,8 +121,8 @@ def thrust(solution: Solution):
 
 def to_fuel(solver: Solver, design: Design, transcribed, first: Solution) -> Way:
     """Lead the cost over to the fuel; where the branch ends, go on with what the solver finds, if anything."""
-    last, on_branch, left = first, first, first.status != SOLVED
-    if left:
+    last, on_branch, off_branch = first, first, first.status != SOLVED
+    if off_branch:
         return Way(first, first)
 
     def same_branch(before, after):
@@ -131,7 +131,7 @@ def to_fuel(solver: Solver, design: Design, transcribed, first: Solution) -> Way
     def keep(solution):
         nonlocal last, on_branch
         last = solution
-        on_branch = on_branch if left else solution
+        on_branch = on_branch if off_branch else solution
 
     options = {"tolerance": solver.solver_tolerance, "iterations": STEP_ITERATIONS, "barrier": WARM}
     for wanted in SHARES:
@@ -149,7 +149,7 @@ def to_fuel(solver: Solver, design: Design, transcribed, first: Solution) -> Way
             except BranchEndError as end:
                 if end.beyond is None:
                     return Way(last, on_branch)
-                left = True
+                off_branch = True
                 keep(end.beyond)
     return Way(last, on_branch)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from marsedl.methods.collocation import Guess, Solution, resimulate
 from marsedl.papers.desensitized import entry_problem
-from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM
+from marsedl.papers.desensitized.entry_problem import BANK, BANK_RATE, WARM, Trajectory
 from marsedl.papers.desensitized.inputs import Mission, Planet, Solver, Vehicle
 from marsedl.papers.desensitized.records import Nominal
 from marsedl.replication.catalogue import stage
@@ -21,16 +21,42 @@ def compute(planet: Planet, vehicle: Vehicle, mission: Mission, solver: Solver) 
     transcribed = entry_problem.program(planet, solver, declared)
     # The adaptive barrier leaves the guess's branch on some meshes.
     solution = entry_problem.solve(solver, "nominal", transcribed, guess, barrier=WARM)
-    bank = solution.state("bank")
-    if entry_problem.reversals(bank) != solver.nominal_reversals:
-        found = entry_problem.effort(solution.time, solution.controls[:, 0])
-        raise MarsedlError(
-            f"the nominal has {entry_problem.branch_name(bank)}, not the {solver.nominal_reversals} of "
-            f"nominal_reversals, at a control energy of {found:.4g} deg^2/s^3: it lies on another branch; change the "
-            "inputs in smaller steps, give guess_banks and guess_switch_times nearer to the branch wanted, or set "
-            "nominal_reversals to what was found"
-        )
+    refuse_other_branch(solver, entry_problem.of_solution(solution))
     return described(planet, vehicle, mission, solution)
+
+
+def refuse_other_branch(solver: Solver, along: Trajectory) -> None:
+    """Refuse a nominal that is not on the branch that the inputs name, by all that tells branches apart at once.
+
+    Raises:
+        MarsedlError: its reversals, full rolls or the sign of its first bank angle are others; with their times.
+    """
+    bank = along.state[:, BANK]
+    own = {
+        "nominal_reversals": entry_problem.reversals(bank),
+        "nominal_full_rolls": entry_problem.full_rolls(bank),
+        "nominal_first_bank": entry_problem.first_bank(bank),
+    }
+    wanted = {
+        "nominal_reversals": solver.nominal_reversals,
+        "nominal_full_rolls": solver.nominal_full_rolls,
+        "nominal_first_bank": solver.nominal_first_bank,
+    }
+    others = [f"{name} {own[name]} instead of {wanted[name]}" for name in own if own[name] != wanted[name]]
+    if not others:
+        return
+    times = ", ".join(f"{time:.1f}" for time in entry_problem.reversal_times(along.time, bank)) or "none"
+    energy = entry_problem.effort(along.time, along.bank_acceleration)
+    remedy = (
+        "Change guess_width first, which is often enough, or give guess_banks and guess_switch_times nearer to the "
+        "branch wanted, change other inputs in smaller steps, or name this branch"
+    )
+    if len(others) == 1 and others[0].startswith("nominal_first_bank"):
+        remedy = "It is the mirror image: exchange the signs of guess_banks, or name this branch"
+    raise MarsedlError(
+        f"the nominal lies on another branch: {', '.join(others)} (reversals at {times} s, control energy "
+        f"{energy:.4g} deg^2/s^3). {remedy}"
+    )
 
 
 def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solution) -> Nominal:
@@ -49,7 +75,7 @@ def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solu
         largest_bank_rate=float(np.abs(states[:, BANK_RATE]).max()),
         largest_bank_acceleration=float(np.abs(control).max()),
         reversals=entry_problem.reversals(states[:, BANK]),
-        reversal_times=zero_crossings(time, states[:, BANK]),
+        reversal_times=entry_problem.reversal_times(time, states[:, BANK]),
         branch=entry_problem.branch_name(states[:, BANK]),
         flown=flown,
         miss=entry_problem.miss(planet, mission, flown[-1]),

@@ -3,17 +3,13 @@
 These types compile nothing and solve nothing: claims, figures and tables read them without the stages' libraries.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from marsedl.replication.artifacts import quantity
+from marsedl.replication.artifacts import Axis, quantity, record
 
-STATE_UNIT = "m, rad, rad, m/s, m/s, m/s, rad, rad/s"
 COLUMN_UNIT = "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)"
 GAIN_UNIT = "rad/(s^2 m), rad/(s^2 rad), rad/(s^2 rad), 1/(s m), 1/(s m), 1/(s m), 1/s^2, 1/s"
-STATE = "m, rad, rad, m/s, m/s, m/s, rad, rad/s, rad/s"
-STUDIED = ("cases", "schemes", "meshes")
+STUDIED = ("cases", "scheme", "meshes")
 
 CHANNELS = ("radius", "crossrange", "downrange")
 NO_DOC, RESHAPED, ALL_COLUMNS = "no_doc", "reshaped", "all_columns"
@@ -22,35 +18,61 @@ PERTURBATIONS = ("density", "velocity", "flight path angle", "radius", "crossran
 DENSITY = PERTURBATIONS.index("density")
 SOLUTIONS = ("nominal", "least fuel", "least energy beside it")  # of the study of least fuel
 EXACT, UNEXPANDED, APPROXIMATED = VARIANTS = ("exact", "exact, not expanded", "limited-memory")
+STATE = Axis(
+    "motion",
+    altitude="m",
+    latitude="rad",
+    longitude="rad",
+    radial_velocity="m/s",
+    north_velocity="m/s",
+    east_velocity="m/s",
+    bank="rad",
+    bank_rate="rad/s",
+)
+FLIGHT_STATE = Axis("state", **STATE.units, cumulative_bank_acceleration="rad/s")
+MOTION = Axis("measured", *list(STATE.units)[:6])  # what feedback measures
+OBSERVED = Axis("observed", bank_acceleration="rad/s^2", command_magnitude="rad/s^2")
+CHANNEL = Axis("entry_error", *CHANNELS)  # of the errors at entry
+POSITION = Axis("position", *CHANNELS)  # of the final errors; in radius and altitude they are the same
+FLOWN_PERTURBATION = Axis("law_perturbation", "density", "radius")  # of every law
+SIGN = Axis("sign", "positive", "negative")
+COMPARED = Axis("compared", "first", "second")  # of two errors at entry
+END_CONDITION = Axis("end_condition", "initial_bank", "initial_bank_rate", "final_bank", "final_bank_rate")
+BEYOND = Axis("side", "last", "beyond")  # of a fold: last on the branch, first beyond it
+ONE_SET = Axis("one_set", "linear", "tuned")  # gains for all channels
 LOST = 1e9  # stands for a norm that is not finite, and sorts behind all others
 
 
-@dataclass(frozen=True)
+@record
 class Nominal:
     """The solution of least control energy on the wanted branch, and the same controls flown again."""
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription", label="time from entry")
     state: np.ndarray = quantity(
-        STATE_UNIT, ("time", 8), "altitude, latitude, longitude, radial, north and east velocity, bank and its rate"
+        STATE.unit, ("time", STATE), "altitude, latitude, longitude, radial, north and east velocity, bank and its rate"
     )
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("intervals",), "bank acceleration, constant on each interval")
-    effort: float = quantity("deg^2/s^3", (), "control energy J0")
+    bank_acceleration: np.ndarray = quantity(
+        "rad/s^2", ("intervals",), "bank acceleration, constant on each interval", label="bank acceleration"
+    )
+    effort: float = quantity("deg^2/s^3", (), "control energy J0", label="control energy $J_0$")
     cumulative: float = quantity("rad/s", (), "integral of the absolute bank acceleration")
     propellant: float = quantity("kg", (), "propellant of the reaction control system")
     largest_bank_rate: float = quantity("rad/s", (), "largest bank rate, either way")
     largest_bank_acceleration: float = quantity("rad/s^2", (), "largest bank acceleration, either way")
     reversals: int = quantity("1", (), "bank reversals")
-    reversal_times: np.ndarray = quantity("s", ("reversals",), "when the bank angle passes zero")
+    reversal_times: np.ndarray = quantity("s", ("reversal_times",), "when the bank angle passes zero")
     branch: str = quantity("1", (), "what the solution is called by its bank angle", "str")
-    flown: np.ndarray = quantity(STATE_UNIT, ("time", 8), "the same controls flown by a method of order eight")
-    miss: np.ndarray = quantity("m", (3,), "altitude, crossrange and downrange by which that flight misses the target")
-    costate: np.ndarray = quantity("SI", ("intervals", 8), "multipliers of the equations of motion")
+    flown: np.ndarray = quantity(STATE.unit, ("time", STATE), "the same controls flown by a method of order eight")
+    miss: np.ndarray = quantity(
+        "m", (POSITION,), "altitude, crossrange and downrange by which that flight misses the target"
+    )
+    costate: np.ndarray = quantity("SI", ("intervals", STATE), "multipliers of the equations of motion")
     status: str = quantity("1", (), "how the solver ended", "str")
     iterations: int = quantity("1", (), "iterations of the solver")
     worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
 
 
-@dataclass(frozen=True)
+@record
 class Tradeoff:
     """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
 
@@ -58,62 +80,104 @@ class Tradeoff:
     printed weights, and of the weights that stand for an infinite one.
     """
 
-    path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity")
-    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
+    path_weight: np.ndarray = quantity(
+        "deg^2/s^3", ("steps",), "weight on the norm of the sensitivity", label="weight $c$"
+    )
+    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0", label="control energy $J_0$")
     path_norm: np.ndarray = quantity("1", ("steps",), "norm of the sensitivity in the objective")
     path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
-    path_error: np.ndarray = quantity("m", ("steps", 3), "final altitude, crossrange and downrange error")
+    path_error: np.ndarray = quantity("m", ("steps", POSITION), "final altitude, crossrange and downrange error")
     path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
     path_status: np.ndarray = quantity("1", ("steps",), "how the solver ended", "str")
     path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
-    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
-    fold_weight: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "last weight on a branch, first beyond it")
-    fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", 2), "control energy there")
-    fold_error: np.ndarray = quantity("m", ("folds", 2), "norm of the final position error there")
+    branch: np.ndarray = quantity("1", ("branch",), "what the first solution of each branch is called", "str")
+    fold_weight: np.ndarray = quantity("deg^2/s^3", ("folds", BEYOND), "last weight on a branch, first beyond it")
+    fold_effort: np.ndarray = quantity("deg^2/s^3", ("folds", BEYOND), "control energy there")
+    fold_error: np.ndarray = quantity("m", ("folds", BEYOND), "norm of the final position error there")
     printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
-    weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity")
-    time: np.ndarray = quantity("s", ("rows", "time"), "nodes")
-    state: np.ndarray = quantity(STATE_UNIT, ("rows", "time", 8), "states as in the nominal")
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows", "intervals"), "bank acceleration on each interval")
+    weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the norm of the sensitivity", label="weight $c$")
+    time: np.ndarray = quantity("s", ("rows", "node"), "nodes", label="time from entry")
+    state: np.ndarray = quantity(STATE.unit, ("rows", "node", STATE), "states as in the nominal")
+    bank_acceleration: np.ndarray = quantity(
+        "rad/s^2", ("rows", "intervals"), "bank acceleration on each interval", label="bank acceleration"
+    )
     column: np.ndarray = quantity(
-        "m/m, rad/m, rad/m, 1/s, 1/s, 1/s, rad/m, rad/(s m)",
-        ("rows", "time", 8),
+        COLUMN_UNIT,
+        ("rows", "node", STATE),
         "sensitivity of the states to the radius at entry",
     )
-    effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "control energy J0")
+    effort: np.ndarray = quantity("deg^2/s^3", ("rows",), "control energy J0", label="control energy $J_0$")
     cumulative: np.ndarray = quantity("rad/s", ("rows",), "integral of the absolute bank acceleration")
     propellant: np.ndarray = quantity("kg", ("rows",), "propellant of the reaction control system")
-    error: np.ndarray = quantity("m", ("rows", 3), "final altitude, crossrange and downrange error")
+    error: np.ndarray = quantity("m", ("rows", POSITION), "final altitude, crossrange and downrange error")
     norm: np.ndarray = quantity("1", ("rows",), "norm of the sensitivity in the objective")
     reversals: np.ndarray = quantity("1", ("rows",), "bank reversals", "int64")
     row_branch: np.ndarray = quantity("1", ("rows",), "number of the branch", "int64")
     largest_bank_rate: np.ndarray = quantity("rad/s", ("rows",), "largest bank rate, either way")
     largest_bank_acceleration: np.ndarray = quantity("rad/s^2", ("rows",), "largest bank acceleration, either way")
-    miss: np.ndarray = quantity("m", ("rows", 3), "altitude, crossrange and downrange missed when flown again")
+    miss: np.ndarray = quantity("m", ("rows", POSITION), "altitude, crossrange and downrange missed when flown again")
     status: np.ndarray = quantity("1", ("rows",), "how the solver ended", "str")
     iterations: np.ndarray = quantity("1", ("rows",), "iterations of the solver", "int64")
     solves: int = quantity("1", (), "solves on the path and for the rows")
 
 
-@dataclass(frozen=True)
+@record
+class LargerWeights:
+    """The last row of Table 3 and its continuation to larger weights: what an infinite one costs.
+
+    Errors are those that the sensitivity gives for the radius error of Table 3. Air is thin where density times squared
+    velocity is below a hundredth of the flight's largest: bank motion there hardly turns the flight.
+    """
+
+    weight: np.ndarray = quantity(
+        "deg^2/s^3", ("weights",), "weight on the norm of the sensitivity", label="weight $c$"
+    )
+    effort: np.ndarray = quantity("deg^2/s^3", ("weights",), "control energy J0", label="control energy $J_0$")
+    cumulative: np.ndarray = quantity("rad/s", ("weights",), "integral of the absolute bank acceleration")
+    propellant: np.ndarray = quantity(
+        "kg", ("weights",), "propellant of the reaction control system", label="propellant"
+    )
+    error: np.ndarray = quantity("m", ("weights", POSITION), "final altitude, crossrange and downrange error")
+    thin_air_share: np.ndarray = quantity(
+        "1", ("weights",), "share of the cumulative bank rate that is spent in thin air"
+    )
+    reversals: np.ndarray = quantity("1", ("weights",), "bank reversals", "int64")
+    at_bound: np.ndarray = quantity("1", ("weights",), "share of the intervals with the largest bank acceleration")
+    status: np.ndarray = quantity("1", ("weights",), "how the solver ended", "str")
+    iterations: np.ndarray = quantity("1", ("weights",), "iterations of the solver", "int64")
+    ended: str = quantity("1", (), "where the continuation ends", "str")
+
+
+@record
 class Linearization:
     """Linear model along the nominal, and sensitivities of it and of the rows of Table 3.
 
     Columns are those of the radius, crossrange and downrange at entry, per metre.
     """
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the nominal")
-    state_matrix: np.ndarray = quantity("SI", ("intervals", 8, 8), "df/dy in the middle of each interval")
-    control_matrix: np.ndarray = quantity("SI", ("intervals", 8), "df/du there")
-    sensitivity: np.ndarray = quantity(COLUMN_UNIT, ("time", 8, 3), "states against position at entry, nominal")
-    adjoint: np.ndarray = quantity("SI", ("time", 3, 8), "final position (m, angles times radius) against the states")
+    scheme: str = quantity("1", (), "transcription that the sensitivities obey", "str")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the nominal", label="time from entry")
+    state_matrix: np.ndarray = quantity(
+        "SI",
+        ("intervals", "points", STATE, STATE),
+        "df/dy where the scheme evaluates it: in the middle of each interval, at its ends, or at all three",
+    )
+    control_matrix: np.ndarray = quantity("SI", ("intervals", "points", STATE), "df/du there")
+    sensitivity: np.ndarray = quantity(
+        COLUMN_UNIT, ("time", STATE, CHANNEL), "states against position at entry, nominal"
+    )
+    adjoint: np.ndarray = quantity(
+        "SI", ("time", POSITION, STATE), "final position (m, angles times radius) against the states"
+    )
     final: np.ndarray = quantity(
-        "m/m", ("rows", 3, 3), "final radius, crossrange and downrange against those at entry, rows of Table 3"
+        "m/m",
+        ("rows", POSITION, CHANNEL),
+        "final radius, crossrange and downrange against those at entry, rows of Table 3",
     )
     printed_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1; NaN: infinite", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class Gains:
     """What is flown: nominals without feedback, and with gains designed for one channel or for all.
 
@@ -121,60 +185,72 @@ class Gains:
     flies the nominal, but for those that were solved for together with a trajectory.
     """
 
-    law: np.ndarray = quantity("1", ("laws",), "name", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "nodes of the trajectory that the law follows")
-    state: np.ndarray = quantity(STATE_UNIT, ("laws", "time", 8), "states there")
-    bank_acceleration: np.ndarray = quantity("rad/s^2", ("laws", "intervals"), "bank acceleration on each interval")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
-    final: np.ndarray = quantity(
-        "m/m", ("laws", 3, 3), "final radius, crossrange and downrange against those at entry, closed loop"
+    law: np.ndarray = quantity("1", ("law",), "name", "str")
+    time: np.ndarray = quantity(
+        "s", ("law", "node"), "nodes of the trajectory that the law follows", label="time from entry"
     )
-    effort: np.ndarray = quantity("deg^2/s^3", ("laws",), "control energy of the trajectory")
-    iterations: np.ndarray = quantity("1", ("laws",), "iterations of the gains", "int64")
-    converged: np.ndarray = quantity("1", ("laws",), "whether they converged", "bool")
-    ended: np.ndarray = quantity("1", ("laws",), "how their search ended", "str")
+    state: np.ndarray = quantity(STATE.unit, ("law", "node", STATE), "states there")
+    bank_acceleration: np.ndarray = quantity(
+        "rad/s^2", ("law", "intervals"), "bank acceleration on each interval", label="bank acceleration"
+    )
+    scaled_gain: np.ndarray = quantity("rad/s^2", ("law", MOTION), "gains on position and velocity by their scales")
+    gain: np.ndarray = quantity(GAIN_UNIT, ("law", STATE), "gains on the states")
+    final: np.ndarray = quantity(
+        "m/m", ("law", POSITION, CHANNEL), "final radius, crossrange and downrange against those at entry, closed loop"
+    )
+    effort: np.ndarray = quantity("deg^2/s^3", ("law",), "control energy of the trajectory")
+    iterations: np.ndarray = quantity("1", ("law",), "iterations of the gains", "int64")
+    converged: np.ndarray = quantity("1", ("law",), "whether they converged", "bool")
+    ended: np.ndarray = quantity("1", ("law",), "how their search ended", "str")
 
 
-@dataclass(frozen=True)
+@record
 class Responses:
     """What position errors at entry come to; channels are radius, crossrange, downrange.
 
     A flight that comes below the ground or is not finite has NaN from there on.
     """
 
-    law: np.ndarray = quantity("1", ("laws",), "name, as in the gains", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "nodes")
-    nominal: np.ndarray = quantity(STATE_UNIT, ("laws", "time", 8), "states of the unperturbed flight", allow_nan=True)
-    nominal_acceleration: np.ndarray = quantity("rad/s^2", ("laws", "time"), "its bank acceleration", allow_nan=True)
-    nominal_cumulative: np.ndarray = quantity(
-        "rad/s", ("laws",), "its integral of the absolute bank acceleration", allow_nan=True
+    law: np.ndarray = quantity("1", ("law",), "name, as in the gains", "str")
+    time: np.ndarray = quantity("s", ("law", "node"), "nodes", label="time from entry")
+    nominal: np.ndarray = quantity(
+        STATE.unit, ("law", "node", STATE), "states of the unperturbed flight", allow_nan=True
     )
-    drawn_error: np.ndarray = quantity("m", (3,), "error at entry of the histories, by channel")
+    nominal_acceleration: np.ndarray = quantity(
+        "rad/s^2", ("law", "node"), "its bank acceleration", allow_nan=True, label="bank acceleration"
+    )
+    nominal_cumulative: np.ndarray = quantity(
+        "rad/s", ("law",), "its integral of the absolute bank acceleration", allow_nan=True
+    )
+    drawn_error: np.ndarray = quantity("m", (CHANNEL,), "error at entry of the histories, by channel")
     state: np.ndarray = quantity(
-        STATE_UNIT, ("laws", 3, "time", 8), "states with that error in each channel", allow_nan=True
+        STATE.unit, ("law", CHANNEL, "node", STATE), "states with that error in each channel", allow_nan=True
     )
     error: np.ndarray = quantity(
-        "m", ("laws", 3, "time", 3), "radius, crossrange and downrange error in them", allow_nan=True
+        "m", ("law", CHANNEL, "node", POSITION), "radius, crossrange and downrange error in them", allow_nan=True
     )
-    acceleration: np.ndarray = quantity("rad/s^2", ("laws", 3, "time"), "bank acceleration flown", allow_nan=True)
+    acceleration: np.ndarray = quantity("rad/s^2", ("law", CHANNEL, "node"), "bank acceleration flown", allow_nan=True)
     cumulative: np.ndarray = quantity(
-        "rad/s", ("laws", 3), "integral of the absolute bank acceleration", allow_nan=True
+        "rad/s", ("law", CHANNEL), "integral of the absolute bank acceleration", allow_nan=True
     )
     largest_command: np.ndarray = quantity(
-        "rad/s^2", ("laws", 3), "largest bank acceleration commanded, before its bound", allow_nan=True
+        "rad/s^2", ("law", CHANNEL), "largest bank acceleration commanded, before its bound", allow_nan=True
     )
-    largest_bank_rate: np.ndarray = quantity("rad/s", ("laws", 3), "largest bank rate", allow_nan=True)
+    largest_bank_rate: np.ndarray = quantity("rad/s", ("law", CHANNEL), "largest bank rate", allow_nan=True)
+    compared_error: np.ndarray = quantity("m", (COMPARED,), "errors at entry, by which laws are compared")
     tabulated_error: np.ndarray = quantity(
-        "m", ("laws", 3, 2, 3), "final errors for the error of Table 3, either way, in each channel", allow_nan=True
+        "m",
+        ("law", CHANNEL, COMPARED, POSITION),
+        "final errors after the two compared errors, in each channel",
+        allow_nan=True,
     )
-    wide: np.ndarray = quantity("m", (3, "points"), "errors at entry of the wide sweeps, by channel")
-    wide_error: np.ndarray = quantity("m", ("laws", 3, "points", 3), "final errors", allow_nan=True)
-    narrow: np.ndarray = quantity("m", (3, "points"), "errors at entry of the zoomed sweeps, by channel")
-    narrow_error: np.ndarray = quantity("m", ("laws", 3, "points", 3), "final errors", allow_nan=True)
+    wide: np.ndarray = quantity("m", (CHANNEL, "points"), "errors at entry of the wide sweeps, by channel")
+    wide_error: np.ndarray = quantity("m", ("law", CHANNEL, "points", POSITION), "final errors", allow_nan=True)
+    narrow: np.ndarray = quantity("m", (CHANNEL, "points"), "errors at entry of the zoomed sweeps, by channel")
+    narrow_error: np.ndarray = quantity("m", ("law", CHANNEL, "points", POSITION), "final errors", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class Flights:
     """What chunks and ensembles have in common, by law in the order of the gains.
 
@@ -183,55 +259,69 @@ class Flights:
     """
 
     histogram: np.ndarray = quantity(
-        "1", ("laws", "time", 2, "bins"), "trials by observed; the first and last bin: beyond the edges", "int64"
+        "1", ("law", "node", OBSERVED, "bins"), "trials by observed; the first and last bin: beyond the edges", "int64"
     )
-    histogram_edges: np.ndarray = quantity("rad/s^2", ("laws", 2, "edges"), "edges of the inner bins")
+    histogram_edges: np.ndarray = quantity("rad/s^2", ("law", OBSERVED, "edges"), "edges of the inner bins")
     maximum_over_trials: np.ndarray = quantity(
-        "rad/s^2", ("laws", "time", 2), "largest observed values over the trials", allow_nan=True
+        "rad/s^2", ("law", "node", OBSERVED), "largest observed values over the trials", allow_nan=True
     )
-    final_state: np.ndarray = quantity(STATE, ("laws", "trials", 9), "state at the end", allow_nan=True)
-    observed_maximum: np.ndarray = quantity("rad/s^2", ("laws", "trials", 2), "largest observed values", allow_nan=True)
+    final_state: np.ndarray = quantity(
+        FLIGHT_STATE.unit, ("law", "trials", FLIGHT_STATE), "state at the end", allow_nan=True
+    )
+    observed_maximum: np.ndarray = quantity(
+        "rad/s^2", ("law", "trials", OBSERVED), "largest observed values", allow_nan=True
+    )
     outcome: np.ndarray = quantity(
-        "1", ("laws", "trials"), "0 flown to the end, 1 below the ground, 3 not finite", "int8"
+        "1", ("law", "trials"), "0 flown to the end, 1 below the ground, 3 not finite", "int8"
     )
-    kept_history: np.ndarray = quantity(STATE, ("laws", "kept", "time", 9), "states of the kept trials", allow_nan=True)
+    kept_history: np.ndarray = quantity(
+        FLIGHT_STATE.unit, ("law", "kept", "node", FLIGHT_STATE), "states of the kept trials", allow_nan=True
+    )
     kept_observed: np.ndarray = quantity(
-        "rad/s^2", ("laws", "kept", "time", 2), "observed of the kept trials", allow_nan=True
+        "rad/s^2", ("law", "kept", "node", OBSERVED), "observed of the kept trials", allow_nan=True
     )
 
 
-@dataclass(frozen=True)
+@record
 class FlightChunk(Flights):
     """Reduced trials of one chunk, block by block."""
 
-    first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
-    block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
-    block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
-    block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(STATE, ("laws", "blocks", "time", 9), "mean state of each block")
-    block_second_moment: np.ndarray = quantity("SI", ("laws", "blocks", "time", 9, 9), "second moment about that mean")
-    block_observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "blocks", "time", 2), "mean of the observed")
+    first_trial: np.ndarray = quantity("1", ("law",), "number of the first trial", "int64")
+    block_size: np.ndarray = quantity("1", ("law",), "trials in a block", "int64")
+    block_counts: np.ndarray = quantity("1", ("law", "blocks", "node"), "trials in the moments of each block", "int64")
+    block_excluded: np.ndarray = quantity("1", ("law", "blocks"), "non-finite trials of each block", "int64")
+    block_mean: np.ndarray = quantity(
+        FLIGHT_STATE.unit, ("law", "blocks", "node", FLIGHT_STATE), "mean state of each block"
+    )
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("law", "blocks", "node", FLIGHT_STATE, FLIGHT_STATE), "second moment about that mean"
+    )
+    block_observed_mean: np.ndarray = quantity("rad/s^2", ("law", "blocks", "node", OBSERVED), "mean of the observed")
 
 
-@dataclass(frozen=True)
+@record
 class FlightEnsemble(Flights):
     """All trials under all laws, every law with the same errors at entry."""
 
-    law: np.ndarray = quantity("1", ("laws",), "name, as in the gains", "str")
-    time: np.ndarray = quantity("s", ("laws", "time"), "times of the moments")
-    nominal: np.ndarray = quantity(STATE, ("laws", "time", 9), "the flight without errors", allow_nan=True)
-    flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
-    count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
-    excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
-    mean: np.ndarray = quantity(STATE, ("laws", "time", 9), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("laws", "time", 9, 9), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity("rad/s^2", ("laws", "time", 2), "mean of the observed", allow_nan=True)
+    law: np.ndarray = quantity("1", ("law",), "name, as in the gains", "str")
+    time: np.ndarray = quantity("s", ("law", "node"), "times of the moments", label="time from entry")
+    nominal: np.ndarray = quantity(
+        FLIGHT_STATE.unit, ("law", "node", FLIGHT_STATE), "the flight without errors", allow_nan=True
+    )
+    flying: np.ndarray = quantity("1", ("law", "node"), "trials still flying, over which moments are taken", "int64")
+    count: np.ndarray = quantity("1", ("law",), "trials in the moments", "int64")
+    excluded: np.ndarray = quantity("1", ("law",), "trials left out of them because they are not finite", "int64")
+    mean: np.ndarray = quantity(FLIGHT_STATE.unit, ("law", "node", FLIGHT_STATE), "mean state", allow_nan=True)
+    covariance: np.ndarray = quantity(
+        "SI", ("law", "node", FLIGHT_STATE, FLIGHT_STATE), "sample covariance", allow_nan=True
+    )
+    observed_mean: np.ndarray = quantity("rad/s^2", ("law", "node", OBSERVED), "mean of the observed", allow_nan=True)
     final_error: np.ndarray = quantity(
-        "m", ("laws", "trials", 3), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
+        "m", ("law", "trials", POSITION), "final radius, crossrange and downrange error; NaN if lost", allow_nan=True
     )
 
 
-@dataclass(frozen=True)
+@record
 class Branches:
     """Local minima of the problem without weight, sorted by control energy, and what begins at them.
 
@@ -241,15 +331,15 @@ class Branches:
     """
 
     name: np.ndarray = quantity("1", ("solutions",), "what the solution is called by its bank angle", "str")
-    effort: np.ndarray = quantity("deg^2/s^3", ("solutions",), "control energy J0")
+    effort: np.ndarray = quantity("deg^2/s^3", ("solutions",), "control energy J0", label="control energy $J_0$")
     cumulative: np.ndarray = quantity("rad/s", ("solutions",), "integral of the absolute bank acceleration")
     propellant: np.ndarray = quantity("kg", ("solutions",), "propellant of the reaction control system")
     final_time: np.ndarray = quantity("s", ("solutions",), "time from entry to deployment")
     reversals: np.ndarray = quantity("1", ("solutions",), "bank reversals", "int64")
     rolls: np.ndarray = quantity("1", ("solutions",), "full turns of the bank angle", "int64")
-    error: np.ndarray = quantity("m", ("solutions", 3), "final altitude, crossrange and downrange error")
-    time: np.ndarray = quantity("s", ("solutions", "time"), "nodes")
-    bank: np.ndarray = quantity("rad", ("solutions", "time"), "bank angle")
+    error: np.ndarray = quantity("m", ("solutions", POSITION), "final altitude, crossrange and downrange error")
+    time: np.ndarray = quantity("s", ("solutions", "node"), "nodes", label="time from entry")
+    bank: np.ndarray = quantity("rad", ("solutions", "node"), "bank angle", label="bank angle")
     found: np.ndarray = quantity("1", ("solutions",), "random starts that led to it", "int64")
     returned: np.ndarray = quantity(
         "rad", ("solutions",), "bank angle's largest change when shaken and solved again; NaN: failed", allow_nan=True
@@ -257,11 +347,11 @@ class Branches:
     nominal: int = quantity("1", (), "number of the nominal among the solutions")
     starts: int = quantity("1", (), "random starts")
     failed_starts: int = quantity("1", (), "random starts that led to no solution")
-    roll: np.ndarray = quantity("rad", ("rolls",), "turn of the bank angle in a guess")
-    roll_status: np.ndarray = quantity("1", ("rolls",), "how the solver ended from that guess", "str")
+    roll: np.ndarray = quantity("rad", ("roll",), "turn of the bank angle in a guess")
+    roll_status: np.ndarray = quantity("1", ("roll",), "how the solver ended from that guess", "str")
 
     set_fixed: np.ndarray = quantity(
-        "1", ("sets", 4), "whether initial bank, its rate, final bank, its rate are fixed", "bool"
+        "1", ("sets", END_CONDITION), "whether initial bank, its rate, final bank, its rate are fixed", "bool"
     )
     set_status: np.ndarray = quantity("1", ("sets",), "how the solver ended, from the nominal", "str")
     set_effort: np.ndarray = quantity("deg^2/s^3", ("sets",), "control energy J0; NaN: not solved", allow_nan=True)
@@ -274,7 +364,9 @@ class Branches:
 
     curve_error: np.ndarray = quantity("m", ("points",), "norm of the final error on the nominal's branch")
     curve_effort: np.ndarray = quantity("deg^2/s^3", ("points",), "least control energy there")
-    curve_weight: np.ndarray = quantity("deg^2/s^3", ("points",), "weight of which the point is a stationary one")
+    curve_weight: np.ndarray = quantity(
+        "deg^2/s^3", ("points",), "weight of which the point is a stationary one", label="weight $c$"
+    )
     curve_final_bank: np.ndarray = quantity("rad", ("points",), "bank angle at deployment")
     fold_weight: float = quantity("deg^2/s^3", (), "largest weight on that branch; NaN: no fold", allow_nan=True)
     fold_error: float = quantity("m", (), "norm of the final error there", allow_nan=True)
@@ -283,9 +375,13 @@ class Branches:
     continued_weight: np.ndarray = quantity(
         "deg^2/s^3", ("continued",), "weight on the norm as in the trade-off, of the branches beside the nominal's"
     )
-    continued_effort: np.ndarray = quantity("deg^2/s^3", ("continued",), "control energy J0")
+    continued_effort: np.ndarray = quantity(
+        "deg^2/s^3", ("continued",), "control energy J0", label="control energy $J_0$"
+    )
     continued_cumulative: np.ndarray = quantity("rad/s", ("continued",), "integral of the absolute bank acceleration")
-    continued_error: np.ndarray = quantity("m", ("continued", 3), "final altitude, crossrange and downrange error")
+    continued_error: np.ndarray = quantity(
+        "m", ("continued", POSITION), "final altitude, crossrange and downrange error"
+    )
 
     row_weight: np.ndarray = quantity("1", ("rows",), "the paper's c1")
     row_error: np.ndarray = quantity("m", ("rows",), "norm of the row's final error")
@@ -296,7 +392,7 @@ class Branches:
     )
 
 
-@dataclass(frozen=True)
+@record
 class Certificates:
     """What the solutions are worth.
 
@@ -304,13 +400,15 @@ class Certificates:
     the nominal, then the row of the largest finite weight. What a solver could not solve has its status and NaN.
     """
 
-    weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity")
-    scheme: np.ndarray = quantity("1", ("schemes",), "transcription", "str")
-    intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64")
+    weight: np.ndarray = quantity("deg^2/s^3", ("cases",), "weight on the norm of the sensitivity", label="weight $c$")
+    scheme: np.ndarray = quantity("1", ("scheme",), "transcription", "str")
+    intervals: np.ndarray = quantity("1", ("meshes",), "intervals of the mesh", "int64", label="intervals")
 
     mesh_status: np.ndarray = quantity("1", STUDIED, "how the solver ended", "str")
     mesh_iterations: np.ndarray = quantity("1", STUDIED, "iterations from the solution on a mesh beside it", "int64")
-    mesh_effort: np.ndarray = quantity("deg^2/s^3", STUDIED, "control energy J0", allow_nan=True)
+    mesh_effort: np.ndarray = quantity(
+        "deg^2/s^3", STUDIED, "control energy J0", allow_nan=True, label="control energy $J_0$"
+    )
     mesh_cumulative: np.ndarray = quantity(
         "rad/s", STUDIED, "integral of the absolute bank acceleration", allow_nan=True
     )
@@ -318,19 +416,19 @@ class Certificates:
         "rad", STUDIED, "largest difference of the bank angle to the inputs' mesh", allow_nan=True
     )
     mesh_error: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
+        "m", (*STUDIED, POSITION), "error for the radius error of Table 3, by the columns of the scheme", allow_nan=True
     )
     mesh_flown_error: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "the same by central differences of flights of these controls", allow_nan=True
+        "m", (*STUDIED, POSITION), "the same by central differences of flights of these controls", allow_nan=True
     )
     mesh_miss: np.ndarray = quantity(
-        "m", (*STUDIED, 3), "by which such a flight without error misses the target", allow_nan=True
+        "m", (*STUDIED, POSITION), "by which such a flight without error misses the target", allow_nan=True
     )
     miss_order: np.ndarray = quantity(
-        "1", ("cases", "schemes", "refinements"), "order of the miss from mesh to mesh", allow_nan=True
+        "1", ("cases", "scheme", "refinements"), "order of the miss from mesh to mesh", allow_nan=True
     )
     error_order: np.ndarray = quantity(
-        "1", ("cases", "schemes", "refinements"), "order of the error's difference to flights", allow_nan=True
+        "1", ("cases", "scheme", "refinements"), "order of the error's difference to flights", allow_nan=True
     )
 
     mesh_longitude_deviation: np.ndarray = quantity(
@@ -344,7 +442,7 @@ class Certificates:
     )
     flow_deviation: np.ndarray = quantity(
         "1",
-        ("cases", "schemes"),
+        ("cases", "scheme"),
         "relative, of the sensitivity on the inputs' mesh from differences of the discrete flow",
         allow_nan=True,
     )
@@ -368,20 +466,22 @@ class Certificates:
         "1", ("slopes",), "relative deviation of dJ0/d(norm), by differences, from minus the weight", allow_nan=True
     )
 
-    variant: np.ndarray = quantity("1", ("variants",), "derivatives and how the equations are traced", "str")
-    variant_status: np.ndarray = quantity("1", ("cases", "variants"), "how the solver ended", "str")
+    variant: np.ndarray = quantity("1", ("variant",), "derivatives and how the equations are traced", "str")
+    variant_status: np.ndarray = quantity("1", ("cases", "variant"), "how the solver ended", "str")
     variant_iterations: np.ndarray = quantity(
-        "1", ("cases", "variants"), "iterations from one and the same start", "int64"
+        "1", ("cases", "variant"), "iterations from one and the same start", "int64"
     )
-    variant_effort: np.ndarray = quantity("deg^2/s^3", ("cases", "variants"), "control energy J0 of the last iterate")
-    variant_reversals: np.ndarray = quantity("1", ("cases", "variants"), "its bank reversals", "int64")
+    variant_effort: np.ndarray = quantity("deg^2/s^3", ("cases", "variant"), "control energy J0 of the last iterate")
+    variant_reversals: np.ndarray = quantity("1", ("cases", "variant"), "its bank reversals", "int64")
 
-    radius_error: np.ndarray = quantity("m", ("sizes",), "radius errors at entry")
-    linear_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors by the sensitivity")
-    flown_error: np.ndarray = quantity("m", ("cases", "sizes", 3), "final errors as flown", allow_nan=True)
+    radius_error: np.ndarray = quantity("m", ("radius_error",), "radius errors at entry", label="radius error at entry")
+    linear_error: np.ndarray = quantity("m", ("cases", "radius_error", POSITION), "final errors by the sensitivity")
+    flown_error: np.ndarray = quantity(
+        "m", ("cases", "radius_error", POSITION), "final errors as flown", allow_nan=True
+    )
 
 
-@dataclass(frozen=True)
+@record
 class MinimumFuel:
     """Solutions under each bound of the bank acceleration: of least control energy, least fuel, and energy beside it.
 
@@ -390,105 +490,115 @@ class MinimumFuel:
     then does not come to the bound. What was not solved has NaN.
     """
 
-    bound: np.ndarray = quantity("rad/s^2", ("bounds",), "bound of the bank acceleration")
-    solution: np.ndarray = quantity("1", ("solutions",), "what is minimised", "str")
-    status: np.ndarray = quantity("1", ("bounds", "solutions"), "how the solver ended", "str")
-    time: np.ndarray = quantity("s", ("bounds", "solutions", "time"), "nodes", allow_nan=True)
-    bank: np.ndarray = quantity("rad", ("bounds", "solutions", "time"), "bank angle", allow_nan=True)
+    bound: np.ndarray = quantity("rad/s^2", ("bound",), "bound of the bank acceleration")
+    solution: np.ndarray = quantity("1", ("solution",), "what is minimised", "str")
+    status: np.ndarray = quantity("1", ("bound", "solution"), "how the solver ended", "str")
+    time: np.ndarray = quantity("s", ("bound", "solution", "node"), "nodes", allow_nan=True, label="time from entry")
+    bank: np.ndarray = quantity("rad", ("bound", "solution", "node"), "bank angle", allow_nan=True, label="bank angle")
     bank_acceleration: np.ndarray = quantity(
-        "rad/s^2", ("bounds", "solutions", "intervals"), "bank acceleration on each interval", allow_nan=True
+        "rad/s^2", ("bound", "solution", "intervals"), "bank acceleration on each interval", allow_nan=True
     )
-    effort: np.ndarray = quantity("deg^2/s^3", ("bounds", "solutions"), "control energy J0", allow_nan=True)
+    effort: np.ndarray = quantity(
+        "deg^2/s^3", ("bound", "solution"), "control energy J0", allow_nan=True, label="control energy $J_0$"
+    )
     cumulative: np.ndarray = quantity(
-        "rad/s", ("bounds", "solutions"), "integral of the absolute bank acceleration", allow_nan=True
+        "rad/s", ("bound", "solution"), "integral of the absolute bank acceleration", allow_nan=True
     )
     propellant: np.ndarray = quantity(
-        "kg", ("bounds", "solutions"), "propellant of the reaction control system", allow_nan=True
+        "kg", ("bound", "solution"), "propellant of the reaction control system", allow_nan=True
     )
-    reversals: np.ndarray = quantity("1", ("bounds", "solutions"), "bank reversals; -1: not solved", "int64")
+    reversals: np.ndarray = quantity("1", ("bound", "solution"), "bank reversals; -1: not solved", "int64")
     coasting: np.ndarray = quantity(
-        "1", ("bounds", "solutions"), "share of the intervals without thrust, below 0.001 of the bound", allow_nan=True
+        "1", ("bound", "solution"), "share of the intervals without thrust, below 0.001 of the bound", allow_nan=True
     )
     at_bound: np.ndarray = quantity(
-        "1", ("bounds", "solutions"), "share of the intervals at the bound, up to 0.001 of it", allow_nan=True
+        "1", ("bound", "solution"), "share of the intervals at the bound, up to 0.001 of it", allow_nan=True
     )
     bursts: np.ndarray = quantity(
         "1",
-        ("bounds", "solutions"),
+        ("bound", "solution"),
         "times of thrust with coasting between, or of the other sign; -1: not solved",
         "int64",
     )
     switching: np.ndarray = quantity(
         "1",
-        ("bounds", "intervals"),
+        ("bound", "intervals"),
         "switching function of the least fuel: what bank rate saves over what it costs; thrust pays from 1 on",
         allow_nan=True,
     )
     switching_violation: np.ndarray = quantity(
-        "1", ("bounds",), "by how much it contradicts thrust or coasting on any interval", allow_nan=True
+        "1", ("bound",), "by how much it contradicts thrust or coasting on any interval", allow_nan=True
     )
     branch_share: np.ndarray = quantity(
         "1",
-        ("bounds",),
+        ("bound",),
         "share of the fuel in the cost as far as the nominal's branch goes; 1: to the end",
         allow_nan=True,
     )
     branch_cumulative: np.ndarray = quantity(
-        "rad/s", ("bounds",), "integral of the absolute bank acceleration there", allow_nan=True
+        "rad/s", ("bound",), "integral of the absolute bank acceleration there", allow_nan=True
     )
 
 
-@dataclass(frozen=True)
+@record
 class FurtherPerturbations:
     """Sensitivity to further perturbations, a nominal desensitized against density, and feedback against it.
 
     Errors are of the final altitude, crossrange and downrange. Perturbations: density, velocity along its direction,
-    flight path angle, radius, crossrange, downrange. Linear errors are by the midpoint rule. Flown errors are those of
-    the perturbation either way, first the positive one; NaN: below the ground before the end. Designs are the nominal
-    and the solutions at the wanted weights on density.
+    flight path angle, radius, crossrange, downrange. Linear errors are by the scheme of the transcription. Flown errors
+    are those of the perturbation either way, first the positive one; NaN: below the ground before the end. Designs are
+    the nominal and the solutions at the wanted weights on density.
     """
 
-    perturbation: np.ndarray = quantity("1", (6,), "name", "str")
-    size: np.ndarray = quantity("1, m/s, rad, m, m, m", (6,), "size")
+    perturbation: np.ndarray = quantity("1", ("perturbation",), "name", "str")
+    size: np.ndarray = quantity("1, m/s, rad, m, m, m", ("perturbation",), "size")
     row_weight: np.ndarray = quantity("deg^2/s^3", ("rows",), "weight on the radius of the rows of Table 3")
-    row_linear_error: np.ndarray = quantity("m", ("rows", 6, 3), "by the sensitivity, rows of Table 3")
-    row_flown_error: np.ndarray = quantity("m", ("rows", 6, 2, 3), "as flown, rows of Table 3", allow_nan=True)
+    row_linear_error: np.ndarray = quantity(
+        "m", ("rows", "perturbation", POSITION), "by the sensitivity, rows of Table 3"
+    )
+    row_flown_error: np.ndarray = quantity(
+        "m", ("rows", "perturbation", SIGN, POSITION), "as flown, rows of Table 3", allow_nan=True
+    )
 
     path_weight: np.ndarray = quantity("deg^2/s^3", ("steps",), "weight on the norm of the sensitivity to density")
-    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0")
+    path_effort: np.ndarray = quantity("deg^2/s^3", ("steps",), "control energy J0", label="control energy $J_0$")
     path_cumulative: np.ndarray = quantity("rad/s", ("steps",), "integral of the absolute bank acceleration")
-    path_error: np.ndarray = quantity("m", ("steps", 3), "for the density error, by the columns of the solver")
+    path_error: np.ndarray = quantity("m", ("steps", POSITION), "for the density error, by the columns of the solver")
     path_reversals: np.ndarray = quantity("1", ("steps",), "bank reversals", "int64")
     path_branch: np.ndarray = quantity("1", ("steps",), "number of the branch", "int64")
-    branch: np.ndarray = quantity("1", ("branches",), "what the first solution of each branch is called", "str")
+    branch: np.ndarray = quantity("1", ("branch",), "what the first solution of each branch is called", "str")
     path_end: str = quantity("1", (), "why the path ends where it does", "str")
 
     design_weight: np.ndarray = quantity("deg^2/s^3", ("designs",), "weight on the sensitivity to density")
-    design_time: np.ndarray = quantity("s", ("designs", "time"), "nodes")
-    design_bank: np.ndarray = quantity("rad", ("designs", "time"), "bank angle")
+    design_time: np.ndarray = quantity("s", ("designs", "node"), "nodes", label="time from entry")
+    design_bank: np.ndarray = quantity("rad", ("designs", "node"), "bank angle", label="bank angle")
     design_bank_acceleration: np.ndarray = quantity("rad/s^2", ("designs", "intervals"), "on each interval")
-    design_effort: np.ndarray = quantity("deg^2/s^3", ("designs",), "control energy J0")
+    design_effort: np.ndarray = quantity("deg^2/s^3", ("designs",), "control energy J0", label="control energy $J_0$")
     design_cumulative: np.ndarray = quantity("rad/s", ("designs",), "integral of the absolute bank acceleration")
     design_propellant: np.ndarray = quantity("kg", ("designs",), "propellant of the reaction control system")
     design_branch: np.ndarray = quantity("1", ("designs",), "number of the branch", "int64")
-    design_linear_error: np.ndarray = quantity("m", ("designs", 6, 3), "by the sensitivity")
-    design_flown_error: np.ndarray = quantity("m", ("designs", 6, 2, 3), "as flown", allow_nan=True)
-
-    law: np.ndarray = quantity("1", ("laws",), "feedback on the nominal", "str")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("laws", 6), "gains on position and velocity by their scales")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("laws", 8), "gains on the states")
-    converged: np.ndarray = quantity("1", ("laws",), "whether the search for them converged", "bool")
-    ended: np.ndarray = quantity("1", ("laws",), "how it ended", "str")
-    law_linear_error: np.ndarray = quantity(
-        "m", ("laws", 2, 3), "by the sensitivity, for density and radius error", allow_nan=True
+    design_linear_error: np.ndarray = quantity("m", ("designs", "perturbation", POSITION), "by the sensitivity")
+    design_flown_error: np.ndarray = quantity(
+        "m", ("designs", "perturbation", SIGN, POSITION), "as flown", allow_nan=True
     )
-    density_error: np.ndarray = quantity("1", ("densities",), "relative errors of the density under every law")
-    density_flown_error: np.ndarray = quantity("m", ("laws", "densities", 3), "as flown", allow_nan=True)
-    radius_error: np.ndarray = quantity("m", ("radii",), "radius errors under every law")
-    radius_flown_error: np.ndarray = quantity("m", ("laws", "radii", 3), "as flown", allow_nan=True)
+
+    law: np.ndarray = quantity("1", ("law",), "feedback on the nominal", "str")
+    scaled_gain: np.ndarray = quantity("rad/s^2", ("law", MOTION), "gains on position and velocity by their scales")
+    gain: np.ndarray = quantity(GAIN_UNIT, ("law", STATE), "gains on the states")
+    converged: np.ndarray = quantity("1", ("law",), "whether the search for them converged", "bool")
+    ended: np.ndarray = quantity("1", ("law",), "how it ended", "str")
+    law_linear_error: np.ndarray = quantity(
+        "m", ("law", FLOWN_PERTURBATION, POSITION), "by the sensitivity, for density and radius error", allow_nan=True
+    )
+    density_error: np.ndarray = quantity("1", ("density_error",), "relative errors of the density under every law")
+    density_flown_error: np.ndarray = quantity("m", ("law", "density_error", POSITION), "as flown", allow_nan=True)
+    radius_error: np.ndarray = quantity(
+        "m", ("radius_error",), "radius errors under every law", label="radius error at entry"
+    )
+    radius_flown_error: np.ndarray = quantity("m", ("law", "radius_error", POSITION), "as flown", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class GainStudy:
     """Candidates of every channel in the order of their flown errors, and gains for all channels at once."""
 
@@ -496,22 +606,34 @@ class GainStudy:
     method: np.ndarray = quantity("1", ("candidates",), "how the gains were found", "str")
     found: np.ndarray = quantity("1", ("candidates",), "starts that led there", "int64")
     rank: np.ndarray = quantity("1", ("candidates",), "place among the channel's candidates, 0 the best", "int64")
-    scaled_gain: np.ndarray = quantity("rad/s^2", ("candidates", 6), "gains on position and velocity by their scales")
+    scaled_gain: np.ndarray = quantity(
+        "rad/s^2", ("candidates", MOTION), "gains on position and velocity by their scales"
+    )
     linear_error: np.ndarray = quantity(
-        "m/m", ("candidates", 3), "final radius, crossrange and downrange by the linear sensitivity"
+        "m/m", ("candidates", POSITION), "final radius, crossrange and downrange by the linear sensitivity"
     )
     flown_norm: np.ndarray = quantity("1", ("candidates",), "root mean square of the flown errors per initial error")
-    tuning_error: np.ndarray = quantity("m", ("sizes",), "initial errors flown")
+    tuning_error: np.ndarray = quantity("m", ("tuning_error",), "initial errors flown", label="error at entry")
     flown_error: np.ndarray = quantity(
-        "m", ("candidates", "sizes"), "norm of the final error they lead to", allow_nan=True
+        "m",
+        ("candidates", "tuning_error"),
+        "norm of the final error they lead to",
+        allow_nan=True,
+        label="final position error",
     )
-    least_starts: np.ndarray = quantity("1", (3,), "random starts of the least gains, by channel", "int64")
-    least_failed: np.ndarray = quantity("1", (3,), "those that did not converge", "int64")
+    least_starts: np.ndarray = quantity("1", (CHANNEL,), "random starts of the least gains, by channel", "int64")
+    least_failed: np.ndarray = quantity("1", (CHANNEL,), "those that did not converge", "int64")
     all_sizes: np.ndarray = quantity(
-        "m", ("all_sizes",), "initial errors of every channel, flown with one set of gains"
+        "m", ("all_sizes",), "initial errors of every channel, flown with one set of gains", label="error at entry"
     )
-    all_scaled_gain: np.ndarray = quantity("rad/s^2", (2, 6), "one set of gains: of the linear problem, and tuned")
+    all_scaled_gain: np.ndarray = quantity(
+        "rad/s^2", (ONE_SET, MOTION), "one set of gains: of the linear problem, and tuned"
+    )
     all_flown_error: np.ndarray = quantity(
-        "m", (2, 3, "all_sizes"), "norm of the final error that they lead to, by channel", allow_nan=True
+        "m",
+        (ONE_SET, CHANNEL, "all_sizes"),
+        "norm of the final error that they lead to, by channel",
+        allow_nan=True,
+        label="final position error",
     )
     all_tuned: bool = quantity("1", (), "whether the tuning of the one set came to an end")

@@ -6,6 +6,7 @@ from marsedl.papers.desensitized import components, entry_problem, environment, 
 from marsedl.papers.desensitized.gains import flown_law
 from marsedl.papers.desensitized.inputs import Planet, Simulation, Vehicle
 from marsedl.papers.desensitized.records import CHANNELS, Gains, Responses
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 
@@ -16,7 +17,7 @@ def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gai
         np.array([np.linspace(-size, size, simulation.sweep_points) for size in sizes])
         for sizes in (simulation.wide_errors, simulation.narrow_errors)
     )
-    found = [
+    of_laws = [
         flown(planet, vehicle, simulation, *flown_law(gains, number), wide, narrow) for number in range(len(gains.law))
     ]
     return Responses(
@@ -25,7 +26,8 @@ def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gai
         drawn_error=simulation.drawn_errors,
         wide=wide,
         narrow=narrow,
-        **{name: np.array([law[name] for law in found]) for name in found[0]},
+        compared_error=simulation.compared_errors,
+        **{name: np.array([of_law[name] for of_law in of_laws]) for name in of_laws[0]},
     )
 
 
@@ -45,7 +47,6 @@ def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, g
     acceleration = trials.observed[:, components.BANK_ACCELERATION].T
     state = states[1:, :, : components.STATES]
     nominal = states[0, :, : components.STATES]
-    sizes = simulation.tabulated_error * np.array([1.0, -1.0])
 
     def swept(grid):
         return np.array(
@@ -67,12 +68,7 @@ def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, g
         "cumulative": finite(trials.final_state[components.CUMULATIVE, 1:]),
         "largest_command": finite(trials.observed_maximum[components.COMMAND_MAGNITUDE, 1:]),
         "largest_bank_rate": np.abs(state[:, :, components.BANK_RATE]).max(axis=1),
-        "tabulated_error": swept(np.tile(sizes, (len(CHANNELS), 1))),
+        "tabulated_error": swept(np.tile(simulation.compared_errors, (len(CHANNELS), 1))),
         "wide_error": swept(wide),
         "narrow_error": swept(narrow),
     }
-
-
-def finite(values):
-    """The values, NaN where they are infinite."""
-    return np.where(np.isfinite(values), values, np.nan)

@@ -1,18 +1,22 @@
 """Tables 1 to 3, sensitivities and gains, the studies beside them, and what each reading gives."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import components, entry_problem
-from marsedl.papers.desensitized.claims import Records, printed_rows
-from marsedl.papers.desensitized.entry_problem import DEGREE, propellant
+from marsedl.papers.desensitized.claims.measures import printed_rows
+from marsedl.papers.desensitized.entry_problem import propellant
 from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensemble, Mission, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
     CHANNELS,
     EXACT,
+    LAWS,
     LOST,
+    MOTION,
     NO_DOC,
     RESHAPED,
     SOLUTIONS,
@@ -22,46 +26,44 @@ from marsedl.papers.desensitized.records import (
     FurtherPerturbations,
     Gains,
     GainStudy,
+    LargerWeights,
     MinimumFuel,
     Responses,
     Tradeoff,
 )
 from marsedl.papers.desensitized.tradeoff import last_finite_row
+from marsedl.replication.catalogue import Artifacts
+from marsedl.replication.tables import Column, table
+from marsedl.replication.units import DEGREE, KM
 
-NO_VALUE = "–"
 PAPER = "in the paper"
-KILOMETRE = 1e3
 LAW_NAMES = {
     NO_DOC: "no DOC",
     RESHAPED: "DOC without feedback",
     **{channel: f"gains against {channel} errors" for channel in CHANNELS},
     ALL_COLUMNS: "one set of gains",
 }
-GAINS_HEAD = "gains on altitude, latitude, longitude, radial, north, east velocity (rad/s^2 per scaled state)"
 # Inputs in which readings may differ that say how much is computed, not what.
 _SIZES = ("trials", "drawn_trials")
 
-
-def _number(value, form):
-    """A number, a dash where there is none; zero has no sign, and no number more digits than can be read."""
-    if not np.isfinite(value):
-        return NO_VALUE
-    if form.endswith("f") and abs(value) >= 1e7:
-        return f"{value:.3g}"
-    return f"{value:{form.replace('.', 'z.', 1)}}"
-
-
-def _list(values, form):
-    return ", ".join(_number(value, form) for value in values)
-
-
-def _printed(value):
-    """A number with all the digits that the paper prints."""
-    return _number(value, ".10g")
+C1 = Column("", "g", "the paper's weight")
+WEIGHT = Column("deg^2/s^3", ".5g", "on the norm of the sensitivity; 0: no DOC")
+EFFORT = Column("deg^2/s^3", ".4f", "control energy")
+CUMULATIVE = Column("deg/s", ".4f", "integral of the absolute bank acceleration")
+FUEL = Column("kg", ".4f", "propellant of the reaction control system")
+REVERSALS = Column("", "d")
+BRANCH = Column(meaning="its first solution, by its bank angle")
+STATUS = Column(meaning="how it ended")
+ITERATIONS = Column("", "d", "of the solver")
+FINAL_ERROR = Column("m", ".5g", "norm of the final position error")
+COSTS = {"J0": EFFORT, "cumulative bank rate": CUMULATIVE, "fuel": Column("kg", ".3f", FUEL.meaning)}
+SOLVER = {"solver": STATUS, "iterations": ITERATIONS}
+ERRORS = ("altitude", "crossrange", "downrange")  # of the final position
+ROOT_MEAN_SQUARE = Column("", ".4g", "of final over initial errors, flown")
 
 
 def _ratio(value, reference):
-    return _number(value / reference, ".4f") if reference else NO_VALUE
+    return value / reference if reference else None
 
 
 def _c1(printed_weight):
@@ -69,11 +71,19 @@ def _c1(printed_weight):
     return float("inf") if np.isnan(printed_weight) else float(printed_weight)
 
 
-def _weight_name(printed_weight):
-    """The paper's c1 as its Table 3 writes it."""
-    if printed_weight == 0.0:
-        return "0 (no-DOC)"
-    return f"{printed_weight:g}" if np.isfinite(printed_weight) else "infinity"
+def _gain_columns(scaled):
+    """Columns of gains (rows, 6) and their norm, for `_columns`."""
+    shown = np.where(scaled.any(axis=1, keepdims=True), scaled, np.nan)
+    column = Column("rad/s^2", "z.4f", "per scaled state; empty: no feedback")
+    names = (f"gain on {MOTION.label(name)}" for name in MOTION.names)
+    columns = {name: (shown[:, k], column) for k, name in enumerate(names)}
+    return columns | {"norm of the gains": (np.linalg.norm(scaled, axis=1), Column("rad/s^2", ".4f"))}
+
+
+def _columns(columns):
+    """A table of values and what they are, by the columns' names."""
+    values, described = ({name: pair[k] for name, pair in columns.items()} for k in range(2))
+    return table(values, described)
 
 
 # ---- Tables 1 to 3 ---------------------------------------------------------------------------------------------------
@@ -91,88 +101,119 @@ def tab01(vehicle: Vehicle, published):
         ("yaw moment arm", "tab01_yaw_arm", vehicle.yaw_arm),
         ("specific impulse of the reaction control system", "tab01_specific_impulse", vehicle.specific_impulse),
     )
-    return [
-        ("parameter", PAPER, "here", "unit"),
-        *((name, f"{published[key].printed:g}", f"{value:g}", published[key].unit) for name, key, value in rows),
-    ]
+    return table(
+        [(name, published[key].unit, published[key].printed, value) for name, key, value in rows],
+        {
+            "parameter": Column(),
+            "unit": Column(meaning="of the two numbers that follow it"),
+            PAPER: Column("", "g"),
+            "here": Column("", "g"),
+        },
+    )
 
 
 def tab02(mission: Mission):
     """Table 2 from the inputs, and below it the conditions that it does not mention."""
 
-    def degrees(value):
-        return "free" if value is None else f"{value / DEGREE:g}"
+    def degrees(*values):
+        return [None if value is None else value / DEGREE for value in values]
 
-    return [
-        ("parameter", "at the atmospheric interface", "at parachute deployment", "unit"),
-        ("altitude", f"{mission.entry_altitude / KILOMETRE:g}", f"{mission.final_altitude / KILOMETRE:g}", "km"),
-        ("velocity", f"{mission.entry_velocity:g}", f"{mission.final_velocity:g}", "m/s"),
-        ("longitude", degrees(mission.entry_longitude), degrees(mission.final_longitude), "deg"),
-        ("latitude", degrees(mission.entry_latitude), degrees(mission.final_latitude), "deg"),
-        ("flight path angle", degrees(mission.entry_flight_path_angle), "not prescribed", "deg"),
-        ("heading, clockwise from north (not in the paper)", degrees(mission.entry_azimuth), "free", "deg"),
-        ("bank angle (not in the paper)", degrees(mission.initial_bank), degrees(mission.final_bank), "deg"),
-        ("bank rate (not in the paper)", degrees(mission.initial_bank_rate), degrees(mission.final_bank_rate), "deg/s"),
+    angles = (
+        ("longitude", "deg", True, mission.entry_longitude, mission.final_longitude),
+        ("latitude", "deg", True, mission.entry_latitude, mission.final_latitude),
+        ("flight path angle", "deg", True, mission.entry_flight_path_angle, None),
+        ("heading, clockwise from north", "deg", False, mission.entry_azimuth, None),
+        ("bank angle", "deg", False, mission.initial_bank, mission.final_bank),
+        ("bank rate", "deg/s", False, mission.initial_bank_rate, mission.final_bank_rate),
+    )
+    rows = [
+        ("altitude", "km", True, mission.entry_altitude / KM, mission.final_altitude / KM),
+        ("velocity", "m/s", True, mission.entry_velocity, mission.final_velocity),
+        *((name, unit, stated, *degrees(*values)) for name, unit, stated, *values in angles),
     ]
+    return table(
+        rows,
+        {
+            "parameter": Column(),
+            "unit": Column(meaning="of the two conditions"),
+            "stated in the paper": Column(),
+            "at the atmospheric interface": Column("", "g", "empty: free"),
+            "at parachute deployment": Column("", "g", "empty: free"),
+        },
+    )
 
 
-def _paper_row(printed, printed_weight):
-    """The four numbers of a row of Table 3, NaN where the paper has no such row."""
-    return np.array(printed.get(_c1(printed_weight), [np.nan] * 4))
+def _is_papers(design: Design, printed, printed_weight):
+    """Whether a row of a reading is taken like one of the paper's: by its c1, or by its c1 with its printed J0."""
+    c1 = _c1(printed_weight)
+    if c1 not in printed:
+        return False
+    if design.weight_rule != "matched" or c1 == 0.0 or np.isinf(c1):
+        return True
+    own = design.matched_efforts[np.flatnonzero(design.printed_weights == c1)]
+    return bool(own.size) and own[0] == printed[c1][0]
+
+
+def _own_c1(design: Design, printed, printed_weight):
+    """The c1 of a row; None of a reading's own row that is taken at a J0, where c1 says nothing."""
+    if design.weight_rule == "matched" and not _is_papers(design, printed, printed_weight):
+        return None
+    return _c1(printed_weight)
 
 
 def _row_numbers(tradeoff, number):
     """The four numbers of a row of Table 3 in the units of the paper."""
-    return np.array(
-        [
-            tradeoff.effort[number],
-            tradeoff.cumulative[number] / DEGREE,
-            tradeoff.propellant[number],
-            np.linalg.norm(tradeoff.error[number]),
-        ]
+    return (
+        tradeoff.effort[number],
+        tradeoff.cumulative[number] / DEGREE,
+        tradeoff.propellant[number],
+        np.linalg.norm(tradeoff.error[number]),
     )
 
 
-def _row_cells(numbers):
-    return [_number(value, form) for value, form in zip(numbers, (".4f", ".4f", ".3f", ".1f"), strict=True)]
-
-
-def tab03(simulation: Simulation, published, tradeoff: Tradeoff):
-    """Table 3: every row as printed, as found here, and the ratio of the two."""
-    header = (
-        *("c1", "source", "weight on the sensitivity (deg^2/s^3)"),
-        *("J0 (deg^2/s^3)", "cumulative bank rate (deg/s)", "fuel (kg)"),
-        f"final position error for {simulation.tabulated_error:+g} m of radius (m)",
-        *("its altitude (m)", "its crossrange (m)", "its downrange (m)"),
-        *("branch", "bank reversals", "largest bank rate (deg/s)", "largest bank acceleration (deg/s^2)"),
-        *("target missed when flown again (m)", "solver"),
-    )
-    rows, printed, told = [header], printed_rows(published), set()
+def tab03(design: Design, simulation: Simulation, published, tradeoff: Tradeoff):
+    """Table 3: the four numbers of every row as printed, as computed here, and the ratio of the two."""
+    rows, printed = [], printed_rows(published)
     for number, printed_weight in enumerate(tradeoff.printed_weight):
-        name = _weight_name(printed_weight)
-        paper, found = _paper_row(printed, printed_weight), _row_numbers(tradeoff, number)
-        known = np.isfinite(paper).all()
-        if known and name not in told:
-            rows.append((name, PAPER, "", *map(_printed, paper), *[""] * 9))
-            told.add(name)
-        rows.append(
-            (
-                name,
-                "here",
-                f"{tradeoff.weight[number]:.5g}",
-                *_row_cells(found),
-                *(_number(value, ".1f") for value in tradeoff.error[number]),
-                f"{tradeoff.row_branch[number] + 1} (begins with {tradeoff.branch[tradeoff.row_branch[number]]})",
-                f"{tradeoff.reversals[number]}",
-                _number(tradeoff.largest_bank_rate[number] / DEGREE, ".3f"),
-                _number(tradeoff.largest_bank_acceleration[number] / DEGREE, ".4f"),
-                _number(np.linalg.norm(tradeoff.miss[number]), ".1f"),
-                f"{tradeoff.status[number]}, {tradeoff.iterations[number]} iterations",
-            )
-        )
-        if known:
-            rows.append((name, "here over the paper's", "", *map(_ratio, found, paper), *[""] * 9))
-    return rows
+        known = _is_papers(design, printed, printed_weight)
+        paper = printed[_c1(printed_weight)] if known else [None] * 4
+        cells = [
+            cell
+            for value, reference in zip(_row_numbers(tradeoff, number), paper, strict=True)
+            for cell in (reference, value, _ratio(value, reference))
+        ]
+        rows.append((_own_c1(design, printed, printed_weight), tradeoff.weight[number], *cells))
+    error = f"for {simulation.tabulated_error:+g} m of radius at entry"
+    columns = {"c1": C1, "weight": WEIGHT}
+    for name, column in (COSTS | {"final position error": Column("m", ".1f", error)}).items():
+        columns |= {
+            f"{name} {PAPER}": Column(column.unit, ".10g", column.meaning),
+            f"{name} here": column,
+            f"{name} over the paper's": Column("", ".4f", "here over printed"),
+        }
+    return table(rows, columns)
+
+
+def tab03_solutions(design: Design, simulation: Simulation, published, tradeoff: Tradeoff):
+    """What the solutions behind the rows of Table 3 are: errors, branch, bank motion, and what flights miss."""
+    printed, error = printed_rows(published), Column("m", "z.1f")
+    at_entry = f"for {simulation.tabulated_error:+g} m of radius at entry"
+    return _columns(
+        {
+            "c1": ([_own_c1(design, printed, c1) for c1 in tradeoff.printed_weight], C1),
+            "weight": (tradeoff.weight, WEIGHT),
+            "final position error": (np.linalg.norm(tradeoff.error, axis=1), Column("m", ".1f", at_entry)),
+            **{f"its {name}": (tradeoff.error[:, k], error) for k, name in enumerate(ERRORS)},
+            "branch": (tradeoff.row_branch + 1, Column("", "d", "in the order of the path over the weight")),
+            "branch begins with": (tradeoff.branch[tradeoff.row_branch], BRANCH),
+            "bank reversals": (tradeoff.reversals, REVERSALS),
+            "largest bank rate": (tradeoff.largest_bank_rate / DEGREE, Column("deg/s", ".3f")),
+            "largest bank acceleration": (tradeoff.largest_bank_acceleration / DEGREE, Column("deg/s^2", ".4f")),
+            "target missed": (np.linalg.norm(tradeoff.miss, axis=1), Column("m", ".1f", "when flown again")),
+            "solver": (tradeoff.status, STATUS),
+            "iterations": (tradeoff.iterations, ITERATIONS),
+        }
+    )
 
 
 # ---- sensitivities and gains -----------------------------------------------------------------------------------------
@@ -180,148 +221,122 @@ def tab03(simulation: Simulation, published, tradeoff: Tradeoff):
 
 def sensitivity_blocks(gains: Gains):
     """The block S_p of every law as lengths: final radius, crossrange and downrange against those at entry."""
-    per_km = KILOMETRE * gains.final
-    rows = [("law", "final error in", *(f"per km of {channel} at entry (m)" for channel in CHANNELS), "all three (m)")]
-    for number, law in enumerate(gains.law):
-        name = LAW_NAMES[str(law)]
-        rows += [
-            (name, channel, *(_number(value, ".1f") for value in per_km[number, k]), "")
-            for k, channel in enumerate(CHANNELS)
-        ]
-        norms = [*np.linalg.norm(per_km[number], axis=0), np.linalg.norm(per_km[number])]
-        rows.append((name, "norm", *(_number(value, ".1f") for value in norms)))
-    return rows
-
-
-def gain_sets(simulation: Simulation, gains: Gains, responses: Responses):
-    """Every law and every channel that it is for: gains, how their search ended, and what flights come to."""
-    size = simulation.tabulated_error
+    per_km = KM * gains.final
     rows = [
-        (
-            "law",
-            "error at entry in",
-            GAINS_HEAD,
-            "norm of the gains (rad/s^2)",
-            "iterations",
-            "converged",
-            "how the search ended",
-            "J0 of the trajectory (deg^2/s^3)",
-            "linear sensitivity (m per km)",
-            "drawn error at entry (m)",
-            "final error (m)",
-            "its radius, crossrange, downrange (m)",
-            f"final error for {size:+g} m (m)",
-            f"final error for {-size:+g} m (m)",
-            "cumulative bank rate without error at entry (deg/s)",
-            "with the drawn error (deg/s)",
-            "largest commanded bank acceleration (deg/s^2)",
-        )
+        (LAW_NAMES[str(law)], channel, *per_km[number, k])
+        for number, law in enumerate(gains.law)
+        for k, channel in enumerate(CHANNELS)
     ]
+    column = Column("m per km", "z.1f", "final error per error at entry")
+    columns = {f"{channel} at entry": column for channel in CHANNELS}
+    return table(rows, {"law": Column(), "final error in": Column(), **columns})
+
+
+def sensitivity_norms(gains: Gains):
+    """Norms of the columns of the block S_p of every law, and of the block."""
+    per_km = KM * gains.final
+    rows = [
+        (LAW_NAMES[str(law)], *np.linalg.norm(per_km[number], axis=0), np.linalg.norm(per_km[number]))
+        for number, law in enumerate(gains.law)
+    ]
+    columns = {f"{channel} at entry": Column("m per km", "z.1f", "norm of its column") for channel in CHANNELS}
+    return table(rows, {"law": Column(), **columns, "all three": Column("m per km", "z.1f", "Frobenius norm")})
+
+
+def gain_sets(gains: Gains, responses: Responses):
+    """Every law: its gains, how their search ended, and what its trajectory takes."""
+    cumulative = responses.nominal_cumulative / DEGREE
+    return _columns(
+        {
+            "law": ([LAW_NAMES[str(law)] for law in gains.law], Column()),
+            **_gain_columns(gains.scaled_gain),
+            "iterations": (gains.iterations, Column("", "d", "of the search for the gains")),
+            "converged": (gains.converged, Column()),
+            "how the search ended": (gains.ended, Column()),
+            "J0": (gains.effort, Column("deg^2/s^3", ".4f", "of the trajectory")),
+            "cumulative bank rate": (cumulative, Column("deg/s", ".3f", "flown without error at entry")),
+        }
+    )
+
+
+def gain_responses(gains: Gains, responses: Responses):
+    """Final errors under every law for errors at entry in the channels that it is for, and the bank motion."""
+    rows = []
     for number, law in enumerate(gains.law):
-        own = [CHANNELS.index(law)] if law in CHANNELS else range(len(CHANNELS))
-        for channel in own:
-            final = responses.error[number, channel, -1]
+        for channel in [CHANNELS.index(law)] if law in CHANNELS else range(len(CHANNELS)):
             rows.append(
                 (
                     LAW_NAMES[str(law)],
                     CHANNELS[channel],
-                    _list(gains.scaled_gain[number], ".4f") if gains.scaled_gain[number].any() else "none",
-                    _number(np.linalg.norm(gains.scaled_gain[number]), ".4f"),
-                    f"{gains.iterations[number]}",
-                    "yes" if gains.converged[number] else "no",
-                    str(gains.ended[number]),
-                    _number(gains.effort[number], ".4f"),
-                    _number(KILOMETRE * np.linalg.norm(gains.final[number, :, channel]), ".3f"),
-                    f"{responses.drawn_error[channel]:g}",
-                    _number(np.linalg.norm(final), ".1f"),
-                    _list(final, ".1f"),
-                    *(_number(np.linalg.norm(error), ".1f") for error in responses.tabulated_error[number, channel]),
-                    _number(responses.nominal_cumulative[number] / DEGREE, ".3f"),
-                    _number(responses.cumulative[number, channel] / DEGREE, ".3f"),
-                    _number(responses.largest_command[number, channel] / DEGREE, ".4f"),
+                    KM * np.linalg.norm(gains.final[number, :, channel]),
+                    responses.drawn_error[channel],
+                    np.linalg.norm(responses.error[number, channel, -1]),
+                    *responses.error[number, channel, -1],
+                    *np.linalg.norm(responses.tabulated_error[number, channel], axis=-1),
+                    responses.cumulative[number, channel] / DEGREE,
+                    responses.largest_command[number, channel] / DEGREE,
                 )
             )
-    return rows
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "error at entry in": Column(),
+            "linear sensitivity": Column("m per km", ".3f", "norm of the final position against the error at entry"),
+            "drawn error at entry": Column("m", "g"),
+            "final position error": Column("m", ".5g", "for the drawn error"),
+            **{f"its {name}": Column("m", ".5g") for name in ERRORS},
+            **{f"final error for {error:+g} m": FINAL_ERROR for error in responses.compared_error},
+            "cumulative bank rate": Column("deg/s", ".3f", "with the drawn error"),
+            "largest commanded bank acceleration": Column("deg/s^2", ".4f", "with the drawn error, before its bound"),
+        },
+    )
 
 
 def candidate_gains(gain_study: GainStudy):
-    """Gains that meet the paper's problem as well, by channel and rank, and one set for all channels."""
-    study = gain_study
-    sizes = np.unique([*study.tuning_error, *study.all_sizes])
-    rows = [
-        (
-            "against errors in",
-            "rank",
-            "how found",
-            "starts that led there",
-            GAINS_HEAD,
-            "norm of the gains (rad/s^2)",
-            "linear sensitivity (m per km)",
-            *(f"final error for {size:+g} m (m)" for size in sizes),
-            "root mean square of final over initial errors",
-        )
-    ]
+    """Gains that meet the paper's problem as well, by channel and rank."""
+    study, order = gain_study, np.lexsort((gain_study.rank, gain_study.channel))
+    channel, norm = study.channel[order], study.flown_norm[order]
+    linear = KM * np.linalg.norm(study.linear_error[order], axis=1)
+    return _columns(
+        {
+            "against errors in": ([CHANNELS[number] for number in channel], Column()),
+            "rank": (study.rank[order] + 1, Column("", "d", "by flown errors")),
+            "method": (study.method[order], Column(meaning="how the gains were computed")),
+            "starts that led there": (study.found[order], Column()),
+            "random starts": (study.least_starts[channel], Column(meaning="for least gains, of the channel")),
+            "random starts that failed": (study.least_failed[channel], Column(meaning="that led to no least gains")),
+            **_gain_columns(study.scaled_gain[order]),
+            "linear sensitivity": (linear, Column("m per km", ".3f")),
+            **{
+                f"final error for {size:+g} m": (study.flown_error[order, k], FINAL_ERROR)
+                for k, size in enumerate(study.tuning_error)
+            },
+            "root mean square": (np.where(norm < LOST, norm, np.nan), ROOT_MEAN_SQUARE),
+            "lost": (norm >= LOST, Column(meaning="whether one of these flights is")),
+        }
+    )
 
-    def flown(known, errors):
-        by_size = dict(zip(known, errors, strict=True))
-        return [_number(by_size[size], ".1f") if size in by_size else "" for size in sizes]
 
-    def candidate(number):
-        gain, norm = study.scaled_gain[number], study.flown_norm[number]
-        return (
-            CHANNELS[study.channel[number]],
-            f"{study.rank[number] + 1}",
-            str(study.method[number]),
-            f"{study.found[number]}",
-            _list(gain, ".4f"),
-            _number(np.linalg.norm(gain), ".4f"),
-            _number(KILOMETRE * np.linalg.norm(study.linear_error[number]), ".3f"),
-            *flown(study.tuning_error, study.flown_error[number]),
-            _number(norm, ".4g") if norm < LOST else "lost",
-        )
-
-    for channel, name in enumerate(CHANNELS):
-        own = np.flatnonzero(study.channel == channel)
-        rows += [candidate(number) for number in own[np.argsort(study.rank[own])]]
-        failed = f"{study.least_failed[channel]} of {study.least_starts[channel]}"
-        rows.append((name, NO_VALUE, "random starts that led to no least gains", failed, *[""] * (len(rows[0]) - 4)))
-    ended = "" if study.all_tuned else ", not converged"
-    for method, gain, errors in zip(
-        ("regularised least squares, with the trajectory", f"tuned to flown errors{ended}"),
-        study.all_scaled_gain,
-        study.all_flown_error,
-        strict=True,
-    ):
-        for channel, name in enumerate(CHANNELS):
-            known = flown(study.all_sizes, errors[channel])
-            cells = _list(gain, ".4f"), _number(np.linalg.norm(gain), ".4f"), ""
-            mean_square = np.mean((errors[channel] / study.all_sizes) ** 2)
-            rows.append((f"all three: {name}", "", method, "", *cells, *known, _number(np.sqrt(mean_square), ".4g")))
-    return rows
+def one_gain_set(gain_study: GainStudy):
+    """One set of gains for all channels: of the linear problem, and tuned to flown errors."""
+    study, ended = gain_study, "" if gain_study.all_tuned else ", not converged"
+    methods = "regularised least squares, with the trajectory", f"tuned to flown errors{ended}"
+    errors = study.all_flown_error.reshape(-1, len(study.all_sizes))
+    return _columns(
+        {
+            "method": (np.repeat(methods, len(CHANNELS)), Column(meaning="how the gains were computed")),
+            "error at entry in": (CHANNELS * len(methods), Column()),
+            **_gain_columns(np.repeat(study.all_scaled_gain, len(CHANNELS), axis=0)),
+            **{f"final error for {size:+g} m": (errors[:, k], FINAL_ERROR) for k, size in enumerate(study.all_sizes)},
+            "root mean square": (np.sqrt(np.mean((errors / study.all_sizes) ** 2, axis=1)), ROOT_MEAN_SQUARE),
+        }
+    )
 
 
 def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors: FlightEnsemble):
     """Final errors under random position errors at entry, flown and by linear covariance, and what they cost."""
-    bound = vehicle.bank_acceleration_bound
-    drawn = ", ".join(f"{deviation:g}" for deviation in ensemble.initial_deviations)
-    rows = [
-        (
-            f"law (deviations at entry: {drawn} m in {', '.join(CHANNELS)})",
-            *(
-                f"{channel}: {what}"
-                for channel in CHANNELS
-                for what in ("deviation (m)", "by linear covariance (m)", "flown over linear")
-            ),
-            "final error: median (m)",
-            "99th percentile (m)",
-            "lost trials",
-            "trials with a clipped command (%)",
-            "propellant without errors at entry (kg)",
-            "mean propellant (kg)",
-            "its deviation (kg)",
-            "trials",
-        )
-    ]
+    rows = []
     for number, law in enumerate(entry_errors.law):
         flown = entry_errors.outcome[number] == COMPLETED
         error, trials = entry_errors.final_error[number, flown], len(flown)
@@ -330,29 +345,48 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
         spread = error.std(axis=0, ddof=1) if known else np.full(len(CHANNELS), np.nan)
         cells = []
         for channel, uncertainty in enumerate(_deviation_errors(error, spread)):
-            cells += [
-                f"{_number(spread[channel], '.1f')} ± {_number(uncertainty, '.1f')}" if known else NO_VALUE,
-                _number(linear[channel], ".1f"),
-                _number(spread[channel] / linear[channel], ".4g") if linear[channel] > 0.0 else NO_VALUE,
-            ]
+            cells += [spread[channel], uncertainty, linear[channel], _ratio(spread[channel], linear[channel])]
         # A lost trial is worse than any other.
         size = np.where(flown, np.linalg.norm(entry_errors.final_error[number], axis=1), np.inf)
+        levels = (np.quantile(size, level, method="higher") for level in (0.5, 0.99))
         command = entry_errors.observed_maximum[number, :, components.COMMAND_MAGNITUDE]
-        clipped = np.count_nonzero(~(command <= (1.0 + entry_problem.ROUNDING) * bound))
+        clipped = np.count_nonzero(~(command <= (1.0 + entry_problem.ROUNDING) * vehicle.bank_acceleration_bound))
         fuel = propellant(vehicle, entry_errors.final_state[number, flown, components.CUMULATIVE])
         rows.append(
             (
                 LAW_NAMES[str(law)],
                 *cells,
-                *(_number(np.quantile(size, level, method="higher"), ".1f") for level in (0.5, 0.99)),
-                f"{trials - len(error):,}",
-                f"{100 * clipped / trials:.2f}",
-                _number(propellant(vehicle, entry_errors.nominal[number, -1, components.CUMULATIVE]), ".4f"),
-                *(_number(value, ".4f") for value in ((fuel.mean(), fuel.std(ddof=1)) if known else (np.nan, np.nan))),
-                f"{trials:,}",
+                *(level if np.isfinite(level) else None for level in levels),
+                trials - len(error),
+                100 * clipped / trials,
+                propellant(vehicle, entry_errors.nominal[number, -1, components.CUMULATIVE]),
+                *((fuel.mean(), fuel.std(ddof=1)) if known else (None, None)),
+                trials,
             )
         )
-    return rows
+    columns = {"law": Column()}
+    for channel, deviation in zip(CHANNELS, ensemble.initial_deviations, strict=True):
+        error = f"{channel}: standard error"
+        columns |= {
+            f"{channel}: deviation": Column("m", ".1f", f"of the final error, {deviation:g} m at entry", error=error),
+            error: Column("m"),
+            f"{channel}: by linear covariance": Column("m", ".1f"),
+            f"{channel}: flown over linear": Column("", ".4g"),
+        }
+    return table(
+        rows,
+        {
+            **columns,
+            "median": Column("m", ".1f", FINAL_ERROR.meaning),
+            "99th percentile": Column("m", ".1f", FINAL_ERROR.meaning),
+            "lost trials": Column(),
+            "trials with a clipped command": Column("%", ".2f"),
+            "propellant without errors at entry": Column("kg", ".4f"),
+            "mean propellant": Column("kg", ".4f", "over the trials that are not lost"),
+            "deviation of the propellant": Column("kg", ".4f", "over the trials that are not lost"),
+            "trials": Column(),
+        },
+    )
 
 
 def _deviation_errors(samples, deviation):
@@ -366,118 +400,137 @@ def _deviation_errors(samples, deviation):
 # ---- certificates ----------------------------------------------------------------------------------------------------
 
 
-def _case_name(weight):
-    return f"c = {weight:.4g}" if weight else "no-DOC"
-
-
 def discretisation_errors(certificates: Certificates):
     """Both cases by every scheme on every mesh: effort, errors by the scheme and as flown, and orders."""
-    found = certificates
-    rows = [
-        (
-            "case",
-            "scheme",
-            "intervals",
-            "J0 (deg^2/s^3)",
-            "cumulative bank rate (deg/s)",
-            "largest change of the bank angle from the inputs' mesh (deg)",
-            "final error by the scheme's sensitivity (m)",
-            "by differences of flights (m)",
-            "norm of their difference (m)",
-            "order",
-            "target missed when flown again (m)",
-            "order of the miss",
-            "solver",
-        )
-    ]
-    for case, scheme, mesh in np.ndindex(found.mesh_status.shape):
-        run = (case, scheme, mesh)
-        error, flown = found.mesh_error[run], found.mesh_flown_error[run]
-        orders = [
-            values[case, scheme, mesh - 1] if mesh else np.nan for values in (found.error_order, found.miss_order)
-        ]
-        rows.append(
-            (
-                _case_name(found.weight[case]),
-                str(found.scheme[scheme]),
-                f"{found.intervals[mesh]}",
-                _number(found.mesh_effort[run], ".5f"),
-                _number(found.mesh_cumulative[run] / DEGREE, ".4f"),
-                _number(found.mesh_bank_change[run] / DEGREE, ".3f"),
-                _number(np.linalg.norm(error), ".2f"),
-                _number(np.linalg.norm(flown), ".2f"),
-                _number(np.linalg.norm(error - flown), ".3g"),
-                _number(orders[0], ".2f"),
-                _number(np.linalg.norm(found.mesh_miss[run]), ".3g"),
-                _number(orders[1], ".2f"),
-                f"{found.mesh_status[run]}, {found.mesh_iterations[run]} iterations",
-            )
-        )
-    return rows
+    study = certificates
+    case, scheme, mesh = np.indices(study.mesh_status.shape).reshape(3, -1)
+    apart = np.linalg.norm(study.mesh_error - study.mesh_flown_error, axis=-1)
+
+    def norms(errors):
+        return np.linalg.norm(errors, axis=-1).ravel()
+
+    def from_second_mesh(orders):
+        return np.insert(orders, 0, np.nan, axis=-1).ravel()
+
+    return _columns(
+        {
+            "weight": (study.weight[case], WEIGHT),
+            "scheme": (study.scheme[scheme], Column()),
+            "intervals": (study.intervals[mesh], Column()),
+            "J0": (study.mesh_effort.ravel(), Column("deg^2/s^3", ".5f", EFFORT.meaning)),
+            "cumulative bank rate": (study.mesh_cumulative.ravel() / DEGREE, CUMULATIVE),
+            "change of the bank angle": (
+                study.mesh_bank_change.ravel() / DEGREE,
+                Column("deg", ".3f", "largest, from the inputs' mesh"),
+            ),
+            "final error": (norms(study.mesh_error), Column("m", ".2f", "norm, by the scheme's sensitivity")),
+            "final error by flights": (
+                norms(study.mesh_flown_error),
+                Column("m", ".2f", "norm, by differences of flights"),
+            ),
+            "their difference": (apart.ravel(), Column("m", ".3g", "norm")),
+            "order": (
+                from_second_mesh(study.error_order),
+                Column("", ".2f", "of this difference, from the mesh in the line above"),
+            ),
+            "target missed": (norms(study.mesh_miss), Column("m", ".3g", "when flown again")),
+            "order of the miss": (
+                from_second_mesh(study.miss_order),
+                Column("", ".2f", "from the mesh in the line above"),
+            ),
+            "solver": (study.mesh_status.ravel(), STATUS),
+            "iterations": (study.mesh_iterations.ravel(), ITERATIONS),
+        }
+    )
 
 
 def identities(certificates: Certificates):
-    """Identities, symmetries, stationarity and derivatives by row of Table 3; some are examined in some rows only."""
-    found = certificates
-    rows = [("check", *(_case_name(weight) for weight in found.row_weight))]
+    """Identities, symmetries and stationarity by row of Table 3; the slope is examined in some rows only."""
+    study = certificates
+    slopes = dict(zip(study.slope_weight, study.slope_deviation, strict=True))
 
-    def by_row(name, values):
-        rows.append((name, *(_number(value, ".1e") for value in values)))
+    def check(values, unit, meaning):
+        return values, Column(unit, ".1e", meaning)
 
-    def at(row_weights, name, values):
-        """Values that belong to rows of these weights, texts already."""
-        known = dict(zip(row_weights, values, strict=True))
-        rows.append((name, *(known.get(weight, "") for weight in found.row_weight)))
-
-    by_row("longitude column less its unit vector, largest at any node (m/m)", found.row_longitude_deviation)
-    by_row("final crossrange column less that of a turned flight (m/m)", found.row_crossrange_deviation)
-    by_row("solver's radius column against the recursion, relative", found.row_solver_deviation)
-    by_row("adjoint against forward (m/m)", found.row_adjoint_deviation)
-    by_row(
-        "squared norm of all columns against that of the radius column and the turn, relative",
-        found.row_frobenius_deviation,
+    return _columns(
+        {
+            "weight": (study.row_weight, WEIGHT),
+            "longitude column": check(study.row_longitude_deviation, "m/m", "less its unit vector, at any node"),
+            "crossrange column": check(
+                study.row_crossrange_deviation, "m/m", "at the end, less that of a turned flight"
+            ),
+            "solver's radius column": check(study.row_solver_deviation, "", "against the recursion, relative"),
+            "adjoint": check(study.row_adjoint_deviation, "m/m", "against forward"),
+            "squared norm": check(
+                study.row_frobenius_deviation,
+                "",
+                "of all columns against that of the radius column and the turn, relative",
+            ),
+            "defect": check(study.row_defect, "", "largest of an interval, in the scales of the states"),
+            "defect in a mirror": check(study.mirrored_defect, "", "of the flight seen in a mirror"),
+            "defect when moved": check(study.shifted_defect, "", "of the flight moved in longitude"),
+            "error in a mirror": check(study.mirrored_error_deviation, "m", "change of the final error"),
+            "error when moved": check(study.shifted_error_deviation, "m", "change of the final error"),
+            "slope": (
+                [slopes.get(weight) for weight in study.row_weight],
+                Column("", "+.1e", "dJ0/d(norm) over minus the weight, less one; empty: not examined"),
+            ),
+        }
     )
-    by_row("largest defect of an interval, in the scales of the states", found.row_defect)
-    by_row("the same of the flight seen in a mirror", found.mirrored_defect)
-    by_row("the same of the flight moved in longitude", found.shifted_defect)
-    by_row("change of the final error in the mirror (m)", found.mirrored_error_deviation)
-    by_row("change of the final error when moved (m)", found.shifted_error_deviation)
-    at(
-        found.slope_weight,
-        "dJ0/d(norm) over minus the weight, less one",
-        [_number(value, "+.1e") for value in found.slope_deviation],
+
+
+def mesh_identities(certificates: Certificates):
+    """Identities of both cases, largest over schemes and meshes."""
+
+    def largest(values, unit, meaning):
+        """Largest of each case, of what was solved; None if nothing was."""
+        known = (case[np.isfinite(case)] for case in values)
+        return [case.max() if case.size else None for case in known], Column(unit, ".1e", meaning)
+
+    return _columns(
+        {
+            "weight": (certificates.weight, WEIGHT),
+            "longitude column": largest(certificates.mesh_longitude_deviation, "m/m", "less its unit vector"),
+            "crossrange column": largest(certificates.mesh_crossrange_deviation, "m/m", "less that of a turned flight"),
+            "discrete flow": largest(
+                certificates.flow_deviation, "", "differences of it against the sensitivity, relative"
+            ),
+        }
     )
 
-    def largest(values, form=".1e"):
-        """Largest over schemes and meshes, of what was solved."""
-        return [_number(np.max(case, initial=-np.inf, where=np.isfinite(case)), form) for case in values]
 
-    at(found.weight, "longitude column, largest over schemes and meshes (m/m)", largest(found.mesh_longitude_deviation))
-    at(
-        found.weight,
-        "crossrange column, largest over schemes and meshes (m/m)",
-        largest(found.mesh_crossrange_deviation),
-    )
-    at(found.weight, "sensitivity against differences of the discrete flow, relative", largest(found.flow_deviation))
-    exact = list(found.variant).index(EXACT)
-    for number, variant in enumerate(found.variant):
-        told = [
-            f"{s}, {i} iterations"
-            for s, i in zip(found.variant_status[:, number], found.variant_iterations[:, number], strict=True)
-        ]
-        at(found.weight, f"derivatives {variant}: solver", told)
-        if number != exact:
-            change = found.variant_effort[:, number] / found.variant_effort[:, exact] - 1.0
-            at(
-                found.weight,
-                f"derivatives {variant}: J0 over that of {EXACT} ones, less one",
-                [_number(v, "+.1e") for v in change],
-            )
-    flown, linear = (np.linalg.norm(errors, axis=-1) for errors in (found.flown_error, found.linear_error))
-    for number, size in enumerate(found.radius_error):
-        ratios = [_number(value, ".5f") for value in flown[:, number] / linear[:, number]]
-        at(found.weight, f"flown over linear final error for {size:+g} m of radius", ratios)
-    return rows
+def derivatives(certificates: Certificates):
+    """How the solver ends with each kind of derivatives, from one and the same start."""
+    exact = list(certificates.variant).index(EXACT)
+    rows = [
+        (
+            certificates.weight[case],
+            variant,
+            certificates.variant_status[case, number],
+            certificates.variant_iterations[case, number],
+            certificates.variant_effort[case, number] / certificates.variant_effort[case, exact] - 1.0,
+        )
+        for case in range(len(certificates.weight))
+        for number, variant in enumerate(certificates.variant)
+    ]
+    change = Column("", "+.1e", f"relative, from that of {EXACT} ones")
+    return table(rows, {"weight": WEIGHT, "derivatives": Column(), **SOLVER, "change of J0": change})
+
+
+def linearity(certificates: Certificates):
+    """Flown over linear final errors for radius errors of several sizes."""
+    flown = np.linalg.norm(certificates.flown_error, axis=-1)
+    ratio = flown / np.linalg.norm(certificates.linear_error, axis=-1)
+    rows = [
+        (certificates.weight[case], size, ratio[case, number])
+        for case in range(len(certificates.weight))
+        for number, size in enumerate(certificates.radius_error)
+    ]
+    columns = {
+        "radius error at entry": Column("m", "+g"),
+        "flown over linear": Column("", ".5f", "of norms"),
+    }
+    return table(rows, {"weight": WEIGHT, **columns})
 
 
 # ---- other solutions -------------------------------------------------------------------------------------------------
@@ -485,236 +538,273 @@ def identities(certificates: Certificates):
 
 def local_minima(simulation: Simulation, branches: Branches):
     """Local minima of the problem without weight, by control energy, and how they were found."""
-    found = branches
-    rows = [
-        (
-            "solution",
-            "J0 (deg^2/s^3)",
-            "cumulative bank rate (deg/s)",
-            "fuel (kg)",
-            "final time (s)",
-            "bank reversals",
-            "full rolls",
-            f"final position error for {simulation.tabulated_error:+g} m of radius (m)",
-            "its altitude, crossrange, downrange (m)",
-            f"random starts that led there, of {found.starts}",
-            "bank angle's largest change when shaken and solved again (deg)",
-        )
-    ]
-    for number, name in enumerate(found.name):
-        rows.append(
-            (
-                f"{name} (the nominal)" if number == found.nominal else str(name),
-                _number(found.effort[number], ".4f"),
-                _number(found.cumulative[number] / DEGREE, ".3f"),
-                _number(found.propellant[number], ".4f"),
-                _number(found.final_time[number], ".2f"),
-                f"{found.reversals[number]}",
-                f"{found.rolls[number]}",
-                _number(np.linalg.norm(found.error[number]), ".1f"),
-                _list(found.error[number], ".1f"),
-                f"{found.found[number]}",
-                _number(found.returned[number] / DEGREE, ".1e"),
-            )
-        )
-    rows.append(("starts that led to none", *[""] * 8, f"{found.failed_starts}", ""))
-    return rows
+    study, solutions = branches, len(branches.name)
+    at_entry = f"for {simulation.tabulated_error:+g} m of radius at entry"
+    return _columns(
+        {
+            "solution": (study.name, Column()),
+            "nominal": (np.arange(solutions) == study.nominal, Column()),
+            "J0": (study.effort, EFFORT),
+            "cumulative bank rate": (study.cumulative / DEGREE, Column("deg/s", ".3f", CUMULATIVE.meaning)),
+            "fuel": (study.propellant, FUEL),
+            "final time": (study.final_time, Column("s", ".2f")),
+            "bank reversals": (study.reversals, REVERSALS),
+            "full rolls": (study.rolls, Column()),
+            "final position error": (np.linalg.norm(study.error, axis=1), Column("m", ".1f", at_entry)),
+            **{f"its {name}": (study.error[:, k], Column("m", "z.1f")) for k, name in enumerate(ERRORS)},
+            "starts that led there": (study.found, Column(meaning="of the random ones")),
+            "random starts": ([study.starts] * solutions, Column(meaning="of the whole study")),
+            "random starts that failed": (
+                [study.failed_starts] * solutions,
+                Column(meaning="that led to none of the solutions"),
+            ),
+            "change when shaken": (
+                study.returned / DEGREE,
+                Column("deg", ".1e", "largest of the bank angle when shaken and solved again"),
+            ),
+        }
+    )
 
 
 def bank_conditions(mission: Mission, published, branches: Branches):
     """Every choice of conditions on the bank, solved from the nominal; first what meets the first row best."""
-    found, (effort, cumulative) = branches, published["tab03_c0"].printed[:2]
+    effort, cumulative = published["tab03_c0"].printed[:2]
     values = mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate
-    rows = [
-        (
-            "initial bank angle (deg)",
-            "initial bank rate (deg/s)",
-            "final bank angle (deg)",
-            "final bank rate (deg/s)",
-            "J0 (deg^2/s^3)",
-            "over the printed",
-            "cumulative bank rate (deg/s)",
-            "over the printed (cumulative)",
-            "distance from both (%)",
-            "bank reversals",
-            "used here",
-            "solver",
-        )
-    ]
     own = np.array([value is not None for value in values])
-    ratios = np.column_stack([found.set_effort / effort, found.set_cumulative / DEGREE / cumulative])
-    distance = np.linalg.norm(ratios - 1.0, axis=1)
+    ratios = np.column_stack([branches.set_effort / effort, branches.set_cumulative / DEGREE / cumulative])
+    distance, rows = np.linalg.norm(ratios - 1.0, axis=1), []
     for number in np.argsort(distance):  # NaN last
-        fixed = found.set_fixed[number]
+        fixed = branches.set_fixed[number]
         rows.append(
             (
-                *(
-                    f"{(value or 0.0) / DEGREE:g}" if held else "free"
-                    for value, held in zip(values, fixed, strict=True)
-                ),
-                _number(found.set_effort[number], ".4f"),
-                _number(ratios[number, 0], ".4f"),
-                _number(found.set_cumulative[number] / DEGREE, ".4f"),
-                _number(ratios[number, 1], ".4f"),
-                _number(100.0 * distance[number], ".2f"),
-                f"{found.set_reversals[number]}" if np.isfinite(distance[number]) else NO_VALUE,
-                "yes" if np.array_equal(fixed, own) else "",
-                str(found.set_status[number]),
+                *((value or 0.0) / DEGREE if held else None for value, held in zip(values, fixed, strict=True)),
+                branches.set_effort[number],
+                ratios[number, 0],
+                branches.set_cumulative[number] / DEGREE,
+                ratios[number, 1],
+                100.0 * distance[number],
+                branches.set_reversals[number] if np.isfinite(distance[number]) else None,
+                np.array_equal(fixed, own),
+                branches.set_status[number],
             )
         )
-    return rows
+    return table(
+        rows,
+        {
+            "initial bank angle": Column("deg", "g", "empty: free"),
+            "initial bank rate": Column("deg/s", "g", "empty: free"),
+            "final bank angle": Column("deg", "g", "empty: free"),
+            "final bank rate": Column("deg/s", "g", "empty: free"),
+            "J0": EFFORT,
+            "J0 over the paper's": Column("", ".4f"),
+            "cumulative bank rate": CUMULATIVE,
+            "cumulative bank rate over the paper's": Column("", ".4f"),
+            "distance": Column("%", ".2f", "of both ratios from one"),
+            "bank reversals": REVERSALS,
+            "used here": Column(),
+            "solver": STATUS,
+        },
+    )
 
 
 def fold(tradeoff: Tradeoff, branches: Branches):
     """The nominal's branch at given final errors, through its fold, and where the path over the weight leaves it."""
-    found = branches
+    beyond = branches.curve_error < branches.fold_error  # nowhere, if there is none
     rows = [
-        (
-            "point",
-            "final position error (m)",
-            "least J0 (deg^2/s^3)",
-            "weight of which it is stationary (deg^2/s^3)",
-            "bank angle at deployment (deg)",
-        )
-    ]
-    beyond = found.curve_error < found.fold_error  # nowhere, if there is none
-    for number, error in enumerate(found.curve_error):
-        rows.append(
-            (
-                "beyond the fold" if beyond[number] else "on the branch",
-                _number(error, ".2f"),
-                _number(found.curve_effort[number], ".6f"),
-                _number(found.curve_weight[number], ".7f"),
-                _number(found.curve_final_bank[number] / DEGREE, ".2f"),
+        ("beyond the fold" if beyond[number] else "on the branch", *point)
+        for number, point in enumerate(
+            zip(
+                branches.curve_error,
+                branches.curve_effort,
+                branches.curve_weight,
+                branches.curve_final_bank / DEGREE,
+                strict=True,
             )
         )
-    top = _number(found.fold_error, ".2f"), NO_VALUE, _number(found.fold_weight, ".7f"), NO_VALUE
-    rows.insert(
-        1 + np.count_nonzero(~beyond), ("fold, largest weight" if np.isfinite(found.fold_weight) else "no fold", *top)
-    )
+    ]
+    if np.isfinite(branches.fold_weight):
+        top = ("fold, largest weight", branches.fold_error, None, branches.fold_weight, None)
+        rows.insert(np.count_nonzero(~beyond), top)
     for ends in zip(tradeoff.fold_error, tradeoff.fold_effort, tradeoff.fold_weight, strict=True):
         for side, name in enumerate(("last before it leaves a branch", "first on the next branch")):
-            error, effort, weight = (values[side] for values in ends)
-            cells = _number(error, ".2f"), _number(effort, ".6f"), _number(weight, ".7f"), NO_VALUE
-            rows.append((f"path over the weight: {name}", *cells))
-    return rows
+            rows.append((f"path over the weight: {name}", *(values[side] for values in ends), None))
+    return table(
+        rows,
+        {
+            "point": Column(),
+            "final position error": Column("m", ".2f"),
+            "least J0": Column("deg^2/s^3", ".6f", "at this error"),
+            "weight": Column("deg^2/s^3", ".7f", "of which the point is stationary"),
+            "bank angle at deployment": Column("deg", ".2f"),
+        },
+    )
 
 
 def dominance(branches: Branches):
     """Rows of Table 3 against the least control energy found on any branch at no larger error."""
-    found = branches
-    rows = [
-        (
-            "c1",
-            "final position error (m)",
-            "J0 of the row (deg^2/s^3)",
-            "least J0 found at no larger error (deg^2/s^3)",
-            "over the row's",
-            "on the branch that begins at",
-        )
-    ]
-    for number, weight in enumerate(found.row_weight):
-        solution = found.least_solution[number]
-        start = f"{found.name[solution]}, J0 {found.effort[solution]:.4g}" if solution >= 0 else "the row itself"
-        rows.append(
-            (
-                _weight_name(weight),
-                _number(found.row_error[number], ".1f"),
-                _number(found.row_effort[number], ".4f"),
-                _number(found.least_effort[number], ".4f"),
-                _ratio(found.least_effort[number], found.row_effort[number]),
-                start,
-            )
-        )
-    return rows
+    rows = []
+    for number, weight in enumerate(branches.row_weight):
+        solution, least = branches.least_solution[number], branches.least_effort[number]
+        start = (branches.name[solution], branches.effort[solution]) if solution >= 0 else (None, None)
+        row_effort = branches.row_effort[number]
+        rows.append((weight, branches.row_error[number], row_effort, least, _ratio(least, row_effort), *start))
+    return table(
+        rows,
+        {
+            "c1": C1,
+            "final position error": Column("m", ".1f"),
+            "J0 of the row": EFFORT,
+            "least J0": Column("deg^2/s^3", ".4f", "on any branch at no larger error"),
+            "least over the row's": Column("", ".4f"),
+            "branch begins at": Column(meaning="the solution where that branch begins; empty: the row has the least"),
+            "J0 there": EFFORT,
+        },
+    )
 
 
 def least_fuel(minimum_fuel: MinimumFuel):
     """Least control energy and least fuel under each bound of the bank acceleration, and how the thrust is spread."""
-    found, least = minimum_fuel, SOLUTIONS.index("least fuel")
-    rows = [
-        (
-            "solution",
-            "bound of the bank acceleration (deg/s^2)",
-            "J0 (deg^2/s^3)",
-            "cumulative bank rate (deg/s)",
-            "over the least",
-            "fuel (kg)",
-            "final time (s)",
-            "bank reversals",
-            "intervals without thrust (%)",
-            "intervals at the bound (%)",
-            "bursts of thrust",
-            "contradiction of thrust and switching function",
-            "nominal's branch ends at a share of the fuel in the cost of",
-            "solver",
-        )
-    ]
+    study, least = minimum_fuel, SOLUTIONS.index("least fuel")
+    bound, solution = np.indices(study.status.shape).reshape(2, -1)
 
-    def count(number):
-        return f"{number}" if number >= 0 else NO_VALUE
+    def counts(values):
+        return [number if number >= 0 else None for number in values.ravel()]
 
-    for case in np.ndindex(found.status.shape):
-        bound, solution = case
-        of_fuel = solution == least
-        rows.append(
-            (
-                str(found.solution[solution]),
-                f"{found.bound[bound] / DEGREE:g}",
-                _number(found.effort[case], ".4f"),
-                _number(found.cumulative[case] / DEGREE, ".4f"),
-                _ratio(found.cumulative[case], found.cumulative[bound, least]),
-                _number(found.propellant[case], ".4f"),
-                _number(found.time[case][-1], ".2f"),
-                count(found.reversals[case]),
-                _number(100.0 * found.coasting[case], ".1f"),
-                _number(100.0 * found.at_bound[case], ".1f"),
-                count(found.bursts[case]),
-                _number(found.switching_violation[bound], ".1e") if of_fuel else "",
-                _number(found.branch_share[bound], ".4g") if of_fuel else "",
-                str(found.status[case]),
-            )
-        )
-    return rows
+    def of_least_fuel(values):
+        return np.where(solution == least, values[bound], np.nan)
+
+    return _columns(
+        {
+            "solution": (study.solution[solution], Column()),
+            "bound of the bank acceleration": (study.bound[bound] / DEGREE, Column("deg/s^2", "g")),
+            "J0": (study.effort.ravel(), EFFORT),
+            "cumulative bank rate": (study.cumulative.ravel() / DEGREE, CUMULATIVE),
+            "cumulative bank rate over the least": (
+                (study.cumulative / study.cumulative[:, [least]]).ravel(),
+                Column("", ".4f", "under this bound"),
+            ),
+            "fuel": (study.propellant.ravel(), FUEL),
+            "final time": (study.time[..., -1].ravel(), Column("s", ".2f")),
+            "bank reversals": (counts(study.reversals), REVERSALS),
+            "intervals without thrust": (100.0 * study.coasting.ravel(), Column("%", ".1f")),
+            "intervals at the bound": (100.0 * study.at_bound.ravel(), Column("%", ".1f")),
+            "bursts of thrust": (counts(study.bursts), Column()),
+            "contradiction": (
+                of_least_fuel(study.switching_violation),
+                Column("", ".1e", "of thrust and switching function, least fuel"),
+            ),
+            "branch ends at": (
+                of_least_fuel(study.branch_share),
+                Column("", ".4g", "share of the fuel in the cost where the nominal's branch ends"),
+            ),
+            "solver": (study.status.ravel(), STATUS),
+        }
+    )
 
 
 # ---- further perturbations -------------------------------------------------------------------------------------------
 
 
-def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
-    """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
-    found = further_perturbations
-    names = [_size_and_name(*pair) for pair in zip(found.perturbation, found.size, strict=True)]
+def infinite_weight(tradeoff: Tradeoff, larger_weights: LargerWeights):
+    """What an infinite weight costs: the last rows of Table 3, and their continuation to larger weights."""
+    study = larger_weights
     rows = [
         (
-            "sensitivity weighed",
-            "weight (deg^2/s^3)",
-            "J0 (deg^2/s^3)",
-            "fuel (kg)",
-            "branch begins with",
-            *(f"{name}: final error {how} (m)" for name in names for how in ("by the sensitivity", "flown, + / -")),
+            tradeoff.weight[number],
+            "a row of Table 3",
+            _c1(tradeoff.printed_weight[number]),
+            *_row_numbers(tradeoff, number),
+            None,
+            None,
+            tradeoff.reversals[number],
+            tradeoff.status[number],
+            tradeoff.iterations[number],
         )
+        for number in range(last_finite_row(tradeoff), len(tradeoff.weight))
+        if tradeoff.weight[number] < study.weight[0]
     ]
+    rows += [
+        (
+            weight,
+            "the continuation" if number else "the last row of Table 3",
+            None if number else np.inf,
+            study.effort[number],
+            study.cumulative[number] / DEGREE,
+            study.propellant[number],
+            np.linalg.norm(study.error[number]),
+            100.0 * study.at_bound[number],
+            100.0 * study.thin_air_share[number],
+            study.reversals[number],
+            study.status[number],
+            study.iterations[number],
+        )
+        for number, weight in enumerate(study.weight)
+    ]
+    return table(
+        rows,
+        {
+            "weight": WEIGHT,
+            "from": Column(meaning=f"the continuation ends {study.ended}"),
+            "c1": Column("", "g", "of the row of Table 3"),
+            **COSTS,
+            "final position error": Column("m", ".1f"),
+            "at the bound": Column("%", ".0f", "intervals with the largest bank acceleration"),
+            "in thin air": Column("%", ".1f", "share of the cumulative bank rate"),
+            "bank reversals": REVERSALS,
+            **SOLVER,
+        },
+    )
 
-    def row(name, weight, effort, fuel, branch, linear, flown):
-        cells = []
-        for one, (plus, minus) in zip(np.linalg.norm(linear, axis=-1), np.linalg.norm(flown, axis=-1), strict=True):
-            cells += [_number(one, ".1f"), f"{_number(plus, '.1f')} / {_number(minus, '.1f')}"]
-        return (name, f"{weight:.4g}", _number(effort, ".4f"), _number(fuel, ".4f"), str(branch), *cells)
 
-    for number, weight in enumerate(found.row_weight):
-        name = f"radius: c1 = {_weight_name(tradeoff.printed_weight[number])}"
-        branch = tradeoff.branch[tradeoff.row_branch[number]]
-        cost = tradeoff.effort[number], tradeoff.propellant[number]
-        rows.append(row(name, weight, *cost, branch, found.row_linear_error[number], found.row_flown_error[number]))
-    for number, weight in enumerate(found.design_weight):
-        if weight > 0.0:  # without weight it is the nominal again
-            branch = found.branch[found.design_branch[number]]
-            cost = found.design_effort[number], found.design_propellant[number]
-            errors = found.design_linear_error[number], found.design_flown_error[number]
-            rows.append(row("density", weight, *cost, branch, *errors))
-    rows.append((f"density: the path ends {found.path_end}", *[""] * (len(rows[0]) - 1)))
-    return rows
+def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPerturbations):
+    """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
+    study = further_perturbations
+
+    def norms(linear, flown):
+        """By perturbation: by the sensitivity, flown either way."""
+        return np.column_stack([np.linalg.norm(linear, axis=-1), np.linalg.norm(flown, axis=-1)]).ravel()
+
+    rows = [
+        (
+            "radius",
+            _c1(tradeoff.printed_weight[number]),
+            weight,
+            tradeoff.effort[number],
+            tradeoff.propellant[number],
+            tradeoff.branch[tradeoff.row_branch[number]],
+            *norms(study.row_linear_error[number], study.row_flown_error[number]),
+        )
+        for number, weight in enumerate(study.row_weight)
+    ]
+    rows += [
+        (
+            "density",
+            None,
+            weight,
+            study.design_effort[number],
+            study.design_propellant[number],
+            study.branch[study.design_branch[number]],
+            *norms(study.design_linear_error[number], study.design_flown_error[number]),
+        )
+        for number, weight in enumerate(study.design_weight)
+        if weight > 0.0  # without weight it is the nominal again
+    ]
+    columns = {
+        "sensitivity to": Column(meaning=f"what is weighed; the path over the weight on density ends {study.path_end}"),
+        "c1": Column("", "g", "of the row of Table 3"),
+        "weight": WEIGHT,
+        "J0": EFFORT,
+        "fuel": FUEL,
+        "branch begins with": BRANCH,
+    }
+    for perturbation, size in zip(study.perturbation, study.size, strict=True):
+        name = _size_and_name(perturbation, size)
+        columns |= {
+            f"{name}: linear": Column("m", ".1f", "final error by the sensitivity"),
+            f"{name}: flown": Column("m", ".1f", "final error"),
+            f"{name}: flown, minus": Column("m", ".1f", "final error for the perturbation with the other sign"),
+        }
+    return table(rows, columns)
 
 
 def _size_and_name(perturbation, size):
@@ -726,169 +816,174 @@ def _size_and_name(perturbation, size):
 
 def density_feedback(further_perturbations: FurtherPerturbations):
     """Feedback on the nominal against density errors: gains, and final errors of density and radius, flown."""
-    found = further_perturbations
-    known = dict(zip(found.perturbation, found.size, strict=True))
-    rows = [
-        (
-            "feedback",
-            GAINS_HEAD,
-            "converged",
-            "how the search ended",
-            *(f"{_size_and_name(name, known[name])}: by the sensitivity (m)" for name in ("density", "radius")),
-            *(f"density {100 * error:+g} %: flown (m)" for error in found.density_error),
-            *(f"radius {error:+g} m: flown (m)" for error in found.radius_error),
-        )
-    ]
-    for number, law in enumerate(found.law):
-        errors = (found.law_linear_error, found.density_flown_error, found.radius_flown_error)
-        norms = np.concatenate([np.linalg.norm(values[number], axis=-1) for values in errors])
-        rows.append(
-            (
-                str(law),
-                _list(found.scaled_gain[number], ".4f") if found.scaled_gain[number].any() else "none",
-                "yes" if found.converged[number] else "no",
-                str(found.ended[number]),
-                *(_number(value, ".1f") for value in norms),
-            )
-        )
-    return rows
+    study = further_perturbations
+    known = dict(zip(study.perturbation, study.size, strict=True))
+    names = [f"{_size_and_name(name, known[name])}: linear" for name in ("density", "radius")]
+    names += [f"density {100 * error:+g} %: flown" for error in study.density_error]
+    names += [f"radius {error:+g} m: flown" for error in study.radius_error]
+    errors = np.concatenate([study.law_linear_error, study.density_flown_error, study.radius_flown_error], axis=1)
+    norms = np.linalg.norm(errors, axis=-1)
+    return _columns(
+        {
+            "feedback": (study.law, Column()),
+            **_gain_columns(study.scaled_gain),
+            "converged": (study.converged, Column()),
+            "how the search ended": (study.ended, Column()),
+            **{name: (norms[:, k], FINAL_ERROR) for k, name in enumerate(names)},
+        }
+    )
 
 
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the tables over all readings are made from."""
+
+    tradeoff: Tradeoff
+    gains: Gains
+    responses: Responses
+    entry_errors: FlightEnsemble
+
+
 def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
     """What each reading gives.
 
-    readings: inputs and `Records` by reading. published: claims by id. Returns rows of text.
+    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
     """
     rows = [
         (
-            "reading",
-            "inputs that differ from corrected (SI)",
-            "no DOC: J0 (deg^2/s^3)",
-            "cumulative bank rate (deg/s)",
-            "fuel (kg)",
-            "final position error (m)",
-            "bank reversals",
-            "largest finite c1: weight (deg^2/s^3)",
-            "its final position error (m)",
-            "largest reduction (%)",
-            *(f"{channel}: error at entry, final without and with feedback (m)" for channel in CHANNELS),
-            "gains that did not converge",
-            "trials lost, by law",
-            "trials",
-        ),
-        (
             PAPER,
-            "",
-            *map(_printed, published["tab03_c0"].printed),
-            f"{published['nodoc_two_reversals'].printed}",
-            f"c1 = {max(c1 for c1 in published['c1_values'].printed if np.isfinite(c1)):g}",
-            f"{published['tab03_c1'].printed[-1]:g}",
-            f"{published['max_reduction_percent'].printed:g}",
-            *[""] * (len(CHANNELS) + 3),
-        ),
+            None,
+            *published["tab03_c0"].printed,
+            published["nodoc_two_reversals"].printed,
+            max(c1 for c1 in published["c1_values"].printed if np.isfinite(c1)),
+            None,
+            published["tab03_c1"].printed[-1],
+            published["max_reduction_percent"].printed,
+            *[None] * (3 * len(CHANNELS) + 1 + len(LAWS) + 1),
+        )
     ]
     default = readings["corrected"][0]
     for name, (inputs, records) in readings.items():
-        tradeoff, gains, responses, ensemble = (
+        tradeoff, gains, responses, flights = (
             *(records.tradeoff, records.gains),
             *(records.responses, records.entry_errors),
         )
         errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
         laws, flown = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
-        against = (
+        against = [
             (responses.drawn_error[k], flown[laws.index(NO_DOC), k], flown[laws.index(channel), k])
             for k, channel in enumerate(CHANNELS)
-        )
-        lost = np.count_nonzero(ensemble.outcome != COMPLETED, axis=1)
+        ]
+        lost = dict(zip(flights.law, np.count_nonzero(flights.outcome != COMPLETED, axis=1), strict=True))
         rows.append(
             (
                 name,
                 _differences(inputs, default),
-                *_row_cells(_row_numbers(tradeoff, 0)),
-                f"{tradeoff.reversals[0]}",
-                f"{tradeoff.weight[row]:.4g}",
-                _number(errors[row], ".1f"),
-                _number(100.0 * (1.0 - errors.min() / errors[0]), ".1f"),
-                *(
-                    ", ".join((f"{size:g}", _number(without, ".1f"), _number(fed, ".1f")))
-                    for size, without, fed in against
-                ),
-                ", ".join(LAW_NAMES[str(law)] for law in gains.law[~gains.converged]) or "none",
-                ", ".join(f"{number:,}" for number in lost),
-                f"{ensemble.outcome.shape[1]:,}",
+                *_row_numbers(tradeoff, 0),
+                tradeoff.reversals[0],
+                tradeoff.printed_weight[row],
+                tradeoff.weight[row],
+                errors[row],
+                100.0 * (1.0 - errors.min() / errors[0]),
+                *np.ravel(against),
+                ", ".join(LAW_NAMES[str(law)] for law in gains.law[~gains.converged]),
+                *(lost[law] for law in LAWS),
+                flights.outcome.shape[1],
             )
         )
-    return rows
+    columns = {
+        "reading": Column(),
+        "inputs that differ": Column(meaning="from those of corrected (SI)"),
+        "J0": Column("deg^2/s^3", ".4f", "of the nominal"),
+        "cumulative bank rate": CUMULATIVE,
+        "fuel": Column("kg", ".3f", FUEL.meaning),
+        "final position error": Column("m", ".1f", "of the nominal"),
+        "bank reversals": REVERSALS,
+        "largest finite c1": C1,
+        "its weight": Column("deg^2/s^3", ".4g"),
+        "its final position error": Column("m", ".1f"),
+        "largest reduction": Column("%", ".1f", "of the final position error in Table 3"),
+    }
+    for channel in CHANNELS:
+        columns |= {
+            f"{channel} at entry": Column("m", "g", "error that is flown"),
+            f"{channel}: no feedback": Column("m", ".5g", "final position error"),
+            f"{channel}: feedback": Column("m", ".5g", "final position error"),
+        }
+    columns |= {"gains that did not converge": Column()}
+    columns |= {f"lost trials: {LAW_NAMES[law]}": Column() for law in LAWS}
+    return table(rows, {**columns, "trials": Column()})
 
 
 def _differences(of_reading: DesensitizedInputs, default: DesensitizedInputs):
     """Inputs that differ from the default reading's, with their values where these are short."""
-    told = []
+    differences = []
     for name, path in sorted((path.partition(".")[2], path) for path in of_reading.names()):
         value = of_reading.get(path)
         if name in _SIZES or np.array_equal(value, default.get(path)):
             continue
         if isinstance(value, np.ndarray):
-            told.append(name)
+            differences.append(name)
         else:
-            told.append(f"{name} {'free' if value is None else value if isinstance(value, str) else f'{value:.6g}'}")
-    return ", ".join(told)
+            shown = "free" if value is None else value if isinstance(value, str) else f"{value:.6g}"
+            differences.append(f"{name} {shown}")
+    return ", ".join(differences)
 
 
 def weights(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
     """Table 3 of all readings, row by row: by the printed weights, and at the printed control energies.
 
-    Readings share a line where they have the same row. readings: inputs and `Records` by reading. published: claims by
-    id. Returns rows of text.
+    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
     """
-    rows = [
-        (
-            "c1",
-            "reading",
-            "row taken",
-            "norm of the sensitivity: columns, length that counts as a radian",
-            "weight (deg^2/s^3)",
-            "weight over c1",
-            "J0 (deg^2/s^3)",
-            "cumulative bank rate (deg/s)",
-            "fuel (kg)",
-            "final position error (m)",
-            "branch begins with",
-            "bank reversals",
-        )
-    ]
     printed = printed_rows(published)
-    found = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
+    proportional_first = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
     wanted = {_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
+    rows = []
     for c1 in sorted(wanted | set(printed)):
-        lines = {}
-        for name, (inputs, records) in found:
-            tradeoff = records.tradeoff
+        if c1 in printed:
+            rows.append((c1, PAPER, *[None] * 5, *printed[c1], None, None))
+        for name, (inputs, records) in proportional_first:
+            tradeoff, design = records.tradeoff, inputs.design
             for number in (k for k, value in enumerate(tradeoff.printed_weight) if _c1(value) == c1):
-                cells = _weight_cells(inputs.design, tradeoff, number, c1)
-                lines.setdefault(cells, []).append(name)
-        rows.append((_weight_name(c1), PAPER, *[""] * 4, *map(_printed, _paper_row(printed, c1)), "", ""))
-        rows += [(_weight_name(c1), ", ".join(names), *cells) for cells, names in lines.items()]
-    return rows
-
-
-def _weight_cells(design: Design, tradeoff, number, c1):
-    """A reading's row of Table 3 as `weights` shows it."""
-    weight, rule, over = tradeoff.weight[number], "", ""
-    if 0.0 < c1 < np.inf:
-        proportional = design.weight_rule == "proportional"
-        rule = f"c = {design.weight_factor:g} c1" if proportional else "at the printed J0"
-        over = f"{weight / c1:.4g}"
-    columns = "all" if design.sensitivity_columns == "all" else "radius"
-    return (
-        rule,
-        f"{columns}, {design.sensitivity_length / KILOMETRE:g} km" if weight else "",
-        f"{weight:.5g}",
-        over,
-        *_row_cells(_row_numbers(tradeoff, number)),
-        str(tradeoff.branch[tradeoff.row_branch[number]]),
-        f"{tradeoff.reversals[number]}",
+                weight = tradeoff.weight[number]
+                finite = 0.0 < c1 < np.inf
+                rows.append(
+                    (
+                        c1,
+                        name,
+                        _rule(design, printed, tradeoff.printed_weight[number]) if finite else None,
+                        ("all" if design.sensitivity_columns == "all" else "radius") if weight else None,
+                        design.sensitivity_length / KM if weight else None,
+                        weight,
+                        weight / c1 if finite else None,
+                        *_row_numbers(tradeoff, number),
+                        tradeoff.branch[tradeoff.row_branch[number]],
+                        tradeoff.reversals[number],
+                    )
+                )
+    return table(
+        rows,
+        {
+            "c1": C1,
+            "reading": Column(),
+            "row taken": Column(),
+            "columns": Column(meaning="of the sensitivity, in its norm"),
+            "length": Column("km", "g", "that counts as a radian in the norm"),
+            "weight": WEIGHT,
+            "weight over c1": Column("deg^2/s^3", ".4g"),
+            **COSTS,
+            "final position error": Column("m", ".1f"),
+            "branch begins with": BRANCH,
+            "bank reversals": REVERSALS,
+        },
     )
+
+
+def _rule(design: Design, printed, printed_weight):
+    """By what a row of a finite weight is taken, in words."""
+    if design.weight_rule == "proportional":
+        return f"c = {design.weight_factor:g} c1"
+    return "at the printed J0" if _is_papers(design, printed, printed_weight) else "at its own J0"

@@ -67,7 +67,11 @@ def compute(
     setup = Setup(planet, vehicle, mission, solver, design)
     extended, transcribed = prepared(setup)
     first = entry_problem.solve(
-        solver, "no weight", transcribed, extended.guess(as_guess(nominal), entry_problem.given()), barrier=WARM
+        solver,
+        "no weight",
+        transcribed,
+        extended.guess(as_guess(nominal), entry_problem.given(), solver.scheme),
+        barrier=WARM,
     )
     wanted = {*design.weight_path, *design.infinite_weights}
     if design.weight_rule == "proportional":
@@ -209,7 +213,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
     """Path, folds and rows as an artifact."""
     planet, design = setup.planet, setup.design
     path = [point.solution for point in points]
-    found = [row.solution for row in rows]
+    solutions = [row.solution for row in rows]
 
     def bank(solution):
         return solution.states[:, BANK]
@@ -237,22 +241,22 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
         printed_weight=np.array([0.0, *design.printed_weights, *np.full(len(design.infinite_weights), np.nan)]),
-        weight=np.array([s.given["weight"] for s in found]),
-        time=np.array([s.time for s in found]),
-        state=np.array([s.states[:, :size] for s in found]),
-        bank_acceleration=np.array([s.controls[:, 0] for s in found]),
-        column=np.array([extended.columns(s)[:, :, 0] for s in found]),
-        effort=np.array([effort(s) for s in found]),
-        cumulative=np.array([cumulative(s) for s in found]),
-        propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in found]),
-        error=np.array([errors(s) for s in found]),
-        norm=np.array([norm(planet, design, extended, s) for s in found]),
-        reversals=np.array([entry_problem.reversals(bank(s)) for s in found]),
+        weight=np.array([s.given["weight"] for s in solutions]),
+        time=np.array([s.time for s in solutions]),
+        state=np.array([s.states[:, :size] for s in solutions]),
+        bank_acceleration=np.array([s.controls[:, 0] for s in solutions]),
+        column=np.array([extended.columns(s)[:, :, 0] for s in solutions]),
+        effort=np.array([effort(s) for s in solutions]),
+        cumulative=np.array([cumulative(s) for s in solutions]),
+        propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in solutions]),
+        error=np.array([errors(s) for s in solutions]),
+        norm=np.array([norm(planet, design, extended, s) for s in solutions]),
+        reversals=np.array([entry_problem.reversals(bank(s)) for s in solutions]),
         row_branch=np.array([row.branch for row in rows]),
-        largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in found]),
-        largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in found]),
-        miss=np.array([entry_problem.miss(planet, setup.mission, resimulate(s)[-1]) for s in found]),
-        status=np.array([s.status for s in found]),
-        iterations=np.array([s.iterations for s in found]),
+        largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),
+        largest_bank_acceleration=np.array([np.abs(s.controls).max() for s in solutions]),
+        miss=np.array([entry_problem.miss(planet, setup.mission, resimulate(s)[-1]) for s in solutions]),
+        status=np.array([s.status for s in solutions]),
+        iterations=np.array([s.iterations for s in solutions]),
         solves=len(points) + len(rows),
     )

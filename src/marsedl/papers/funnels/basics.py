@@ -4,12 +4,10 @@ import numpy as np
 
 from marsedl.methods.sos.variety import Spheres
 from marsedl.papers.funnels.environment import DISTURBANCES, STATES
+from marsedl.replication.units import KM
 
-KILOMETRE = 1e3  # m
-DEGREE = np.pi / 180.0  # rad
-WATT_PER_CM2 = 1e4  # W/m^2
 # Units of the states in which conditions are stated beside those in scales of the regulator: km and km/s.
-STATES_IN_KILOMETRES = np.array([KILOMETRE, 1.0, 1.0, KILOMETRE, 1.0, 1.0])
+STATES_IN_KILOMETRES = np.array([KM, 1.0, 1.0, KM, 1.0, 1.0])
 
 CONDITIONS = ("flow", "euler")  # what a stage bounds: the integrated motion, or the Euler step of Eq. 22
 COMPLETE = "complete"  # outcome of a funnel that exists to the end
@@ -18,12 +16,6 @@ LEVEL, HEAT_RATE = OBSERVED.index("level"), OBSERVED.index("heat_rate")
 BASIS_DEGREE = 2  # of the sums of squares: for the entry 43 polynomials, 406 samples
 SLICE = Spheres((len(STATES),))
 SPHERES = Spheres((len(STATES), DISTURBANCES))  # slice and boundary of the disturbances
-
-
-def finite(values):
-    """NaN in place of infinities, which artifacts cannot hold."""
-    values = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(values), values, np.nan)[()]
 
 
 def half_widths(ellipsoids):

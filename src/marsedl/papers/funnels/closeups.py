@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from marsedl.papers.funnels.records import Dubins, FlightEnsemble
+from marsedl.papers.funnels.records import CAR_STATE, Dubins, FlightEnsemble
 from marsedl.replication.closeups import CloseUp, rounded
+from marsedl.replication.units import DEGREE
 
 MOST_FLIGHTS = 30  # each drawn at every so many of its steps:
 FLIGHT_STEP = 4
@@ -13,18 +14,18 @@ FLIGHT_STEP = 4
 
 def funnel(dubins: Dubins, dubins_calm: FlightEnsemble, dubins_wind: FlightEnsemble) -> CloseUp:
     """Slices of both funnels of the Dubins car, with flights inside."""
-    unit = np.array([1.0, 1.0, math.pi / 180.0])
-    path, known = dubins.state[::2], list(dubins.funnel)
+    scale = np.array([DEGREE if CAR_STATE.units[name] == "rad" else 1.0 for name in CAR_STATE.names])
+    path, funnels = dubins.state[::2], list(dubins.funnel)
     cases = []
-    for flights, which, name in ((dubins_calm, "flow", "without wind"), (dubins_wind, "wind", "in wind")):
-        level = dubins.level[known.index(which)]
+    for flights, base, title in ((dubins_calm, "flow", "without wind"), (dubins_wind, "wind", "in wind")):
+        level = dubins.level[funnels.index(base)]
         # {1/2 x'P x <= level} is the image of the unit ball under this matrix
         half_axes = [
-            math.sqrt(2.0 * rho) * np.linalg.inv(np.linalg.cholesky(dubins.shape[step])).T / unit[:, np.newaxis]
+            math.sqrt(2.0 * rho) * np.linalg.inv(np.linalg.cholesky(dubins.shape[step])).T / scale[:, np.newaxis]
             for rho, step in zip(level, dubins.slice_step, strict=True)
         ]
-        flown = (path + flights.kept_history[:MOST_FLIGHTS])[:, ::FLIGHT_STEP] / unit
-        cases.append({"name": name, "half_axes": rounded(np.array(half_axes)), "flights": rounded(flown)})
+        kept = (path + flights.kept_history[:MOST_FLIGHTS])[:, ::FLIGHT_STEP] / scale
+        cases.append({"name": title, "half_axes": rounded(np.array(half_axes)), "flights": rounded(kept)})
     return CloseUp(
         "funnel",
         "Funnel of the Dubins car",
@@ -33,9 +34,12 @@ def funnel(dubins: Dubins, dubins_calm: FlightEnsemble, dubins_wind: FlightEnsem
         " feedback. The slice under the slider is drawn strong, with its largest deviations beside it.",
         "tube",
         {
-            "axes": [{"name": "x", "unit": "m"}, {"name": "y", "unit": "m"}, {"name": "heading", "unit": "°"}],
+            "axes": [
+                {"name": CAR_STATE.label(name), "unit": "°" if unit == "rad" else unit}
+                for name, unit in CAR_STATE.units.items()
+            ],
             "time": rounded(dubins.slice_time),
-            "centre": rounded(path[dubins.slice_step] / unit),
+            "centre": rounded(path[dubins.slice_step] / scale),
             "cases": cases,
         },
     )

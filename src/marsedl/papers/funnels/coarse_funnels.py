@@ -5,10 +5,11 @@ import numpy as np
 from marsedl.methods.funnels.recursion import FunnelError, StageRule, backward
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, propagate, samples, solver, stage_at
 from marsedl.papers.funnels.records import CoarseFunnels, Discretization, Gains, Linearization
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 LOWER_ORDERS = {1: 1, 2: BASIS_DEGREE}  # than that of the inputs, each with the degree of the basis that it needs
@@ -31,29 +32,31 @@ def compute(
     air = environment.disturbed_air(planet, uncertainty)
     loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
     design = samples(recursion)
-    spacing = int(studies.backward_steps_per_slice)
+    spacing = environment.spacing_of(loop, studies.coarse_stages)
     steps = environment.slices(loop, spacing)
-    found = {"samples": by_samples(recursion, loop, gains, design, spacing, discretization)}
+    variants = {"samples": by_samples(recursion, loop, gains, design, spacing, discretization)}
     for order, degree in LOWER_ORDERS.items():
         fitting = design if degree == BASIS_DEGREE else samples(recursion, degree=degree)
-        found[f"order {order}"] = propagate(recursion, loop, gains, fitting, spacing, order=order)
-    # The studied slices are counted among those of the inputs; every other one, as the second solver is slow.
-    second_stages = np.unique((studies.studied_slices[::2].astype(int) - 1) * int(recursion.steps_per_slice) // spacing)
+        variants[f"order {order}"] = propagate(recursion, loop, gains, fitting, spacing, order=order)
+    # Every other one of the studied slices, as the second solver is slow.
+    fine = recursion.steps_per_slice
+    studied = [(environment.slice_at(loop, fine, share) - 1) * fine for share in studies.studied_slices[::2]]
+    second_stages = np.unique(np.array(studied) // spacing)
     levels, states, second = by_multipliers(recursion, loop, gains, spacing, second_stages)
-    found["multipliers"] = levels, _outcome(levels, states)
+    variants["multipliers"] = levels, _outcome(levels, states)
     back, programs, outcome = backwards(recursion, loop, gains, design, steps, studies.backward_level)
-    found["backward"] = back, outcome
-    found["returned"] = (
-        propagate(recursion, loop, gains, design, spacing, back[0]) if outcome == COMPLETE else found["backward"]
+    variants["backward"] = back, outcome
+    variants["returned"] = (
+        propagate(recursion, loop, gains, design, spacing, back[0]) if outcome == COMPLETE else variants["backward"]
     )
-    returned = found["returned"][0]
+    returned = variants["returned"][0]
     return CoarseFunnels(
         coarse_step=steps,
-        variant=np.array(list(found)),
-        variant_level=np.array([levels for levels, _ in found.values()]),
-        variant_outcome=np.array([outcome for _, outcome in found.values()]),
+        variant=np.array(list(variants)),
+        variant_level=np.array([levels for levels, _ in variants.values()]),
+        variant_outcome=np.array([outcome for _, outcome in variants.values()]),
         multiplier_status=np.array(states),
-        multiplier_difference=float(np.abs(levels / found["samples"][0] - 1.0).max()),
+        multiplier_difference=float(np.abs(levels / variants["samples"][0] - 1.0).max()),
         **second,
         backward_programs=programs,
         round_trip=float(np.abs(back / returned - 1.0).max()),
@@ -105,10 +108,10 @@ def backwards(recursion: Recursion, loop, gains: Gains, design, steps, last_leve
     try:
         with np.errstate(all="ignore"):
             rule = StageRule(solver=solver(recursion), order=int(recursion.taylor_order))
-            found = backward(loop, gains.shape[steps], steps, last_level, design, rule)
+            solution = backward(loop, gains.shape[steps], steps, last_level, design, rule)
     except FunnelError as error:
         return np.full(len(steps), np.nan), np.zeros(len(steps) - 1, dtype=int), str(error)
-    return found.rho, found.programs, COMPLETE
+    return solution.rho, solution.programs, COMPLETE
 
 
 def _outcome(levels, states):

@@ -31,7 +31,8 @@ def compute(
     air = environment.disturbed_air(planet, uncertainty)
     loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
     design = samples(recursion)
-    spacings = studies.studied_spacings.astype(int)
+    studied = (environment.spacing_of(loop, stages) for stages in studies.studied_stages)
+    spacings = np.array(sorted({*studied, int(recursion.steps_per_slice)}, reverse=True))
     # The funnel of the reading, where it is one of these.
     plain = recursion.condition == "flow" and recursion.sampling != "raw"
     plain = plain and not (recursion.inflated or uncertainty.additive)
@@ -42,27 +43,27 @@ def compute(
         for spacing in spacings
     ]
     euler = [propagate(recursion, loop, gains, design, spacing, condition="euler") for spacing in spacings]
-    found = [motion, euler]
-    count = max(len(levels) for levels, _ in found[0])
-    level = np.array([[_padded(levels, count) for levels, _ in row] for row in found])
+    funnels = [motion, euler]
+    count = max(len(levels) for levels, _ in motion)
+    level = np.array([[_padded(levels, count) for levels, _ in row] for row in funnels])
     excess = np.array(
         [
             _padded(euler_excess(recursion, loop, gains, design, spacing, levels), count - 1)
-            for spacing, (levels, _) in zip(spacings, found[0], strict=True)
+            for spacing, (levels, _) in zip(spacings, motion, strict=True)
         ]
     )
-    known = [row[np.isfinite(row)] for row in excess]
+    existing = [row[np.isfinite(row)] for row in excess]
 
     def over_stages(statistic):
-        return np.array([statistic(row) if len(row) else np.nan for row in known])
+        return np.array([statistic(row) if len(row) else np.nan for row in existing])
 
     return Discretization(
         spacing=spacings,
         condition=np.array(CONDITIONS),
         level=level,
-        outcome=np.array([[outcome for _, outcome in row] for row in found]),
-        final_level=np.array([[levels[-1] for levels, _ in row] for row in found]),
-        peak_level=np.array([[levels.max() for levels, _ in row] for row in found]),
+        outcome=np.array([[outcome for _, outcome in row] for row in funnels]),
+        final_level=np.array([[levels[-1] for levels, _ in row] for row in funnels]),
+        peak_level=np.array([[levels.max() for levels, _ in row] for row in funnels]),
         excess=excess,
         unsafe_share=over_stages(lambda row: np.mean(row < 0.0)),
         least_excess=over_stages(np.min),

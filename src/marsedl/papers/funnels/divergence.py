@@ -7,10 +7,11 @@ import numpy as np
 from marsedl.methods.funnels.monte_carlo import boundary_deviations, fly, uniform_directions
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels import gains as gains_stage
-from marsedl.papers.funnels.basics import SLICE, finite
+from marsedl.papers.funnels.basics import SLICE
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import propagate, samples
 from marsedl.papers.funnels.records import Divergence, Linearization
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 FLIGHTS = 21  # stream of random numbers, keyed by that of the design
@@ -43,23 +44,24 @@ def compute(
             for f in studies.studied_initial_factors
         ),
     ]
-    design, spacing = samples(recursion), studies.backward_steps_per_slice
+    design = samples(recursion)
     rows = []
-    for _, _, changed_air, changed_weights, changed_axes in changes:
-        close = partial(environment.closed_loop, planet, vehicle, changed_air, linearization)
-        gains = gains_stage.designed(close, linearization, changed_weights, changed_axes, recursion.shape)
+    for _, _, other_air, other_weights, other_axes in changes:
+        close = partial(environment.closed_loop, planet, vehicle, other_air, linearization)
+        gains = gains_stage.designed(close, linearization, other_weights, other_axes, recursion.shape)
         loop = close(gains.half_gain)
+        spacing = environment.spacing_of(loop, studies.coarse_stages)
         levels, outcome = propagate(recursion, loop, gains, design, spacing)
-        largest, lost = _flown(loop, gains, recursion.design_seed, int(studies.studied_trials))
+        largest, lost = _flights(loop, gains, recursion.design_seed, int(studies.studied_trials))
         rows.append((gains.initial_level, levels, outcome, largest, lost))
-    first, levels, outcome, flown, lost = (list(column) for column in zip(*rows, strict=True))
+    first, levels, outcome, largest_values, lost = (list(column) for column in zip(*rows, strict=True))
     return Divergence(
         change=np.array([name for name, *_ in changes]),
         change_factor=np.array([factor for _, factor, *_ in changes]),
         change_initial_level=np.array(first),
         change_level=np.array(levels),
         change_outcome=np.array(outcome),
-        change_flown=finite(flown),
+        change_flown=finite(largest_values),
         change_lost=np.array(lost),
     )
 
@@ -70,7 +72,7 @@ def _more_disturbed(air, factor):
     return air._replace(density_amplitude=amplitude, density_slope_amplitude=slope_amplitude)
 
 
-def _flown(loop, gains, seed, count):
+def _flights(loop, gains, seed, count):
     """Largest V of flights from the first slice, and the number of flights lost."""
     generator = np.random.Generator(np.random.Philox((seed, FLIGHTS)))
     start = boundary_deviations(

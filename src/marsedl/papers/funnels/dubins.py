@@ -1,4 +1,4 @@
-"""Funnels of a Dubins car around a path of one sine (robust entry funnels, Sec. 4, Fig. 2).
+"""Funnels of a Dubins car around a path whose turn rate is a sine (robust entry funnels, Sec. 4, Fig. 2).
 
 Nothing about the car is printed; its inputs are the same in all readings, and they do not look at those of the entry.
 """
@@ -90,7 +90,7 @@ def spheres(wind):
 # ---- funnels ---------------------------------------------------------------------------------------------------------
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def compute(recursion: Recursion, car: Car) -> Dubins:
     """Follow the path, design the regulator, and propagate the level of every funnel.
 
@@ -98,12 +98,12 @@ def compute(recursion: Recursion, car: Car) -> Dubins:
     """
     time = np.linspace(0.0, car.dubins_duration, car.dubins_fine_steps + 1)
     rates = car_rates(car.dubins_speed)
-    frequency = 2.0 * np.pi / car.dubins_duration
+    frequency = 2.0 * np.pi * car.dubins_periods / car.dubins_duration
     state, control = reference_on_half_steps(
         lambda state, control: rates(None, state, control, ()),
         time,
-        lambda at: car.dubins_turn_rate * np.sin(frequency * at)[:, np.newaxis],
-        np.zeros(3),
+        lambda at: car.dubins_mean_turn_rate + car.dubins_turn_rate * np.sin(frequency * at)[:, np.newaxis],
+        car.dubins_start,
     )
     model = linearize(lambda *arguments: rates(None, arguments[:3], arguments[3:], ()), state, control)
     regulator = tvlqr(
@@ -181,10 +181,10 @@ def _propagated(recursion: Recursion, name, loop, first_level, shapes, steps, de
 # ---- what else says the same, and what is proven ---------------------------------------------------------------------
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def dubins_study(recursion: Recursion, car: Car, dubins: Dubins) -> DubinsStudy:
     """Compare the funnels with other ways to compute them, and prove what can be proven."""
-    found = np.array([largest_values(recursion, car, dubins, number) for number in range(len(FUNNELS))])
+    maxima = np.array([largest_values(recursion, car, dubins, number) for number in range(len(FUNNELS))])
     multiplier = [_multiplier_levels(recursion, car, dubins, number) for number in range(len(FUNNELS))]
     multiplier_level = np.array([levels for levels, _, _ in multiplier])
     returned = _backwards(recursion, car, dubins)
@@ -195,8 +195,8 @@ def dubins_study(recursion: Recursion, car: Car, dubins: Dubins) -> DubinsStudy:
 
     return DubinsStudy(
         funnel=dubins.funnel,
-        true_maximum=found,
-        violation=found / dubins.bound - 1.0,
+        true_maximum=maxima,
+        violation=maxima / dubins.bound - 1.0,
         multiplier_level=multiplier_level,
         multiplier_status=np.array([status for _, status, _ in multiplier]),
         multiplier_difference=np.abs(multiplier_level / dubins.level - 1.0).max(axis=1),

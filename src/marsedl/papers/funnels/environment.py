@@ -5,50 +5,84 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.funnels.closed_loop import ClosedLoop
+from marsedl.models.atmosphere import named_profile
 from marsedl.models.dynamics.vinh_entry import vinh_entry_rates
 from marsedl.models.heating import sutton_graves_heat_rate
 from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Uncertainty, Vehicle
 
 STATES = ("altitude", "longitude", "latitude", "velocity", "flight_path_angle", "heading")
-STATE_UNIT = "m, rad, rad, m/s, rad, rad"
 DISTURBANCES = 2  # of the density at all altitudes, and of its slope
+WINDOW_POINTS = 201  # altitudes at which a line is fitted to a profile
 
 
 class Air(NamedTuple):
-    """Line through ln rho over the altitude h, rho in kg/m^3, and how far it may be off."""
+    """Line through ln rho over the altitude h, rho in kg/m^3, and how far the density may be off."""
 
     log_density_at_surface: float  # a in a + b h
     log_density_slope: float  # b, 1/m
     density_amplitude: float = 0.0  # a_1
     density_slope_amplitude: float = 0.0  # b_1, 1/m
+    density_disturbance: str = "parametric"  # how w enters, see `density`
 
 
 def undisturbed_air(planet: Planet) -> Air:
-    """Return the air without disturbances."""
-    return Air(planet.log_density_at_surface, planet.log_density_slope)
+    """Return the air without disturbances: as it is given, or the least-squares line through ln rho of a profile."""
+    if planet.density_profile == "exponential":
+        return Air(planet.log_density_at_surface, planet.log_density_slope)
+    profile = named_profile(
+        planet.density_profile,
+        coefficients=planet.density_coefficients,
+        upper_altitude=planet.density_upper_altitude,
+        table=planet.density_table,
+    )
+    altitude = np.linspace(*planet.density_window, WINDOW_POINTS)
+    slope, level = np.polyfit(altitude, profile(altitude)[0], 1)
+    return Air(float(level), float(slope))
 
 
 def disturbed_air(planet: Planet, uncertainty: Uncertainty) -> Air:
-    """Return the air with the sizes of its disturbances."""
+    """Return the air with its disturbances."""
     return undisturbed_air(planet)._replace(
         density_amplitude=uncertainty.density_amplitude,
         density_slope_amplitude=uncertainty.density_slope_amplitude,
+        density_disturbance=uncertainty.density_disturbance,
     )
 
 
-def log_density(air: Air, altitude, disturbance=(0.0, 0.0)):
-    """Logarithm of the density in kg/m^3 (robust entry funnels, Sec. 4, "bilinear exponential").
+def log_density(air: Air, altitude):
+    """Logarithm of the mean density in kg/m^3 at an altitude in m."""
+    return air.log_density_at_surface + air.log_density_slope * altitude
 
-        ln rho = (a + a_1 w_1) + (b + b_1 w_2) h
+
+def density(air: Air, altitude, disturbance=(0.0, 0.0)):
+    """Density in kg/m^3 (robust entry funnels, Sec. 4, "bilinear exponential").
+
+        parametric:  rho = exp((a + a_1 w_1) + (b + b_1 w_2) h)
+        additive:    rho = exp(a + b h) (1 + a_1 w_1 + b_1 w_2 h)
+
+    Both grow with a_1 w_1 + b_1 w_2 h, and agree to first order in w.
 
     Args:
-        air: densities and amplitudes a_1, b_1.
+        air: mean density, and amplitudes a_1, b_1.
         altitude: h, m.
         disturbance: w, two components, in the unit disc.
     """
+    if air.density_disturbance == "additive":
+        share = air.density_amplitude * disturbance[0] + (air.density_slope_amplitude * disturbance[1]) * altitude
+        return np.exp(log_density(air, altitude)) * (1.0 + share)
     level = air.log_density_at_surface + air.density_amplitude * disturbance[0]
     slope = air.log_density_slope + air.density_slope_amplitude * disturbance[1]
-    return level + slope * altitude
+    return np.exp(level + slope * altitude)
+
+
+def densest(air: Air, altitude):
+    """Disturbances of the unit disc with the largest density at altitudes (m,), (2, m); negative: the least.
+
+    The density grows with a_1 w_1 + b_1 w_2 h, which is largest at the end of the diameter along (a_1, b_1 h).
+    """
+    direction = np.stack([np.full_like(altitude, air.density_amplitude), air.density_slope_amplitude * altitude])
+    length = np.linalg.norm(direction, axis=0)
+    return direction / np.where(length > 0.0, length, 1.0)
 
 
 def entry_rates(planet: Planet, vehicle: Vehicle, air: Air):
@@ -64,16 +98,15 @@ def entry_rates(planet: Planet, vehicle: Vehicle, air: Air):
     )
 
     def rates(_, state, control, disturbance):
-        density = np.exp(log_density(air, state[0], disturbance))
-        return vinh_entry_rates(state, control[0], density, *constants)
+        return vinh_entry_rates(state, control[0], density(air, state[0], disturbance), *constants)
 
     return rates
 
 
 def heat_rate(vehicle: Vehicle, air: Air, altitude, velocity, disturbance=(0.0, 0.0)):
-    """Heat rate at the stagnation point, W/m^2; see `log_density` for altitude and disturbance."""
-    density = np.exp(log_density(air, altitude, disturbance))
-    return sutton_graves_heat_rate(density, velocity, vehicle.nose_radius, vehicle.heat_rate_constant)
+    """Heat rate at the stagnation point, W/m^2; see `density` for altitude and disturbance."""
+    rho = density(air, altitude, disturbance)
+    return sutton_graves_heat_rate(rho, velocity, vehicle.nose_radius, vehicle.heat_rate_constant)
 
 
 def entry_state(mission: Mission):
@@ -123,6 +156,18 @@ def additive_amplitudes(planet: Planet, uncertainty: Uncertainty):
 def slices(loop: ClosedLoop, steps_per_slice):
     """Fine steps at which the slices of the funnel are, (N,)."""
     return np.arange(0, loop.steps + 1, int(steps_per_slice))
+
+
+def slice_at(loop: ClosedLoop, steps_per_slice, share):
+    """Number, from 1, of the slice nearest to a share of the flight, of those from which a stage begins."""
+    stages = len(slices(loop, steps_per_slice)) - 1
+    return min(round(share * stages), stages - 1) + 1
+
+
+def spacing_of(loop: ClosedLoop, stages):
+    """Fine steps between slices that divide the flight into about so many equal parts."""
+    divisors = [number for number in range(1, loop.steps + 1) if loop.steps % number == 0]
+    return min(divisors, key=lambda number: abs(np.log(loop.steps / number / stages)))
 
 
 def closed_loop(planet: Planet, vehicle: Vehicle, air: Air, linearization, gain):

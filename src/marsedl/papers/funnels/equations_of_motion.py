@@ -12,7 +12,7 @@ STATES = 22  # stream of random numbers, keyed by that of the design
 COMPLEX_STEP = 1e-30
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, recursion: Recursion) -> EquationsOfMotion:
     """Eq. 37 at random states against gravity, lift and drag on inertial position and velocity, by the complex step."""
     generator = np.random.Generator(np.random.Philox((recursion.design_seed, STATES)))
@@ -22,12 +22,12 @@ def compute(planet: Planet, vehicle: Vehicle, mission: Mission, recursion: Recur
     air = environment.undisturbed_air(planet)
     still = (0.0,) * environment.DISTURBANCES
     rates = np.array(environment.entry_rates(planet, vehicle, air)(None, state, (bank,), still))
-    moved = np.array(state) + 1j * COMPLEX_STEP * rates
-    position, velocity = inertial(planet, 1j * COMPLEX_STEP, moved)
+    displaced = np.array(state) + 1j * COMPLEX_STEP * rates
+    position, velocity = inertial(planet, 1j * COMPLEX_STEP, displaced)
     expected = acceleration(planet, vehicle, position.real, velocity.real, state[0], bank)
 
-    def deviation(found, truth):
-        return float((np.linalg.norm(found - truth, axis=0) / np.linalg.norm(truth, axis=0)).max())
+    def deviation(rate, truth):
+        return float((np.linalg.norm(rate - truth, axis=0) / np.linalg.norm(truth, axis=0)).max())
 
     return EquationsOfMotion(
         position_rate_deviation=deviation(position.imag / COMPLEX_STEP, velocity.real),
@@ -56,7 +56,7 @@ def acceleration(planet: Planet, vehicle: Vehicle, position, velocity, altitude,
     right = np.cross(forward_axis, position, axis=0)
     right /= np.linalg.norm(right, axis=0)
     above = np.cross(right, forward_axis, axis=0)
-    density = np.exp(environment.log_density(environment.undisturbed_air(planet), altitude))
+    density = environment.density(environment.undisturbed_air(planet), altitude)
     drag = density * speed**2 / (2.0 * vehicle.ballistic_coefficient)
     lift = vehicle.lift_to_drag * drag * (np.cos(bank) * above + np.sin(bank) * right)
     gravity = planet.gravitational_parameter * position / np.linalg.norm(position, axis=0) ** 3

@@ -3,10 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from matplotlib.ticker import SymmetricalLogLocator
 
-from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, DEGREE, HEAT_RATE, KILOMETRE, LEVEL, WATT_PER_CM2
+from marsedl.papers.funnels.basics import COMPLETE, CONDITIONS, HEAT_RATE, LEVEL
 from marsedl.papers.funnels.inputs import Mission, Planet, Studies
 from marsedl.papers.funnels.records import (
+    STATE,
     CoarseFunnels,
     Discretization,
     Divergence,
@@ -21,23 +23,20 @@ from marsedl.papers.funnels.records import (
     Proven,
     StageStudy,
 )
-from marsedl.plotting.ellipses import band, ellipse
+from marsedl.plotting.curves import SHADE, bounds, legend_below, legend_entry, mark, plot, trials, zero
+from marsedl.plotting.ellipses import ellipse
+from marsedl.plotting.fields import Field, field
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from marsedl.replication.units import DEGREE, KM, converted
 
-TIME_LABEL = "time from entry (s)"
-LEVEL_LABEL = r"level $\rho$"
-HEAT_LABEL = "heat rate (W/cm$^2$)"
-ALTITUDE, LONGITUDE, _, VELOCITY = range(4)
-# Names of the states, and what one of their units is; None: of angles that are distances on the ground.
-STATE_LABELS = (
-    ("altitude (km)", KILOMETRE),
-    ("downrange (km)", None),
-    ("crossrange (km)", None),
-    ("velocity (m/s)", 1.0),
-    ("flight path angle (deg)", DEGREE),
-    ("heading (deg)", DEGREE),
-)
+LARGEST_LEVEL = "largest $V$"
+HEAT = "W/cm^2"
+ON_GROUND = {"longitude": "downrange", "latitude": "crossrange"}  # angles that are shown as distances
+SHOWN_UNIT = {"altitude": "km", "flight_path_angle": "deg", "heading": "deg"}
 FLIGHT = {"color": VERMILION, "linewidth": 0.4, "alpha": 0.6}
+END = {"color": VERMILION, "marker": "_", "linestyle": "none", "markersize": 9}
+LIMIT = {"linewidth": 1.2, "linestyle": "--"}
+ZERO = {"color": GREY, "linewidth": 0.8}
 DRAWN_FLIGHTS = 40
 DRAWN_SLICES = 10  # of the Dubins car
 FAR = 2.5  # times what else is drawn, beyond which a funnel leaves the axes
@@ -54,34 +53,44 @@ RESOLVED = 1e-9  # relative: smaller deviations are on a linear part of their ax
 
 
 def fig01(planet: Planet, mission: Mission, linearization: Linearization, funnel: Funnel) -> Figure:
-    """Slices of the funnel in downrange and altitude, and the end of it enlarged."""
-    figure, (whole, end) = new_figure(7.8, 3.6, ncols=2, width_ratios=(1.9, 1))
-    scale = np.array([planet.planet_radius / KILOMETRE, 1.0 / KILOMETRE])
-    path = (linearization.state[:, [LONGITUDE, ALTITUDE]] - [mission.entry_longitude, 0.0]) * scale
-    ellipses = _in_plane(funnel, (LONGITUDE, ALTITUDE)) * np.outer(scale, scale)
+    """Slices of the funnel in downrange and altitude, the end of it enlarged, and how high the slices are."""
+    panels = [["whole", "end"], ["height", "end"]]
+    figure, panels = new_figure(7.8, 4.4, mosaic=panels, width_ratios=(1.9, 1), height_ratios=(2, 1))
+    whole, end, height = (panels[name] for name in ("whole", "end", "height"))
+    angle = field(linearization, "state.longitude").values - mission.entry_longitude
+    path = field(linearization, "state.altitude", unit="km", x=_deviation(planet, "longitude", angle))
+    points = np.stack([path.x.values, path.values], axis=1)
+    ellipses = _in_plane(planet, funnel)
     late = int((1.0 - END_SHARE) * len(funnel.step))
     for axes, first in ((whole, 0), (end, late)):
-        near = np.zeros(2)
+        largest = np.zeros(2)
         for step, matrix in zip(funnel.step[first:], ellipses[first:], strict=True):
             # A funnel may end early; its slices may be of any size.
             if np.isfinite(matrix).all():
-                outline = ellipse(path[2 * step], matrix, 1.0)
+                outline = ellipse(points[2 * step], matrix, 1.0)
                 axes.add_patch(Polygon(outline, facecolor=SKY, edgecolor=BLUE, linewidth=0.4, alpha=0.3))
-                near = np.maximum(near, np.minimum(np.sqrt(np.diag(matrix)), LARGEST_DRAWN))
-        drawn = path[2 * funnel.step[first] :]
-        axes.plot(*drawn.T, color=BLACK, linewidth=1.0, label="nominal")
+                largest = np.maximum(largest, np.minimum(np.sqrt(np.diag(matrix)), LARGEST_DRAWN))
+        start = 2 * funnel.step[first]
+        plot(axes, path.where(slice(start, None)), color=BLACK, linewidth=1.0, label="nominal")
         if not first:
-            axes.plot(*path[0], "o", color=VERMILION, markersize=5, zorder=5, label="entry")
-        axes.plot(*path[-1], "s", color=VERMILION, markersize=5, zorder=5, label="deployment of the parachute")
-        lower, upper = drawn.min(axis=0) - 1.3 * near, drawn.max(axis=0) + 1.3 * near
-        axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), xlabel="downrange (km)")
+            axes.plot(*points[0], "o", color=VERMILION, markersize=5, zorder=5, label="entry")
+        axes.plot(*points[-1], "s", color=VERMILION, markersize=5, zorder=5, label="deployment of the parachute")
+        lower, upper = points[start:].min(axis=0) - 1.3 * largest, points[start:].max(axis=0) + 1.3 * largest
+        axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]))
     whole.add_patch(Polygon(np.empty((1, 2)), facecolor=SKY, edgecolor=BLUE, linewidth=0.4, alpha=0.5, label="slices"))
-    whole.set_ylabel("altitude (km)")
+    at_slices = path.where(2 * funnel.step)
+    half_height = at_slices.of(np.sqrt(ellipses[:, 1, 1]), "altitude less\nthat of the nominal")
+    bounds(height, *_about_zero(half_height), filled=True, color=SKY, alpha=0.3)
+    bounds(height, *_about_zero(half_height), color=BLUE, marker=".", markersize=2, linewidth=0.4)
+    zero(height, linewidth=1.0)
+    reach = 1.1 * min(np.nanmax(half_height.values, initial=0.0) or 1.0, LARGEST_DRAWN)
+    height.set(xlim=whole.get_xlim(), ylim=(-reach, reach))
+    whole.set_xlabel("")
     widest = np.sqrt(np.nanmax(np.diagonal(ellipses, axis1=1, axis2=2), initial=0.0))
-    remarks = [_said(funnel), f"slices of up to $\\pm${widest:.2g} km" if widest > LARGEST_DRAWN else ""]
+    remarks = [_end_of_funnel(funnel), f"slices of up to $\\pm${widest:.2g} km" if widest > LARGEST_DRAWN else ""]
     whole.set_title("; ".join(filter(None, remarks)), loc="left")
     end.set_title(f"the last {100 * END_SHARE:.0f} % of the flight")
-    figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    legend_below(figure, [whole], columns=4)
     return figure
 
 
@@ -91,7 +100,8 @@ def fig02(dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
     unit = np.array([1.0, 1.0, DEGREE])
     path = dubins.state[::2]
     number = list(dubins.funnel).index("flow")
-    drawn = dubins.slice_step[:: max(1, len(dubins.slice_step) // DRAWN_SLICES)]
+    places = np.linspace(0, len(dubins.slice_step) - 1, DRAWN_SLICES + 1).round().astype(int)
+    drawn = dubins.slice_step[np.unique(places)]  # the first and the last always
     latitude, longitude = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0.0, 2.0 * np.pi, 25))
     sphere = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
     for step in drawn:
@@ -104,37 +114,37 @@ def fig02(dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
     for flight in path + dubins_calm.kept_history[:DRAWN_FLIGHTS]:
         axes.plot(*(flight / unit).T, color=ORANGE, linewidth=0.5)
     axes.plot(*(path / unit).T, color=BLACK, linewidth=1.6, label="nominal")
-    axes.plot([], [], color=ORANGE, linewidth=0.8, label=_shown(dubins_calm))
-    axes.plot([], [], color=SKY, linewidth=6, alpha=0.5, label=f"{len(drawn)} of {len(dubins.slice_step)} slices")
+    legend_entry(axes, _kept(dubins_calm), color=ORANGE, linewidth=0.8)
+    legend_entry(axes, f"{len(drawn)} of {len(dubins.slice_step)} slices", color=SKY, linewidth=6, alpha=0.5)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="heading (deg)")
     axes.view_init(elev=24, azim=-62)
     axes.set_box_aspect((4, 3, 2.6), zoom=0.92)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    legend_below(figure, [axes])
     return figure
 
 
 def fig03(funnel: Funnel, constant: FlightEnsemble) -> Figure:
     """Level of the funnel and largest V of the flights, over the steps of the funnel."""
     figure, panels = new_figure(7.6, 3.8, ncols=2)
-    number = np.arange(len(funnel.step)) + 1.0
     step = funnel.time[1]
-    at_node = 1.0 + constant.time / step
-    flown, repeats = constant.maximum_over_trials[:, LEVEL], constant.repeat_maximum[:, :, LEVEL]
+    number = Field(np.arange(len(funnel.step)) + 1.0, "time step $k$", "1")
+    level = field(funnel, "level", name=r"funnel boundary $\rho$", x=number)
+    largest = Field(constant.maximum_over_trials[:, LEVEL], LARGEST_LEVEL, "1", number.of(1.0 + constant.time / step))
+    tenths = [largest.of(values) for values in _extremes(constant.repeat_maximum[:, :, LEVEL])]
     panels[1].set_yscale("log")
     for axes in panels:
-        axes.plot(number, funnel.level, ".-", color=BLUE, markersize=3, label="SOS-sampling")
-        axes.plot(at_node, flown, color=VERMILION, label=f"Monte Carlo, largest of {_flights(constant)}")
-        band(axes, at_node, *_extremes(repeats), VERMILION, "largest of each tenth of them")
-        axes.set(xlabel="time step $k$", xlim=number[[0, -1]])
+        plot(axes, level, marker=".", color=BLUE, markersize=3, label="SOS-sampling")
+        plot(axes, largest, color=VERMILION, label=f"Monte Carlo, largest of {_flights(constant)}")
+        bounds(axes, *tenths, filled=True, color=VERMILION, label="largest of each tenth of them")
+        axes.set_xlim(number.values[[0, -1]])
         # Slices are evenly spaced, so that both axes are linear.
         times = axes.secondary_xaxis("top", functions=(lambda k: (k - 1.0) * step, lambda time: 1.0 + time / step))
-        times.set_xlabel(TIME_LABEL)
-    panels[0].set_ylabel(r"funnel boundary $\rho$")
+        times.set_xlabel(field(funnel, "time").label)
     panels[0].set_ylim(bottom=0.0)
     panels[0].yaxis.set_major_formatter("{x:g}")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    if said := _said(funnel):
-        panels[0].text(0.02, 0.96, said, transform=panels[0].transAxes, va="top")
+    legend_below(figure, panels[:1])
+    if remark := _end_of_funnel(funnel):
+        panels[0].text(0.02, 0.96, remark, transform=panels[0].transAxes, va="top")
     return figure
 
 
@@ -159,14 +169,16 @@ def fig04(studies: Studies, funnel: Funnel) -> Figure:
         axes.set_title(f"{name}: $V$ falls in {share:.3g} % of the plane")
         axes.set(xlabel=f"whitened coordinate $y_{first}$", aspect="equal")
     panels[0].set_ylabel(f"whitened coordinate $y_{second}$")
-    handles = [
-        Polygon(np.empty((1, 2)), facecolor=FALLING, label="$V$ falls"),
-        *panels[0].plot([], [], color=BLACK, label=f"slice $B_{{{studies.fig4_slice}}}$ in the plane"),
-        *panels[0].plot([], [], "o", color=BLUE, markersize=3, label="its points, $V$ falls"),
-        *panels[0].plot([], [], "o", color=VERMILION, markersize=3, label="its points, $V$ does not fall"),
-        *panels[0].plot([], [], ".", color=GREY, markersize=3, label=f"{len(projected)} samples, projected"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    panels[0].add_patch(Polygon(np.empty((1, 2)), facecolor=FALLING, label="$V$ falls"))
+    legend_entry(panels[0], f"slice $B_{{{studies.fig4_slice}}}$ in the plane", color=BLACK)
+    dots = {"linestyle": "none", "markersize": 3}
+    for label, color, marker in (
+        ("its points, $V$ falls", BLUE, "o"),
+        ("its points, $V$ does not fall", VERMILION, "o"),
+        (f"{len(projected)} samples, projected", GREY, "."),
+    ):
+        legend_entry(panels[0], label, color=color, marker=marker, **dots)
+    legend_below(figure, panels[:1])
     return figure
 
 
@@ -176,34 +188,36 @@ def fig04(studies: Studies, funnel: Funnel) -> Figure:
 def nominal(mission: Mission, linearization: Linearization, nominal: Nominal, optima: Optima) -> Figure:
     """The nominal over time, and all optima of the problem with their peaks of the heat rate."""
     figure, panels = new_figure(8.4, 5.0, nrows=2, ncols=3)
-    time, last = linearization.half_time, linearization.half_time[-1]
-    state = linearization.state
-    for axes, values, label in (
-        (panels[0, 0], state[:, ALTITUDE] / KILOMETRE, "altitude (km)"),
-        (panels[0, 1], state[:, VELOCITY], "velocity (m/s)"),
-        (panels[0, 2], linearization.bank / DEGREE, "bank angle (deg)"),
-        (panels[1, 0], linearization.heat_rate / WATT_PER_CM2, HEAT_LABEL),
+    altitude, velocity, bank, heat, costs, peaks = panels.flat
+    last = linearization.half_time[-1]
+    for axes, path, unit in (
+        (altitude, "state.altitude", "km"),
+        (velocity, "state.velocity", "m/s"),
+        (bank, "bank", "deg"),
+        (heat, "heat_rate", HEAT),
     ):
-        axes.plot(time, values, color=BLUE)
-        axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0.0, last))
-    for bound in mission.bank_bounds:
-        panels[0, 2].axhline(bound / DEGREE, color=GREY, linestyle="--")
-    limit = mission.heat_rate_limit / WATT_PER_CM2
-    panels[1, 0].axhline(limit, color=GREY, linestyle="--")
-    panels[1, 0].set_title(f"at the nodes at most {nominal.heat_rate.max() / WATT_PER_CM2:.3f}, limit {limit:g}")
+        plot(axes, linearization, path, unit=unit, x="half_time", color=BLUE)
+        axes.set_xlim(0.0, last)
+    mark(bank, y=mission.bank_bounds / DEGREE, **LIMIT)
+    limit = float(converted(mission.heat_rate_limit, "W/m^2", HEAT))
+    mark(heat, peaks, y=limit, **LIMIT)
+    at_nodes = field(nominal, "heat_rate", unit=HEAT).values.max()
+    heat.set_title(f"at the nodes at most {at_nodes:.3f}, limit {limit:g}")
 
-    costs, peaks = panels[1, 1:]
+    cost = field(optima, "cost", x=field(optima, "final_time"))
+    cost = cost.of(cost.values / DEGREE**2, "integral of the squared\nbank rate", "deg^2/s")
+    place = Field(optima.peak_position / optima.intervals, "its time", "share of the flight")
+    peak = field(optima, "peak_heat_rate", unit=HEAT, x=place)
     for number, intervals in enumerate(np.unique(optima.intervals)):
-        here, color = optima.intervals == intervals, CURVE_COLOR[number % len(CURVE_COLOR)]
-        label = f"{intervals} intervals"
-        costs.plot(optima.final_time[here], optima.cost[here] / DEGREE**2, "o", color=color, label=label)
-        over = optima.peak_heat_rate[here] / WATT_PER_CM2
-        peaks.plot(optima.peak_position[here] / intervals, over, "o", color=color)
-    costs.plot(last, nominal.cost / DEGREE**2, "s", markersize=9, color="black", fillstyle="none", label="flown")
-    costs.set(xlabel="final time (s)", ylabel="integral of the squared\nbank rate (deg$^2$/s)", title="optima")
+        mesh = optima.intervals == intervals
+        dots = {"color": CURVE_COLOR[number % len(CURVE_COLOR)], "marker": "o", "linestyle": "none"}
+        plot(costs, cost.where(mesh), **dots, label=f"{intervals} intervals")
+        plot(peaks, peak.where(mesh), **dots)
+    square = {"color": BLACK, "marker": "s", "markersize": 9, "fillstyle": "none", "linestyle": "none"}
+    costs.plot(last, nominal.cost / DEGREE**2, **square, label="the nominal")
+    costs.set_title("optima")
     costs.legend()
-    peaks.axhline(limit, color=GREY, linestyle="--")
-    peaks.set(xlabel="its time (share of the flight)", ylabel=f"peak {HEAT_LABEL}", title="peak between the nodes")
+    peaks.set_title("peak between the nodes")
     peaks.margins(0.15)
     costs.margins(0.15)
     return figure
@@ -212,53 +226,60 @@ def nominal(mission: Mission, linearization: Linearization, nominal: Nominal, op
 def bands(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, constant: FlightEnsemble) -> Figure:
     """Half widths of the funnel in every state, with flights inside and what linear dynamics say."""
     figure, panels = new_figure(8.4, 5.4, nrows=2, ncols=3, sharex=True)
-    length, beyond = planet.planet_radius / KILOMETRE, False
-    for component, axes in enumerate(panels.flat):
-        name, scale = STATE_LABELS[component]
-        scale = length if scale is None else 1.0 / scale
-        width = funnel.half_width[:, component] * scale
-        linear = linear_bounds.exact_half_width[:, component] * scale
-        least = linear_bounds.reachable_half_width[:, component] * scale
-        band(axes, funnel.time, -width, width, BLUE)
-        for sign in (-1.0, 1.0):
-            axes.plot(funnel.time, sign * width, color=BLUE, linewidth=0.8)
-            axes.plot(linear_bounds.slice_time, sign * linear, color=BLACK, linestyle="--", linewidth=0.8)
-            axes.plot(linear_bounds.time, sign * least, color=GREEN, linewidth=0.9)
-        axes.plot(constant.time, constant.kept_history[:DRAWN_FLIGHTS, :, component].T * scale, **FLIGHT)
-        ends = constant.final_state[:, component] * scale
+    beyond = False
+    places = {
+        "half_width": field(funnel, "time"),
+        "exact_half_width": field(linear_bounds, "slice_time"),
+        "reachable_half_width": field(linear_bounds, "time"),
+    }
+    for number, (component, axes) in enumerate(zip(STATE.names, panels.flat, strict=True)):
+        width, linear, least = (
+            _deviation(planet, component, getattr(record, name)[:, number], places[name])
+            for record, name in zip((funnel, linear_bounds, linear_bounds), places, strict=True)
+        )
+        bounds(axes, *_about_zero(width), filled=True, color=BLUE)
+        bounds(axes, *_about_zero(width), color=BLUE, linewidth=0.8)
+        bounds(axes, *_about_zero(linear), color=BLACK, linestyle="--", linewidth=0.8)
+        bounds(axes, *_about_zero(least), color=GREEN, linewidth=0.9)
+        kept = constant.kept_history[:DRAWN_FLIGHTS, :, number]
+        trials(axes, _deviation(planet, component, kept, field(constant, "time")), label=None, **FLIGHT)
+        ends = _deviation(planet, component, constant.final_state[:, number]).values
         if np.isfinite(ends).any():
-            axes.plot(np.full(2, constant.time[-1]), _extremes(ends), "_", color=VERMILION, markersize=9, clip_on=False)
+            axes.plot(np.full(2, constant.time[-1]), _extremes(ends), clip_on=False, **END)
         # A funnel that fails may have slices of any size.
-        widest, most = np.nanmax(width, initial=0.0), FAR * max(linear.max(), least.max())
+        widest, most = np.nanmax(width.values, initial=0.0), FAR * max(linear.values.max(), least.values.max())
         beyond = beyond or widest > most
         reach = 1.08 * min(widest or most, most)
-        axes.set(ylabel=name, xlim=(0.0, funnel.time[-1]), ylim=(-reach, reach))
-    for axes in panels[1]:
-        axes.set_xlabel(TIME_LABEL)
+        axes.set(xlim=(0.0, funnel.time[-1]), ylim=(-reach, reach))
     axes = panels[0, 0]
-    handles = [
-        axes.fill_between([], [], [], color=BLUE, alpha=0.22, label="funnel" + (", beyond the axes" if beyond else "")),
-        *axes.plot([], [], color=BLACK, linestyle="--", linewidth=0.8, label="the same for linear dynamics"),
-        *axes.plot([], [], color=GREEN, linewidth=0.9, label="least trace, linear dynamics"),
-        *axes.plot([], [], **FLIGHT, label=_shown(constant)),
-        *axes.plot([], [], "_", color=VERMILION, markersize=9, label="their extremes at the end"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    axes.fill_between([], [], [], color=BLUE, alpha=SHADE, label="funnel" + (", beyond the axes" if beyond else ""))
+    legend_entry(axes, "the same for linear dynamics", color=BLACK, linestyle="--", linewidth=0.8)
+    legend_entry(
+        axes, "least trace, linear dynamics, from the initial set in the first slice", color=GREEN, linewidth=0.9
+    )
+    legend_entry(axes, f"{_kept(constant)}, from all of the first slice", color=VERMILION, linewidth=0.8)
+    legend_entry(axes, "extremes of all flights at the end", **END)
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
-def heating(mission: Mission, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble) -> Figure:
+def heating(
+    mission: Mission, nominal: Nominal, linearization: Linearization, funnel: Funnel, constant: FlightEnsemble
+) -> Figure:
     """Heat rate of the nominal, of the flights, and the largest on the funnel."""
     figure, axes = new_figure(6.4, 3.8)
-    limit = mission.heat_rate_limit / WATT_PER_CM2
-    flown = constant.maximum_over_trials[:, HEAT_RATE] / WATT_PER_CM2
-    on_funnel = funnel.heat_rate / WATT_PER_CM2
-    on_nominal = linearization.heat_rate / WATT_PER_CM2
-    axes.axhline(limit, color=GREY, linestyle="--", label=f"limit of the nominal, {limit:g}")
-    axes.plot(linearization.half_time, on_nominal, color=BLACK, label=f"nominal, up to {on_nominal.max():.2f}")
-    axes.plot(constant.time, flown, color=VERMILION, label=f"{_flights(constant)}, up to {_largest(flown)}")
-    axes.plot(funnel.time, on_funnel, ".-", color=BLUE, markersize=3, label=f"funnel, up to {_largest(on_funnel)}")
-    axes.set(xlabel=TIME_LABEL, ylabel=HEAT_LABEL, xlim=(0.0, funnel.time[-1]))
+    limit = float(converted(mission.heat_rate_limit, "W/m^2", HEAT))
+    reference = field(linearization, "heat_rate", unit=HEAT, x="half_time")
+    on_funnel = field(funnel, "heat_rate", unit=HEAT, x="time")
+    peak = field(nominal, "peak_heat_rate", unit=HEAT).values  # between the points that are drawn, too
+    largest = converted(constant.maximum_over_trials[:, HEAT_RATE], "W/m^2", HEAT)
+    flights = Field(largest, reference.name, HEAT, field(constant, "time"))
+    mark(axes, y=limit, label=f"limit of the nominal, {limit:g}", **LIMIT)
+    plot(axes, reference, color=BLACK, label=f"nominal, up to {peak:.2f}")
+    plot(axes, flights, color=VERMILION, label=f"{_flights(constant)}, up to {_largest(largest)}")
+    dots = {"marker": ".", "color": BLUE, "markersize": 3}
+    plot(axes, on_funnel, **dots, label=f"funnel, up to {_largest(on_funnel.values)}")
+    axes.set_xlim(0.0, funnel.time[-1])
     axes.set_ylim(0.0, min(axes.get_ylim()[1], FAR * limit))
     axes.legend()
     return figure
@@ -274,93 +295,87 @@ def linear_bounds(
 ) -> Figure:
     """Levels by sums of squares and for linear dynamics, and the largest V of all kinds of flights."""
     figure, (levels, ratio) = new_figure(7.8, 4.2, ncols=2)
-    flown = constant.maximum_over_trials[:, LEVEL]
-    bounds = linear_bounds
-    curves = (
-        (funnel.time, funnel.level, BLUE, "-", "funnel by sums of squares"),
-        (proven.time, proven.level, SKY, "-", "proven"),
-        (bounds.slice_time, bounds.triangle_level, GREEN, "-.", "linear, triangle inequality"),
-        (bounds.slice_time, bounds.exact_level, BLACK, "--", "linear, exact"),
-        (bounds.slice_time, bounds.undisturbed_level, GREY, ":", "linear, without disturbance"),
-        (
-            adversarial.time,
-            adversarial.maximum_over_trials[:, LEVEL],
-            ORANGE,
-            "-",
-            _flights(adversarial, "adversary"),
-        ),
-        (constant.time, flown, VERMILION, "--", _flights(constant, "constant disturbance")),
-        (redrawn.time, redrawn.maximum_over_trials[:, LEVEL], PURPLE, "-", _flights(redrawn, "redrawn")),
-    )
-    for time, values, color, style, label in curves:
-        levels.semilogy(time, values, color=color, linestyle=style, label=label)
-        ratio.semilogy(time, values / np.interp(time, constant.time, flown), color=color, linestyle=style)
+    flights = _largest_level(constant)
+    at_slices = {"x": "slice_time"}
+    for level, color, style, label in (
+        (field(funnel, "level", x="time"), BLUE, "-", "funnel by sums of squares"),
+        (field(proven, "level", x="time"), SKY, "-", "proven"),
+        (field(linear_bounds, "triangle_level", **at_slices), GREEN, "-.", "linear, triangle inequality"),
+        (field(linear_bounds, "exact_level", **at_slices), BLACK, "--", "linear, exact"),
+        (field(linear_bounds, "undisturbed_level", **at_slices), GREY, ":", "linear, without disturbance"),
+        (_largest_level(adversarial), ORANGE, "-", _flights(adversarial, "adversary")),
+        (flights, VERMILION, "--", _flights(constant, "constant disturbance")),
+        (_largest_level(redrawn), PURPLE, "-", _flights(redrawn, "redrawn")),
+    ):
+        style = {"color": color, "linestyle": style}
+        relative = level.of(level.values / flights.at(level).values, "relative to flights with constant disturbance")
+        plot(levels, level, **style, label=label)
+        plot(ratio, relative, **style)
     for axes in (levels, ratio):
-        axes.set(xlabel=TIME_LABEL, xlim=(0.0, funnel.time[-1]))
-    levels.set_ylabel(LEVEL_LABEL)
-    ratio.set_ylabel("relative to flights with constant disturbance")
-    figure.legend(*levels.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        axes.set(yscale="log", xlim=(0.0, funnel.time[-1]))
+    legend_below(figure, [levels], columns=2)
     return figure
 
 
 def undersampling(stage_study: StageStudy) -> Figure:
     """Bound of a stage from fewer samples than needed, and how far it fails at fresh points."""
     figure, (bound, excess) = new_figure(7.4, 3.6, ncols=2)
-    found, needed = stage_study, stage_study.samples[list(stage_study.variety).index("S^5 x S^1")]
-    bound.axhline(found.form_bound[0], color=BLACK, linestyle="--", label=f"well chosen, {needed} samples")
-    bound.axhline(found.polynomial_maximum, color=GREEN, linestyle=":", label="largest value of the polynomial found")
-    bound.plot(found.few_samples, found.few_bound, ".-", color=BLUE, label="random samples")
-    bound.set_ylabel(r"bound of $V$ at the next slice, over $\rho$")
-    excess.axhline(0.0, color=GREY, linewidth=0.8)
-    excess.plot(found.few_samples, found.few_least_value, ".-", color=BLUE)
-    below = found.few_least_value < 0.0
-    excess.plot(
-        found.few_samples[below], found.few_least_value[below], "o", color=VERMILION, label="refuted by fresh points"
-    )
-    excess.set_ylabel("least distance of polynomial and bound,\nat fresh points")
-    for axes in (bound, excess):
-        axes.axvline(needed, color=GREY, linewidth=0.8)
-        axes.set(xlabel="samples")
-    handles = [handle for axes in (bound, excess) for handle in axes.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    needed = stage_study.samples[list(stage_study.variety).index("S^5 x S^1")]
+    samples = field(stage_study, "few_samples", name="samples")
+    few = field(stage_study, "few_bound", name=r"bound of $V$ at the next slice, over $\rho$", x=samples)
+    at_fresh = "least distance of polynomial and bound,\nat fresh points"
+    least = field(stage_study, "few_least_value", name=at_fresh, x=samples)
+    dots = {"color": BLUE, "marker": "."}
+    best, largest = f"well chosen, {needed} samples", "largest value of the polynomial found"
+    mark(bound, y=stage_study.polynomial_maximum, color=GREEN, linewidth=4.0, linestyle="-", alpha=0.5, label=largest)
+    mark(bound, y=stage_study.form_bound[0], color=BLACK, linewidth=1.2, linestyle="--", label=best)
+    plot(bound, few, **dots, label="random samples")
+    zero(excess, **ZERO)
+    plot(excess, least, **dots)
+    refuted = {"color": VERMILION, "marker": "o", "linestyle": "none"}
+    plot(excess, least.where(least.values < 0.0), **refuted, label="refuted by fresh points")
+    mark(bound, excess, x=needed, linestyle="-")
+    legend_below(figure, (bound, excess), columns=2)
     return figure
 
 
 def conditioning(stage_study: StageStudy) -> Figure:
     """Condition numbers of bases at the samples, and of the samples themselves."""
-    figure, (bases, designs) = new_figure(7.4, 3.2, ncols=2, width_ratios=(1.3, 1))
+    rows = len(stage_study.basis), len(stage_study.design)
+    figure, (bases, designs) = new_figure(6.8, 1.8 + 0.24 * sum(rows), nrows=2, height_ratios=[1 + row for row in rows])
     for axes, names, values, title in (
         (bases, stage_study.basis, stage_study.basis_condition, "basis of degree 2"),
         (designs, stage_study.design, stage_study.design_condition, "samples, degree 4"),
     ):
         _dots(axes, names, values, "{:.3g}")
-        axes.set(xscale="log", xlabel="condition number", title=title)
+        axes.set(xscale="log", title=title)
         spread = values.max() / values.min()
-        axes.set_xlim(values.min() / spread**0.05, values.max() * spread**0.3)  # room for the numbers
+        axes.set_xlim(values.min() / spread**0.05, values.max() * spread**0.2)  # room for the numbers
+    designs.set_xlabel("condition number")
     return figure
 
 
 def stage_forms(stage_study: StageStudy) -> Figure:
     """Bound of one stage by every form and solver, against the largest value of its polynomial, and iterations."""
-    figure, (bounds, iterations) = new_figure(7.6, 3.4, ncols=2, width_ratios=(1.6, 1), sharey=True)
-    found, place = stage_study, -np.arange(len(stage_study.form))
+    figure, (deviations, iterations) = new_figure(7.6, 3.4, ncols=2, width_ratios=(1.6, 1), sharey=True)
+    study, place = stage_study, -np.arange(len(stage_study.form))
     for values, marker, color, label in (
-        (found.form_bound, "o", BLUE, "bound"),
-        (found.form_safe_bound, "D", VERMILION, "bound that holds in spite of residuals"),
+        (study.form_bound, "o", BLUE, "bound"),
+        (study.form_safe_bound, "D", VERMILION, "bound that holds in spite of residuals"),
     ):
-        deviation = values / found.polynomial_maximum - 1.0
-        bounds.plot(deviation, place, marker, color=color, markersize=4, label=label, fillstyle="none")
-    bounds.axvline(0.0, color=GREY, linewidth=0.8)
-    bounds.set_xscale("symlog", linthresh=RESOLVED)
-    bounds.set(
-        xlabel="relative to the largest value found of the polynomial", yticks=place, yticklabels=list(found.form)
+        relative = values / study.polynomial_maximum - 1.0
+        deviations.plot(relative, place, marker, color=color, markersize=4, label=label, fillstyle="none")
+    mark(deviations, x=0.0, linestyle="-")
+    deviations.set_xscale("symlog", linthresh=RESOLVED)
+    deviations.set(
+        xlabel="relative to the largest value found of the polynomial", yticks=place, yticklabels=list(study.form)
     )
-    _dots(iterations, found.form, found.form_iterations, "{:d}")
+    _dots(iterations, study.form, study.form_iterations, "{:d}")
     iterations.set(xscale="log", xlabel="iterations")
-    iterations.set_xlim(0.5 * max(1, found.form_iterations.min()), 4.0 * found.form_iterations.max())
-    for number, status in enumerate(found.form_status):
+    iterations.set_xlim(0.5 * max(1, study.form_iterations.min()), 4.0 * study.form_iterations.max())
+    for number, status in enumerate(study.form_status):
         if status != "optimal":
-            bounds.annotate(
+            deviations.annotate(
                 str(status),
                 (0.02, place[number]),
                 (0, 5),
@@ -368,97 +383,122 @@ def stage_forms(stage_study: StageStudy) -> Figure:
                 textcoords="offset points",
                 fontsize=6,
             )
-    figure.legend(*bounds.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    legend_below(figure, [deviations], columns=2)
     return figure
 
 
 def euler(linearization: Linearization, discretization: Discretization) -> Figure:
     """Euler bound against that of the motion, by stage and by step, and the levels of both by the number of slices."""
     figure, (stages, orders, levels) = new_figure(9.0, 3.9, ncols=3)
-    found, last = discretization, linearization.time[-1]
-    step = found.spacing * linearization.time[1]
-    stages.axhline(0.0, color=GREY, linewidth=0.8)
-    for number, row in enumerate(found.excess):
-        excess = 100 * row[: round(last / step[number])]
-        time = step[number] * np.arange(len(excess))
-        stages.plot(time, excess, color=STEP_COLOR[number % len(STEP_COLOR)], label=f"{len(excess)} stages")
-        below = excess < 0.0
-        stages.plot(time[below], excess[below], ".", color=VERMILION, markersize=3)
-    stages.plot([], [], ".", color=VERMILION, markersize=4, label="below: not a bound")
-    stages.set(xlabel=TIME_LABEL, ylabel="Euler bound over that of the motion,\nless one (%)", xlim=(0.0, last))
+    last = linearization.time[-1]
+    step = Field(discretization.spacing * linearization.time[1], "step between slices", "s")
+    zero(stages, **ZERO)
+    for number, spacing in enumerate(step.values):
+        count = round(last / spacing)
+        excess = field(
+            discretization,
+            "excess",
+            at={"spacing": number},
+            unit="%",
+            name="Euler bound over that of the motion,\nless one",
+            x=Field(spacing * np.arange(discretization.excess.shape[1]), field(linearization, "time").name, "s"),
+        ).where(slice(count))
+        plot(stages, excess, color=STEP_COLOR[number % len(STEP_COLOR)], label=f"{count} stages")
+        below = {"color": VERMILION, "marker": ".", "linestyle": "none"}
+        plot(stages, excess.where(excess.values < 0.0), **below, markersize=3)
+    legend_entry(stages, "below: not a bound", **below, markersize=4)
+    stages.set_xlim(0.0, last)
 
+    mean = field(discretization, "mean_difference", unit="%", name="the same over all stages", x=step)
     for values, marker, color, label in (
-        (found.mean_difference, "o", BLUE, "mean magnitude"),
-        (found.mean_excess, "^", GREEN, "mean"),
-        (-found.least_excess, "s", VERMILION, "largest shortfall"),
+        (mean.values, "o", BLUE, "mean magnitude"),
+        (100 * discretization.mean_excess, "^", GREEN, "mean"),
+        (-100 * discretization.least_excess, "s", VERMILION, "largest shortfall"),
     ):
         # A mean below zero, and a shortfall that there is not, have no place on a logarithmic axis.
-        shown = np.where(values > 0.0, 100 * values, np.nan)
-        orders.loglog(step, shown, f"{marker}-", color=color, markersize=4, label=label)
+        positive = mean.of(np.where(values > 0.0, values, np.nan))
+        plot(orders, positive, marker=marker, color=color, markersize=4, label=label)
     for order, style in ((2, ":"), (3, "--")):
-        guide = 150 * found.mean_difference[0] * (step / step[0]) ** order
-        orders.loglog(step, guide, color=GREY, linestyle=style, label=f"order {order}")
-    orders.set(xlabel="step between slices (s)", ylabel="the same over all stages (%)")
-    orders.set_xticks(step, [f"{value:.3g}" for value in step])
+        guide = mean.of(1.5 * mean.values[0] * (step.values / step.values[0]) ** order)
+        plot(orders, guide, color=GREY, linestyle=style, label=f"order {order}")
+    orders.set(xscale="log", yscale="log")
+    orders.set_xticks(step.values, [f"{value:.3g}" for value in step.values])
     orders.minorticks_off()
 
-    slices = np.round(last / step).astype(int) + 1
-    for number, (name, color) in enumerate(zip(CONDITIONS, (BLUE, ORANGE), strict=True)):
-        of = CONDITION_NAME[name]
-        levels.plot(slices, found.peak_level[number], "o-", color=color, fillstyle="none", label=f"{of}, largest")
-        levels.plot(slices, found.final_level[number], "s--", color=color, markersize=3, label=f"{of}, last")
-    levels.set(xlabel="slices", ylabel=LEVEL_LABEL)
-    levels.set_xticks(slices, [str(number) for number in slices])
+    slices = Field(np.round(last / step.values).astype(int) + 1, "slices", "1")
+    for number, (condition, color) in enumerate(zip(CONDITIONS, (BLUE, ORANGE), strict=True)):
+        for path, label, style in (
+            ("peak_level", "largest", {"marker": "o", "fillstyle": "none"}),
+            ("final_level", "last", {"marker": "s", "linestyle": "--", "markersize": 3}),
+        ):
+            level = field(discretization, path, at={"condition": number}, name=r"level $\rho$", x=slices)
+            plot(levels, level, color=color, **style, label=f"{CONDITION_NAME[condition]}, {label}")
+    levels.set_xticks(slices.values, [str(number) for number in slices.values])
     for axes in (stages, orders, levels):
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=7)
     return figure
 
 
 def fragility(linearization: Linearization, coarse_funnels: CoarseFunnels, divergence: Divergence) -> Figure:
-    """Levels under cheaper feedback, wider density and larger initial sets, and whether these funnels exist."""
-    figure, axes = new_figure(7.2, 3.8)
-    time = linearization.time[coarse_funnels.coarse_step]
+    """Levels under cheaper feedback, wider density and larger initial sets, beside flights with the same inputs."""
+    figure, (axes, flights) = new_figure(8.4, 3.8, ncols=2, width_ratios=(4, 1), sharey=True)
+    time = field(linearization, "time").where(coarse_funnels.coarse_step)
+    level = {"name": r"level $\rho$", "x": time}
     base = list(coarse_funnels.variant).index("samples")
-    axes.semilogy(time, coarse_funnels.variant_level[base], color=BLACK, linewidth=1.8, label="as it is")
+    as_it_is = field(coarse_funnels, "variant_level", at={"variant": base}, **level)
+    plot(axes, as_it_is, color=BLACK, linewidth=1.8, label="as it is")
     for number, (name, factor) in enumerate(zip(divergence.change, divergence.change_factor, strict=True)):
-        color, values = CURVE_COLOR[number % len(CURVE_COLOR)], divergence.change_level[number]
-        flown = divergence.change_flown[number]
-        ends = "" if np.isfinite(values).all() else " (ends)"
-        axes.semilogy(time, values, ".-", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
-        axes.plot(time[-1], flown, "_", color=color, markersize=10, clip_on=False)
+        color = CURVE_COLOR[number % len(CURVE_COLOR)]
+        changed = field(divergence, "change_level", at={"change": number}, **level)
+        reached = np.isfinite(changed.values)
+        ends = "" if reached.all() else " (ends)"
+        plot(axes, changed, marker=".", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
         if ends:
-            reached = np.isfinite(values)
-            axes.plot(time[reached][-1:], values[reached][-1:], "x", color=color)
-    axes.plot([], [], "_", color=BLACK, markersize=10, label="largest $V$ of flights, at any time")
-    axes.set(xlabel=TIME_LABEL, ylabel=LEVEL_LABEL, xlim=time[[0, -1]])
-    axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
+            axes.plot(time.values[reached][-1:], changed.values[reached][-1:], "x", color=color)
+        flights.plot(number, divergence.change_flown[number], "D", color=color, markersize=5)
+        lost = int(divergence.change_lost[number])
+        if lost:
+            flights.annotate(
+                f"{lost:,} lost", (number, 0.02), xycoords=("data", "axes fraction"), rotation=90, fontsize=7
+            )
+    axes.set(yscale="log", xlim=time.values[[0, -1]])
+    flights.set(title="largest $V$ of flights,\nat any time", xlim=(-0.7, len(divergence.change) - 0.3))
+    flights.set_xticks(range(len(divergence.change)), [f"{factor:g} x" for factor in divergence.change_factor])
+    legend_below(figure, [axes])
     return figure
 
 
 def proven(funnel: Funnel, proven: Proven) -> Figure:
     """Proven level over that of the funnel, and what the proof adds to the bound of every stage."""
     figure, (levels, parts) = new_figure(7.6, 3.8, ncols=2)
-    funnel_level = np.interp(proven.node_time, funnel.time, funnel.level)
-    ratio = proven.node_level / funnel_level
-    if np.nanmin(ratio, initial=1.0) < 1.0 / FAR:  # of a funnel that is far off
+    level, name = field(funnel, "level", x="time"), "proven level over that of the funnel"
+    nodes, slices = field(proven, "node_level", x="node_time"), field(proven, "level", x="time")
+    ratio = nodes.of(nodes.values / level.at(nodes).values, name)
+    if np.nanmin(ratio.values, initial=1.0) < 1.0 / FAR:  # of a funnel that is far off
         levels.set_yscale("log")
-    levels.plot(proven.node_time, ratio, color=BLUE, label="at all nodes")
-    levels.plot(proven.time, proven.level / funnel.level, ".", color=VERMILION, label="at the slices")
-    levels.axhline(1.0, color=GREY, linewidth=0.8)
-    levels.set(xlabel=TIME_LABEL, ylabel="proven level over that of the funnel")
+    plot(levels, ratio, color=BLUE, label="at all nodes")
+    dots = {"color": VERMILION, "marker": ".", "linestyle": "none"}
+    plot(levels, slices.of(slices.values / level.values, name), **dots, label="at the slices")
+    mark(levels, y=1.0, linestyle="-")
     levels.legend()
-    for name, color, label in (
+    starts, nothing = field(proven, "time").where(slice(-1)), []
+    for path, color, label in (
         ("truncation", BLUE, "known terms of higher degree"),
         ("remainder", VERMILION, "remainder"),
         ("rise", GREEN, "inside of the slice"),
     ):
-        values = getattr(proven, name)
+        part = field(proven, path, name=r"added to the bound of a stage, over $\rho$", x=starts)
         # What is zero has no place on a logarithmic axis.
-        shown = np.where(values > 0.0, values, np.nan)
-        nothing = "" if np.isfinite(shown).any() else " (none)"
-        parts.semilogy(proven.time[:-1], shown, ".-", color=color, label=label + nothing)
-    parts.set(xlabel=TIME_LABEL, ylabel=r"added to the bound of a stage, over $\rho$")
-    figure.legend(*parts.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        positive = part.of(np.where(part.values > 0.0, part.values, np.nan))
+        if np.isfinite(positive.values).any():
+            plot(parts, positive, marker=".", color=color, label=label)
+        else:
+            nothing.append(label)
+    parts.set_yscale("log")
+    if nothing:
+        parts.set_title("nothing for: " + ", ".join(nothing), loc="left")
+    if len(nothing) < 3:
+        legend_below(figure, [parts])
     for axes in (levels, parts):
         axes.set_xlim(0.0, proven.time[-1])
     if not proven.proven:
@@ -475,44 +515,71 @@ def dubins_rho(
 ) -> Figure:
     """Levels of the Dubins car without and with wind: funnels, linear dynamics, flights, and proven."""
     figure, panels = new_figure(7.6, 5.4, nrows=2, ncols=2, sharex=True, sharey="row", height_ratios=(1, 1.2))
+    at_slices = {"x": field(dubins, "slice_time")}
+    funnels = list(dubins.funnel)
     for column, (base, flights, title) in enumerate(
         (("flow", dubins_calm, "without wind"), ("wind", dubins_wind, "with wind"))
     ):
-        number = list(dubins.funnel).index(base)
-        reference = dubins.level[number]
-        curves = [(dubins.slice_time, reference, BLUE, "-", "funnel")]
+        number = {"funnel": funnels.index(base)}
+        reference = field(dubins, "level", at=number, **at_slices)
+        curves = [(reference, "funnel", {"color": BLUE})]
         if base == "flow":
-            euler = dubins.level[list(dubins.funnel).index("euler")]
-            curves.append((dubins.slice_time, euler, ORANGE, "-", "Euler step"))
-            curves.append((dubins.slice_time, dubins_study.backward_level, SKY, ":", "backwards from its end"))
+            euler = field(dubins, "level", at={"funnel": funnels.index("euler")}, **at_slices)
+            backwards = field(dubins_study, "backward_level", **at_slices)
+            # Broad, as it lies below the funnel.
+            curves.append((backwards, "backwards from its end", {"color": SKY, "linewidth": 4.0, "zorder": 1.5}))
+            curves.append((euler, "Euler step", {"color": ORANGE}))
         if base in dubins_study.proven_funnel:
-            proven = dubins_study.proven_level[list(dubins_study.proven_funnel).index(base)]
-            curves.append((dubins.slice_time, proven, GREEN, "-.", "proven"))
-        curves.append((dubins.slice_time, dubins_study.linear_level[number], BLACK, "--", "linear, exact"))
-        curves.append((flights.time, flights.maximum_over_trials[:, LEVEL], VERMILION, "-", "largest of the flights"))
-        level, ratio = panels[:, column]
-        for time, values, color, style, label in curves:
-            level.plot(time, values, color=color, linestyle=style, label=label)
-            percent = 100 * (values / np.interp(time, dubins.slice_time, reference) - 1.0)
-            ratio.plot(time, percent, color=color, linestyle=style)
-        level.set_title(f"{title}; {_flights(flights)}")
-        ratio.set(xlabel="time (s)", xlim=dubins.slice_time[[0, -1]])
-    panels[0, 0].set_ylabel(LEVEL_LABEL)
+            place = {"proven": list(dubins_study.proven_funnel).index(base)}
+            level = field(dubins_study, "proven_level", at=place, **at_slices)
+            curves.append((level, "proven", {"color": GREEN, "linestyle": "-."}))
+        linear = field(dubins_study, "linear_level", at=number, **at_slices)
+        curves.append((linear, "linear, exact", {"color": BLACK, "linestyle": "--"}))
+        curves.append((_largest_level(flights), "largest of the flights", {"color": VERMILION}))
+        levels, ratios = panels[:, column]
+        for level, label, style in curves:
+            percent = 100 * (level.values / reference.at(level).values - 1.0)
+            plot(levels, level, **style, label=label)
+            plot(ratios, level.of(percent, "relative to the funnel,\nlogarithmic beyond 1 %", "%"), **style)
+        levels.set_title(f"{title}; {_flights(flights)}")
+        ratios.set_xlim(dubins.slice_time[[0, -1]])
     panels[0, 0].set_ylim(bottom=0.0)
-    panels[1, 0].set_ylabel("relative to the funnel (%)")
-    panels[1, 0].set_yscale("symlog", linthresh=1.0)
+    # Turns from linear to logarithmic smoothly, so that no curve has a kink that is not its own.
+    panels[1, 0].set_yscale("asinh", linear_width=1.0)
+    panels[1, 0].yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=1.0))
     panels[1, 0].yaxis.set_major_formatter("{x:g}")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    legend_below(figure, panels[0, :1])
     return figure
 
 
 # ---- parts of figures ------------------------------------------------------------------------------------------------
 
 
-def _in_plane(funnel, components):
-    """Matrices E of the slices {x'E^-1 x <= 1} projected on two components of the state, (slices, 2, 2)."""
-    inverse = np.linalg.inv(funnel.shape)
-    return 2.0 * funnel.level[:, np.newaxis, np.newaxis] * inverse[:, components][:, :, components]
+def _in_plane(planet: Planet, funnel):
+    """Matrices E of the slices {x'E^-1 x <= 1} projected on downrange and altitude, km^2, (slices, 2, 2)."""
+    components = [STATE.index("longitude"), STATE.index("altitude")]
+    inverse = np.linalg.inv(funnel.shape)[:, components][:, :, components]
+    scale = np.array([planet.planet_radius / KM, 1.0 / KM])
+    return 2.0 * funnel.level[:, np.newaxis, np.newaxis] * inverse * np.outer(scale, scale)
+
+
+def _deviation(planet: Planet, component, values, x=None):
+    """Deviations of a state of the entry in the unit that is shown, those of angles on the ground as distances."""
+    own = STATE.units[component]
+    if component in ON_GROUND:
+        return Field(values * (planet.planet_radius / KM), ON_GROUND[component], "km", x)
+    unit = SHOWN_UNIT.get(component, own)
+    return Field(converted(values, own, unit), STATE.label(component), unit, x)
+
+
+def _about_zero(width):
+    """Minus and plus a half width."""
+    return width.of(-width.values), width
+
+
+def _largest_level(ensemble):
+    """Largest V of the flights over time."""
+    return Field(ensemble.maximum_over_trials[:, LEVEL], LARGEST_LEVEL, "1", field(ensemble, "time"))
 
 
 def _largest(values):
@@ -525,12 +592,12 @@ def _extremes(values):
     return np.fmin.reduce(values), np.fmax.reduce(values)
 
 
-def _shown(ensemble):
+def _kept(ensemble):
     """How many flights are drawn, of how many."""
     return f"{min(DRAWN_FLIGHTS, len(ensemble.kept_history))} of {_flights(ensemble)}"
 
 
-def _said(funnel):
+def _end_of_funnel(funnel):
     """Why a funnel is not complete, shortly; nothing if it is."""
     return "" if funnel.outcome == COMPLETE else f"the funnel ends at slice {np.isfinite(funnel.level).sum()}"
 

@@ -109,8 +109,8 @@ def simulator(setting: Setting, draws: Draws):
 
 def _directions(seed, stream, trials, segments, components):
     """Points uniform on a unit sphere for every trial, (segments, trials, components)."""
-    drawn = normals(seed, stream, trials, segments * components).reshape(len(trials), segments, components)
-    return (drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)).swapaxes(0, 1)
+    directions = normals(seed, stream, trials, segments * components).reshape(len(trials), segments, components)
+    return (directions / np.linalg.norm(directions, axis=-1, keepdims=True)).swapaxes(0, 1)
 
 
 def disturbances(draws: Draws, loop, trials):
@@ -130,8 +130,8 @@ def additive(draws: Draws, setting, trials):
     if draws.case == "adversarial":
         return greedy_additive(setting.additive)
     loop = setting.loop
-    drawn = _directions(draws.seed, ADDITIVE_STREAM, trials, _segments(draws, loop), loop.dimension)
-    return drawn * setting.additive
+    directions = _directions(draws.seed, ADDITIVE_STREAM, trials, _segments(draws, loop), loop.dimension)
+    return directions * setting.additive
 
 
 def _segments(draws, loop):

@@ -13,11 +13,12 @@ from marsedl.methods.sos.design import well_chosen_design
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES, finite
+from marsedl.papers.funnels.basics import BASIS_DEGREE, COMPLETE, SPHERES
 from marsedl.papers.funnels.environment import Air
 from marsedl.papers.funnels.inputs import Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import solver
 from marsedl.papers.funnels.records import Funnel, Gains, Linearization
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 TIGHTNESS_STAGES = 7  # evenly over the flight; the largest value of a polynomial costs as much as its program
@@ -45,9 +46,9 @@ def compute(
     steps = environment.slices(loop, recursion.steps_per_slice)
     shape = gains.shape[steps]
     amplitudes = environment.additive_amplitudes(planet, uncertainty)
-    found, outcome = propagate(recursion, loop, gains, design, amplitudes)
-    stages = described_stages(found, len(steps) - 1)
-    level = _padded([gains.initial_level] if found is None else found.rho, len(steps))
+    library_funnel, outcome = propagate(recursion, loop, gains, design, amplitudes)
+    stages = described_stages(library_funnel, len(steps) - 1)
+    level = _padded([gains.initial_level] if library_funnel is None else library_funnel.rho, len(steps))
     with np.errstate(all="ignore"):  # slices of a funnel that fails leave the range of the equations
         shape_rate = np.gradient(gains.shape, linearization.time, axis=0)[steps]
         slices = described_slices(vehicle, recursion, air, loop, linearization, steps, shape, shape_rate, level)
@@ -58,8 +59,8 @@ def compute(
         time=linearization.time[steps],
         shape=shape,
         level=level,
-        half_width=_padded(np.empty((0, 6)) if found is None else found.half_widths, len(steps)),
-        log_volume=_padded([] if found is None else found.log_volumes, len(steps)),
+        half_width=_padded(np.empty((0, 6)) if library_funnel is None else library_funnel.half_widths, len(steps)),
+        log_volume=_padded([] if library_funnel is None else library_funnel.log_volumes, len(steps)),
         literal_level=literal_levels(recursion.raw_units, design, shape, level),
         literal_level_si=literal_levels(np.ones(6), design, shape, level),
         additive_growth=added_growth(loop, shape, steps, amplitudes),
@@ -154,12 +155,12 @@ def memory(recursion: Recursion, loop, gains: Gains, design):
 # ---- stages ----------------------------------------------------------------------------------------------------------
 
 
-def described_stages(found, count):
+def described_stages(library_funnel, count):
     """Fields of all stages; NaN, and not sound, are those that the funnel does not reach."""
-    checks = () if found is None else found.verifications
+    checks = () if library_funnel is None else library_funnel.verifications
 
     def of_funnel(name, fill=np.nan):
-        return _padded([] if found is None else getattr(found, name), count, fill)
+        return _padded([] if library_funnel is None else getattr(library_funnel, name), count, fill)
 
     def of_checks(name, fill=np.nan):
         return _padded([getattr(check, name) for check in checks], count, fill)
@@ -170,7 +171,9 @@ def described_stages(found, count):
         **{name: of_funnel(name) for name in ("growth", "true_maximum", "violation")},
         **{name: of_funnel(name) / bound for name in ("gap", "residual")},
         "iterations": of_funnel("iterations", 0),
-        "status": np.array([*(() if found is None else found.status), *["not solved"] * count][:count]),
+        "status": np.array(
+            [*(() if library_funnel is None else library_funnel.status), *["not solved"] * count][:count]
+        ),
         "stage_sound": of_checks("sound", False),
         **{name: of_checks(name) for name in ("identity_error", "least_value", "least_eigenvalue", "rounding_margin")},
     }
@@ -242,8 +245,6 @@ def described_slices(
 def largest_heat_rate(vehicle: Vehicle, air: Air, state, shape, level):
     """Largest heat rate (W/m^2) in a slice, under any disturbance of the density.
 
-        max ln q = max over (h, V) of 1/2 (a + b h + norm(a_1, b_1 h)) + 3 ln V + constant
-
     Of the slice only its shadow on altitude and velocity matters, an ellipse, and as q grows with the velocity its
     largest value is on the outline.
     """
@@ -252,27 +253,18 @@ def largest_heat_rate(vehicle: Vehicle, air: Air, state, shape, level):
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
     outline = np.sqrt(2.0 * level) * half_axes @ np.array([np.cos(angle), np.sin(angle)])
     altitude, velocity = state[[0, 3], np.newaxis] + outline
-    return finite(environment.heat_rate(vehicle, air, altitude, velocity, densest(air, altitude)).max())
-
-
-def densest(air: Air, altitude):
-    """Disturbances of the unit disc with the largest density at given altitudes (m,), (2, m); negative: the least.
-
-    ln rho is affine in w, so both are at the ends of the diameter along (a_1, b_1 h).
-    """
-    direction = np.stack([np.full_like(altitude, air.density_amplitude), air.density_slope_amplitude * altitude])
-    length = np.linalg.norm(direction, axis=0)
-    return direction / np.where(length > 0.0, length, 1.0)
+    worst = environment.densest(air, altitude)
+    return finite(environment.heat_rate(vehicle, air, altitude, velocity, worst).max())
 
 
 def lyapunov_rates(air: Air, loop, step, shape, shape_rate, level, points):
     """Rate of V at whitened points (m, 6) of a slice, without disturbance and under the worst one, (2, m), 1/s.
 
-    The rates are affine in the density and w is in nothing else: V' is monotonic in ln rho, and the worst w makes the
+    The rates are affine in the density and w is in nothing else: V' is monotonic in rho, and the worst w makes the
     density largest or least.
     """
     deviations = points @ (np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(shape)))
-    end = densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
+    end = environment.densest(air, loop.states[2 * step, 0] + deviations[:, 0]).T
     still, most, least = (
         lyapunov_rate(loop, 2 * step, shape, shape_rate, deviations, w) for w in (np.zeros_like(end), end, -end)
     )

@@ -19,6 +19,7 @@ from marsedl.replication.sections import (
     given,
     vector,
 )
+from marsedl.sections.air import MeanDensity
 from marsedl.sections.ensemble import Trials
 from marsedl.sections.planet import CentralBody
 from marsedl.sections.vehicle import EntryVehicle
@@ -35,7 +36,8 @@ Coordinate = Annotated[int, Strict(), Field(ge=1, le=6)]
 Points = Annotated[int, Strict(), Field(ge=3, le=2001)]
 Starts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
 
-Slices = Annotated[tuple[Few, ...], Field(min_length=1, max_length=10), *WHOLE]
+Share = Annotated[float, Strict(), Field(ge=0, lt=1)]  # of the flight
+Shares = Annotated[tuple[Share, ...], Field(min_length=1, max_length=10), *ARRAY]
 Levels = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10), *ARRAY]
 Samples = Annotated[int, Strict(), Field(ge=43, le=406)]
 Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=6), *ARRAY]
@@ -46,23 +48,45 @@ def _check_bounds(name, bounds):
         raise ValueError(f"{name} are the wrong way round: write the smaller one first")
 
 
-def _check_inside(name, values, bounds):
-    for value in values:
-        if not bounds[0] <= value <= bounds[1]:
-            raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
+def _check_inside(name, value, bounds):
+    if not bounds[0] <= value <= bounds[1]:
+        raise ValueError(f"{name}: {value:g} lies outside of its bounds, {bounds[0]:g} to {bounds[1]:g}")
 
 
 def _check_multiple(name, steps, per_name, per):
     if steps % per:
-        raise ValueError(f"{name} ({steps}) is not a multiple of {per_name} ({per})")
+        raise ValueError(
+            f"{name} ({steps}) is not a multiple of {per_name} ({per}); give {_list(_nearest_divisors(steps, per))}"
+        )
 
 
-class Planet(CentralBody):
-    """The planet and its air."""
+def _nearest_divisors(steps, per):
+    """The divisors of a number of steps on both sides of a number that is none."""
+    divisors = [number for number in range(1, steps + 1) if steps % number == 0]
+    return [*[number for number in divisors if number < per][-1:], *[number for number in divisors if number > per][:1]]
+
+
+def _list(numbers):
+    return " or ".join(f"{number}" for number in numbers)
+
+
+class Planet(CentralBody, MeanDensity):
+    """The planet and its air, whose mean density is one exponential: ln rho = a + b h."""
 
     rotation_rate: Number = given("1/s", "rotation rate of Mars, radians per second")
-    log_density_at_surface: Number = given("1", "a in ln rho = a + b h, rho in kg/m^3")
-    log_density_slope: Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)] = given("1/m", "b in the same")
+    density_profile: Literal["exponential", "log_quadratic", "temperature_pressure_fit", "two_exponential", "table"] = (
+        given("1", "mean density: the exponential that is given, or a profile through whose logarithm a line is fitted")
+    )
+    log_density_at_surface: Number = given("1", "of exponential: a in ln rho = a + b h, rho in kg/m^3")
+    log_density_slope: Annotated[float, Strict(), Field(lt=0, allow_inf_nan=False)] = given(
+        "1/m", "of exponential: b in the same"
+    )
+    density_window: vector(2) = given("m", "of the other profiles: altitudes between which the line is fitted")
+
+    @model_validator(mode="after")
+    def _window(self):
+        _check_bounds("density_window", self.density_window)
+        return self
 
 
 class Vehicle(EntryVehicle):
@@ -112,10 +136,12 @@ class Guidance(Section):
     nominal_iterations: Few = given("1", "largest number of iterations of a solve")
     guess_bank: Positive = given("rad", "constant bank angle of the guess")
     guess_final_time: Positive = given("s", "final time of the guess")
-    start_banks: Starts = given("rad", "constant bank angles of the further starts")
-    start_final_times: Starts = given("s", "final times of the further starts, each with every bank angle")
+    start_banks: Starts = given("rad", "constant bank angles of the further starts, drawn into bank_bounds")
+    start_final_times: Starts = given(
+        "s", "final times of the further starts, each with every bank angle, drawn into final_time_bounds"
+    )
     nominal_choice: Literal["guess", "best_of_starts"] = given(
-        "1", "which of the optima found is flown: the one that the guess leads to, or that of least bank rate"
+        "1", "optimum that is flown: the one that the guess leads to, or that of least bank rate"
     )
     scale_lengths: vector(3, Positive) = given(
         "m", "altitude, downrange and crossrange that cost as much as one another"
@@ -131,19 +157,24 @@ class Guidance(Section):
     @model_validator(mode="after")
     def _final_times(self):
         _check_bounds("final_time_bounds", self.final_time_bounds)
-        _check_inside("guess_final_time", [self.guess_final_time], self.final_time_bounds)
-        _check_inside("start_final_times", self.start_final_times, self.final_time_bounds)
+        _check_inside("guess_final_time", self.guess_final_time, self.final_time_bounds)
         return self
 
 
 class Uncertainty(Section):
-    """Set of the states at entry, and sets of the disturbances."""
+    """Set of the states at entry, and sets of the disturbances.
+
+    The density has two disturbances w, in the unit disc: of its level, at all altitudes, and of its slope.
+    """
 
     initial_lengths: vector(3, Positive) = given("m", "semi-axes of the initial set: altitude, downrange, crossrange")
     initial_velocity: Positive = given("m/s", "its semi-axis of velocity")
     initial_angles: vector(2, Positive) = given("rad", "its semi-axes of flight path angle and heading")
-    density_amplitude: NonNegative = given("1", "largest change of ln rho at all altitudes")
-    density_slope_amplitude: NonNegative = given("1/m", "largest change of the slope of ln rho")
+    density_disturbance: Literal["parametric", "additive"] = given(
+        "1", "how the disturbance w enters: in the exponent of the density, or added to it, in shares of its mean"
+    )
+    density_amplitude: NonNegative = given("1", "largest change of ln rho, or share of rho, at all altitudes")
+    density_slope_amplitude: NonNegative = given("1/m", "largest change of the slope of ln rho, or of that share")
     additive: Flag = given("1", "whether disturbances are added to all rates as well")
     additive_velocities: vector(3, Positive) = given("m/s", "largest of them: altitude, downrange, crossrange")
     additive_acceleration: Positive = given("m/s^2", "largest of them: velocity")
@@ -159,12 +190,12 @@ class Recursion(Section):
     )
     condition: Literal["flow", "euler"] = given("1", "what a stage bounds: the integrated motion, or the Euler step")
     sampling: Literal["whitened", "raw"] = given(
-        "1", "what the points of Eq. 26 are: on the slice, or on a sphere of the state itself, as printed"
+        "1", "where the points of Eq. 26 lie: on the slice, or on a sphere of the state itself, as printed"
     )
     raw_units: vector(6, Positive) = given("m, rad, rad, m/s, rad, rad", "of raw: units in which the state is taken")
     taylor_order: Order = given("1", "order of the expansion of the motion in deviation and disturbance together")
     exponent_d: Exponent = given(
-        "1", "exponent d of the factor (x'x)^d in Eq. 24; enters no stage: the factor is one number at all samples"
+        "1", "exponent d of the factor (x'x)^d in Eq. 24; it enters no stage, as the factor is equal at all samples"
     )
     design_seed: Seed = given("1", "key of the random points from which the samples are chosen")
     program_tolerance: Positive = given("1", "tolerance of the semidefinite programs, relative to the range of values")
@@ -208,8 +239,11 @@ class Car(Section):
     """The Dubins car."""
 
     dubins_speed: Positive = given("m/s", "speed of the Dubins car")
+    dubins_start: vector(3) = given("m, m, rad", "where its path begins: x, y and heading")
     dubins_duration: Positive = given("s", "duration of its path")
-    dubins_turn_rate: Positive = given("1/s", "amplitude of its turn rate, one sine over the path, radians per second")
+    dubins_turn_rate: NonNegative = given("1/s", "amplitude of its turn rate, a sine over time, radians per second")
+    dubins_mean_turn_rate: Number = given("1/s", "turn rate about which that sine swings, radians per second")
+    dubins_periods: Positive = given("1", "periods of that sine over the path")
     dubins_state_weight: vector(3, Positive) = given("1", "weights on x, y and heading, SI units")
     dubins_control_weight: Positive = given("1", "weight on the turn rate, SI units")
     dubins_terminal_weight: vector(3, Positive) = given("1", "weights at the end")
@@ -234,25 +268,37 @@ class Studies(Section):
     studied_intervals: Annotated[tuple[Intervals, ...], Field(min_length=2, max_length=6), *WHOLE] = given(
         "1", "numbers of intervals of the study of the nodes at which the heat rate is limited"
     )
-    benchmark_slice: Few = given("1", "slice, counted from 1, whose stage is solved in all forms")
+    benchmark_slice: Share = given("1", "slice whose stage is solved in all forms, as a share of the flight")
     benchmark_level: Positive = given("1", "level rho of that slice then")
-    studied_slices: Slices = given("1", "slices, counted from 1, of stages studied with linear motion and over levels")
+    studied_slices: Shares = given(
+        "1", "slices of stages studied with linear motion and over levels, as shares of the flight"
+    )
     studied_levels: Levels = given("1", "levels rho of these slices then")
     studied_samples: Annotated[tuple[Samples, ...], Field(min_length=2, max_length=20), *WHOLE] = given(
         "1", "numbers of random samples from which that stage is bounded"
     )
-    stationary_slice: Few = given("1", "slice, counted from 1, where stationary disturbances are sought")
+    stationary_slice: Share = given("1", "slice where stationary disturbances are sought, as a share of the flight")
     stationary_level: Positive = given("1", "level rho of that slice then")
     stationary_points: Few = given("1", "deviations for which they are sought")
-    studied_spacings: Annotated[tuple[Few, ...], Field(min_length=2, max_length=6), *WHOLE] = given(
-        "1", "fine steps between the slices in the study of their number"
+    studied_stages: Annotated[tuple[Few, ...], Field(min_length=1, max_length=6), *WHOLE] = given(
+        "1",
+        "stages in the study of their number, beside those of steps_per_slice. Of each we take the nearest number "
+        "that divides fine_steps",
     )
     studied_bank_factors: Factors = given("1", "factors of scale_bank in the study of what makes a funnel diverge")
     studied_density_factors: Factors = given("1", "factors of the disturbances of the density in the same")
     studied_initial_factors: Factors = given("1", "factors of the initial set in the same")
     studied_trials: Few = given("1", "flights in each of these cases")
+    regulator_state_factors: Factors = given("1", "factors of all scales of the states in the study of the weights")
+    regulator_bank_factors: Factors = given("1", "factors of scale_bank in the same")
+    regulator_time_factors: Factors = given("1", "factors of state_cost_time in the same")
+    regulator_terminal_factors: Factors = given("1", "factors of terminal_weight in the same")
     backward_level: Positive = given("1", "level rho of the last slice from which the funnel is computed backwards")
-    backward_steps_per_slice: Few = given("1", "fine steps between its slices")
+    coarse_stages: Few = given(
+        "1",
+        "stages of the coarse funnels, all of which have the same slices. We take the nearest number that divides "
+        "fine_steps",
+    )
     fig4_slice: Few = given("1", "slice of Fig. 4, counted from 1")
     fig4_coordinates: Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2), *WHOLE] = given(
         "1", "whitened coordinates that span its plane, counted from 1"
@@ -272,33 +318,24 @@ class Studies(Section):
 
 
 def check_banks(mission: Mission, guidance: Guidance) -> None:
-    """Refuse guesses of the bank angle that lie outside of its bounds."""
-    _check_inside("guidance.guess_bank", [guidance.guess_bank], mission.bank_bounds)
-    _check_inside("guidance.start_banks", guidance.start_banks, mission.bank_bounds)
+    """Refuse a guess of the bank angle that lies outside of its bounds."""
+    _check_inside("guidance.guess_bank", guidance.guess_bank, mission.bank_bounds)
 
 
-def check_steps(guidance: Guidance, recursion: Recursion, ensemble: Ensemble, studies: Studies) -> None:
-    """Refuse parts of the flight that do not consist of whole fine steps."""
-    for name, steps in (
-        ("recursion.steps_per_slice", recursion.steps_per_slice),
-        ("studies.backward_steps_per_slice", studies.backward_steps_per_slice),
-        ("ensemble.redraw_steps", ensemble.redraw_steps),
-        *(("studies.studied_spacings", int(spacing)) for spacing in studies.studied_spacings),
-    ):
-        _check_multiple("guidance.fine_steps", guidance.fine_steps, name, steps)
+def check_steps(guidance: Guidance, recursion: Recursion, ensemble: Ensemble) -> None:
+    """Refuse stages, and times between two disturbances, that do not consist of whole fine steps."""
+    _check_multiple("guidance.fine_steps", guidance.fine_steps, "recursion.steps_per_slice", recursion.steps_per_slice)
+    _check_multiple("guidance.fine_steps", guidance.fine_steps, "ensemble.redraw_steps", ensemble.redraw_steps)
 
 
-def check_slices(guidance: Guidance, recursion: Recursion, studies: Studies) -> None:
-    """Refuse slices from which no stage begins."""
+def check_slice(guidance: Guidance, recursion: Recursion, studies: Studies) -> None:
+    """Refuse a slice of Fig. 4 from which no stage begins."""
     slices = guidance.fine_steps // recursion.steps_per_slice + 1
-    for name, number in (
-        ("studies.fig4_slice", studies.fig4_slice),
-        ("studies.benchmark_slice", studies.benchmark_slice),
-        ("studies.stationary_slice", studies.stationary_slice),
-        *(("studies.studied_slices", int(number)) for number in studies.studied_slices),
-    ):
-        if number >= slices:
-            raise ValueError(f"{name}: no stage begins at slice {number}, as there are {slices}")
+    if studies.fig4_slice >= slices:
+        raise ValueError(
+            f"studies.fig4_slice: no stage begins at slice {studies.fig4_slice}, as there are {slices}; give an "
+            "earlier one, or fewer recursion.steps_per_slice"
+        )
 
 
 class FunnelsInputs(Inputs):
@@ -309,7 +346,7 @@ class FunnelsInputs(Inputs):
         "redrawn": "ensemble.redrawn_trials",
         "adversarial": "ensemble.adversarial_trials",
     }
-    CHECKS: ClassVar = (check_banks, check_steps, check_slices)
+    CHECKS: ClassVar = (check_banks, check_steps, check_slice)
 
     planet: Planet
     vehicle: Vehicle

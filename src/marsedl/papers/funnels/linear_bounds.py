@@ -18,9 +18,10 @@ from marsedl.methods.funnels.linear import (
 from marsedl.methods.funnels.monte_carlo import fly, quadratic_values
 from marsedl.montecarlo.streams import normals, uniforms
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import finite, half_widths
+from marsedl.papers.funnels.basics import half_widths
 from marsedl.papers.funnels.inputs import Ensemble, Guidance, Planet, Recursion, Uncertainty, Vehicle
 from marsedl.papers.funnels.records import Gains, LinearBounds, Linearization
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 FLIGHTS = 2000  # a share of them is known to about a per cent
@@ -55,9 +56,13 @@ def compute(
     value_matrices = 2.0 * _inverse(ellipsoids, scale)
 
     deviations, disturbances = starts(ensemble.seed, semi_axes)
-    flown = []
+    extremes = []
     values = fly(
-        loop, value_matrices, deviations, disturbances, observer=lambda _, at, __: flown.append(np.abs(at).max(axis=1))
+        loop,
+        value_matrices,
+        deviations,
+        disturbances,
+        observer=lambda _, at, __: extremes.append(np.abs(at).max(axis=1)),
     )
     linear_values = linear_flights(transitions, responses, value_matrices, deviations, disturbances)
     return LinearBounds(
@@ -72,7 +77,7 @@ def compute(
         joint_condition=np.linalg.cond(ellipsoids / np.outer(scale, scale)),
         flights=FLIGHTS,
         lost=int(np.count_nonzero(~np.isfinite(values).all(axis=0))),
-        flown_half_width=finite(np.array(flown)),
+        flown_half_width=finite(np.array(extremes)),
         largest_value=finite(values.max(axis=1)),
         largest_linear_value=linear_values.max(axis=1),
         share_outside=_share(values, 1.0),
@@ -98,8 +103,8 @@ def between_slices(transitions, responses, steps):
 def starts(seed, semi_axes):
     """Deviations uniform in the volume of the initial set (m, 6), and disturbances uniform at their limit (m, 2)."""
     states, trials = len(environment.STATES), np.arange(FLIGHTS)
-    drawn = normals(seed, DIRECTION_STREAM, trials, states + environment.DISTURBANCES)
-    direction, disturbance = np.split(drawn, [states], axis=1)
+    numbers = normals(seed, DIRECTION_STREAM, trials, states + environment.DISTURBANCES)
+    direction, disturbance = np.split(numbers, [states], axis=1)
     radius = uniforms(seed, RADIUS_STREAM, trials, 1) ** (1.0 / states)
     return radius * _unit(direction) * semi_axes, _unit(disturbance)
 

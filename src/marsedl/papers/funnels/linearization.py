@@ -30,7 +30,7 @@ def compute(
         state,
         np.hstack([control, np.broadcast_to(still, (len(state), len(still)))]),
     )
-    moved = np.array(np.broadcast_arrays(*rates(None, state.T, control.T, still)))
+    reference_rates = np.array(np.broadcast_arrays(*rates(None, state.T, control.T, still)))
     return Linearization(
         time=time,
         half_time=np.interp(np.arange(len(state)) / 2.0, np.arange(len(time)), time),
@@ -40,6 +40,6 @@ def compute(
         control_matrix=model.control_matrix[:, :, 0],
         disturbance_matrix=model.control_matrix[:, :, 1:],
         heat_rate=environment.heat_rate(vehicle, air, state[:, 0], state[:, 3]),
-        deceleration=-moved[3],
+        deceleration=-reference_rates[3],
         drift=state[-1] - nominal.state[-1],
     )

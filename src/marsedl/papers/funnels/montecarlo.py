@@ -38,17 +38,17 @@ def simulate(
     numbers = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
     kept = min(ensemble.drawn_trials, flown.trials)
-    return _flown(setting, _draws(ensemble, flown.case), numbers, kept, flown.block_size)
+    return _reduced(setting, _draws(ensemble, flown.case), numbers, kept, flown.block_size)
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def dubins_calm(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car without wind."""
     setting = flight.car_setting(dubins, "flow", car.dubins_speed)
     return _car_runs(setting, ensemble.seed, car.dubins_trials, ensemble.drawn_trials)
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def dubins_wind(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
     """Run the Dubins car, each time in a constant wind from the boundary of its disc."""
     setting = flight.car_setting(dubins, "wind", car.dubins_speed, car.dubins_wind)
@@ -57,7 +57,7 @@ def dubins_wind(ensemble: Ensemble, car: Car, dubins: Dubins) -> FlightEnsemble:
 
 def _car_runs(setting, seed, trials, drawn_trials):
     """Runs of the car, held against one of its funnels."""
-    return gather([_flown(setting, flight.Draws(seed), (0, trials), min(drawn_trials, trials))])
+    return gather([_reduced(setting, flight.Draws(seed), (0, trials), min(drawn_trials, trials))])
 
 
 def _draws(ensemble: Ensemble, case):
@@ -65,7 +65,7 @@ def _draws(ensemble: Ensemble, case):
     return flight.Draws(ensemble.seed, case, ensemble.redraw_steps, ensemble.adversarial_directions)
 
 
-def _flown(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
+def _reduced(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
     """The trials from one number up to another, reduced."""
     simulate_block = flight.simulator(setting, draws)
     repeat_maximum = np.full((REPEATS, len(setting.level), len(setting.observed)), np.nan)
@@ -74,9 +74,9 @@ def _flown(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
         block = simulate_block(first, last)
         finite = np.isfinite(block.final_state).all(axis=0) & np.isfinite(block.observed_maximum).all(axis=0)
         for repeat in range(REPEATS):
-            chosen = block.observed[..., finite & (np.arange(first, last) % REPEATS == repeat)]
-            if chosen.size:
-                np.fmax(repeat_maximum[repeat], chosen.max(axis=-1), out=repeat_maximum[repeat])
+            values = block.observed[..., finite & (np.arange(first, last) % REPEATS == repeat)]
+            if values.size:
+                np.fmax(repeat_maximum[repeat], values.max(axis=-1), out=repeat_maximum[repeat])
         return block
 
     reduced = ensembles.run_blocks(recorded, *numbers, block_size=block_size, kept=kept)
@@ -130,9 +130,9 @@ def replay(
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
     setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
-    flown = ensembles.replay(flight.simulator(setting, _draws(ensemble, trial.case)), trial.number)
-    end = ensembles.without_infinities(flown.final_state[:, 0])
-    outcome = ensembles.COMPLETED if np.isfinite(flown.final_state).all() else ensembles.NON_FINITE
+    result = ensembles.replay(flight.simulator(setting, _draws(ensemble, trial.case)), trial.number)
+    end = ensembles.without_infinities(result.final_state[:, 0])
+    outcome = ensembles.COMPLETED if np.isfinite(result.final_state).all() else ensembles.NON_FINITE
     lines = [f"trial {trial.number}, {trial.case}: {OUTCOMES[outcome]}"]
     names = [f"deviation of state {i + 1}" for i in range(len(end) - 2)]
     names += ["largest V/rho at slices", "largest V/rho between them"]

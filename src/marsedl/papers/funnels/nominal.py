@@ -21,12 +21,12 @@ from marsedl.methods.collocation import (
 )
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import DEGREE
 from marsedl.papers.funnels.environment import STATES
 from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
 from marsedl.papers.funnels.records import Nominal, Optima
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError, SolverError
+from marsedl.replication.units import DEGREE
 
 FINE = 5  # integration steps in an interval when the heat rate between the nodes is wanted
 SAME = 1e-5  # relative difference of costs below which two solutions are one optimum
@@ -80,9 +80,11 @@ def problem(planet: Planet, vehicle: Vehicle, mission: Mission, final_time_bound
     )
 
 
-def starts(guidance: Guidance):
-    """Bank angle and final time of every start, the guess first, none twice."""
-    grid = [(bank, time) for bank in guidance.start_banks for time in guidance.start_final_times]
+def starts(mission: Mission, guidance: Guidance):
+    """Bank angle and final time of every start within their bounds, the guess first, none twice."""
+    banks = np.clip(guidance.start_banks, *mission.bank_bounds)
+    times = np.clip(guidance.start_final_times, *guidance.final_time_bounds)
+    grid = [(bank, time) for bank in banks for time in times]
     return list(dict.fromkeys([(guidance.guess_bank, guidance.guess_final_time), *grid]))
 
 
@@ -97,7 +99,7 @@ def constant_bank(mission: Mission, declared, intervals, bank, final_time) -> Gu
     return Guess(simulate(declared, start, still, time, relative_tolerance=1e-7), still, final_time)
 
 
-def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, intervals, begun):
+def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, intervals, guesses):
     """Solve from every start of a list of bank angles and final times.
 
     Returns:
@@ -105,7 +107,7 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
     """
     program = Program(problem(planet, vehicle, mission, guidance.final_time_bounds), intervals, guidance.scheme)
     ends = []
-    for bank, final_time in begun:
+    for bank, final_time in guesses:
         try:
             guess = constant_bank(mission, program.problem, intervals, bank, final_time)
             ends.append(
@@ -122,27 +124,29 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
 @stage()
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
-    begun = starts(guidance)[: 1 if guidance.nominal_choice == "guess" else None]
-    ends = search(planet, vehicle, mission, guidance, guidance.intervals, begun)
-    found, _ = distinct(ends)
-    if not found:
+    guesses = starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
+    ends = search(planet, vehicle, mission, guidance, guidance.intervals, guesses)
+    solutions, _ = distinct(ends)
+    if not solutions:
         raise _failure(ends)
-    return described(planet, vehicle, found[0])
+    return described(planet, vehicle, solutions[0])
 
 
-@stage(claimed_in=("corrected",))
+@stage()
 def optima(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance, studies: Studies) -> Optima:
     """Solve from every start on every mesh: how the nodes at which the heat rate is limited make optima."""
-    grid, rows, leads = starts(guidance), [], []
+    grid, rows, leads = starts(mission, guidance), [], []
     for intervals in (int(number) for number in studies.studied_intervals):
-        found, numbers = distinct(search(planet, vehicle, mission, guidance, intervals, grid))
+        solutions, numbers = distinct(search(planet, vehicle, mission, guidance, intervals, grid))
         leads.append(numbers)
-        for number, one in enumerate(found):
-            peak, time = peak_heat_rate(planet, vehicle, one)
-            velocity, position = one.state("velocity")[-1], time / one.final_time * intervals
-            reached = np.count_nonzero(numbers == number)
-            rows.append((intervals, one.objective * DEGREE**2, one.final_time, velocity, peak, position, reached))
-    intervals, cost, final_time, final_velocity, peak, position, reached = np.array(rows).reshape(-1, 7).T
+        for number, solution in enumerate(solutions):
+            peak, time = peak_heat_rate(planet, vehicle, solution)
+            velocity, position = solution.state("velocity")[-1], time / solution.final_time * intervals
+            count = np.count_nonzero(numbers == number)
+            rows.append(
+                (intervals, solution.objective * DEGREE**2, solution.final_time, velocity, peak, position, count)
+            )
+    intervals, cost, final_time, final_velocity, peak, position, counts = np.array(rows).reshape(-1, 7).T
     return Optima(
         intervals=intervals.astype(np.int64),
         cost=cost,
@@ -150,7 +154,7 @@ def optima(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
         final_velocity=final_velocity,
         peak_heat_rate=peak,
         peak_position=position,
-        starts=reached.astype(np.int64),
+        starts=counts.astype(np.int64),
         start_bank=np.array([bank for bank, _ in grid]),
         start_final_time=np.array([time for _, time in grid]),
         start_optimum=np.array(leads),
@@ -208,14 +212,14 @@ def peak_heat_rate(planet: Planet, vehicle: Vehicle, solution):
     """
     air = environment.undisturbed_air(planet)
     motion, bank = environment.entry_rates(planet, vehicle, air), solution.state("bank")
-    flown, _ = reference_on_half_steps(
+    states, _ = reference_on_half_steps(
         lambda state, control: motion(None, state, control, (0.0, 0.0)),
         np.linspace(0.0, solution.final_time, (len(bank) - 1) * FINE + 1),
         lambda time: np.interp(time, solution.time, bank)[:, np.newaxis],
         solution.states[0, : len(STATES)],
     )
-    heat = np.log(environment.heat_rate(vehicle, air, flown[:, 0], flown[:, 3]))
-    spacing = solution.final_time / (len(flown) - 1)
+    heat = np.log(environment.heat_rate(vehicle, air, states[:, 0], states[:, 3]))
+    spacing = solution.final_time / (len(states) - 1)
     top = int(np.clip(np.argmax(heat), 1, len(heat) - 2))
     before, at, after = heat[top - 1 : top + 2]
     curvature, slope = before - 2.0 * at + after, (after - before) / 2.0

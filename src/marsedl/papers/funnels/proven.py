@@ -40,7 +40,7 @@ def compute(
     for proof in stages:
         level[proof.nodes] = proof.levels
     straight = np.interp(np.arange(len(level)), steps, level[steps])
-    reached = np.isfinite(straight)
+    existing = np.isfinite(straight)
 
     def of_stages(name):
         missing = [np.nan] * (len(steps) - 1 - len(stages))
@@ -62,7 +62,7 @@ def compute(
                 for state, shape, rho in zip(linearization.state[::2], gains.shape, level, strict=True)
             ]
         ),
-        interpolation_excess=float((level[reached] / straight[reached]).max() - 1.0) if len(stages) else np.nan,
+        interpolation_excess=float((level[existing] / straight[existing]).max() - 1.0) if len(stages) else np.nan,
         bound=level[steps[1:]] / level[steps[:-1]],
         **{name: of_stages(name) for name in ("polynomial_bound", "truncation", "remainder", "rise")},
         basis_size=design.basis.shape[1],

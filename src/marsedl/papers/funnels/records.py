@@ -1,41 +1,54 @@
 """Artifact types of the funnels paper."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from marsedl.papers.funnels.environment import STATE_UNIT
-from marsedl.replication.artifacts import quantity
+from marsedl.replication.artifacts import Axis, quantity, record
 
 GAIN_UNIT = "rad/m, 1, 1, rad s/m, 1, 1"
-CAR_UNIT = "m, m, rad"  # of the state of the Dubins car
 OBSERVED_UNIT = "1, SI, W/m^2"
-PER_SPACING = ("conditions", "spacings")
-PER_CAR_SLICE = ("funnels", "slices")
-PER_CAR_STAGE = ("funnels", "stages")
+STATE = Axis(
+    "motion", altitude="m", longitude="rad", latitude="rad", velocity="m/s", flight_path_angle="rad", heading="rad"
+)
+CAR_STATE = Axis("motion", x="m", y="m", heading="rad")  # of the Dubins car
+DISTURBANCE = Axis("disturbance", "level", "slope")  # of the density: at all altitudes, and of its slope
+WHITENED = Axis("coordinate", "y1", "y2", "y3", "y4", "y5", "y6", "w1", "w2")
+PLANE = Axis("plane", "first", "second")  # of Fig. 4
+GROUND = Axis("direction", "downrange", "crossrange")
+FEEDBACK = Axis("feedback", "without", "with")
+EXTREME = Axis("extreme", "least", "largest")
+NORM = Axis("norm", "least", "median", "largest")
+BIN = Axis("bin", "below", "inside", "above")
+EDGE = Axis("edge", "lower", "upper")
+PER_SPACING = ("condition", "spacing")
+PER_CAR_SLICE = ("funnel", "slices")
+PER_CAR_STAGE = ("funnel", "stages")
 
 
-@dataclass(frozen=True)
+@record
 class Nominal:
     """The trajectory that is flown."""
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the transcription", label="time from entry")
     state: np.ndarray = quantity(
-        STATE_UNIT, ("time", 6), "altitude, longitude, latitude, velocity, path angle, heading"
+        STATE.unit, ("time", STATE), "altitude, longitude, latitude, velocity, path angle, heading"
     )
-    bank: np.ndarray = quantity("rad", ("time",), "bank angle at the nodes, linear in between")
-    bank_rate: np.ndarray = quantity("rad/s", ("intervals",), "bank rate on each interval")
+    bank: np.ndarray = quantity("rad", ("time",), "bank angle at the nodes, linear in between", label="bank angle")
+    bank_rate: np.ndarray = quantity("rad/s", ("intervals",), "bank rate on each interval", label="bank rate")
     cost: float = quantity("rad^2/s", (), "integral of the squared bank rate")
-    heat_rate: np.ndarray = quantity("W/m^2", ("time",), "heat rate at the nodes, where it is limited")
+    heat_rate: np.ndarray = quantity(
+        "W/m^2", ("time",), "heat rate at the nodes, where it is limited", label="heat rate"
+    )
     peak_heat_rate: float = quantity("W/m^2", (), "largest heat rate between the nodes, flown")
     peak_time: float = quantity("s", (), "when it is reached")
-    miss: np.ndarray = quantity(STATE_UNIT, (6,), "final state flown by a method of order eight, less the solution's")
+    miss: np.ndarray = quantity(
+        STATE.unit, (STATE,), "final state flown by a method of order eight, less the solution's"
+    )
     status: str = quantity("1", (), "how the solver ended", "str")
     iterations: int = quantity("1", (), "iterations of the solver")
     worst_residual: float = quantity("SI", (), "largest violation of an equation or bound")
 
 
-@dataclass(frozen=True)
+@record
 class Optima:
     """All optima that were found on several meshes, by mesh and cost.
 
@@ -49,52 +62,54 @@ class Optima:
     peak_heat_rate: np.ndarray = quantity("W/m^2", ("optima",), "largest heat rate between the nodes, flown")
     peak_position: np.ndarray = quantity("1", ("optima",), "when it is reached, in intervals from the start")
     starts: np.ndarray = quantity("1", ("optima",), "starts that lead to it", "int64")
-    start_bank: np.ndarray = quantity("rad", ("starts",), "constant bank angle of each start; the first is the guess")
-    start_final_time: np.ndarray = quantity("s", ("starts",), "its final time")
+    start_bank: np.ndarray = quantity("rad", ("start",), "constant bank angle of each start; the first is the guess")
+    start_final_time: np.ndarray = quantity("s", ("start",), "its final time")
     start_optimum: np.ndarray = quantity(
-        "1", ("meshes", "starts"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
+        "1", ("meshes", "start"), "optimum of the mesh that it leads to, from 0; -1: none", "int64"
     )
 
 
-@dataclass(frozen=True)
+@record
 class Linearization:
     """Reference and Jacobians of Eq. 37 at the nodes of the fine grid and half-way between."""
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time from entry")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between", label="time from entry")
     state: np.ndarray = quantity(
-        STATE_UNIT,
-        ("half", 6),
+        STATE.unit,
+        ("half", STATE),
         "reference: altitude, longitude, latitude, velocity, path angle and heading",
     )
-    bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference")
-    state_matrix: np.ndarray = quantity("SI", ("half", 6, 6), "derivative of the rates by the state")
-    control_matrix: np.ndarray = quantity("SI", ("half", 6), "by the bank angle")
-    disturbance_matrix: np.ndarray = quantity("SI", ("half", 6, 2), "by the disturbance of the density")
-    heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference")
+    bank: np.ndarray = quantity("rad", ("half",), "bank angle of the reference", label="bank angle")
+    state_matrix: np.ndarray = quantity("SI", ("half", STATE, STATE), "derivative of the rates by the state")
+    control_matrix: np.ndarray = quantity("SI", ("half", STATE), "by the bank angle")
+    disturbance_matrix: np.ndarray = quantity("SI", ("half", STATE, DISTURBANCE), "by the disturbance of the density")
+    heat_rate: np.ndarray = quantity("W/m^2", ("half",), "heat rate of the reference", label="heat rate")
     deceleration: np.ndarray = quantity("m/s^2", ("half",), "deceleration of the reference")
-    drift: np.ndarray = quantity(STATE_UNIT, (6,), "final state of the reference, less that of the nominal")
+    drift: np.ndarray = quantity(STATE.unit, (STATE,), "final state of the reference, less that of the nominal")
 
 
-@dataclass(frozen=True)
+@record
 class Gains:
     """Regulator, shapes of the slices at all nodes of the fine grid, and the level of the first one.
 
     V(xb) = 1/2 xb'P xb with P the shape; its unit is one over those of two states.
     """
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    gain: np.ndarray = quantity(GAIN_UNIT, ("steps", 6), "feedback of the deviation on the bank angle, on each step")
-    half_gain: np.ndarray = quantity(GAIN_UNIT, ("half", 6), "the same at nodes and half-way between")
-    value_matrix: np.ndarray = quantity("SI", ("time", 6, 6), "cost-to-go of the regulator")
-    shape: np.ndarray = quantity("SI", ("time", 6, 6), "shape P of the slices")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
+    gain: np.ndarray = quantity(
+        GAIN_UNIT, ("steps", STATE), "feedback of the deviation on the bank angle, on each step"
+    )
+    half_gain: np.ndarray = quantity(GAIN_UNIT, ("half", STATE), "the same at nodes and half-way between")
+    value_matrix: np.ndarray = quantity("SI", ("time", STATE, STATE), "cost-to-go of the regulator")
+    shape: np.ndarray = quantity("SI", ("time", STATE, STATE), "shape P of the slices")
     initial_level: float = quantity("1", (), "least level rho of the first slice that holds the initial set, Eq. 20")
     condition: np.ndarray = quantity("1", ("time",), "condition number of the shape, in km, s and rad")
     scaled_condition: np.ndarray = quantity("1", ("time",), "the same in scales of the regulator")
     initial_feedback: float = quantity("rad", (), "largest feedback bank angle on the first slice")
 
 
-@dataclass(frozen=True)
+@record
 class Funnel:
     """Slices {1/2 xb'P xb <= rho} along the reference, the bounds that made them, and their checks.
 
@@ -103,17 +118,17 @@ class Funnel:
 
     outcome: str = quantity("1", (), "complete, or why the funnel ends where it does", "str")
     step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
-    time: np.ndarray = quantity("s", ("slices",), "its time")
-    shape: np.ndarray = quantity("SI", ("slices", 6, 6), "its shape P")
-    level: np.ndarray = quantity("1", ("slices",), "its level rho", allow_nan=True)
+    time: np.ndarray = quantity("s", ("slices",), "its time", label="time from entry")
+    shape: np.ndarray = quantity("SI", ("slices", STATE, STATE), "its shape P")
+    level: np.ndarray = quantity("1", ("slices",), "its level rho", allow_nan=True, label=r"level $\rho$")
     half_width: np.ndarray = quantity(
-        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
+        STATE.unit, ("slices", STATE), "largest deviation of each state in it", allow_nan=True
     )
     log_volume: np.ndarray = quantity(
         "1", ("slices",), "natural logarithm of its volume, in the units of the states", allow_nan=True
     )
     feedback: np.ndarray = quantity("rad", ("slices",), "largest feedback bank angle in it", allow_nan=True)
-    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference")
+    nominal_heat_rate: np.ndarray = quantity("W/m^2", ("slices",), "heat rate of the reference", label="heat rate")
     heat_rate: np.ndarray = quantity(
         "W/m^2", ("slices",), "largest heat rate in the slice with any disturbance of the density", allow_nan=True
     )
@@ -122,10 +137,13 @@ class Funnel:
     )
     rising_undisturbed: np.ndarray = quantity("1", ("slices",), "the same share under no disturbance", allow_nan=True)
     literal_level: np.ndarray = quantity(
-        "1", ("slices", 2), "least and largest V/rho of the points of Eq. 26, in the units of raw_units", allow_nan=True
+        "1",
+        ("slices", EXTREME),
+        "least and largest V/rho of the points of Eq. 26, in the units of raw_units",
+        allow_nan=True,
     )
     literal_level_si: np.ndarray = quantity(
-        "1", ("slices", 2), "the same with states in m, rad and m/s", allow_nan=True
+        "1", ("slices", EXTREME), "the same with states in m, rad and m/s", allow_nan=True
     )
     bound: np.ndarray = quantity("1", ("stages",), "proven bound of the polynomial over the level", allow_nan=True)
     growth: np.ndarray = quantity("1", ("stages",), "factor by which the stage raises the level", allow_nan=True)
@@ -164,18 +182,18 @@ class Funnel:
     memory: float = quantity(
         "1", (), "relative change of the second level when the first is ten times as large", allow_nan=True
     )
-    samples: np.ndarray = quantity("1", ("samples", 8), "points (y, w) at which the programs are matched")
+    samples: np.ndarray = quantity("1", ("sample", WHITENED), "points (y, w) at which the programs are matched")
     fig4_coordinate: np.ndarray = quantity("1", ("grid",), "whitened coordinates along both axes of Fig. 4")
     fig4_rate: np.ndarray = quantity(
         "1/s", ("grid", "grid"), "rate of V in that plane, without disturbance; rows: second coordinate", allow_nan=True
     )
     fig4_worst_rate: np.ndarray = quantity("1/s", ("grid", "grid"), "the same under the worst w", allow_nan=True)
-    fig4_circle: np.ndarray = quantity("1", ("circle", 2), "points of the slice in that plane")
+    fig4_circle: np.ndarray = quantity("1", ("circle", PLANE), "points of the slice in that plane")
     fig4_circle_rate: np.ndarray = quantity("1/s", ("circle",), "rate of V there", allow_nan=True)
     fig4_circle_worst_rate: np.ndarray = quantity("1/s", ("circle",), "the same under the worst w", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class LinearBounds:
     """Levels, sets and shapes of the linearised closed loop.
 
@@ -183,26 +201,26 @@ class LinearBounds:
     initial set and whose disturbance is in its own. NaN: of flights that are not finite.
     """
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time from entry")
     slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
-    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time", label="time from entry")
 
     exact_level: np.ndarray = quantity("1", ("slices",), "level, exact for linear dynamics")
     triangle_level: np.ndarray = quantity("1", ("slices",), "level by the triangle inequality")
     undisturbed_level: np.ndarray = quantity("1", ("slices",), "level without disturbance, exact for linear dynamics")
     exact_half_width: np.ndarray = quantity(
-        STATE_UNIT, ("slices", 6), "largest deviation of each state within the level of the first kind"
+        STATE.unit, ("slices", STATE), "largest deviation of each state within the level of the first kind"
     )
 
     joint_half_width: np.ndarray = quantity(
-        STATE_UNIT,
-        ("time", 6),
+        STATE.unit,
+        ("time", STATE),
         "largest deviation within the joint ellipsoid of start and constant disturbance",
     )
     joint_condition: np.ndarray = quantity("1", ("time",), "its condition number, in scales of the regulator")
     flights: int = quantity("1", (), "flights from within the initial set, with disturbances at their limit")
     lost: int = quantity("1", (), "flights that are not finite")
-    flown_half_width: np.ndarray = quantity(STATE_UNIT, ("time", 6), "largest deviation of them", allow_nan=True)
+    flown_half_width: np.ndarray = quantity(STATE.unit, ("time", STATE), "largest deviation of them", allow_nan=True)
     largest_value: np.ndarray = quantity("1", ("time",), "their largest value", allow_nan=True)
     largest_linear_value: np.ndarray = quantity("1", ("time",), "the same if they were linear")
     share_outside: float = quantity("1", (), "share of the flights whose value exceeds 1 at some time")
@@ -210,44 +228,60 @@ class LinearBounds:
     share_beyond: float = quantity("1", (), "share of the flights whose value exceeds 2 at some time")
 
     reachable_half_width: np.ndarray = quantity(
-        STATE_UNIT,
-        ("time", 6),
+        STATE.unit,
+        ("time", STATE),
         "largest deviation in the ellipsoid of least trace around what linear dynamics reach",
     )
     reachable_level: np.ndarray = quantity("1", ("slices",), "level in that shape, exact for linear dynamics; from 1")
 
 
-@dataclass(frozen=True)
+@record
+class OpenLoop:
+    """Where flights from the first slice end without feedback, and what linear motion reaches without and with it.
+
+    Starts and disturbances are those of the flights under constant disturbance.
+    """
+
+    trials: int = quantity("1", (), "flights without feedback")
+    lost: int = quantity("1", (), "of which not finite")
+    flown_half_width: np.ndarray = quantity("m", (GROUND,), "largest final deviation of the others")
+    repeat_half_width: np.ndarray = quantity("m", ("repeats", GROUND), "the same of ten parts of the flights")
+    linear_half_width: np.ndarray = quantity(
+        "m", (FEEDBACK, GROUND), "largest final deviation of linear motion from the first slice, any disturbance"
+    )
+
+
+@record
 class StageStudy:
     """What the program of a stage needs, and what it gives in other forms.
 
     Bounds are of V at the next slice over the level of this one. The form "samples, rank one" is that of the funnel.
     """
 
-    variety: np.ndarray = quantity("1", ("varieties",), "spheres on which polynomials are bounded", "str")
-    variables: np.ndarray = quantity("1", ("varieties",), "their coordinates", "int64")
-    monomials: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 2", "int64")
-    basis_size: np.ndarray = quantity("1", ("varieties",), "of which are independent there", "int64")
-    coefficients: np.ndarray = quantity("1", ("varieties",), "monomials up to degree 4", "int64")
-    gram_unknowns: np.ndarray = quantity("1", ("varieties",), "entries of a symmetric matrix over the basis", "int64")
-    samples: np.ndarray = quantity("1", ("varieties",), "least number of samples", "int64")
-    basis_rank: np.ndarray = quantity("1", ("varieties",), "rank of all monomials at samples; 0: not computed", "int64")
+    variety: np.ndarray = quantity("1", ("variety",), "spheres on which polynomials are bounded", "str")
+    variables: np.ndarray = quantity("1", ("variety",), "their coordinates", "int64")
+    monomials: np.ndarray = quantity("1", ("variety",), "monomials up to degree 2", "int64")
+    basis_size: np.ndarray = quantity("1", ("variety",), "of which are independent there", "int64")
+    coefficients: np.ndarray = quantity("1", ("variety",), "monomials up to degree 4", "int64")
+    gram_unknowns: np.ndarray = quantity("1", ("variety",), "entries of a symmetric matrix over the basis", "int64")
+    samples: np.ndarray = quantity("1", ("variety",), "least number of samples", "int64")
+    basis_rank: np.ndarray = quantity("1", ("variety",), "rank of all monomials at samples; 0: not computed", "int64")
     product_rank: np.ndarray = quantity(
-        "1", ("varieties",), "rank of the products of the basis at more than enough samples; 0: not computed", "int64"
+        "1", ("variety",), "rank of the products of the basis at more than enough samples; 0: not computed", "int64"
     )
-    exponent: np.ndarray = quantity("1", ("exponents",), "exponent d of Eq. 24", "int64")
-    exponent_degree: np.ndarray = quantity("1", ("exponents",), "degree of the left side of Eq. 24", "int64")
+    exponent: np.ndarray = quantity("1", ("exponent",), "exponent d of Eq. 24", "int64")
+    exponent_degree: np.ndarray = quantity("1", ("exponent",), "degree of the left side of Eq. 24", "int64")
     gram_degree: int = quantity("1", (), "degree of the right side")
 
-    form: np.ndarray = quantity("1", ("forms",), "form of the program and its solver", "str")
-    form_bound: np.ndarray = quantity("1", ("forms",), "bound", allow_nan=True)
+    form: np.ndarray = quantity("1", ("form",), "form of the program and its solver", "str")
+    form_bound: np.ndarray = quantity("1", ("form",), "bound", allow_nan=True)
     form_safe_bound: np.ndarray = quantity(
-        "1", ("forms",), "bound that holds in spite of residual and rounding", allow_nan=True
+        "1", ("form",), "bound that holds in spite of residual and rounding", allow_nan=True
     )
-    form_gap: np.ndarray = quantity("1", ("forms",), "duality gap", allow_nan=True)
-    form_residual: np.ndarray = quantity("1", ("forms",), "largest violation of the equations", allow_nan=True)
-    form_iterations: np.ndarray = quantity("1", ("forms",), "iterations of the solver", "int64")
-    form_status: np.ndarray = quantity("1", ("forms",), "how it ended", "str")
+    form_gap: np.ndarray = quantity("1", ("form",), "duality gap", allow_nan=True)
+    form_residual: np.ndarray = quantity("1", ("form",), "largest violation of the equations", allow_nan=True)
+    form_iterations: np.ndarray = quantity("1", ("form",), "iterations of the solver", "int64")
+    form_status: np.ndarray = quantity("1", ("form",), "how it ended", "str")
     fit_error: float = quantity("1", (), "largest error of the coefficients at the fitted points")
     polynomial_maximum: float = quantity("1", (), "largest value found of the polynomial, on both spheres")
     disc_maximum: float = quantity("1", (), "the same with disturbances inside their disc as well")
@@ -257,38 +291,35 @@ class StageStudy:
     least_eigenvalue: float = quantity("1", (), "of the Gram matrix")
     rounding_margin: float = quantity("1", (), "what rounding may change of it")
 
-    linear_slice: np.ndarray = quantity("1", ("linear",), "slices, from 1, of stages with linear motion", "int64")
-    linear_level: np.ndarray = quantity("1", ("linear",), "their levels")
-    linear_small_bound: np.ndarray = quantity("1", ("linear",), "bound with a basis of degree 1")
-    linear_large_bound: np.ndarray = quantity("1", ("linear",), "bound with the basis of degree 2")
-    linear_exact: np.ndarray = quantity("1", ("linear",), "largest value of linear motion, without samples")
-    linear_still_bound: np.ndarray = quantity("1", ("linear",), "bound without disturbance, degree 1")
-    linear_still_exact: np.ndarray = quantity("1", ("linear",), "largest squared singular value of the motion")
-    linear_gram_size: int = quantity("1", (), "rows of the Gram matrix of degree 1")
-    linear_samples: int = quantity("1", (), "its samples")
-
-    few_samples: np.ndarray = quantity("1", ("counts",), "numbers of random samples", "int64")
-    few_rank: np.ndarray = quantity("1", ("counts",), "products of the basis that they determine", "int64")
-    few_bound: np.ndarray = quantity("1", ("counts",), "bound from them")
-    few_least_value: np.ndarray = quantity("1", ("counts",), "its least distance to the polynomial at fresh points")
-    few_identity_error: np.ndarray = quantity("1", ("counts",), "error of the sum of squares there")
-
-    exponent_whitened_bound: np.ndarray = quantity("1", ("exponents",), "bound with (y'y)^d, on the unit sphere")
-    exponent_bound: np.ndarray = quantity(
-        "1", ("exponents", "designs"), "bound with (x'x)^d of scaled states; the first samples are the funnel's"
+    few_samples: np.ndarray = quantity("1", ("few_samples",), "numbers of random samples", "int64")
+    few_rank: np.ndarray = quantity("1", ("few_samples",), "products of the basis that they determine", "int64")
+    few_bound: np.ndarray = quantity("1", ("few_samples",), "bound from them")
+    few_least_value: np.ndarray = quantity(
+        "1", ("few_samples",), "its least distance to the polynomial at fresh points"
     )
-    exponent_status: np.ndarray = quantity("1", ("exponents", "designs"), "how the solver ended", "str")
+    few_identity_error: np.ndarray = quantity("1", ("few_samples",), "error of the sum of squares there")
 
-    basis: np.ndarray = quantity("1", ("bases",), "coordinates and basis", "str")
-    basis_condition: np.ndarray = quantity("1", ("bases",), "condition number at the samples, without null directions")
-    design: np.ndarray = quantity("1", ("designs",), "well chosen and random samples", "str")
-    design_condition: np.ndarray = quantity("1", ("designs",), "condition number of the interpolation of degree 4")
-    design_bound: np.ndarray = quantity("1", ("designs",), "bound from them")
-    invariance: np.ndarray = quantity("1", ("changes",), "changes that must not change the bound", "str")
-    invariance_bound: np.ndarray = quantity("1", ("changes",), "bound after them")
+    exponent_whitened_bound: np.ndarray = quantity("1", ("exponent",), "bound with (y'y)^d, on the unit sphere")
+    exponent_bound: np.ndarray = quantity(
+        "1", ("exponent", "design"), "bound with (x'x)^d of scaled states; the first samples are the funnel's"
+    )
+    exponent_status: np.ndarray = quantity("1", ("exponent", "design"), "how the solver ended", "str")
+
+    basis: np.ndarray = quantity("1", ("basis",), "coordinates and basis", "str")
+    basis_condition: np.ndarray = quantity("1", ("basis",), "condition number at the samples, without null directions")
+    design: np.ndarray = quantity("1", ("design",), "well chosen and random samples", "str")
+    design_condition: np.ndarray = quantity("1", ("design",), "condition number of the interpolation of degree 4")
+    design_bound: np.ndarray = quantity("1", ("design",), "bound from them")
+    invariance: np.ndarray = quantity("1", ("invariance",), "changes that must not change the bound", "str")
+    invariance_bound: np.ndarray = quantity("1", ("invariance",), "bound after them")
+
+
+@record
+class Stationary:
+    """Disturbances in which the rate of V is stationary, of the Euler polynomial of a stage and of the rates."""
 
     stationary_converged: float = quantity("1", (), "share of deviations for which Newton's method finds a point of O")
-    stationary_norm: np.ndarray = quantity("1", (3,), "least, median and largest norm of w there", allow_nan=True)
+    stationary_norm: np.ndarray = quantity("1", (NORM,), "least, median and largest norm of w there", allow_nan=True)
     stationary_inside: int = quantity("1", (), "how many of them are in W")
     stationary_saddles: float = quantity("1", (), "share of deviations and disturbances with an indefinite Hessian")
     stationary_value: float = quantity("1", (), "largest value of the Euler polynomial in them", allow_nan=True)
@@ -302,37 +333,39 @@ class StageStudy:
     hessian_rank_one: float = quantity("1", (), "largest |determinant| over squared trace of the rates' own Hessian")
 
 
-@dataclass(frozen=True)
+@record
 class Discretization:
     """Funnels with more and fewer slices, by the motion and by the Euler step; levels are rho of the slices."""
 
-    spacing: np.ndarray = quantity("1", ("spacings",), "fine steps from one slice to the next", "int64")
-    condition: np.ndarray = quantity("1", ("conditions",), "what a stage bounds: the motion, or the Euler step", "str")
+    spacing: np.ndarray = quantity(
+        "1", ("spacing",), "fine steps from one slice to the next", "int64", label="fine steps between slices"
+    )
+    condition: np.ndarray = quantity("1", ("condition",), "what a stage bounds: the motion, or the Euler step", "str")
     level: np.ndarray = quantity("1", (*PER_SPACING, "slices"), "levels, as many as there are slices", allow_nan=True)
     outcome: np.ndarray = quantity("1", PER_SPACING, "complete, or why the funnel ends", "str")
     final_level: np.ndarray = quantity("1", PER_SPACING, "last level", allow_nan=True)
     peak_level: np.ndarray = quantity("1", PER_SPACING, "largest level", allow_nan=True)
     excess: np.ndarray = quantity(
         "1",
-        ("spacings", "stages"),
+        ("spacing", "stages"),
         "Euler bound over that of the motion from the same level, less one; negative: the Euler step bounds nothing",
         allow_nan=True,
     )
-    unsafe_share: np.ndarray = quantity("1", ("spacings",), "share of stages where that is negative", allow_nan=True)
-    least_excess: np.ndarray = quantity("1", ("spacings",), "least of them", allow_nan=True)
-    largest_excess: np.ndarray = quantity("1", ("spacings",), "largest of them", allow_nan=True)
-    mean_excess: np.ndarray = quantity("1", ("spacings",), "mean of them", allow_nan=True)
-    mean_difference: np.ndarray = quantity("1", ("spacings",), "mean of their magnitudes", allow_nan=True)
+    unsafe_share: np.ndarray = quantity("1", ("spacing",), "share of stages where that is negative", allow_nan=True)
+    least_excess: np.ndarray = quantity("1", ("spacing",), "least of them", allow_nan=True)
+    largest_excess: np.ndarray = quantity("1", ("spacing",), "largest of them", allow_nan=True)
+    mean_excess: np.ndarray = quantity("1", ("spacing",), "mean of them", allow_nan=True)
+    mean_difference: np.ndarray = quantity("1", ("spacing",), "mean of their magnitudes", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class CoarseFunnels:
     """Funnels on the slices of the backward funnel by other programs, orders and directions."""
 
     coarse_step: np.ndarray = quantity("1", ("coarse",), "fine steps at which coarse slices are", "int64")
-    variant: np.ndarray = quantity("1", ("variants",), "funnels with coarse slices", "str")
-    variant_level: np.ndarray = quantity("1", ("variants", "coarse"), "their levels", allow_nan=True)
-    variant_outcome: np.ndarray = quantity("1", ("variants",), "complete, or why the funnel ends", "str")
+    variant: np.ndarray = quantity("1", ("variant",), "funnels with coarse slices", "str")
+    variant_level: np.ndarray = quantity("1", ("variant", "coarse"), "their levels", allow_nan=True)
+    variant_outcome: np.ndarray = quantity("1", ("variant",), "complete, or why the funnel ends", "str")
     multiplier_status: np.ndarray = quantity(
         "1", ("coarse_stages",), "how the solver of the programs with multipliers ended", "str"
     )
@@ -353,7 +386,7 @@ class CoarseFunnels:
     )
 
 
-@dataclass(frozen=True)
+@record
 class UndisturbedFunnel:
     """The funnel without disturbance."""
 
@@ -363,33 +396,56 @@ class UndisturbedFunnel:
     undisturbed_outcome: str = quantity("1", (), "complete, or why that funnel ends", "str")
 
 
-@dataclass(frozen=True)
+@record
 class Monotonicity:
-    """Levels that a stage reaches from several levels."""
+    """Levels that stages reach from several levels, and their bounds with linear motion."""
 
     studied_slice: np.ndarray = quantity(
-        "1", ("studied",), "slices, from 1, whose stages are taken over levels", "int64"
+        "1", ("studied_slice",), "slices, from 1, whose stages are taken over levels", "int64"
     )
-    studied_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of these slices")
-    reached_level: np.ndarray = quantity("1", ("studied", "factors"), "levels of the next slices")
+    studied_level: np.ndarray = quantity("1", ("studied_slice", "factors"), "levels of these slices")
+    reached_level: np.ndarray = quantity("1", ("studied_slice", "factors"), "levels of the next slices")
+
+    linear_slice: np.ndarray = quantity("1", ("linear_slice",), "slices, from 1, of stages with linear motion", "int64")
+    linear_level: np.ndarray = quantity("1", ("linear_slice",), "their levels")
+    linear_small_bound: np.ndarray = quantity("1", ("linear_slice",), "bound with a basis of degree 1")
+    linear_large_bound: np.ndarray = quantity("1", ("linear_slice",), "bound with the basis of degree 2")
+    linear_exact: np.ndarray = quantity("1", ("linear_slice",), "largest value of linear motion, without samples")
+    linear_still_bound: np.ndarray = quantity("1", ("linear_slice",), "bound without disturbance, degree 1")
+    linear_still_exact: np.ndarray = quantity("1", ("linear_slice",), "largest squared singular value of the motion")
+    linear_gram_size: int = quantity("1", (), "rows of the Gram matrix of degree 1")
+    linear_samples: int = quantity("1", (), "its samples")
 
 
-@dataclass(frozen=True)
+@record
 class Divergence:
     """Funnels with other inputs, on the slices of the backward funnel, and flights with the same inputs."""
 
-    change: np.ndarray = quantity("1", ("changes",), "what is changed, with coarse slices", "str")
-    change_factor: np.ndarray = quantity("1", ("changes",), "factor")
-    change_initial_level: np.ndarray = quantity("1", ("changes",), "first level then")
-    change_level: np.ndarray = quantity("1", ("changes", "coarse"), "levels then", allow_nan=True)
-    change_outcome: np.ndarray = quantity("1", ("changes",), "complete, or why the funnel ends", "str")
+    change: np.ndarray = quantity("1", ("change",), "what is changed, with coarse slices", "str")
+    change_factor: np.ndarray = quantity("1", ("change",), "factor")
+    change_initial_level: np.ndarray = quantity("1", ("change",), "first level then")
+    change_level: np.ndarray = quantity("1", ("change", "coarse"), "levels then", allow_nan=True)
+    change_outcome: np.ndarray = quantity("1", ("change",), "complete, or why the funnel ends", "str")
     change_flown: np.ndarray = quantity(
-        "1", ("changes",), "largest V of flights with constant disturbance", allow_nan=True
+        "1", ("change",), "largest V of flights with constant disturbance", allow_nan=True
     )
-    change_lost: np.ndarray = quantity("1", ("changes",), "flights that do not stay finite", "int64")
+    change_lost: np.ndarray = quantity("1", ("change",), "flights that do not stay finite", "int64")
 
 
-@dataclass(frozen=True)
+@record
+class Regulators:
+    """Funnels with other weights of the regulator and another shape, on the slices of the backward funnel."""
+
+    slice_time: np.ndarray = quantity("s", ("coarse",), "time of the slices", label="time")
+    variant: np.ndarray = quantity("1", ("variant",), "which weight is another one", "str")
+    factor: np.ndarray = quantity("1", ("variant",), "its factor")
+    level: np.ndarray = quantity(
+        "1", ("variant", "coarse"), "level rho of the slices", allow_nan=True, label=r"level $\rho$"
+    )
+    outcome: np.ndarray = quantity("1", ("variant",), "complete, or why the funnel ends", "str")
+
+
+@record
 class EquationsOfMotion:
     """How far the equations of motion are from those in an inertial frame."""
 
@@ -401,7 +457,7 @@ class EquationsOfMotion:
     )
 
 
-@dataclass(frozen=True)
+@record
 class Proven:
     """Levels within which every deviation from the first slice is proven to stay, at all nodes of the fine grid.
 
@@ -415,12 +471,12 @@ class Proven:
     outcome: str = quantity("1", (), "complete, or why nothing is proven beyond some stage", "str")
     proven: bool = quantity("1", (), "whether all stages are proven")
     step: np.ndarray = quantity("1", ("slices",), "fine step of each slice", "int64")
-    time: np.ndarray = quantity("s", ("slices",), "its time")
-    level: np.ndarray = quantity("1", ("slices",), "its proven level rho", allow_nan=True)
+    time: np.ndarray = quantity("s", ("slices",), "its time", label="time from entry")
+    level: np.ndarray = quantity("1", ("slices",), "its proven level rho", allow_nan=True, label=r"level $\rho$")
     half_width: np.ndarray = quantity(
-        STATE_UNIT, ("slices", 6), "largest deviation of each state in it", allow_nan=True
+        STATE.unit, ("slices", STATE), "largest deviation of each state in it", allow_nan=True
     )
-    node_time: np.ndarray = quantity("s", ("nodes",), "nodes of the fine grid")
+    node_time: np.ndarray = quantity("s", ("nodes",), "nodes of the fine grid", label="time from entry")
     node_level: np.ndarray = quantity("1", ("nodes",), "proven level there, between slices too", allow_nan=True)
     node_nominal_heat_rate: np.ndarray = quantity("W/m^2", ("nodes",), "heat rate of the reference there")
     node_heat_rate: np.ndarray = quantity(
@@ -447,26 +503,34 @@ class Proven:
     samples: int = quantity("1", (), "samples there")
 
 
-@dataclass(frozen=True)
+@record
 class Dubins:
     """Path, regulator and funnels of the car.
 
     The state is x, y and heading. A slice is {1/2 xb'P xb <= rho} with P the cost-to-go of the regulator.
     """
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
-    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between")
-    state: np.ndarray = quantity(CAR_UNIT, ("half", 3), "nominal path: x, y and heading")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
+    half_time: np.ndarray = quantity("s", ("half",), "nodes and the points half-way between", label="time")
+    state: np.ndarray = quantity(CAR_STATE.unit, ("half", CAR_STATE), "nominal path: x, y and heading")
     turn_rate: np.ndarray = quantity("1/s", ("half",), "nominal turn rate, radians per second")
-    gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("steps", 3), "feedback of the deviation on the turn rate")
-    half_gain: np.ndarray = quantity("1/(m s), 1/(m s), 1/s", ("half", 3), "the same at nodes and half-way between")
-    shape: np.ndarray = quantity("SI", ("time", 3, 3), "cost-to-go of the regulator, shape P of the slices")
+    gain: np.ndarray = quantity(
+        "1/(m s), 1/(m s), 1/s", ("steps", CAR_STATE), "feedback of the deviation on the turn rate"
+    )
+    half_gain: np.ndarray = quantity(
+        "1/(m s), 1/(m s), 1/s", ("half", CAR_STATE), "the same at nodes and half-way between"
+    )
+    shape: np.ndarray = quantity(
+        "SI", ("time", CAR_STATE, CAR_STATE), "cost-to-go of the regulator, shape P of the slices"
+    )
 
     slice_step: np.ndarray = quantity("1", ("slices",), "fine step at which a slice is", "int64")
-    slice_time: np.ndarray = quantity("s", ("slices",), "its time")
-    funnel: np.ndarray = quantity("1", ("funnels",), "flow and Euler condition without wind, flow with wind", "str")
-    level: np.ndarray = quantity("1", PER_CAR_SLICE, "level of the slice")
-    half_width: np.ndarray = quantity("m, m, rad", (*PER_CAR_SLICE, 3), "largest deviation of each state in the slice")
+    slice_time: np.ndarray = quantity("s", ("slices",), "its time", label="time")
+    funnel: np.ndarray = quantity("1", ("funnel",), "flow and Euler condition without wind, flow with wind", "str")
+    level: np.ndarray = quantity("1", PER_CAR_SLICE, "level of the slice", label=r"level $\rho$")
+    half_width: np.ndarray = quantity(
+        "m, m, rad", (*PER_CAR_SLICE, CAR_STATE), "largest deviation of each state in the slice"
+    )
     log_volume: np.ndarray = quantity("1", PER_CAR_SLICE, "logarithm of the volume of the slice, in m^2 rad")
     bound: np.ndarray = quantity(
         "1", PER_CAR_STAGE, "bound of V at the next slice by the program, relative to the level"
@@ -485,16 +549,16 @@ class Dubins:
     rounding_margin: np.ndarray = quantity("1", PER_CAR_STAGE, "by how much it may be off")
     sound: np.ndarray = quantity("1", PER_CAR_STAGE, "whether all of this is as it should be", "bool")
 
-    basis_size: np.ndarray = quantity("1", ("funnels",), "polynomials in the basis, rows of the Gram matrix", "int64")
-    samples: np.ndarray = quantity("1", ("funnels",), "samples", "int64")
-    rank: np.ndarray = quantity("1", ("funnels",), "products of the basis that they determine", "int64")
+    basis_size: np.ndarray = quantity("1", ("funnel",), "polynomials in the basis, rows of the Gram matrix", "int64")
+    samples: np.ndarray = quantity("1", ("funnel",), "samples", "int64")
+    rank: np.ndarray = quantity("1", ("funnel",), "products of the basis that they determine", "int64")
 
 
-@dataclass(frozen=True)
+@record
 class DubinsStudy:
     """The same funnels by other programs, backwards, of linear dynamics, against the motion itself, and proven."""
 
-    funnel: np.ndarray = quantity("1", ("funnels",), "names, as in the funnels", "str")
+    funnel: np.ndarray = quantity("1", ("funnel",), "names, as in the funnels", "str")
     true_maximum: np.ndarray = quantity("1", PER_CAR_STAGE, "largest V of the motion found at the next slice, relative")
     violation: np.ndarray = quantity(
         "1", PER_CAR_STAGE, "by how much it exceeds the bound, relative; negative if below"
@@ -502,8 +566,8 @@ class DubinsStudy:
 
     multiplier_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level by programs with multipliers and coefficients")
     multiplier_status: np.ndarray = quantity("1", PER_CAR_STAGE, "how their solver ended", "str")
-    multiplier_difference: np.ndarray = quantity("1", ("funnels",), "largest relative difference to the samples' level")
-    fit_error: np.ndarray = quantity("1", ("funnels",), "largest error of the coefficients at the fitted points")
+    multiplier_difference: np.ndarray = quantity("1", ("funnel",), "largest relative difference to the samples' level")
+    fit_error: np.ndarray = quantity("1", ("funnel",), "largest error of the coefficients at the fitted points")
 
     linear_level: np.ndarray = quantity("1", PER_CAR_SLICE, "level for linear dynamics, exact")
     backward_level: np.ndarray = quantity("1", ("slices",), "level backwards from the end of the first funnel")
@@ -526,7 +590,7 @@ class DubinsStudy:
     )
 
 
-@dataclass(frozen=True)
+@record
 class Flights:
     """What chunks and ensembles have in common.
 
@@ -534,7 +598,7 @@ class Flights:
     car), and heat rate, which the car has not.
     """
 
-    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid")
+    time: np.ndarray = quantity("s", ("time",), "nodes of the fine grid", label="time")
     level: np.ndarray = quantity(
         "1", ("time",), "level rho of the funnel, linear between slices; NaN where there is none", allow_nan=True
     )
@@ -560,7 +624,7 @@ class Flights:
     )
 
 
-@dataclass(frozen=True)
+@record
 class FlightChunk(Flights):
     """Reduced trials of one chunk, block by block."""
 
@@ -573,11 +637,11 @@ class FlightChunk(Flights):
         "SI", ("blocks", "time", "states", "states"), "second moment about that mean"
     )
     block_observed_mean: np.ndarray = quantity(OBSERVED_UNIT, ("blocks", "time", "observed"), "mean of the observed")
-    histogram: np.ndarray = quantity("1", ("time", "observed", 3), "trials below 0, within 0 and 1, above", "int64")
-    histogram_edges: np.ndarray = quantity(OBSERVED_UNIT, ("observed", 2), "0 and 1")
+    histogram: np.ndarray = quantity("1", ("time", "observed", BIN), "trials below 0, within 0 and 1, above", "int64")
+    histogram_edges: np.ndarray = quantity(OBSERVED_UNIT, ("observed", EDGE), "0 and 1")
 
 
-@dataclass(frozen=True)
+@record
 class FlightEnsemble(Flights):
     """All trials of a case. The ones that are not finite count as outside of the funnel; no maximum holds them."""
 

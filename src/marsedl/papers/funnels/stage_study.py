@@ -1,4 +1,4 @@
-"""One stage of the funnel in every form: counts, programs, samples, bases, exponents and stationary disturbances.
+"""One stage of the funnel in every form: counts, programs, samples, bases and exponents.
 
 The stage is studied at a level of its own, that of the configuration, with points on the slice and the integrated
 motion, whatever the reading's funnel takes.
@@ -11,8 +11,6 @@ from math import comb
 import numpy as np
 
 from marsedl.methods.funnels.ascent import maximize
-from marsedl.methods.funnels.linear import linear_exact, slice_jacobians, whitened_step
-from marsedl.methods.funnels.stage import lyapunov_rate
 from marsedl.methods.sos.conic_program import conic
 from marsedl.methods.sos.design import (
     condition_number,
@@ -24,13 +22,12 @@ from marsedl.methods.sos.design import (
 from marsedl.methods.sos.multiplier_program import MultiplierProgram
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.sos.verification import verify
-from marsedl.methods.taylor import Series
 from marsedl.papers.funnels import environment
-from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES, finite
-from marsedl.papers.funnels.environment import Air
+from marsedl.papers.funnels.basics import BASIS_DEGREE, SLICE, SPHERES, STATES_IN_KILOMETRES
 from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion, Studies, Uncertainty, Vehicle
 from marsedl.papers.funnels.programs import fitted, samples, solver, stage_at
 from marsedl.papers.funnels.records import Gains, Linearization, StageStudy
+from marsedl.replication.artifacts import finite
 from marsedl.replication.catalogue import stage
 
 # Slice, slice with disturbances of the density, the Dubins car without and with wind, a circle; last, additive
@@ -42,17 +39,13 @@ EXPONENTS = (0, 1, 2)
 CONIC_TOLERANCE = {"CLARABEL": 1e-8, "SCS": 1e-6}  # of the sampled program, on which SCS stalls when asked for more
 # Streams of random numbers, all keyed by that of the design.
 CHECKS, RANKS = 11, 12
-MAXIMA, SAMPLES, ROTATION, DISTURBANCES = range(14, 18)
+MAXIMA, SAMPLES, ROTATION = range(14, 17)
 MORE = 2  # times as many ascents as for a stage of the funnel: few of them end in a local maximum
 FEW_DESIGNS = 2  # random ones
 LEVEL_FACTOR = 7.0  # of shapes and level at once, which changes nothing
-ANGLES, RADII = 36, (0.0, 0.25, 0.5, 0.75)  # where disturbances are compared
-NEWTON_STEPS, NEWTON_FRACTIONS = 12, 2.0 ** -np.arange(8)
-CONVERGED = 1e-9  # of the gradient at no disturbance
-DIFFERENCE = 1e-4  # of disturbances
 
 
-@stage(claimed_in=("corrected",))
+@stage(claimed_in=("printed", "corrected", "euler", "inflated", "additive"))
 def compute(
     planet: Planet,
     vehicle: Vehicle,
@@ -68,16 +61,15 @@ def compute(
     loop = environment.closed_loop(planet, vehicle, air, linearization, gains.half_gain)
     design, scale = samples(recursion), environment.state_scale(planet, guidance)
     spacing = recursion.steps_per_slice
-    stage = stage_at(recursion, loop, gains, studies.benchmark_slice, studies.benchmark_level, spacing)
+    number = environment.slice_at(loop, spacing, studies.benchmark_slice)
+    stage = stage_at(recursion, loop, gains, number, studies.benchmark_level, spacing)
     return StageStudy(
         **counts(recursion),
         **forms(recursion, stage, design),
-        **linear_stages(recursion, studies, loop, gains, design),
         **undersampled(recursion, studies.studied_samples, stage, design),
         **exponents(recursion, stage, design, scale),
         **conditions(recursion, stage, design, scale),
         **invariances(recursion, stage, design),
-        **stationary(recursion, studies, air, loop, gains),
     )
 
 
@@ -141,8 +133,8 @@ def forms(recursion: Recursion, stage, design):
         for name in CONIC_TOLERANCE:
             program = MultiplierProgram(SPHERES.dimensions, full, solver=name)
             certificates[f"{form}, {name}"] = program.solve(coefficients)
-    found = list(certificates.values())
-    check = verify(design, found[0], stage.values, (recursion.design_seed, CHECKS), recursion.check_points)
+    solutions = list(certificates.values())
+    check = verify(design, solutions[0], stage.values, (recursion.design_seed, CHECKS), recursion.check_points)
     search = partial(
         maximize,
         dimensions=SPHERES.dimensions,
@@ -154,12 +146,12 @@ def forms(recursion: Recursion, stage, design):
     polynomial_maximum = search(stage.values)[0]
     return {
         "form": np.array([name.replace("CLARABEL", "Clarabel") for name in certificates]),
-        "form_bound": finite([c.bound for c in found]),
-        "form_safe_bound": finite([c.safe_bound for c in found]),
-        "form_gap": finite([c.gap for c in found]),
-        "form_residual": finite([c.residual for c in found]),
-        "form_iterations": np.array([c.iterations for c in found]),
-        "form_status": np.array([c.status for c in found]),
+        "form_bound": finite([c.bound for c in solutions]),
+        "form_safe_bound": finite([c.safe_bound for c in solutions]),
+        "form_gap": finite([c.gap for c in solutions]),
+        "form_residual": finite([c.residual for c in solutions]),
+        "form_iterations": np.array([c.iterations for c in solutions]),
+        "form_status": np.array([c.status for c in solutions]),
         "fit_error": fit_error,
         "polynomial_maximum": polynomial_maximum,
         "disc_maximum": max(polynomial_maximum, search(stage.values, full_ball=(False, True))[0]),
@@ -168,38 +160,6 @@ def forms(recursion: Recursion, stage, design):
         "least_value": check.least_value,
         "least_eigenvalue": check.least_eigenvalue,
         "rounding_margin": check.rounding_margin,
-    }
-
-
-def linear_stages(recursion: Recursion, studies: Studies, loop, gains: Gains, design):
-    """Stages with linear motion, whose largest value is known otherwise (robust entry funnels, Eq. 22)."""
-    small, still = (samples(recursion, spheres, 1) for spheres in (SPHERES, SLICE))
-    rows = []
-    for number, level in zip(studies.studied_slices.astype(int), studies.studied_levels, strict=True):
-        stage = stage_at(recursion, loop, gains, number, level, recursion.steps_per_slice, order=1)
-        shapes = np.array([stage.shape, stage.next_shape])
-        transitions, responses, _ = slice_jacobians(loop, [stage.first, stage.last])
-        alone = np.hstack([still.points, np.zeros((len(still.points), environment.DISTURBANCES))])
-        rows.append(
-            (
-                solved(recursion, stage.values(small.points), small.basis).safe_bound,
-                solved(recursion, stage.values(design.points), design.basis).safe_bound,
-                linear_exact(transitions, responses, shapes, level)[1] / level,
-                solved(recursion, stage.values(alone), still.basis).safe_bound,
-                np.linalg.norm(whitened_step(transitions[0], responses[0], *shapes)[0], 2) ** 2,
-            )
-        )
-    small_bound, large_bound, exact, still_bound, still_exact = np.transpose(rows)
-    return {
-        "linear_slice": studies.studied_slices.astype(int),
-        "linear_level": studies.studied_levels,
-        "linear_small_bound": small_bound,
-        "linear_large_bound": large_bound,
-        "linear_exact": exact,
-        "linear_still_bound": still_bound,
-        "linear_still_exact": still_exact,
-        "linear_gram_size": small.basis.shape[1],
-        "linear_samples": len(small.points),
     }
 
 
@@ -315,135 +275,4 @@ def invariances(recursion: Recursion, stage, design):
     return {
         "invariance": np.array(list(bounds)),
         "invariance_bound": np.array([certificate.bound for certificate in bounds.values()]),
-    }
-
-
-# ---- stationary disturbances -----------------------------------------------------------------------------------------
-
-
-def stationary(recursion: Recursion, studies: Studies, air: Air, loop, gains: Gains):
-    """Disturbances in which the rate of V is stationary (robust entry funnels, Eqs. 31-35), of the polynomial.
-
-    The rates themselves have none: w acts through the density alone, in which they are affine, so that the gradient of
-    V' by w is that of the density times a number, and a Hessian of rank one comes with it.
-    """
-    stage = stage_at(
-        recursion,
-        loop,
-        gains,
-        studies.stationary_slice,
-        studies.stationary_level,
-        recursion.steps_per_slice,
-        condition="euler",
-    )
-    generator = random(recursion, DISTURBANCES)
-    points = SPHERES.random_points(int(studies.stationary_points), generator)
-    polynomial = in_disturbances(stage, points[:, : SLICE.variables])
-    w, gradient, start = newton(polynomial)
-    converged = np.linalg.norm(gradient, axis=1) < CONVERGED * np.linalg.norm(start, axis=1)
-    norm = np.linalg.norm(w[converged], axis=1)
-    angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    boundary = np.array([polynomial(direction)[0] for direction in circle])
-    interior = np.array([polynomial(radius * direction)[0] for radius in RADII for direction in circle])
-    hessian = polynomial(points[:, SLICE.variables :])[2]
-    return {
-        "stationary_converged": float(converged.mean()),
-        "stationary_norm": np.quantile(norm, (0.0, 0.5, 1.0)) if len(norm) else np.full(3, np.nan),
-        "stationary_inside": int(np.count_nonzero(norm <= 1.0)),
-        "stationary_saddles": float(np.mean(np.linalg.det(hessian) < 0.0)),
-        "stationary_value": float(polynomial(w)[0][converged].max()) if len(norm) else np.nan,
-        "boundary_value": float(boundary.max()),
-        "interior_better": int(np.count_nonzero(interior.max(axis=0) > boundary.max(axis=0))),
-        **_own_derivatives(air, loop, stage, points),
-    }
-
-
-def in_disturbances(stage, whitened):
-    """Polynomial of a stage at fixed deviations as a function of the disturbance.
-
-    Args:
-        stage: `FunnelStage` with the Euler condition, of whose order the polynomial is in w.
-        whitened: y, (m, 6).
-
-    Returns:
-        Function of w, (2,) or (m, 2), that returns value (m,), gradient (m, 2) and Hessian (m, 2, 2).
-    """
-    exponents = Spheres((environment.DISTURBANCES,)).monomials(stage.order)
-    nodes = 2.0 * exponents / stage.order - 0.5  # a triangular grid determines polynomials of the order
-    values = [stage.values(np.hstack([whitened, np.broadcast_to(node, (len(whitened), 2))])) for node in nodes]
-    coefficients = np.linalg.solve(_derivative(exponents, (0, 0), nodes), values)
-
-    def polynomial(w):
-        w = np.broadcast_to(w, (len(whitened), 2))
-
-        def part(*orders):
-            return np.sum(_derivative(exponents, orders, w) * coefficients.T, axis=1)
-
-        mixed = part(1, 1)
-        hessian = np.array([[part(2, 0), mixed], [mixed, part(0, 2)]])
-        return part(0, 0), np.stack([part(1, 0), part(0, 1)], axis=1), np.moveaxis(hessian, -1, 0)
-
-    return polynomial
-
-
-def _derivative(exponents, orders, points):
-    """Derivatives of monomials: orders by each variable, (m, count)."""
-    result = np.ones((len(points), len(exponents)))
-    for powers, order, coordinate in zip(exponents.T, orders, points.T, strict=True):
-        factor = np.prod([powers - j for j in range(order)], axis=0)
-        result *= factor * coordinate[:, np.newaxis] ** np.maximum(powers - order, 0)
-    return result
-
-
-def newton(polynomial):
-    """Newton's method for a vanishing gradient from w = 0, damped: of several fractions of the step the best is taken.
-
-    Returns:
-        w (m, 2), the gradient there and that at the start.
-    """
-    _, gradient, hessian = polynomial(np.zeros(2))
-    start, w = gradient, np.zeros_like(gradient)
-    for _ in range(NEWTON_STEPS):
-        step = np.linalg.solve(hessian, -gradient[..., np.newaxis])[..., 0]
-        trials = np.array([w, *(w + fraction * step for fraction in NEWTON_FRACTIONS)])
-        sizes = np.array([np.linalg.norm(polynomial(trial)[1], axis=1) for trial in trials])
-        w = trials[sizes.argmin(axis=0), np.arange(len(w))]
-        _, gradient, hessian = polynomial(w)
-    return w, gradient, start
-
-
-def _own_derivatives(air: Air, loop, stage, points):
-    """Gradient and Hessian by w of the rates themselves, not expanded, at random points (m, 8)."""
-    deviations, w = stage.deviations(points), points[:, SLICE.variables :]
-    weights = deviations @ stage.shape
-
-    def along(direction):
-        """First and second derivative of V' along a direction of w."""
-        ray = [Series.along(w[:, j], np.full(len(w), direction[j]), 2) for j in range(2)]
-        rates = loop.error_rates(2 * stage.first, list(deviations.T), ray)
-        series = sum(weight * rate for weight, rate in zip(weights.T, rates, strict=True)).coefficients
-        return series[1], 2.0 * series[2]
-
-    (first, first_second), (second, second_second), (_, both) = (along(d) for d in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)))
-    gradient = np.stack([first, second], axis=1)
-    mixed = (both - first_second - second_second) / 2.0
-    determinant, trace = first_second * second_second - mixed**2, first_second + second_second
-
-    still = np.zeros_like(stage.shape)
-    moved = [
-        lyapunov_rate(loop, 2 * stage.first, stage.shape, still, deviations, w + sign * DIFFERENCE * unit)
-        for unit in np.eye(2)
-        for sign in (1.0, -1.0)
-    ]
-    differences = np.stack([moved[0] - moved[1], moved[2] - moved[3]], axis=1) / (2.0 * DIFFERENCE)
-    altitude = loop.states[2 * stage.first, 0] + deviations[:, 0]
-    density = np.stack([np.full(len(w), air.density_amplitude), air.density_slope_amplitude * altitude], axis=1)
-    crossed = gradient[:, 0] * density[:, 1] - gradient[:, 1] * density[:, 0]
-    size = np.linalg.norm(gradient, axis=1)
-    return {
-        "gradient_deviation": float(np.abs(differences - gradient).max() / np.abs(gradient).max()),
-        "gradient_angle": float(np.abs(crossed / (size * np.linalg.norm(density, axis=1))).max()),
-        "gradient_least": float(size.min() / np.median(size)),
-        "hessian_rank_one": float(np.abs(determinant / trace**2).max()),
     }

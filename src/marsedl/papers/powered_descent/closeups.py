@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
+from marsedl.papers.powered_descent.records import MOTION, FlightEnsemble, Gains
 from marsedl.replication.closeups import CloseUp, rounded
 
 MOST_POINTS = 2000
@@ -14,11 +14,14 @@ def final_states(gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEns
     cases = [
         {
             "name": name,
-            "points": rounded(flown.final_state[:MOST_POINTS, :4], axis=0),
-            "ellipses": [*ellipses, _ellipse("of the trials", flown.mean[-1, :4], flown.covariance[-1, :4, :4])],
+            "points": rounded(flights.final_state[:MOST_POINTS, :MOTION], axis=0),
+            "ellipses": [
+                *ellipses,
+                _ellipse("of the trials", flights.mean[-1, :MOTION], flights.covariance[-1, :MOTION, :MOTION]),
+            ],
             "replay": f"marsedl trial powered_descent corrected {case}",
         }
-        for case, name, flown, ellipses in (
+        for case, name, flights, ellipses in (
             ("closed_loop", "with feedback", closed_loop, [predicted]),
             ("open_loop", "without feedback", open_loop, []),
         )
@@ -31,12 +34,7 @@ def final_states(gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEns
         " keeps its promise. It promises nothing for flights without feedback.",
         "scatter",
         {
-            "axes": [
-                {"name": "downrange", "unit": "m"},
-                {"name": "altitude", "unit": "m"},
-                {"name": "downrange velocity", "unit": "m/s"},
-                {"name": "vertical velocity", "unit": "m/s"},
-            ],
+            "axes": [{"name": MOTION.label(component), "unit": unit} for component, unit in MOTION.units.items()],
             "cases": cases,
         },
     )

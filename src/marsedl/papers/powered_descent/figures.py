@@ -3,10 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from marsedl.montecarlo.statistics import histogram_percentile, variance_sampling_band
+from marsedl.montecarlo.statistics import histogram_percentile
 from marsedl.papers.powered_descent import segments
 from marsedl.papers.powered_descent.inputs import Drawing, Entry, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.powered_descent.records import (
+    MOTION,
+    STATE,
     THRUST,
     FixedPointStudy,
     FlightEnsemble,
@@ -14,173 +16,197 @@ from marsedl.papers.powered_descent.records import (
     IntegratorError,
     Nominal,
 )
-from marsedl.plotting.ellipses import band, ellipse, probability_inside
+from marsedl.plotting.curves import legend_below, legend_entry, mark, plot, trials, zero
+from marsedl.plotting.ellipses import ellipse, probability_inside
+from marsedl.plotting.fields import field
+from marsedl.plotting.forms import covariance_ellipse, predicted_against_sampled
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 
-TIME_LABEL = "time (s)"
-COMPONENTS = ("downrange (m)", "altitude (m)", "downrange velocity (m/s)", "vertical velocity (m/s)", "mass (kg)")
+PLANE = ("downrange", "altitude")
+MEAN = {"color": BLACK, "linewidth": 0.9}
+BY_SEGMENT = {"pieces": "segment"}  # of what jumps at the switch
 SEGMENT_STYLES = ("-", "--")
+VELOCITY_TIME = 2.0  # s, for which the mean velocity is drawn in Fig. 2
 
 
 def fig01(vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     """Change of the mass profile in each pass of Algorithm 3."""
     figure, axes = new_figure()
-    changes = np.abs(np.diff(nominal.mass_of_pass, axis=0))
-    shades = np.linspace(1.0, 0.25, len(changes))
-    for number, (change, shade) in enumerate(zip(changes, shades, strict=True), start=1):
-        shown = np.where(change > 0, change, np.nan)
-        axes.semilogy(nominal.time, shown, color=BLUE, alpha=shade, label=f"{number}: {change.max():.1e} kg")
-    axes.axhline(np.spacing(vehicle.wet_mass), color=GREY, linewidth=0.8, linestyle=":")
+    mass = field(nominal, "mass_of_pass")
+    changes = np.abs(np.diff(mass.values, axis=0))
+    for number, (change, shade) in enumerate(zip(changes, np.linspace(1.0, 0.25, len(changes)), strict=True), start=1):
+        shown = mass.of(np.where(change > 0, change, np.nan), "|change of mass|")
+        plot(axes, shown, color=BLUE, alpha=shade, label=f"{number}: {change.max():.1e} kg")
+    mark(axes, y=np.spacing(vehicle.wet_mass))
     axes.annotate(
         "spacing of double precision", (0.02, np.spacing(vehicle.wet_mass)), (0, 3), textcoords="offset points",
         xycoords=("axes fraction", "data"), fontsize=7, color=GREY,
     )  # fmt: skip
-    _mark_switch(axes, mission)
-    axes.set(xlabel=TIME_LABEL, ylabel="|change of mass| (kg)", xlim=(0, nominal.time[-1]), ylim=(1e-14, 1e3))
+    mark(axes, x=mission.segment_durations[0])
+    axes.set(xlim=(0, nominal.time[-1]), yscale="log", ylim=(1e-14, 1e3))
     axes.legend(title="pass: largest change", loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
 def fig02(planet: Planet, entry: Entry, mission: Mission, drawing: Drawing, nominal: Nominal) -> Figure:
     """Divert geometry: steered mean path, ballistic path, covariance ellipses and divert radius."""
-    figure, axes = new_figure(6.4, 4.4)
+    figure, axes = new_figure(6.4, 4.8)
     start, final = segments.initial_mean(entry), mission.final_mean
     # The ballistic arc ends at ground level, which is where the divert radius is measured.
     fall = (start[3] + np.sqrt(start[3] ** 2 + 2 * planet.gravity * max(start[1], 0.0))) / planet.gravity
-    time = np.linspace(0.0, fall, 200)
-    impact = start[0] + start[2] * fall
-    axes.plot(start[0] + start[2] * time, start[1] + start[3] * time - planet.gravity * time**2 / 2, "--", color=ORANGE)
-    axes.plot(nominal.mean[:, 0], nominal.mean[:, 1], color=BLUE)
-    axes.axhline(0.0, color=BLACK, linewidth=0.8)
-    for mean, covariance in zip(*segments.end_conditions(entry, mission), strict=True):
+    time, impact = np.linspace(0.0, fall, 200), start[0] + start[2] * fall
+    arc = start[:2, np.newaxis] + np.outer(start[2:], time) - np.outer([0.0, planet.gravity / 2], time**2)
+    axes.plot(*arc, color=ORANGE, linestyle="--", label="uncontrolled path")
+    plot(axes, nominal, "mean.altitude", x="mean.downrange", color=BLUE, label="steered mean path")
+    zero(axes, linewidth=0.8)
+    ends = {
+        r"$\bar r_0,\ \Sigma_0$": (-9, 9, "right"),
+        "intermediate\ntarget": (-9, 0, "right"),
+        r"$\bar r_T,\ \Sigma_T$": (9, 0, "left"),
+    }
+    for mean, covariance, (text, (*offset, side)) in zip(
+        *segments.end_conditions(entry, mission), ends.items(), strict=True
+    ):
         axes.plot(*ellipse(mean[:2], covariance[:2, :2], drawing.ellipse_sigma).T, color=BLACK, linewidth=0.9)
-    axes.annotate(
-        "", start[:2] + 2.0 * start[2:], start[:2], arrowprops={"arrowstyle": "->", "color": BLACK, "linewidth": 1.2}
-    )
-    axes.annotate("mean velocity (2 s of it)", start[:2] + 2.0 * start[2:], (8, 0), textcoords="offset points")
-    axes.annotate(r"$\bar r_0,\ \Sigma_0$", start[:2], (-10, 12), textcoords="offset points", ha="right")
-    axes.annotate(r"$\bar r_T,\ \Sigma_T$", final[:2], (-12, 8), textcoords="offset points", ha="right")
-    axes.annotate(r"$\tilde r(T)$", (impact, 0), (0, 8), textcoords="offset points", ha="left")
-    axes.annotate("", (impact, -28), (final[0], -28), arrowprops={"arrowstyle": "<->", "color": GREEN})
-    radius = abs(impact - final[0])
-    axes.annotate(rf"$r_d$ = {radius:.0f} m", ((impact + final[0]) / 2, -30), (0, -3), textcoords="offset points",
-                  ha="center", va="top", color=GREEN)  # fmt: skip
-    axes.annotate("steered mean path", nominal.mean[len(nominal.mean) // 3, :2], (-10, 10), textcoords="offset points",
-                  ha="right", color=BLUE)  # fmt: skip
-    middle = len(time) * 3 // 5
-    arc = start[:2] + np.array([start[2], start[3] - planet.gravity * time[middle] / 2]) * time[middle]
-    axes.annotate("uncontrolled path", arc, (10, 4), textcoords="offset points", color=ORANGE)
-    axes.set(xlabel=COMPONENTS[0], ylabel=COMPONENTS[1], aspect="equal")
-    axes.set_ylim(bottom=-80)
+        axes.annotate(text, mean[:2], offset, textcoords="offset points", ha=side, va="center", fontsize=8)
+    arrow = {"arrowstyle": "->", "color": BLACK, "linewidth": 1.2}
+    axes.annotate("", start[:2] + VELOCITY_TIME * start[2:], start[:2], arrowprops=arrow)
+    axes.annotate(r"$\tilde r(T)$", (impact, 0), (5, 8), textcoords="offset points")
+    below_ground = axes.get_xaxis_transform()
+    across = {"xycoords": below_ground, "textcoords": below_ground, "color": GREEN}
+    axes.annotate("", (impact, 0.09), (final[0], 0.09), arrowprops={"arrowstyle": "<->", "color": GREEN}, **across)
+    middle = (impact + final[0]) / 2
+    axes.annotate(f"$r_d$ = {abs(impact - final[0]):.0f} m", (middle, 0.09), (middle, 0.02), ha="center", **across)
+    legend_entry(axes, f"mean velocity ({VELOCITY_TIME:g} s of it)", color=BLACK, marker=">", markersize=4)
+    axes.set_aspect("equal")
+    axes.margins(x=0.2)
+    axes.set_ylim(bottom=-0.18 * axes.get_ylim()[1])
+    legend_below(figure, [axes])
     return figure
 
 
 def fig03(drawing: Drawing, gains: Gains, closed_loop: FlightEnsemble, open_loop: FlightEnsemble) -> Figure:
     """Trajectories in the plane, closed and open loop, with covariance ellipses along the mean path."""
-    figure, both = new_figure(7.6, 5.3, ncols=2)
-    path = gains.mean
+    panels = [["both", "closed", "switch"], ["both", "closed", "end"]]
+    figure, panels = new_figure(8.4, 4.6, mosaic=panels, width_ratios=(1.25, 1, 0.85))
+    right, up = (f"kept_history.{component}" for component in PLANE)
     nodes = _ellipse_nodes(drawing, gains)
-    for axes, show_open in zip(both, (True, False), strict=True):
-        if show_open:
-            for trial in open_loop.kept_history:
-                axes.plot(trial[:, 0], trial[:, 1], color=ORANGE, linewidth=0.5, alpha=0.7)
-        for trial in closed_loop.kept_history:
-            axes.plot(trial[:, 0], trial[:, 1], color=BLUE, linewidth=0.4, alpha=0.6)
-        axes.plot(path[:, 0], path[:, 1], color=BLACK, linewidth=0.9)
-        for node, is_end in nodes:
-            curve = ellipse(path[node, :2], gains.covariance[node, :2, :2], drawing.ellipse_sigma)
-            color = BLACK if is_end else VERMILION
-            axes.plot(*curve.T, color=color, linewidth=1.2 if is_end else 0.8, zorder=4)
-            at = _positions_at(closed_loop, gains.time[node])
-            axes.plot(at[:, 0], at[:, 1], ".", color=color, markersize=1.6, zorder=3)
-        axes.set(xlabel=COMPONENTS[0], aspect="equal")
-    both[0].set(ylabel=COMPONENTS[1], title="closed and open loop")
-    both[0].axhline(0.0, color=BLACK, linewidth=0.8)
-    level = probability_inside(drawing.ellipse_sigma)
-    both[1].set(title=f"closed loop; {drawing.ellipse_sigma:g}-sigma ellipses ({100 * level:.1f} %)")
-    handles = [
-        both[1].plot([], [], color=color, label=label, marker=marker)[0]
-        for color, label, marker in (
-            (BLUE, f"closed loop ({len(closed_loop.kept_history)})", ""),
-            (ORANGE, f"open loop ({len(open_loop.kept_history)})", ""),
-            (BLACK, "mean path; ellipses at the targets", ""),
-            (VERMILION, "ellipses in between, trials at these times", "."),
+    opened = trials(panels["both"], open_loop, up, x=right, color=ORANGE, linewidth=0.5, alpha=0.7, label=None)
+    for axes in panels.values():
+        closed = trials(axes, closed_loop, up, x=right, label=None)
+        plot(axes, gains, "mean.altitude", x="mean.downrange", **MEAN)
+        for node, at_target in nodes:
+            color, width = (BLACK, 1.2) if at_target else (VERMILION, 0.8)
+            ellipse_at = {"sigma": drawing.ellipse_sigma, "at": {"time": node}}
+            covariance_ellipse(axes, gains, PLANE, **ellipse_at, color=color, linewidth=width, zorder=4)
+            positions = _positions_at(closed_loop, gains.time[node])
+            axes.plot(*positions.T, ".", color=color, markersize=1.6, zorder=3)
+    for name, segment in (("switch", 0), ("end", 1)):
+        node = np.flatnonzero(gains.segment == segment)[-1]
+        reach = 1.6 * drawing.ellipse_sigma * np.sqrt(np.diag(gains.covariance[node])[:2])
+        lower, upper = gains.mean[node, :2] - reach, gains.mean[node, :2] + reach
+        panels[name].set(
+            xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), title=f"target at {gains.time[node]:g} s"
         )
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    for name, title in (("both", "closed and open loop"), ("closed", "closed loop")):
+        panels[name].set_aspect("equal", adjustable="datalim")
+        panels[name].set_title(title)
+    for name in ("closed", "switch"):
+        panels[name].set(**{"ylabel" if name == "closed" else "xlabel": ""})
+    zero(panels["both"], linewidth=0.8)
+    sigma = drawing.ellipse_sigma
+    size = f"{sigma:g}-sigma ellipses ({100 * probability_inside(sigma):.1f} %)"
+    for color, label, marker in (
+        (BLUE, f"closed loop ({closed} trials)", ""),
+        (ORANGE, f"open loop ({opened} trials)", ""),
+        (BLACK, f"mean path; {size} and trials at the targets", "."),
+        (VERMILION, "the same in between", "."),
+    ):
+        legend_entry(panels["both"], label, color=color, marker=marker)
+    legend_below(figure, [panels["both"]], columns=2)
     return figure
 
 
 def fig04(mission: Mission, closed_loop: FlightEnsemble, gains: Gains) -> Figure:
     """State components of a selection of closed-loop trials over time."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
-    for component, axes in enumerate(panels.flat):
-        for trial in closed_loop.kept_history:
-            axes.plot(closed_loop.time, trial[:, component], color=BLUE, linewidth=0.4, alpha=0.6)
-        axes.plot(gains.time, gains.mean[:, component], color=BLACK, linewidth=0.9)
-        _mark_switch(axes, mission)
-        axes.set(ylabel=COMPONENTS[component], xlim=(0, gains.time[-1]))
-    for axes in panels[-1]:
-        axes.set_xlabel(TIME_LABEL)
-    panels[0, 0].plot([], [], color=BLUE, label=f"{len(closed_loop.kept_history)} trials")
-    panels[0, 0].plot([], [], color=BLACK, label="mean of the design")
-    panels[0, 0].legend()
+    for component, axes in zip(MOTION.names, panels.flat, strict=True):
+        trials(axes, closed_loop, f"kept_history.{component}")
+        plot(axes, gains, f"mean.{component}", label="mean of the design", **MEAN)
+    mark(*panels.flat, x=mission.segment_durations[0])
+    panels[0, 0].set_xlim(0, gains.time[-1])
+    legend_below(figure, panels[0, :1])
     return figure
 
 
-def fig05(mission: Mission, closed_loop: FlightEnsemble, nominal: Nominal) -> Figure:
-    """Mass of the same trials over time, with the prior profile."""
-    figure, (axes, difference) = new_figure(7.2, 3.4, ncols=2)
-    prior = _at(nominal.time, nominal.segment, nominal.mass, closed_loop.time, closed_loop.segment)
-    for trial in closed_loop.kept_history:
-        axes.plot(closed_loop.time, trial[:, 4], color=BLUE, linewidth=0.4, alpha=0.6)
-        difference.plot(closed_loop.time, trial[:, 4] - prior, color=BLUE, linewidth=0.4, alpha=0.6)
-    axes.plot(nominal.time, nominal.mass, color=BLACK, linewidth=0.9)
-    mean = closed_loop.mean[:, 4] - prior
-    difference.plot(closed_loop.time, mean, color=VERMILION, label=f"mean of {closed_loop.count} trials")
-    difference.axhline(0.0, color=BLACK, linewidth=0.9, label="prior profile")
-    axes.plot([], [], color=BLUE, label=f"{len(closed_loop.kept_history)} trials")
-    axes.plot([], [], color=BLACK, label="prior profile")
-    for panel, label in ((axes, COMPONENTS[4]), (difference, "mass minus prior profile (kg)")):
-        _mark_switch(panel, mission)
-        panel.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, nominal.time[-1]))
-        panel.legend()
+def fig05(mission: Mission, closed_loop: FlightEnsemble, nominal: Nominal, published=None) -> Figure:
+    """Mass of the same trials over time, with the prior profile.
+
+    published: the printed claims by id, to mark the printed final masses as well.
+    """
+    figure, (masses, difference) = new_figure(7.2, 3.4, ncols=2)
+    prior = field(nominal, "mass")
+    mass, mean = field(closed_loop, "kept_history.mass"), field(closed_loop, "mean.mass")
+    trials(masses, mass)
+    plot(masses, prior, label="prior profile", **MEAN)
+    trials(difference, mass.minus(prior, "mass minus prior profile"), label=None)
+    plot(difference, mean.minus(prior), color=VERMILION, label=f"mean of {closed_loop.count:,} trials")
+    plot(masses, mean, color=VERMILION)
+    zero(difference, linewidth=0.9)
+    mark(masses, difference, x=mission.segment_durations[0])
+    if published:
+        printed_mean, printed_prior = (published[id].printed for id in ("mc_mean_final_mass", "prior_final_mass"))
+        printed = {
+            "color": VERMILION,
+            "marker": "x",
+            "markersize": 6,
+            "linestyle": "none",
+            "clip_on": False,
+            "zorder": 5,
+        }
+        end = nominal.time[-1]
+        masses.plot(end, printed_mean, **printed, label=f"mean, as printed: {printed_mean:,} kg")
+        masses.plot(end, printed_prior, **printed | {"color": BLACK}, label=f"prior, as printed: {printed_prior:,} kg")
+        difference.plot(end, printed_mean - printed_prior, **printed)
+    for axes in (masses, difference):
+        axes.set(xlim=(0, nominal.time[-1]))
+    legend_below(figure, (masses, difference))
     return figure
 
 
 def fig06a(mission: Mission, gains: Gains) -> Figure:
     """Feedback gains over time, both axes."""
     figure, panels = new_figure(7.2, 3.4, ncols=2)
-    for axes, column, label in ((panels[0], 0, "position gain (N/m)"), (panels[1], 2, "velocity gain (N s/m)")):
-        for row, color, style, name in ((0, BLUE, "-", "downrange"), (1, ORANGE, "--", "altitude")):
-            _by_segment(axes, gains, gains.gain[:, row, column + row], color=color, linestyle=style, label=name)
-        axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        _mark_switch(axes, mission)
-        axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, gains.time[-1]))
+    for axes, name, pair in (
+        (panels[0], "position gain", ("downrange.downrange", "vertical.altitude")),
+        (panels[1], "velocity gain", ("downrange.downrange_velocity", "vertical.vertical_velocity")),
+    ):
+        for path, color, style, label in zip(pair, (BLUE, ORANGE), SEGMENT_STYLES, PLANE, strict=True):
+            plot(axes, gains, f"gain.{path}", name=name, **BY_SEGMENT, color=color, linestyle=style, label=label)
+        axes.set(xlim=(0, gains.time[-1]))
         axes.legend()
+    zero(*panels)
+    mark(*panels, x=mission.segment_durations[0])
     return figure
 
 
 def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: FlightEnsemble) -> Figure:
     """Control magnitude as a fraction of the maximum thrust: mean, upper percentile and maximum over the trials."""
     figure, axes = new_figure()
-    level = drawing.thrust_percentile
+    level, name = drawing.thrust_percentile, f"control magnitude / {vehicle.maximum_thrust:,.0f} N"
+    mean, largest = (
+        field(closed_loop, f"{name}.thrust", **BY_SEGMENT) for name in ("observed_mean", "maximum_over_trials")
+    )
     percentile, _ = histogram_percentile(closed_loop.histogram[:, THRUST], closed_loop.histogram_edges[THRUST], level)
-    curves = (
-        (closed_loop.observed_mean[:, THRUST], BLACK, "mean"),
-        (percentile, BLUE, f"{100 * level:g} % of the trials below"),
-        (closed_loop.maximum_over_trials[:, THRUST], VERMILION, "maximum"),
-    )
-    for values, color, label in curves:
-        _by_segment(axes, closed_loop, values / vehicle.maximum_thrust, color=color, label=label)
-    axes.axhline(1.0, color=GREY, linestyle=":", label="maximum thrust")
-    _mark_switch(axes, mission)
-    axes.set(
-        xlabel=TIME_LABEL,
-        ylabel=f"control magnitude / {vehicle.maximum_thrust:,.0f} N",
-        xlim=(0, closed_loop.time[-1]),
-        title=f"{closed_loop.count:,} trials",
-    )
+    for thrust, color, label in (
+        (mean, BLACK, "mean"),
+        (mean.of(percentile), BLUE, f"{100 * level:g} % of the trials below"),
+        (largest, VERMILION, "maximum"),
+    ):
+        plot(axes, thrust.of(thrust.values / vehicle.maximum_thrust, name, "1"), color=color, label=label)
+    mark(axes, y=1.0, linewidth=1.2, label="maximum thrust")
+    mark(axes, x=mission.segment_durations[0])
+    axes.set(xlim=(0, closed_loop.time[-1]), title=f"{closed_loop.count:,} trials")
     axes.set_ylim(bottom=0)
     axes.legend()
     return figure
@@ -190,103 +216,97 @@ def fig07(
     mission: Mission, gains: Gains, closed_loop: FlightEnsemble, closed_loop_large: FlightEnsemble | None = None
 ) -> Figure:
     """Predicted and measured variances of downrange and altitude, with the sampling band of the prediction."""
-    closed_loop = closed_loop_large or closed_loop
+    flights = closed_loop_large or closed_loop
     figure, panels = new_figure(7.2, 5.0, nrows=2, ncols=2, sharex=True, height_ratios=(2, 1))
-    for component, (name, color) in enumerate((("downrange", BLUE), ("altitude", ORANGE))):
-        axes, ratio = panels[:, component]
-        predicted = gains.covariance[:, component, component]
-        measured = closed_loop.covariance[:, component, component]
-        lower, upper = variance_sampling_band(predicted, closed_loop.count)
-        band(axes, gains.time, lower, upper, color, label="95 % sampling band")
-        axes.plot(gains.time, predicted, color=color, label="predicted (Eq. 40)")
-        axes.plot(closed_loop.time, measured, ".", color=BLACK, markersize=3, label=f"{closed_loop.count:,} trials")
-        at = _at(gains.time, gains.segment, predicted, closed_loop.time, closed_loop.segment)
-        lower, upper = variance_sampling_band(np.ones_like(at), closed_loop.count)
-        band(ratio, closed_loop.time, 100 * (lower - 1), 100 * (upper - 1), color)
-        ratio.plot(closed_loop.time, 100 * (measured / at - 1), ".", color=BLACK, markersize=3)
-        ratio.axhline(0.0, color=color)
-        for panel in (axes, ratio):
-            _mark_switch(panel, mission)
-        axes.set(title=name, xlim=(0, gains.time[-1]))
-        axes.set_ylim(bottom=0)
-        ratio.set_xlabel(TIME_LABEL)
-        axes.legend()
-    panels[0, 0].set_ylabel("variance (m$^2$)")
-    panels[1, 0].set_ylabel("measured against\npredicted (%)")
+    for component, color, (variance, ratio) in zip(PLANE, (BLUE, ORANGE), panels.T, strict=True):
+        predicted, sampled = (
+            field(record, f"covariance.{component}", name=f"variance of {component}") for record in (gains, flights)
+        )
+        predicted_against_sampled(
+            variance, ratio, predicted, sampled, flights.count, color=color, label="predicted (Eq. 40)"
+        )
+        variance.legend()
+    mark(*panels.flat, x=mission.segment_durations[0])
+    panels[0, 0].set_xlim(0, gains.time[-1])
     return figure
 
 
 def fixed_point(studies: Studies, fixed_point: FixedPointStudy, gains: Gains) -> Figure:
     """Iterations of Algorithm 1 against the noise density, beside the closed form that needs none."""
-    figure, (axes, errors) = new_figure(7.6, 3.6, ncols=2)
+    figure, (iterations, errors) = new_figure(7.6, 3.6, ncols=2)
     orders = {"gauss_seidel": (BLUE, "o", "Gauss-Seidel order"), "jacobi": (ORANGE, "s", "Jacobi order, as printed")}
+    tolerance = f"iterations to a relative {studies.fixed_point_tolerance:.0e}"
     for number, order in enumerate(fixed_point.order):
         color, marker, name = orders[str(order)]
         for segment, style in enumerate(SEGMENT_STYLES):
+            run = {"at": {"order": number, "segments": segment}}
             curve = {"color": color, "marker": marker, "linestyle": style, "markersize": 3}
-            done = fixed_point.sweep_converged[:, number, segment]
-            iterations = np.where(done, fixed_point.sweep_iterations[:, number, segment], np.nan)
-            axes.loglog(fixed_point.density, iterations, **curve, label=f"{name}, segment {segment + 1}")
-            errors.loglog(fixed_point.density, fixed_point.sweep_error[:, number, segment], **curve)
-    for panel in (axes, errors):
-        for segment, style in enumerate(SEGMENT_STYLES):
-            panel.axvline(fixed_point.critical_density[segment], color=GREY, linewidth=0.8, linestyle=style)
-        if fixed_point.density[0] < gains.noise_density_plant < fixed_point.density[-1]:
-            panel.axvline(gains.noise_density_plant, color=GREEN, linewidth=0.9)
-        panel.set_xlabel("noise density (N s$^{1/2}$)")
-    axes.plot([], [], color=GREY, linewidth=0.8, label="Riccati solution singular at the start")
-    axes.plot([], [], color=GREEN, linewidth=0.9, label="this reading")
-    axes.set_ylabel(f"iterations to a relative {studies.fixed_point_tolerance:.0e}")
-    errors.set_ylabel("error of the Riccati solution\nagainst the closed form")
+            count = field(fixed_point, "sweep_iterations", name=tolerance, **run)
+            converged = count.of(np.where(field(fixed_point, "sweep_converged", **run).values, count.values, np.nan))
+            plot(iterations, converged, **curve, label=f"{name}, segment {segment + 1}")
+            plot(
+                errors,
+                fixed_point,
+                "sweep_error",
+                name="error of the Riccati solution\nagainst the closed form",
+                **run,
+                **curve,
+            )
+    both = iterations, errors
+    for segment, style in enumerate(SEGMENT_STYLES):
+        mark(*both, x=fixed_point.critical_density[segment], linestyle=style)
+    if fixed_point.density[0] < gains.noise_density_plant < fixed_point.density[-1]:
+        mark(*both, x=gains.noise_density_plant, color=GREEN, linewidth=0.9, linestyle="-")
+    for axes in both:
+        axes.set(xscale="log", yscale="log")
+    legend_entry(
+        iterations, "largest density at which the Riccati solution is singular at the start", color=GREY, linewidth=0.8
+    )
+    legend_entry(iterations, "this reading", color=GREEN, linewidth=0.9)
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
 def integrator_error(simulation: Simulation, integrator_error: IntegratorError) -> Figure:
     """Strong error and bias of the final state against the step, for both schemes."""
-    figure, panels = new_figure(7.6, 4.2, ncols=2, sharey=True)
-    colors = (BLUE, ORANGE, GREEN, VERMILION, PURPLE)
-    schemes = zip(("Runge-Kutta", "Euler-Maruyama"), ("-", "--"), ("o", "s"), strict=True)
-    for number, (scheme, style, marker) in enumerate(schemes):
-        for component, color in enumerate(colors):
-            curve = {"color": color, "linestyle": style, "marker": marker, "markersize": 3}
-            name = COMPONENTS[component]
-            strong = integrator_error.strong_error[number, :, component]
-            panels[0].loglog(integrator_error.step, strong, **curve, label=name if number == 0 else None)
-            bias = np.abs(integrator_error.bias[number, :, component])
-            resolved = bias > 3 * integrator_error.bias_standard_error[number, :, component]
-            panels[1].loglog(integrator_error.step, np.where(resolved, bias, np.nan), **curve)
-        panels[1].plot([], [], color=GREY, linestyle=style, marker=marker, markersize=3, label=scheme)
-    largest = integrator_error.bias_standard_error.max(axis=(0, 2))
-    panels[1].fill_between(integrator_error.step, 1e-6, largest, color=SKY, alpha=0.2, linewidth=0)
-    panels[1].plot([], [], color=SKY, alpha=0.4, linewidth=6, label="below the largest standard error")
-    step = integrator_error.step
-    panels[0].loglog(step, 0.01 * step / step[0] / 5, color=BLACK, linestyle=":", linewidth=0.8, label="first order")
-    for axes, title in zip(panels, ("root mean square difference", "|mean difference|, where resolved"), strict=True):
-        axes.axvline(simulation.time_step, color=GREY, linewidth=0.8, linestyle=":")
-        axes.set_xticks(step, [f"{number:.2g}" for number in step])
+    units = list(dict.fromkeys(STATE.units.values()))
+    figure, panels = new_figure(7.6, 2.0 * len(units) + 1.0, nrows=len(units), ncols=2, sharex=True, sharey="row")
+    colors = dict(zip(STATE.names, (BLUE, ORANGE, GREEN, VERMILION, PURPLE), strict=True))
+    schemes = (("Runge-Kutta", "-", "o"), ("Euler-Maruyama", "--", "s"))
+    for unit, (strong_axes, bias_axes) in zip(units, panels, strict=True):
+        components = [component for component in STATE.names if STATE.units[component] == unit]
+        largest_error = np.zeros(len(integrator_error.step))
+        for number, (_, style, marker) in enumerate(schemes):
+            for component in components:
+                strong, bias, error = (
+                    field(integrator_error, f"{name}.{component}", at={"scheme": number}, name="difference")
+                    for name in ("strong_error", "bias", "bias_standard_error")
+                )
+                significant = 3 * error.values
+                resolved = np.where(np.abs(bias.values) > significant, np.abs(bias.values), np.nan)
+                largest_error = np.maximum(largest_error, significant)
+                curve = {"color": colors[component], "linestyle": style, "marker": marker, "markersize": 3}
+                plot(strong_axes, strong, **curve)
+                plot(bias_axes, bias.of(resolved), **curve)
+        shade = {"color": SKY, "alpha": 0.2, "linewidth": 0}
+        bias_axes.fill_between(integrator_error.step, 1e-9, largest_error, **shade)
+        strong_axes.set(yscale="log", ylim=_decades(strong_axes, bias_axes))
+    for axes in panels.flat:
+        mark(axes, x=simulation.time_step)
+        axes.set_xscale("log")
+        axes.set_xticks(integrator_error.step, [f"{step:.2g}" for step in integrator_error.step])
         axes.minorticks_off()
-        axes.set(xlabel="step (s); dotted: this reading's", title=f"{title} ({integrator_error.trials:,} trials)")
-        axes.legend(fontsize=7)
-    panels[0].set(ylabel="final state, in the component's unit", ylim=(1e-4, 3))
+    panels[0, 0].set_title(f"root mean square over {integrator_error.trials:,} trials")
+    panels[0, 1].set_title("|mean|, where it exceeds three standard errors")
+    first = panels[0, 0]
+    for component, color in colors.items():
+        legend_entry(first, STATE.label(component), color=color)
+    for name, style, marker in schemes:
+        legend_entry(first, name, color=GREY, linestyle=style, marker=marker, markersize=3)
+    legend_entry(first, "below three standard errors, at most", color=SKY, alpha=0.4, linewidth=6)
+    mark(first, x=simulation.time_step, label="step of this reading")
+    legend_below(figure, [first])
     return figure
-
-
-def _mark_switch(axes, mission: Mission):
-    axes.axvline(mission.segment_durations[0], color=GREY, linewidth=0.8, linestyle=":")
-
-
-def _by_segment(axes, artifact, values, label, **style):
-    """Plot each segment by itself, so that no line joins both sides of the switch."""
-    for number in range(segments.SEGMENTS):
-        inside = artifact.segment == number
-        axes.plot(artifact.time[inside], values[inside], label=label if number == 0 else None, **style)
-
-
-def _at(time, segment, values, wanted_time, wanted_segment):
-    """Values at other times, interpolated within each segment."""
-    parts = zip(segments.split(segment, time, values), segments.split(wanted_segment, wanted_time), strict=True)
-    return np.concatenate([np.interp(wanted, *known) for known, (wanted,) in parts])
 
 
 def _ellipse_nodes(drawing: Drawing, gains):
@@ -306,3 +326,10 @@ def _positions_at(ensemble, time):
     right = np.clip(np.searchsorted(unique, time), 1, len(unique) - 1)
     weight = (time - unique[right - 1]) / (unique[right] - unique[right - 1])
     return (1 - weight) * history[:, right - 1] + weight * history[:, right]
+
+
+def _decades(*panels):
+    """Limits of a logarithmic axis: the whole decades in which the curves of some axes lie."""
+    values = np.concatenate([line.get_ydata() for axes in panels for line in axes.lines])
+    values = np.log10(values[np.isfinite(values) & (values > 0.0)])
+    return 10.0 ** np.floor(values.min()), 10.0 ** np.ceil(values.max())

@@ -18,8 +18,6 @@ from marsedl.replication.catalogue import stage
 
 BOUNDARIES = ("corrected", "algorithm_1", "eq_46")
 ORDERS = ("gauss_seidel", "jacobi")
-LOOSE_TOLERANCE = 1e-3  # absolute, as the printed stopping rule; a plausible "small number"
-DENSITIES = np.geomspace(20.0, 1000.0, 18)  # N sqrt(s)
 
 
 @stage(claimed_in=("printed", "corrected"))
@@ -56,7 +54,7 @@ def compute(
             u,
             "algorithm_1",
             "jacobi",
-            tolerance=LOOSE_TOLERANCE,
+            tolerance=studies.fixed_point_loose_tolerance,
             tolerance_kind="absolute",
             maximum_iterations=limit,
         ),
@@ -70,11 +68,13 @@ def compute(
             density,
             order=order,
             tolerance=tolerance,
-            maximum_iterations=min(limit, 100_000),
+            maximum_iterations=min(limit, studies.density_iterations),
         )
 
-    sweep = _table((DENSITIES, ORDERS, problems), swept)
-    swept_exact = _table((DENSITIES, problems), lambda d, p: riccati_initial(replace(p, noise_density=d)))
+    densities = np.geomspace(*studies.density_range, studies.density_points)
+    sweep = _table((densities, ORDERS, problems), swept)
+    swept_exact = _table((densities, problems), lambda d, p: riccati_initial(replace(p, noise_density=d)))
+    searched = np.geomspace(*studies.critical_density_range, studies.critical_density_points)
     return FixedPointStudy(
         unit=np.array(units),
         boundary=np.array(BOUNDARIES),
@@ -95,12 +95,12 @@ def compute(
         loose_variance=np.array(
             [[_variances(p, r.riccati_initial, plant) for p, r in zip(problems, row, strict=True)] for row in loose]
         ),
-        density=DENSITIES,
+        density=densities,
         sweep_iterations=_each(sweep, lambda r: r.iterations).astype(np.int64),
         sweep_converged=_each(sweep, lambda r: r.converged).astype(bool),
         sweep_error=_difference(sweep, swept_exact[:, np.newaxis]),
         smallest_eigenvalue=_each(swept_exact, _scaled_smallest_eigenvalue),
-        critical_density=np.array([_critical_density(problem) for problem in problems]),
+        critical_density=np.array([_critical_density(problem, searched) for problem in problems]),
     )
 
 
@@ -146,14 +146,14 @@ def _scaled_smallest_eigenvalue(riccati):
     return np.linalg.eigvalsh(riccati / np.outer(scale, scale)).min()
 
 
-def _critical_density(problem):
-    """Largest noise density (N sqrt(s)) between 1 and 1000 at which Lambda(0) is singular; 0 if there is none."""
+def _critical_density(problem, densities):
+    """Largest of the range of noise densities (N sqrt(s)) at which Lambda(0) is singular; 0 if there is none."""
 
     def smallest_eigenvalue(density):
         return np.linalg.eigvalsh(riccati_initial(replace(problem, noise_density=density))).min()
 
-    densities = np.geomspace(1.0, 1000.0, 400)
     below = [k for k, density in enumerate(densities) if smallest_eigenvalue(density) < 0.0]
-    if not below:
+    # Negative up to the end of the range: the search does not see the change of sign.
+    if not below or below[-1] == len(densities) - 1:
         return 0.0
     return brentq(smallest_eigenvalue, *densities[below[-1] : below[-1] + 2], xtol=1e-12)

@@ -1,10 +1,14 @@
 """Typed inputs of the powered-descent paper; their values and sources are in `configs/powered_descent.yaml`."""
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, Strict
 
 from marsedl.replication.sections import (
+    ARRAY,
     CountOrNone,
     Drawn,
+    Few,
     Fraction,
     Inputs,
     Iterations,
@@ -24,6 +28,9 @@ from marsedl.sections.vehicle import Propulsion
 STATE_UNIT = "m, m, m/s, m/s"
 COVARIANCE_UNIT = "m^2, m^2, (m/s)^2, (m/s)^2"
 LARGEST_STEP_COUNT = 1_000_000
+COMMAND_SLACK = 1e-9  # relative; a command interval may be that much shorter than a step by rounding
+Passes = Annotated[int, Strict(), Field(ge=2, le=30)]  # the first, and one to compare it with
+FewPositive = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=10), *ARRAY]
 HeldIntervals = at_most(1000, "a certificate is a semidefinite program with a matrix for every interval")
 
 
@@ -67,6 +74,9 @@ class Noise(Section):
 
     noise_coefficient: Positive = given("thrust_unit sqrt(s)", "the paper's gamma: noise density in units of thrust")
     thrust_unit: Positive = given("N", "unit of thrust in which the noise coefficient is stated")
+    coefficient_unit: Literal[
+        "newton", "kilonewton", "acceleration", "mars_weight", "earth_weight", "maximum_thrust", "other"
+    ] = given("1", "what the unit of thrust is; `thrust_unit` has to be that many newtons, unless it is another")
 
 
 class Design(Section):
@@ -76,6 +86,9 @@ class Design(Section):
         "1", "form of the covariance boundary condition: corrected, or literally as in Algorithm 1 or Eq. 46"
     )
     design_interval: Positive = given("s", "largest interval of the grid on which gains and mass profile are tabulated")
+    mass_profile: Literal["converged", "first_pass", "first_pass_without_feedback"] = given(
+        "1", "mass profile that the steering law is designed on: converged, or that of the first pass of the iteration"
+    )
     mass_tolerance: Positive = given("kg s", "integrated change of the mass profile at which its iteration stops")
     mass_iterations: Iterations = given("1", "largest number of passes of the mass iteration")
 
@@ -83,15 +96,28 @@ class Design(Section):
 class Simulation(Section):
     """How trials are integrated."""
 
-    integrator: Literal["rk4", "euler_maruyama"] = given("1", "scheme of the Monte Carlo simulation")
+    integrator: Literal["rk4", "euler_maruyama", "semi_implicit_euler"] = given(
+        "1", "scheme of the Monte Carlo simulation"
+    )
     time_step: Positive = given("s", "largest step of the Monte Carlo simulation")
+    command_interval: Positive | None = given(
+        "s", "longest time over which a command is held, from each segment's start; empty: the command is continuous"
+    )
     output_interval: Positive = given("s", "largest interval between stored states")
 
 
 class Ensemble(Trials):
     """How many trials are flown, from which random numbers."""
 
-    large_trials: CountOrNone = given("1", "trials of the large ensembles, closed and open loop; 0: none")
+    large_trials: CountOrNone = given("1", "trials of the large closed-loop ensemble; 0: none")
+    companion_trials: CountOrNone = given(
+        "1", "trials of its large companions: open loop, prior mass, wide switch; 0: none"
+    )
+    thrust_bins: Few = given("1", "bins of the thrust over time, from which its percentiles are taken")
+    thrust_range: Positive = given("1", "largest thrust of these bins, in units of the maximum thrust")
+    wide_switch_factor: Positive = given(
+        "1", "factor on the covariance at the switch in the flights that begin the second segment too wide"
+    )
 
 
 class Studies(Section):
@@ -101,6 +127,22 @@ class Studies(Section):
     convergence_trials: StudyTrials = given("1", "trials of the study of integrator error against step")
     fixed_point_tolerance: Positive = given("1", "relative change at which Algorithm 1 stops")
     fixed_point_iterations: Iterations = given("1", "largest number of iterations of Algorithm 1")
+    fixed_point_loose_tolerance: Positive = given(
+        "1", "absolute change at which Algorithm 1 stops in the run that shows its printed stopping rule"
+    )
+    density_range: vector(2, Positive) = given("N sqrt(s)", "least and largest noise density of the sweep")
+    density_points: Few = given("1", "noise densities of the sweep")
+    density_iterations: Iterations = given("1", "largest number of iterations of Algorithm 1 in the sweep")
+    critical_density_range: vector(2, Positive) = given(
+        "N sqrt(s)", "between which the largest noise density with a singular Riccati solution is sought"
+    )
+    critical_density_points: Few = given("1", "noise densities between which its sign is compared")
+    choice_mass_flow_constants: FewPositive = given("kg/(N s)", "mass-flow constants that are tried")
+    choice_passes: Passes = given("1", "passes of the mass iteration that are tried")
+    choice_design_interval: Positive = given("s", "largest interval of the grid on which choices are compared")
+    choice_steps: FewPositive = given("s", "steps of both Euler schemes that are tried, whole multiples of the first")
+    choice_command_intervals: FewPositive = given("s", "times over which commands are held that are tried")
+    choice_trials: StudyTrials = given("1", "trials of each choice of the simulation")
     certificate_intervals: vector(2, HeldIntervals) = given("1", "held intervals of the two optimality certificates")
 
 
@@ -130,16 +172,85 @@ def check_steps(mission: Mission, design: Design, simulation: Simulation, studie
             raise ValueError(f"{name} makes {count:.3g} steps in a segment, more than {LARGEST_STEP_COUNT}: raise it")
 
 
+def check_command(simulation: Simulation, mission: Mission) -> None:
+    """Refuse commands that are held for less than a step, or for more than a segment."""
+    interval = simulation.command_interval
+    if interval is None:
+        return
+    if interval < simulation.time_step * (1 - COMMAND_SLACK):
+        raise ValueError(
+            f"simulation.command_interval ({interval:g} s) is shorter than simulation.time_step "
+            f"({simulation.time_step:g} s), within which no command can change: lower time_step, or leave "
+            "command_interval empty for a continuous command"
+        )
+    if interval > min(mission.segment_durations):
+        raise ValueError(
+            f"simulation.command_interval ({interval:g} s) is longer than a segment "
+            f"({min(mission.segment_durations):g} s): lower it"
+        )
+
+
+def check_thrust_unit(planet: Planet, vehicle: Vehicle, noise: Noise) -> None:
+    """Refuse a unit of thrust that is not what the inputs say it is, such as 0.02 of another maximum thrust."""
+    wet_mass = vehicle.wet_mass
+    units = {
+        "newton": ("1 N", 1.0),
+        "kilonewton": ("1 kN", 1000.0),
+        "acceleration": ("vehicle.wet_mass times 1 m/s^2", wet_mass),
+        "mars_weight": ("vehicle.wet_mass times planet.gravity", wet_mass * planet.gravity),
+        "earth_weight": ("vehicle.wet_mass times vehicle.standard_gravity", wet_mass * vehicle.standard_gravity),
+        "maximum_thrust": ("vehicle.maximum_thrust", vehicle.maximum_thrust),
+    }
+    if noise.coefficient_unit == "other":
+        return
+    words, newtons = units[noise.coefficient_unit]
+    if abs(noise.thrust_unit - newtons) > 1e-6 * newtons:
+        raise ValueError(
+            f"noise.thrust_unit is {noise.thrust_unit:g} N, but noise.coefficient_unit '{noise.coefficient_unit}' says "
+            f"that it is {words}, {newtons:g} N: set noise.thrust_unit to {newtons:g} so that the noise follows, or "
+            "noise.coefficient_unit to 'other' so that it stays as it is"
+        )
+
+
+def check_studies(mission: Mission, studies: Studies) -> None:
+    """Refuse ranges that are none, and tried steps that share no noise or are longer than a held command."""
+    ranges = {"density_range": studies.density_range, "critical_density_range": studies.critical_density_range}
+    for name, (lowest, highest) in ranges.items():
+        if lowest >= highest:
+            raise ValueError(f"studies.{name} must increase, but is from {lowest:g} to {highest:g}: exchange them")
+    steps = studies.choice_steps
+    multiples = steps / steps[0]
+    if (multiples < 1 - COMMAND_SLACK).any() or (abs(multiples - multiples.round()) > 1e-6).any():
+        raise ValueError(
+            f"studies.choice_steps must be whole multiples of the first, {steps[0]:g} s, so that all share its noise"
+        )
+    for name, longest in (("choice_steps", steps.max()), ("choice_design_interval", studies.choice_design_interval)):
+        if longest > min(mission.segment_durations):
+            raise ValueError(f"studies.{name} ({longest:g} s) is longer than a segment: lower it")
+    if max(mission.segment_durations) / steps[0] > LARGEST_STEP_COUNT:
+        raise ValueError(f"studies.choice_steps makes more than {LARGEST_STEP_COUNT} steps in a segment: raise it")
+    shortest = studies.choice_command_intervals.min()
+    if shortest < steps.max() * (1 - COMMAND_SLACK):
+        raise ValueError(
+            f"studies.choice_command_intervals ({shortest:g} s) is shorter than the longest of studies.choice_steps "
+            f"({steps.max():g} s), within which no command can change: raise it"
+        )
+
+
 class PoweredDescentInputs(Inputs):
     """Everything that the powered-descent results depend on."""
 
     CASES: ClassVar = {
         "closed_loop": "ensemble.trials",
         "open_loop": "ensemble.trials",
+        "prior_mass": "ensemble.trials",
+        "wide_switch": "ensemble.trials",
         "closed_loop_large": "ensemble.large_trials",
-        "open_loop_large": "ensemble.large_trials",
+        "open_loop_large": "ensemble.companion_trials",
+        "prior_mass_large": "ensemble.companion_trials",
+        "wide_switch_large": "ensemble.companion_trials",
     }
-    CHECKS: ClassVar = (check_steps,)
+    CHECKS: ClassVar = (check_steps, check_command, check_thrust_unit, check_studies)
 
     planet: Planet
     vehicle: Vehicle

@@ -38,8 +38,8 @@ def compute(
         schedules = flight.schedules_of(times, gains, [count // refinement for count in counts])
         draws = flight.Draws(ensemble.seed, increments=refinement)
         every = [schedule.steps for schedule in schedules]
-        flown = flight.fly(schedules, plant, states, draws, steps_per_output=every, integrator=scheme)
-        return flown.final_state.T.copy()
+        trajectories = flight.fly(schedules, plant, states, draws, steps_per_output=every, integrator=scheme)
+        return trajectories.final_state.T.copy()
 
     reference = final_states("rk4", 1)
     differences = np.array([[final_states(scheme, q) - reference for q in REFINEMENT] for scheme in SCHEMES])

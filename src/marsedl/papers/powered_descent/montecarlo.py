@@ -8,19 +8,27 @@ import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.papers.powered_descent import flight, segments
-from marsedl.papers.powered_descent.inputs import Design, Ensemble, Entry, Mission, Noise, Planet, Simulation, Vehicle
+from marsedl.papers.powered_descent.inputs import (
+    Design,
+    Ensemble,
+    Entry,
+    Mission,
+    Planet,
+    Simulation,
+    Vehicle,
+)
 from marsedl.papers.powered_descent.records import (
     THRUST,
     FlightChunk,
     FlightEnsemble,
     Gains,
+    Nominal,
     StreamedFlightChunk,
     StreamedFlightEnsemble,
 )
 from marsedl.replication.catalogue import Flown, Trial, stage
 
-THRUST_BINS, LARGEST_THRUST = 4000, 4.0  # bins up to this multiple of the maximum thrust
-DEPTH_RANGE = (-2000.0, 2000.0)
+LARGE = "_large"  # ends the name of a case that flies the same trials and more
 
 
 class Flights(NamedTuple):
@@ -30,7 +38,6 @@ class Flights(NamedTuple):
     vehicle: Vehicle
     entry: Entry
     mission: Mission
-    noise: Noise
     design: Design
     simulation: Simulation
     ensemble: Ensemble
@@ -42,28 +49,29 @@ def simulate(
     vehicle: Vehicle,
     entry: Entry,
     mission: Mission,
-    noise: Noise,
     design: Design,
     simulation: Simulation,
     ensemble: Ensemble,
+    nominal: Nominal,
     gains: Gains,
     *,
     flown: Flown,
 ) -> FlightChunk:
     """Fly one chunk of a Monte Carlo case.
 
-    The case is "closed_loop" or "open_loop", with the suffix "_large" for the large ensembles, which fly the same
-    trials and more.
+    The case is "closed_loop", "open_loop", "prior_mass" (the plant flies the mass that the design assumes) or
+    "wide_switch" (the second segment begins with too wide a scatter), with the suffix "_large" for the large ensembles,
+    which fly the same trials and more. All cases start from the same states and meet the same noise.
     """
-    flights = Flights(planet, vehicle, entry, mission, noise, design, simulation, ensemble)
+    flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
     first, last = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
-    thrust_edges = np.linspace(0.0, LARGEST_THRUST * vehicle.maximum_thrust, THRUST_BINS + 1)
+    thrust_edges = np.linspace(0.0, ensemble.thrust_range * vehicle.maximum_thrust, ensemble.thrust_bins + 1)
     reduced = ensembles.run_blocks(
-        block_simulator(flights, gains, flown.case),
+        block_simulator(flights, nominal, gains, flown.case),
         first,
         last,
         block_size=flown.block_size,
-        histogram_edges=np.array([thrust_edges, np.linspace(*DEPTH_RANGE, THRUST_BINS + 1)]),
+        histogram_edges=thrust_edges[np.newaxis],
         kept=min(ensemble.drawn_trials, flown.trials),
         trials=flown.trials,
         centre=np.append(gains.mean[-1], _mass_without_feedback(vehicle, gains)),
@@ -78,16 +86,21 @@ def _mass_without_feedback(vehicle: Vehicle, gains: Gains) -> float:
     return vehicle.wet_mass - segments.mass_flow(vehicle) * np.trapezoid(thrust, gains.time)
 
 
-def block_simulator(flights: Flights, gains: Gains, case: str) -> Callable:
+def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str) -> Callable:
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
     vehicle, entry, simulation = flights.vehicle, flights.entry, flights.simulation
     durations, seed = flights.mission.segment_durations, flights.ensemble.seed
     steps = [flight.step_count(d, simulation.time_step, simulation.output_interval) for d in durations]
     times = segments.grids(durations, flights.design.design_interval)
-    schedules = flight.schedules_of(times, gains, [number for number, _ in steps])
-    if case.startswith("open_loop"):
+    kind = case.removesuffix(LARGE)
+    prior_mass = nominal.mass if kind == "prior_mass" else None
+    schedules = flight.schedules_of(times, gains, [number for number, _ in steps], prior_mass)
+    if kind == "open_loop":
         schedules = [flight.open_loop(schedule) for schedule in schedules]
-    plant = flight.plant_of(flights.planet, vehicle, flights.noise)
+    if simulation.command_interval is not None:
+        schedules = [flight.held(schedule, simulation.command_interval) for schedule in schedules]
+    widening = flights.ensemble.wide_switch_factor if kind == "wide_switch" else 1.0
+    plant = flight.Plant(flights.planet.gravity, segments.mass_flow(vehicle), gains.noise_density_plant)
     start = flight.Start(segments.initial_mean(entry), entry.initial_covariance, vehicle.wet_mass)
 
     def simulate_block(first, last):
@@ -99,6 +112,7 @@ def block_simulator(flights: Flights, gains: Gains, case: str) -> Callable:
             flight.Draws(seed, first),
             steps_per_output=[every for _, every in steps],
             integrator=simulation.integrator,
+            widening=widening,
         )
 
     return simulate_block
@@ -125,24 +139,24 @@ def replay(
     vehicle: Vehicle,
     entry: Entry,
     mission: Mission,
-    noise: Noise,
     design: Design,
     simulation: Simulation,
     ensemble: Ensemble,
+    nominal: Nominal,
     gains: Gains,
     *,
     trial: Trial,
 ) -> str:
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
-    flights = Flights(planet, vehicle, entry, mission, noise, design, simulation, ensemble)
-    simulate_block = block_simulator(flights, gains, trial.case)
-    flown = ensembles.replay(simulate_block, trial.number)
+    flights = Flights(planet, vehicle, entry, mission, design, simulation, ensemble)
+    simulate_block = block_simulator(flights, nominal, gains, trial.case)
+    alone = ensembles.replay(simulate_block, trial.number)
     names = ("downrange (m)", "altitude (m)", "downrange velocity (m/s)", "vertical velocity (m/s)", "mass (kg)")
-    outcome = {0: "completed", 1: "below the ground", 3: "not finite"}[int(flown.outcome[0])]
+    outcome = {0: "completed", 1: "below the ground", 3: "not finite"}[int(alone.outcome[0])]
     lines = [f"trial {trial.number} of {trial.case}: {outcome}"]
-    start, end = flown.history[0, :, 0], flown.final_state[:, 0]
+    start, end = alone.history[0, :, 0], alone.final_state[:, 0]
     lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start, end, strict=True)]
-    thrust = flown.observed_maximum[THRUST, 0]
+    thrust = alone.observed_maximum[THRUST, 0]
     lines.append(f"  largest control           {thrust:18.9f} N, {thrust / vehicle.maximum_thrust:.6f} of the maximum")
     if trial.stored is not None:
         same = np.array_equal(end, trial.stored.final_state[trial.number], equal_nan=True)

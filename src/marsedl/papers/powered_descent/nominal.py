@@ -1,4 +1,4 @@
-"""Mass profile and mean trajectory: design, fly without noise, take the flown mass, repeat (Algorithm 3)."""
+"""Mass profile and mean trajectory: design, fly without noise, take the mass of that flight, repeat (Algorithm 3)."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -12,22 +12,21 @@ from marsedl.replication.errors import MarsedlError
 
 @stage()
 def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, noise: Noise, design: Design) -> Nominal:
-    """Iterate on the mass profile until it no longer changes (Algorithm 3, over both segments)."""
+    """Iterate on the mass profile until it no longer changes (Algorithm 3, over both segments).
+
+    The profile that is kept is the last one or that of the first pass, whichever the design asks for; mean, thrust and
+    final state are those of the design on it.
+    """
     divert = segments.divert_of(entry, mission, noise, design)
     plant = flight.Plant(planet.gravity, segments.mass_flow(vehicle), 0.0)
     start = np.append(divert.means[0], vehicle.wet_mass)
     time, segment = segments.joined_time(divert.times)
-    passes, transitions = [np.full(len(time), vehicle.wet_mass)], None
-    largest, integrated = [], []
-    while True:
-        masses = segments.split(segment, passes[-1])
-        models = [segments.linear_model(mass, planet.gravity) for (mass,) in masses]
-        problems = segments.problems_along(divert, models, transitions)
-        transitions = [problem.transition for problem in problems]
-        steerings = segments.steered(problems)
-        mass, flown = fly_mean(divert.times, steerings, plant, start)
+    passes, steered_passes, largest, integrated = [np.full(len(time), vehicle.wet_mass)], [], [], []
+    feedback = design.mass_profile != "first_pass_without_feedback"
+    for mass, steerings, final_state in mass_passes(divert, plant, start, feedback=feedback):
         change = np.abs(mass - passes[-1])
         passes.append(mass)
+        steered_passes.append((steerings, final_state))
         largest.append(change.max())
         integrated.append(np.trapezoid(change, time))
         if not np.isfinite(change).all() or mass.min() <= 0:
@@ -42,36 +41,69 @@ def compute(planet: Planet, vehicle: Vehicle, entry: Entry, mission: Mission, no
                 f"the mass iteration still changes by {integrated[-1]:.3g} kg s after {len(largest)} passes; "
                 "raise mass_iterations or mass_tolerance"
             )
+    # The second pass is designed on the profile of the first; a profile that converges in one pass is its own.
+    number = len(passes) - 1 if design.mass_profile == "converged" else 1
+    steerings, final_state = steered_passes[-1 if design.mass_profile == "converged" else min(1, len(passes) - 2)]
     return Nominal(
         time=time,
         segment=segment,
-        mass=passes[-1],
+        mass=passes[number],
         mass_of_pass=np.array(passes),
         largest_change=np.array(largest),
         integrated_change=np.array(integrated),
         mean=np.concatenate([steering.mean for steering in steerings]),
         feedforward=np.concatenate([steering.feedforward for steering in steerings]),
-        flown=flown,
+        flown=final_state,
     )
 
 
-def fly_mean(times, steerings, plant, start):
-    """Fly one state without noise under the mean control.
+def mass_passes(divert, plant, start, *, feedback=True, transitions=None):
+    """Yield the passes of Algorithm 3 from the constant wet mass, without end.
 
-    times: of the nodes, (k,) by segment, s. steerings: `Steering` by segment. plant: `Plant`. start: (5,), SI. Returns
-    the mass at all nodes (k,), kg, and the final state (4,).
+    Args:
+        divert: `segments.Divert`.
+        plant: `flight.Plant`.
+        start: initial state with the wet mass, (5,), SI.
+        feedback: whether the control of the simulated flight has the feedback; without it only the mean control flies.
+        transitions: those of the linear model, (k, 4, 4) by segment, if they are known; they do not depend on the mass.
+
+    Yields:
+        The mass at all nodes after the pass (k,), kg; `Steering` by segment of the design before it; the final state of
+        the flight (4,).
+
+    """
+    time, segment = segments.joined_time(divert.times)
+    mass = np.full(len(time), start[4])
+    while True:
+        models = [segments.linear_model(part, plant.gravity) for (part,) in segments.split(segment, mass)]
+        problems = segments.problems_along(divert, models, transitions)
+        transitions = [problem.transition for problem in problems]
+        steerings = segments.steered(problems)
+        mass, final_state = fly_mean(divert.times, steerings, plant, start, feedback=feedback)
+        yield mass, steerings, final_state
+
+
+def fly_mean(times, steerings, plant, start, *, feedback=True):
+    """Fly one state without noise under the control of the design.
+
+    times: of the nodes, (k,) by segment, s. steerings: `Steering` by segment. plant: `Plant`. start: (5,), SI.
+    feedback: whether the control has it. Returns the mass at all nodes (k,), kg, and the final state (4,).
     """
     # One step spans two cells of the design grid, whose nodes are then the half-steps.
     schedules = [
         flight.Schedule(2 * time[1], len(time) // 2, s.gain, s.mean, s.feedforward)
         for time, s in zip(times, steerings, strict=True)
     ]
-    flown = flight.fly(schedules, plant, start[np.newaxis], flight.Draws(seed=0), steps_per_output=[1] * len(times))
+    if not feedback:
+        schedules = [flight.open_loop(schedule) for schedule in schedules]
+    flight_of_mean = flight.fly(
+        schedules, plant, start[np.newaxis], flight.Draws(seed=0), steps_per_output=[1] * len(times)
+    )
     coarse = [time[::2] for time in times]
     _, segment = segments.joined_time(coarse)
-    mass = flown.history[:, 4, 0]
+    mass = flight_of_mean.history[:, 4, 0]
     nodes = [
         CubicSpline(some, part)(time)
         for some, time, (part,) in zip(coarse, times, segments.split(segment, mass), strict=True)
     ]
-    return np.concatenate(nodes), flown.final_state[:4, 0]
+    return np.concatenate(nodes), flight_of_mean.final_state[:4, 0]

@@ -1,63 +1,77 @@
 """Artifacts of the powered-descent paper."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.papers import streamed
-from marsedl.replication.artifacts import quantity
+from marsedl.replication.artifacts import Axis, quantity, record
 
-STATE = "m, m, m/s, m/s"  # downrange, altitude and their rates
-FLOWN_STATE = f"{STATE}, kg"
-OBSERVED = "N, m"  # thrust, depth below the ground
+MOTION = Axis("motion", downrange="m", altitude="m", downrange_velocity="m/s", vertical_velocity="m/s")
+STATE = Axis("state", **MOTION.units, mass="kg")
+CONTROL = Axis("control", downrange="N", vertical="N")  # components of the thrust
+OBSERVED = Axis("observed", thrust="N", depth="m")  # depth below the ground
 THRUST, DEPTH = 0, 1  # components of what is observed
+COUNTED = Axis("counted", thrust="N")  # the first of the observed
 
 
-@dataclass(frozen=True)
+@record
 class Nominal:
     """Mass profile of Algorithm 3 and the mean trajectory that belongs to it."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
+    time: np.ndarray = quantity(
+        "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
+    )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
-    mass: np.ndarray = quantity("kg", ("time",), "prior mass profile: the last pass")
+    mass: np.ndarray = quantity("kg", ("time",), "prior mass profile: of the last pass, or the first", label="mass")
     mass_of_pass: np.ndarray = quantity(
         "kg", ("passes", "time"), "mass profile after each pass; the first is the guess"
     )
     largest_change: np.ndarray = quantity("kg", ("changes",), "largest change of the mass in each pass")
     integrated_change: np.ndarray = quantity("kg s", ("changes",), "integral of the change of the mass in each pass")
-    mean: np.ndarray = quantity(STATE, ("time", 4), "mean state: downrange, altitude and their rates")
-    feedforward: np.ndarray = quantity("N", ("time", 2), "mean thrust")
-    flown: np.ndarray = quantity(STATE, (4,), "final state of the noise-free flight of the nonlinear plant")
+    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state: downrange, altitude and their rates")
+    feedforward: np.ndarray = quantity("N", ("time", CONTROL), "mean thrust")
+    flown: np.ndarray = quantity(MOTION.unit, (MOTION,), "final state of the noise-free flight of the nonlinear plant")
 
 
-@dataclass(frozen=True)
+@record
 class Linearization:
     """Linear model x' = A x + B u + c of both segments; integrals start anew with each segment."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
+    time: np.ndarray = quantity(
+        "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
+    )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
-    state_matrix: np.ndarray = quantity("1/s", ("time", 4, 4), "A, exact Jacobian of the motion in the state")
-    control_matrix: np.ndarray = quantity("1/kg", ("time", 4, 2), "B, exact Jacobian of the motion in the thrust")
-    affine: np.ndarray = quantity("m/s, m/s, m/s^2, m/s^2", ("time", 4), "c, rates at zero state and thrust")
-    transition: np.ndarray = quantity("SI", ("time", 4, 4), "open-loop transition matrix from the segment's start")
-    gramian: np.ndarray = quantity("SI", ("time", 4, 4), "controllability Gramian referred to the segment's start")
-    affine_response: np.ndarray = quantity(STATE, ("time", 4), "state reached by c alone")
+    state_matrix: np.ndarray = quantity("1/s", ("time", MOTION, MOTION), "A, exact Jacobian of the motion in the state")
+    control_matrix: np.ndarray = quantity(
+        "1/kg", ("time", MOTION, CONTROL), "B, exact Jacobian of the motion in the thrust"
+    )
+    affine: np.ndarray = quantity("m/s, m/s, m/s^2, m/s^2", ("time", MOTION), "c, rates at zero state and thrust")
+    transition: np.ndarray = quantity(
+        "SI", ("time", MOTION, MOTION), "open-loop transition matrix from the segment's start"
+    )
+    gramian: np.ndarray = quantity(
+        "SI", ("time", MOTION, MOTION), "controllability Gramian referred to the segment's start"
+    )
+    affine_response: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "state reached by c alone")
 
 
-@dataclass(frozen=True)
+@record
 class Gains:
     """Scheduled control u = feedforward - gain (x - mean), and the covariance that the linear model predicts."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
+    time: np.ndarray = quantity(
+        "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
+    )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
-    gain: np.ndarray = quantity("N/m, N/m, N s/m, N s/m", ("time", 2, 4), "feedback gain")
-    feedforward: np.ndarray = quantity("N", ("time", 2), "mean control")
-    mean: np.ndarray = quantity(STATE, ("time", 4), "mean state")
-    covariance: np.ndarray = quantity("SI", ("time", 4, 4), "predicted covariance under the plant's noise")
-    riccati: np.ndarray = quantity("SI", ("time", 4, 4), "solution of the Riccati equation")
+    gain: np.ndarray = quantity("N/m, N/m, N s/m, N s/m", ("time", CONTROL, MOTION), "feedback gain")
+    feedforward: np.ndarray = quantity("N", ("time", CONTROL), "mean control")
+    mean: np.ndarray = quantity(MOTION.unit, ("time", MOTION), "mean state")
+    covariance: np.ndarray = quantity("SI", ("time", MOTION, MOTION), "predicted covariance under the plant's noise")
+    riccati: np.ndarray = quantity("SI", ("time", MOTION, MOTION), "solution of the Riccati equation")
     escape_margin: np.ndarray = quantity("1", ("time",), "smallest eigenvalue of R(t); positive: the solution exists")
-    riccati_initial: np.ndarray = quantity("SI", ("segments", 4, 4), "Riccati solution at each segment's start")
-    mean_costate: np.ndarray = quantity("SI", ("segments", 4), "costate of the mean at each segment's start")
+    riccati_initial: np.ndarray = quantity(
+        "SI", ("segments", MOTION, MOTION), "Riccati solution at each segment's start"
+    )
+    mean_costate: np.ndarray = quantity("SI", ("segments", MOTION), "costate of the mean at each segment's start")
     mean_cost: np.ndarray = quantity("N^2 s", ("segments",), "integral of the squared mean control")
     covariance_cost: np.ndarray = quantity("N^2 s", ("segments",), "expected integral of the squared feedback control")
     noise_density_design: float = quantity("N sqrt(s)", (), "noise density that the boundary condition designs for")
@@ -65,54 +79,54 @@ class Gains:
     plus_root_margin: np.ndarray = quantity("1", ("segments",), "smallest eigenvalue of R(t) for the other root")
 
 
-@dataclass(frozen=True)
+@record
 class FixedPointStudy:
     """Runs of Algorithm 1 with every boundary condition, and its iterations against the noise density."""
 
     unit: np.ndarray = quantity(
-        "N", ("units",), "thrust unit of the run: the reading's, and the maximum thrust if that is another"
+        "N", ("unit",), "thrust unit of the run: the reading's, and the maximum thrust if that is another"
     )
-    boundary: np.ndarray = quantity("1", ("boundaries",), "boundary condition", "str")
-    order: np.ndarray = quantity("1", ("orders",), "gauss_seidel, or jacobi as printed", "str")
-    iterations: np.ndarray = quantity("1", ("units", "boundaries", "orders", "segments"), "iterations", "int64")
-    converged: np.ndarray = quantity("1", ("units", "boundaries", "orders", "segments"), "tolerance reached", "bool")
+    boundary: np.ndarray = quantity("1", ("boundary",), "boundary condition", "str")
+    order: np.ndarray = quantity("1", ("order",), "gauss_seidel, or jacobi as printed", "str")
+    iterations: np.ndarray = quantity("1", ("unit", "boundary", "order", "segments"), "iterations", "int64")
+    converged: np.ndarray = quantity("1", ("unit", "boundary", "order", "segments"), "tolerance reached", "bool")
     riccati_error: np.ndarray = quantity(
         "1",
-        ("units", "boundaries", "orders", "segments"),
+        ("unit", "boundary", "order", "segments"),
         "largest difference from the closed form of the equivalent noise density, relative to its largest entry",
         allow_nan=True,
     )
     covariance_error: np.ndarray = quantity(
         "1",
-        ("units", "boundaries", "segments"),
+        ("unit", "boundary", "segments"),
         "largest relative error of the final variances in the linear model with the plant's noise, Jacobi order",
         allow_nan=True,
     )
     loose_iterations: np.ndarray = quantity(
-        "1", ("units", "segments"), "iterations of the printed algorithm with an absolute tolerance of 1e-3", "int64"
+        "1", ("unit", "segments"), "iterations of the printed algorithm with an absolute tolerance of 1e-3", "int64"
     )
     loose_variance: np.ndarray = quantity(
-        "SI", ("units", "segments", 4), "final variances that this early stop gives", allow_nan=True
+        "SI", ("unit", "segments", MOTION), "final variances that this early stop gives", allow_nan=True
     )
-    density: np.ndarray = quantity("N sqrt(s)", ("densities",), "noise densities of the sweep")
+    density: np.ndarray = quantity("N sqrt(s)", ("density",), "noise densities of the sweep", label="noise density")
     sweep_iterations: np.ndarray = quantity(
-        "1", ("densities", "orders", "segments"), "iterations, corrected boundary, thrust in newtons", "int64"
+        "1", ("density", "order", "segments"), "iterations, corrected boundary, thrust in newtons", "int64"
     )
-    sweep_converged: np.ndarray = quantity("1", ("densities", "orders", "segments"), "tolerance reached", "bool")
+    sweep_converged: np.ndarray = quantity("1", ("density", "order", "segments"), "tolerance reached", "bool")
     sweep_error: np.ndarray = quantity(
-        "1", ("densities", "orders", "segments"), "difference from the closed form as above", allow_nan=True
+        "1", ("density", "order", "segments"), "difference from the closed form as above", allow_nan=True
     )
     smallest_eigenvalue: np.ndarray = quantity(
         "1",
-        ("densities", "segments"),
+        ("density", "segments"),
         "smallest eigenvalue of the Riccati solution at the start, scaled by its diagonal",
     )
     critical_density: np.ndarray = quantity(
-        "N sqrt(s)", ("segments",), "largest density at which the Riccati solution is singular; 0: none above 1"
+        "N sqrt(s)", ("segments",), "largest density at which the Riccati solution is singular; 0: none in the range"
     )
 
 
-@dataclass(frozen=True)
+@record
 class Certificates:
     """How far the design is from its independent checks, by segment."""
 
@@ -123,7 +137,7 @@ class Certificates:
     h_identity_error: np.ndarray = quantity(
         "1", ("segments",), "largest relative error of G^2 Sigma^-1 = H + Lambda over time, H from Eq. 42"
     )
-    mean_error: np.ndarray = quantity(STATE, ("segments", 4), "mean of Eq. 31 at the end minus the target")
+    mean_error: np.ndarray = quantity(MOTION.unit, ("segments", MOTION), "mean of Eq. 31 at the end minus the target")
     costate_error_eq39: np.ndarray = quantity("1", ("segments",), "costate of Eq. 39 against p + Lambda x, relative")
     costate_error_eq37: np.ndarray = quantity("1", ("segments",), "costate of Eq. 37 against that of Eq. 39, relative")
     eq46_residual: np.ndarray = quantity(
@@ -134,49 +148,93 @@ class Certificates:
     )
     index_eq23: np.ndarray = quantity("N^2 s", ("segments", "controls"), "modified index by Eq. 23 as printed")
     dropped_term: np.ndarray = quantity("N^2 s", ("segments", "controls"), "term that Eq. 23 leaves out")
-    intervals: np.ndarray = quantity("1", ("sizes",), "held intervals of the bounds below", "int64")
-    mean_cost_ratio: np.ndarray = quantity("1", ("segments", "sizes"), "cost with held mean control over closed form")
-    covariance_cost_ratio: np.ndarray = quantity(
-        "1", ("segments", "sizes"), "cost with held feedback (semidefinite program) over closed form"
+    intervals: np.ndarray = quantity("1", ("intervals",), "held intervals of the bounds below", "int64")
+    mean_cost_ratio: np.ndarray = quantity(
+        "1", ("segments", "intervals"), "cost with held mean control over closed form"
     )
-    lossless_gap: np.ndarray = quantity("1", ("segments", "sizes"), "gap of the relaxation in the semidefinite program")
-    solver_status: np.ndarray = quantity("1", ("segments", "sizes"), "status of the semidefinite solver", "str")
-    solver_iterations: np.ndarray = quantity("1", ("segments", "sizes"), "iterations of the solver", "int64")
+    covariance_cost_ratio: np.ndarray = quantity(
+        "1", ("segments", "intervals"), "cost with held feedback (semidefinite program) over closed form"
+    )
+    lossless_gap: np.ndarray = quantity(
+        "1", ("segments", "intervals"), "gap of the relaxation in the semidefinite program"
+    )
+    solver_status: np.ndarray = quantity("1", ("segments", "intervals"), "status of the semidefinite solver", "str")
+    solver_iterations: np.ndarray = quantity("1", ("segments", "intervals"), "iterations of the solver", "int64")
 
 
-@dataclass(frozen=True)
+@record
 class IntegratorError:
     """Differences of the final states from those of the finest Runge-Kutta run with the same noise."""
 
-    scheme: np.ndarray = quantity("1", ("schemes",), "name of the scheme", "str")
-    step: np.ndarray = quantity("s", ("steps",), "largest step of the run")
+    scheme: np.ndarray = quantity("1", ("scheme",), "name of the scheme", "str")
+    step: np.ndarray = quantity("s", ("step",), "largest step of the run", label="step")
     reference_step: float = quantity("s", (), "largest step of the reference run")
     trials: int = quantity("1", (), "trials in each run")
-    strong_error: np.ndarray = quantity(FLOWN_STATE, ("schemes", "steps", 5), "root mean square difference")
-    bias: np.ndarray = quantity(FLOWN_STATE, ("schemes", "steps", 5), "mean difference")
+    strong_error: np.ndarray = quantity(STATE.unit, ("scheme", "step", STATE), "root mean square difference")
+    bias: np.ndarray = quantity(STATE.unit, ("scheme", "step", STATE), "mean difference")
     bias_standard_error: np.ndarray = quantity(
-        FLOWN_STATE, ("schemes", "steps", 5), "standard error of the mean difference"
+        STATE.unit, ("scheme", "step", STATE), "standard error of the mean difference"
     )
-    variance_bias: np.ndarray = quantity("1", ("schemes", "steps", 5), "relative difference of the variances")
+    variance_bias: np.ndarray = quantity("1", ("scheme", "step", STATE), "relative difference of the variances")
 
 
-@dataclass(frozen=True)
+@record
+class Choices:
+    """What choices that the paper leaves open give: the final mass of Algorithm 3, and the mean final state."""
+
+    downrange_sign: np.ndarray = quantity("1", ("downrange_sign",), "sign of the initial downrange velocity", "int64")
+    vertical_sign: np.ndarray = quantity("1", ("vertical_sign",), "sign of the initial vertical velocity", "int64")
+    exchanged: np.ndarray = quantity("1", ("exchanged",), "whether the two initial speeds are exchanged", "bool")
+    mass_flow_constant: np.ndarray = quantity("kg/(N s)", ("mass_flow_constant",), "mass flow per thrust")
+    feedback: np.ndarray = quantity("1", ("feedback",), "whether the flights of the iteration have feedback", "bool")
+    final_mass: np.ndarray = quantity(
+        "kg",
+        ("downrange_sign", "vertical_sign", "exchanged", "mass_flow_constant", "feedback", "passes"),
+        "final mass of the profile after each pass",
+        label="final mass",
+        allow_nan=True,
+    )
+    profile: np.ndarray = quantity("1", ("profile",), "mass profile that the design assumes", "str")
+    command_interval: np.ndarray = quantity(
+        "s", ("command_interval",), "time over which a command is held; 0: continuous"
+    )
+    scheme: np.ndarray = quantity("1", ("simulation",), "scheme of the simulation", "str")
+    step: np.ndarray = quantity("s", ("simulation",), "its step")
+    trials: int = quantity("1", (), "trials of each choice of the simulation")
+    mean: np.ndarray = quantity(
+        MOTION.unit, ("profile", "command_interval", "simulation", MOTION), "mean final state", label="mean"
+    )
+    covariance: np.ndarray = quantity(
+        "SI", ("profile", "command_interval", "simulation", MOTION, MOTION), "covariance of the final state"
+    )
+    mean_error: np.ndarray = quantity(
+        "SI", ("profile", "command_interval", "simulation", MOTION, MOTION), "covariance of the error of the mean"
+    )
+
+
+@record
 class Flights:
     """What chunks and ensembles have in common."""
 
-    histogram: np.ndarray = quantity("1", ("time", 2, "bins"), "trials by thrust and depth over time", "int64")
-    histogram_edges: np.ndarray = quantity(OBSERVED, (2, "edges"), "edges of the histogram's inner bins")
-    maximum_over_trials: np.ndarray = quantity(OBSERVED, ("time", 2), "largest values over the trials", allow_nan=True)
-    final_state: np.ndarray = quantity(FLOWN_STATE, ("trials", 5), "final state", allow_nan=True)
-    observed_maximum: np.ndarray = quantity(OBSERVED, ("trials", 2), "largest thrust and depth", allow_nan=True)
+    histogram: np.ndarray = quantity("1", ("time", COUNTED, "bins"), "trials by thrust over time", "int64")
+    histogram_edges: np.ndarray = quantity(COUNTED.unit, (COUNTED, "edges"), "edges of the histogram's inner bins")
+    maximum_over_trials: np.ndarray = quantity(
+        OBSERVED.unit, ("time", OBSERVED), "largest values over the trials", allow_nan=True
+    )
+    final_state: np.ndarray = quantity(STATE.unit, ("trials", STATE), "final state", allow_nan=True)
+    observed_maximum: np.ndarray = quantity(
+        OBSERVED.unit, ("trials", OBSERVED), "largest thrust and depth", allow_nan=True
+    )
     outcome: np.ndarray = quantity("1", ("trials",), "0 completed, 1 below the ground, 3 not finite", "int8")
     kept_history: np.ndarray = quantity(
-        FLOWN_STATE, ("kept", "time", 5), "state over time of the kept trials", allow_nan=True
+        STATE.unit, ("kept", "time", STATE), "state over time of the kept trials", allow_nan=True
     )
-    kept_observed: np.ndarray = quantity(OBSERVED, ("kept", "time", 2), "thrust and depth of them", allow_nan=True)
+    kept_observed: np.ndarray = quantity(
+        OBSERVED.unit, ("kept", "time", OBSERVED), "thrust and depth of them", allow_nan=True
+    )
 
 
-@dataclass(frozen=True)
+@record
 class FlightChunk(Flights):
     """Reduced trials of one chunk, block by block."""
 
@@ -184,30 +242,36 @@ class FlightChunk(Flights):
     block_size: int = quantity("1", (), "trials in a block")
     block_counts: np.ndarray = quantity("1", ("blocks", "time"), "trials in the moments of each block", "int64")
     block_excluded: np.ndarray = quantity("1", ("blocks",), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(FLOWN_STATE, ("blocks", "time", 5), "mean state of each block")
-    block_second_moment: np.ndarray = quantity("SI", ("blocks", "time", 5, 5), "second moment about the block's mean")
-    block_observed_mean: np.ndarray = quantity(OBSERVED, ("blocks", "time", 2), "mean thrust and depth of each block")
+    block_mean: np.ndarray = quantity(STATE.unit, ("blocks", "time", STATE), "mean state of each block")
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("blocks", "time", STATE, STATE), "second moment about the block's mean"
+    )
+    block_observed_mean: np.ndarray = quantity(
+        OBSERVED.unit, ("blocks", "time", OBSERVED), "mean thrust and depth of each block"
+    )
 
 
-@dataclass(frozen=True)
+@record
 class FlightEnsemble(Flights):
     """All trials of one Monte Carlo case."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start of the flight; the switch stands twice")
+    time: np.ndarray = quantity(
+        "s", ("time",), "time from the start of the flight; the switch stands twice", label="time"
+    )
     segment: np.ndarray = quantity("1", ("time",), "number of the segment", "int64")
     count: int = quantity("1", (), "trials in the moments")
     flying: np.ndarray = quantity("1", ("time",), "trials in the moments over time: here all of them", "int64")
     excluded: int = quantity("1", (), "trials left out of the moments because they are not finite")
-    mean: np.ndarray = quantity(FLOWN_STATE, ("time", 5), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("time", 5, 5), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity(OBSERVED, ("time", 2), "mean thrust and depth", allow_nan=True)
+    mean: np.ndarray = quantity(STATE.unit, ("time", STATE), "mean state", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("time", STATE, STATE), "sample covariance", allow_nan=True)
+    observed_mean: np.ndarray = quantity(OBSERVED.unit, ("time", OBSERVED), "mean thrust and depth", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class StreamedFlightChunk(FlightChunk, streamed.StreamedChunk):
     """Reduced trials of one chunk of a large case, of which only the first trials are kept one by one."""
 
 
-@dataclass(frozen=True)
+@record
 class StreamedFlightEnsemble(FlightEnsemble, streamed.StreamedEnsemble):
     """All trials of a large Monte Carlo case, of which only the first are kept one by one."""

@@ -106,8 +106,8 @@ def _separation(simulation: Simulation, system, law):
         mean = _propagate(system, control, np.zeros_like(gain), np.zeros_like(disturbances[:1]), None)[0]
         return _propagate(system, control, gain, disturbances, mean), mean
 
-    (flown, mean), (other, other_mean) = (fly(control, law.gain, drawn) for control in (law.control, shifted))
-    deviations, other_deviations = flown - mean, other - other_mean
+    (states, mean), (other_states, other_mean) = (fly(control, law.gain, drawn) for control in (law.control, shifted))
+    deviations, other_deviations = states - mean, other_states - other_mean
     still, _ = fly(law.control, law.gain, np.zeros_like(drawn[:1]))
     return {
         "mean_shift": float(np.abs(deviations - other_deviations).max() / np.abs(deviations).max()),
@@ -183,6 +183,7 @@ def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
     process = random_field.markov(environment.kernel(air), grid)
     count = studies.study_trials
     drawn = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
+    drawn += air.variation_mean
     along_path = random_field.interpolate(model.field_altitude, grid, drawn)
     chosen = np.linspace(0, len(model.field_altitude) - 1, TIMES).round().astype(int)
     altitude = model.field_altitude[chosen]
@@ -193,11 +194,21 @@ def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
     standard = standard - standard.mean(axis=0)
     skewness, excess = (standard**3).mean(axis=0), (standard**4).mean(axis=0) - 3.0
     normality = np.concatenate([skewness / np.sqrt(6.0 / count), excess / np.sqrt(24.0 / count)])
+    mean = model.field_map @ np.full(len(model.field_altitude), air.variation_mean)  # Eq. 25
     return {
+        "process_mean_score": _mean_score(along_path[:, chosen], air.variation_mean, np.diag(expected)),
+        "disturbance_mean_score": _mean_score(
+            disturbances[:, used], mean[used], np.diag(model.disturbance_covariance)[used]
+        ),
         "process_score": _covariance_score(along_path[:, chosen], expected),
         "disturbance_score": _covariance_score(disturbances[:, used], model.disturbance_covariance[np.ix_(used, used)]),
         "normality_score": float(np.abs(normality).max()),
     }
+
+
+def _mean_score(samples, expected, variance):
+    """Largest difference of a sample mean from the expected one, in its standard errors."""
+    return float(np.abs((samples.mean(axis=0) - expected) / np.sqrt(variance / len(samples))).max())
 
 
 def _covariance_score(samples, expected):
@@ -220,15 +231,17 @@ def _dependence(system):
     whole = block_program.stacked(system)
     state = whole.disturbance @ system.disturbance_covariance @ whole.disturbance.T
     state += whole.transition @ system.initial_covariance @ whole.transition.T
-    told = 0.0
+    information = 0.0
     for k in range(3, intervals + 1):
         now, last, before = (slice((k - back) * n, (k - back + 1) * n) for back in (0, 1, 2))
-        given_last = _conditional_variance(state, now, [last])
-        told = max(told, float((1.0 - _conditional_variance(state, now, [before, last]) / given_last).max()))
+        after_last = _conditional_variance(state, now, [last])
+        information = max(
+            information, float((1.0 - _conditional_variance(state, now, [before, last]) / after_last).max())
+        )
     return {
         "largest_correlation": float(np.abs(correlation[others]).max()),
         "deviation_ratio": float(speed.max() / speed.min()),
-        "history_information": told,
+        "history_information": information,
     }
 
 

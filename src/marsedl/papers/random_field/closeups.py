@@ -1,7 +1,9 @@
 """Plot of the iteration that a reader of the report can look into."""
 
 from marsedl.papers.random_field.records import Convergence
+from marsedl.plotting.fields import field
 from marsedl.replication.closeups import CloseUp, rounded
+from marsedl.replication.units import PURE
 
 
 def iterations(convergence: Convergence) -> CloseUp:
@@ -10,17 +12,17 @@ def iterations(convergence: Convergence) -> CloseUp:
         f"{variant.replace('_', ' ')}: {outcome}" + (f" with period {period}" if period > 1 else "")
         for variant, outcome, period in zip(convergence.variant, convergence.outcome, convergence.period, strict=True)
     ]
-    quantities = [
-        {"name": name, "unit": unit, "values": rounded(getattr(convergence, field))}
-        | ({"errors": rounded(getattr(convergence, error), digits=3)} if error else {})
-        for field, error, name, unit in (
-            ("percentile", "percentile_error", "99th percentile of Δv, flown", "m/s"),
-            ("predicted", "", "99th percentile of Δv, predicted", "m/s"),
-            ("apoapsis", "", "apoapsis of the nominal", "planet radii"),
-            ("nominal_delta_v", "", "Δv of the nominal", "m/s"),
-            ("control_change", "", "largest change of the mean control", ""),
-        )
-    ]
+    quantities = []
+    for path, error, name, unit in (
+        ("percentile", "percentile_error", "99th percentile of Δv, over flights", ""),
+        ("predicted", "", "99th percentile of Δv, predicted", ""),
+        ("apoapsis", "", "apoapsis of the nominal", "planet radii"),
+        ("nominal_delta_v", "", "Δv of the nominal", ""),
+        ("control_change", "", "largest change of the mean control", ""),
+    ):
+        history = field(convergence, path, unit=unit)
+        shown = {"name": name, "unit": "" if history.unit in PURE else history.unit, "values": rounded(history.values)}
+        quantities.append(shown | ({"errors": rounded(getattr(convergence, error), digits=3)} if error else {}))
     return CloseUp(
         "iterations",
         "Histories of the iteration",

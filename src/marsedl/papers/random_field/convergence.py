@@ -5,8 +5,9 @@ import numpy as np
 from marsedl.papers.random_field.flight_statistics import lost
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.montecarlo import Flights
+from marsedl.papers.random_field.partition import with_short_end_steps
 from marsedl.papers.random_field.records import VARIANTS, Convergence, Nominal
-from marsedl.papers.random_field.variants import designed, flown, percentiles
+from marsedl.papers.random_field.variants import design, ensemble, percentiles
 from marsedl.replication.catalogue import stage
 
 
@@ -26,24 +27,27 @@ def compute(
     for variant in VARIANTS:
         branch = "both" if variant == "both_branches" else "mean"
         changes = {"iterations": studies.convergence_iterations, "clean_up_branch": branch}
-        times = {"partition": studies.fine_partition} if variant == "short_end_steps" else {}
+        times = {}
+        if variant == "short_end_steps":
+            nodes = with_short_end_steps(mission.partition, studies.end_step_parts, simulation.time_step)
+            times["partition"] = tuple(nodes)
         steered, timed = guidance.model_copy(update=changes), mission.model_copy(update=times)
         flights = Flights(planet, air, vehicle, timed, simulation)
-        made = designed(flights, steered, nominal)
-        ensemble = flown(flights, nominal, made, studies.study_trials)
-        percentile, error = percentiles(ensemble)
-        change = np.abs(np.diff(made.control, axis=0)).max(axis=1)
+        laws = design(flights, steered, nominal)
+        trials = ensemble(flights, nominal, laws, studies.study_trials)
+        percentile, error = percentiles(trials)
+        change = np.abs(np.diff(laws.control, axis=0)).max(axis=1)
         rows.append(
             {
                 "variant": variant,
-                "outcome": made.outcome,
-                "period": made.period,
-                "apoapsis": made.apoapsis,
-                "nominal_delta_v": made.nominal_delta_v,
-                "predicted": made.percentile,
+                "outcome": laws.outcome,
+                "period": laws.period,
+                "apoapsis": laws.apoapsis,
+                "nominal_delta_v": laws.nominal_delta_v,
+                "predicted": laws.percentile,
                 "percentile": percentile,
                 "percentile_error": error,
-                "lost": lost(ensemble),
+                "lost": lost(trials),
                 "control_change": np.append(0.0, change),
             }
         )

@@ -8,7 +8,7 @@ from marsedl.models import random_field
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import flight
-from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds
+from marsedl.papers.random_field.double_integrator import covariance_root, kernel, normals_and_bounds
 from marsedl.papers.random_field.inputs import PointMass, Simulation
 from marsedl.papers.random_field.records import DoubleIntegrator, DoubleIntegratorFlights
 from marsedl.replication.catalogue import stage
@@ -86,25 +86,28 @@ def block_simulator(
     grid = field_grid(point_mass)
     root = random_field.root(random_field.covariance_matrix(kernel(point_mass), grid))
     flown_law = law(double_integrator, number)
-    deviations = np.array(point_mass.double_integrator_initial_three_sigma) / 3.0
+    initial_root = covariance_root(
+        point_mass.double_integrator_initial_three_sigma, point_mass.double_integrator_initial_correlation
+    )
     lines, bounds = normals_and_bounds(point_mass)
     every = round(point_mass.double_integrator_output_interval / point_mass.double_integrator_time_step)
 
     def simulate_block(first, last):
         drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
-        flown = flight.fly_double_integrator(
+        trajectories = flight.fly_double_integrator(
             flown_law,
             grid,
             root,
-            np.array(point_mass.double_integrator_initial_mean) + drawn * deviations,
+            np.array(point_mass.double_integrator_initial_mean) + random_field.sample(drawn, initial_root),
             time_step=point_mass.double_integrator_time_step,
             seed=simulation.seed,
             first_trial=first,
             every=every,
             varied=varied,
+            mean=point_mass.double_integrator_force_mean,
         )
-        excess = np.einsum("ci,tin->tcn", lines, flown.history[:, :2]) - bounds[:, np.newaxis]
+        excess = np.einsum("ci,tin->tcn", lines, trajectories.history[:, :2]) - bounds[:, np.newaxis]
         observed = np.concatenate([excess, excess.max(axis=1, keepdims=True)], axis=1)
-        return replace(flown, observed=observed, observed_maximum=observed.max(axis=0))
+        return replace(trajectories, observed=observed, observed_maximum=observed.max(axis=0))
 
     return simulate_block

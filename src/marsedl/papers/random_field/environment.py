@@ -25,6 +25,7 @@ class AirTables(NamedTuple):
     retention: np.ndarray  # (n - 1,), factor from the node above
     innovation_deviation: np.ndarray  # (n - 1,), standard deviation of what is new at each node but the top one
     top_deviation: float  # standard deviation at the top node
+    mean: float = 0.0  # of the random part, at all altitudes
 
 
 def targets(planet: Planet, mission: Mission):
@@ -41,6 +42,7 @@ def kernel(air: Air, **changes):
         "growth_length": air.variance_growth_length,
         "correlation_length": air.correlation_length,
         "growth_sign": air.variance_growth_sign,
+        "correlation_altitude": air.correlation_altitude,
     }
     return partial(random_field.altitude_exponential, **{**parameters, **changes})
 
@@ -63,7 +65,13 @@ def air_tables(air: Air, covariance=None):
         *atmosphere.uniform_nodes(profile(air)),
         altitude=altitudes,
         **random_field.markov(covariance or kernel(air), altitudes)._asdict(),
+        mean=air.variation_mean,
     )
+
+
+def mean_density(air: Air, altitude):
+    """Mean density at an altitude, kg/m^3: that of the profile with the mean of its variation."""
+    return np.exp(profile(air)(altitude)[0]) * (1.0 + air.variation_mean)
 
 
 def require_in_table(air: Air, time, altitude):

@@ -1,12 +1,14 @@
-"""What the open loop would need to reach the printed percentile: other correlations and larger variances."""
+"""What other random fields would give: the open loop in fields of other correlation, all laws in larger variances."""
 
 import numpy as np
 
 from marsedl.montecarlo import ensembles
 from marsedl.papers.random_field import environment, montecarlo
 from marsedl.papers.random_field.flight_statistics import percentile_with_lost
-from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Studies, Vehicle
-from marsedl.papers.random_field.records import CAPTURED, LOW_ALTITUDE, FieldStudy, Gains, Nominal
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
+from marsedl.papers.random_field.nominal import output_times
+from marsedl.papers.random_field.records import CAPTURED, LOW_ALTITUDE, SPEED_UNITS, FieldStudy, Gains, Nominal
+from marsedl.papers.random_field.variants import design
 from marsedl.replication.catalogue import stage
 
 # Hypotheses on the field, as changes of the kernel's parameters: a field that is fully correlated over altitude, the
@@ -26,27 +28,41 @@ def compute(
     air: Air,
     vehicle: Vehicle,
     mission: Mission,
+    guidance: Guidance,
     simulation: Simulation,
     studies: Studies,
     nominal: Nominal,
     gains: Gains,
 ) -> FieldStudy:
-    """Fly the open loop through every field."""
+    """Fly the open loop through every field, and in every variance the laws that are designed for it.
+
+    A hypothesis that makes no covariance with the reading's other parameters has no flights: all count as lost.
+    """
     flights = montecarlo.Flights(planet, air, vehicle, mission, simulation)
+    trials = studies.study_trials
 
-    def flown(covariance):
-        simulate_block = montecarlo.block_simulator(flights, nominal, gains, number=0, covariance=covariance)
-        return _open_loop(simulate_block, planet, mission, studies.study_trials)
+    def fly(laws, number, covariance):
+        simulate_block = montecarlo.block_simulator(flights, nominal, laws, number=number, covariance=covariance)
+        return _percentile_and_violations(simulate_block, vehicle.control_limits, flights, laws.partition, trials)
 
-    rows = []
+    hypotheses = []
     for changes in HYPOTHESES.values():
         covariance = _kernel(air, changes)
         low = float(np.sqrt(covariance(LOW_ALTITUDE, LOW_ALTITUDE)))
-        rows.append((*flown(covariance), low))
+        numbers = np.nan, np.nan, trials
+        if _is_covariance(air, covariance):
+            *numbers, _ = fly(gains, 0, covariance)
+        hypotheses.append((*numbers, low))
+    percentile, error, lost, deviation = (np.array(column) for column in zip(*hypotheses, strict=True))
     variances = studies.variance_factors * air.variance_at_top
-    scaled = [flown(environment.kernel(air, variance=variance)) for variance in variances]
-    percentile, error, lost, deviation = (np.array(column) for column in zip(*rows, strict=True))
-    scaled_percentile, scaled_error, scaled_lost = (np.array(column) for column in zip(*scaled, strict=True))
+    rows = []
+    for unit in SPEED_UNITS:
+        for variance in variances:
+            covariance = environment.kernel(air, variance=variance)
+            laws = design(flights, guidance.model_copy(update={"percentile_unit": unit}), nominal, covariance)
+            rows.append([fly(laws, number, covariance) for number in range(len(laws.control))])
+    shape = len(SPEED_UNITS), len(variances), -1
+    law_percentile, law_error, law_lost, worst = (np.array(part).reshape(shape) for part in np.moveaxis(rows, -1, 0))
     return FieldStudy(
         hypothesis=np.array(list(HYPOTHESES)),
         percentile=percentile,
@@ -54,10 +70,15 @@ def compute(
         lost=lost,
         deviation_at_45_km=deviation,
         variance=variances,
-        variance_percentile=scaled_percentile,
-        variance_percentile_error=scaled_error,
-        variance_lost=scaled_lost,
-        trials=studies.study_trials,
+        # Without control the unit of the cost is of no matter.
+        variance_percentile=law_percentile[0, :, 0],
+        variance_percentile_error=law_error[0, :, 0],
+        variance_lost=law_lost[0, :, 0].astype(int),
+        law_percentile=law_percentile,
+        law_percentile_error=law_error,
+        law_lost=law_lost.astype(int),
+        law_worst_step=worst.astype(int),
+        trials=trials,
     )
 
 
@@ -70,8 +91,23 @@ def _kernel(air: Air, changes):
     return environment.kernel(air, **changes)
 
 
-def _open_loop(simulate_block, planet: Planet, mission: Mission, trials):
-    """99th percentile, its standard error and the lost trials of what `simulate_block` flies."""
-    chunk = ensembles.run_blocks(simulate_block, 0, trials)
+def _is_covariance(air: Air, covariance):
+    """Whether there is such a field: the higher altitude's variance with a long correlation makes none."""
+    try:
+        environment.air_tables(air, covariance)
+    except ValueError:
+        return False
+    return True
+
+
+def _percentile_and_violations(simulate_block, limits, flights: montecarlo.Flights, partition, trials):
+    """99th percentile, its standard error, lost trials, and trials beyond the limits at the worst step."""
+    lower, upper = limits
+    chunk = ensembles.run_blocks(
+        simulate_block, 0, trials, histogram_edges=np.array([[lower, upper], [lower - upper, 0.0]])
+    )
+    planet, mission = flights.planet, flights.mission
     delta_v = montecarlo.burns(planet, mission, chunk.final_state, chunk.outcome)[1]
-    return *percentile_with_lost(delta_v), int((chunk.outcome != CAPTURED).sum())
+    rows = np.searchsorted(output_times(mission, flights.simulation), partition[:-1] - 1e-9)
+    beyond = chunk.histogram[rows, 0, 0] + chunk.histogram[rows, 0, -1]
+    return *percentile_with_lost(delta_v), int((chunk.outcome != CAPTURED).sum()), int(beyond.max())

@@ -1,6 +1,5 @@
 """Figures of the paper, and those beyond it. Each function draws one file from artifacts."""
 
-import textwrap
 from functools import partial
 from typing import NamedTuple
 
@@ -9,8 +8,8 @@ from matplotlib.figure import Figure
 
 from marsedl.models import density_variation, orbits, random_field
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.papers.random_field import components, environment, flight_statistics
 from marsedl.papers.random_field import double_integrator as linear_example
+from marsedl.papers.random_field import environment, flight_statistics
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.flight_statistics import LEVEL
 from marsedl.papers.random_field.inputs import (
@@ -37,13 +36,25 @@ from marsedl.papers.random_field.records import (
     Nominal,
     Regularization,
 )
-from marsedl.plotting.ellipses import band, ellipse
+from marsedl.plotting.curves import (
+    OPAQUE,
+    bounds,
+    legend_below,
+    legend_entry,
+    mark,
+    name_axes,
+    note,
+    plot,
+    trials,
+)
+from marsedl.plotting.ellipses import band
+from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
+from marsedl.plotting.forms import covariance_ellipse, distribution, iterations
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from marsedl.replication.thresholds import CONFIDENCE
+from marsedl.replication.units import DEGREE, KM, converted
 
-KM = 1e3
-DEGREE = np.pi / 180
-TIME_LABEL = "time from entry (s)"
-ALTITUDE_LABEL = "altitude (km)"
+ALTITUDE_LABEL = "altitude (km)"  # of what is drawn upwards, against the altitude
 # Streams of what is only drawn, apart from those of the flights and of the certificates.
 LINE_STREAM, NOISE_STREAM, PLANE_STREAM, VARIATION_STREAM, FORCE_STREAM = range(6, 11)
 LINE_POINTS = 251
@@ -58,19 +69,21 @@ SHORTFALL = 0.2  # of the climb from exit to target, by which the orbit of Fig. 
 ITERATION_COLOR = (SKY, ORANGE, VERMILION, PURPLE)
 MOST_ITERATIONS = len(ITERATION_COLOR)  # drawn side by side; of more, some are left out, never first and last
 OPEN_LOOP_LEVELS = (0.0, 0.999)  # of the open loop's delta-v and apoapsis that are shown
+REMARKS_FROM = 0.6  # of the height of a panel of Fig. 12: where the remarks on the right end
 CONTROLS = (-1.6, 1.6)  # shown; commands of an ill-conditioned law leave any axis
-# Component of the history, name in the gains, unit, label of its error.
+# Component of the flights and of the nominal, component of the design, unit, name of its error.
 ERRORS = (
-    (components.ALTITUDE, "altitude", KM, "radius (km)"),
-    (components.VELOCITY, "velocity", 1.0, "velocity (m/s)"),
-    (components.FLIGHT_PATH_ANGLE, "flight_path_angle", DEGREE, "path angle (deg)"),
+    ("altitude", "radius", "km", "radius"),
+    ("velocity", "velocity", "m/s", "velocity"),
+    ("flight_path_angle", "flight_path_angle", "deg", "path angle"),
 )
-OPAQUE = {"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
-TEXT_WIDTH = 44  # characters of what a panel says
+INITIAL_GUESS = {"color": BLACK, "linestyle": "--"}
+TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
+SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all trials"}
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
 LEAST_PROBABILITY = 1e-6  # of the axis of violations
-SHOWN_CONFIDENCE = 0.95  # of binomial intervals in figures
+NO_PERCENTILE = {"linestyle": "-", "linewidth": 7.0, "alpha": 0.3}  # across the axes: nothing that looks like a value
 VARIANT_STYLE = {
     "one_branch": (VERMILION, "o", "one branch, as in the paper"),
     "both_branches": (BLUE, "s", "both branches"),
@@ -153,48 +166,39 @@ def fig02(simulation: Simulation, drawing: Drawing) -> Figure:
 def fig03(air: Air, simulation: Simulation, drawing: Drawing, nominal: Nominal) -> Figure:
     """Samples of the field over altitude and, seen through the nominal path, of the process over time."""
     figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2, width_ratios=(1, 1.6), sharex="col", sharey="row")
-    (field, path), (corner, process) = panels
+    (over_altitude, path), (corner, process) = panels
+    orders = ("first sample", "second sample", "third sample")
     count = min(drawing.drawn_samples, SCHEMATIC_SAMPLES)
     # Down to the lowest altitude and up to the end, so that the samples of the field are those that the path meets.
     altitude = _altitudes(nominal.altitude.min(), nominal.altitude.max())
     samples = variation_samples(air, simulation, altitude, count)
     met = random_field.interpolate(nominal.altitude, altitude, samples)
     marks = np.searchsorted(nominal.time, np.arange(0.0, nominal.time[-1], MARK_INTERVAL))
-    colors = (BLUE, ORANGE, GREEN)
-    for sample, along_path, color in zip(samples, met, colors, strict=False):
-        field.plot(sample, altitude / KM, color=color, linewidth=0.9)
-        process.plot(nominal.time, along_path, color=color, linewidth=0.9)
+    variation = field(nominal, "variation_deviation")
+    height = field(nominal, "altitude", unit="km", name="altitude $z$")
+    for sample, along_path, color, order in zip(samples, met, (BLUE, ORANGE, GREEN), orders, strict=False):
         dots = {"color": color, "markersize": 4, "markeredgecolor": BLACK, "markeredgewidth": 0.5, "zorder": 4}
-        field.plot(along_path[marks], nominal.altitude[marks] / KM, "o", **dots)
-        process.plot(nominal.time[marks], along_path[marks], "o", **dots)
-    path.plot(nominal.time, nominal.altitude / KM, color=BLACK)
-    path.plot(nominal.time[marks], nominal.altitude[marks] / KM, "o", color=BLACK, markersize=4)
-    for mark in marks:
-        for axes in (path, process):
-            axes.axvline(nominal.time[mark], color=GREY, linewidth=0.5, linestyle=":")
-        for axes in (path, field):
-            axes.axhline(nominal.altitude[mark] / KM, color=GREY, linewidth=0.5, linestyle=":")
-    field.set(title=r"field $\Psi(z)$", ylabel="altitude $z$ (km)", xlabel="density variation (1)")
-    field.tick_params(labelbottom=True)
+        over_time = variation.of(along_path)
+        over_altitude.plot(sample, altitude / KM, color=color, linewidth=0.9)
+        over_altitude.plot(along_path[marks], height.values[marks], "o", **dots)
+        plot(process, over_time, color=color, linewidth=0.9)
+        legend_entry(corner, order, color=color, linewidth=0.9)
+        plot(process, over_time.where(marks), marker="o", linestyle="none", **dots)
+    plot(path, height, color=BLACK)
+    plot(path, height.where(marks), marker="o", linestyle="none", color=BLACK, markersize=4)
+    mark(path, process, x=nominal.time[marks], linewidth=0.5)
+    mark(path, over_altitude, y=height.values[marks], linewidth=0.5)
+    over_altitude.set(title=r"field $\Psi(z)$", ylabel=height.label, xlabel=variation.label)
+    over_altitude.tick_params(labelbottom=True)
     path.set_title(r"nominal path $z = \phi(\hat x(t))$")
-    process.set(
-        title=r"process $\hat\Psi(t) = \Psi(\phi(\hat x(t)))$",
-        xlabel=TIME_LABEL,
-        ylabel="density variation (1)",
-        xlim=(0, nominal.time[-1]),
-    )
+    process.set(title=r"process $\hat\Psi(t) = \Psi(\phi(\hat x(t)))$", ylabel=variation.label)
+    process.set_xlim(0, nominal.time[-1])
     process.tick_params(labelleft=True)
     corner.set_axis_off()
-    corner.text(
-        0.0,
-        0.45,
-        f"Dots: every {MARK_INTERVAL:g} s of the nominal path.\nA sample has the same value at the\n"
-        "same place, whenever it is passed:\nwhat varies over altitude becomes\na process in time.",
-        transform=corner.transAxes,
-        va="center",
-        fontsize=8,
-        linespacing=1.5,
-    )
+    legend_entry(corner, "nominal path", color=BLACK)
+    dots = {"color": GREY, "linestyle": "none", "markeredgecolor": BLACK, "markersize": 4}
+    legend_entry(corner, f"every {MARK_INTERVAL:g} s of the path", marker="o", **dots)
+    corner.legend(loc="center")
     return figure
 
 
@@ -221,21 +225,21 @@ def fig05(
 ) -> Figure:
     """Double integrator in the plane of position and velocity, without feedback and with the law."""
     figure, panels = new_figure(6.6, 6.8, nrows=2, sharex=True, sharey=True)
-    flown = double_integrator_flights
-    radius = linear_example.ellipse_radius(point_mass)
+    flights, design = double_integrator_flights, double_integrator
+    radius, plane = linear_example.ellipse_radius(point_mass), ("position", "velocity")
     reach = []
-    for number, axes in enumerate(panels):
-        for trial in flown.kept_history[number]:
-            axes.plot(trial[:, 0], trial[:, 1], color=SKY, linewidth=0.4, alpha=0.7, zorder=1)
-        for k, node in enumerate(flown.node):
-            sampled = ellipse(flown.mean[number, node, :2], flown.covariance[number, node, :2, :2], radius)
-            predicted = ellipse(double_integrator.mean[number, k], double_integrator.covariance[number, k], radius)
-            axes.plot(*sampled.T, color=GREY, linewidth=1.8, zorder=3)
-            axes.plot(*predicted.T, color=BLACK, linewidth=1.0, linestyle="--", zorder=4)
-            reach += [sampled, predicted]
-        reach.append(flown.kept_history[number, :, :, :2].reshape(-1, 2))
-        left_out = f", {flown.excluded[number]:,} not finite" if flown.excluded[number] else ""
-        axes.set(title=LAW_TITLE[number] + left_out, ylabel="velocity $v$")
+    for law, axes in enumerate(panels):
+        right, up = (f"kept_history.{component}" for component in plane)
+        trials(axes, flights, up, x=right, at={"laws": law}, color=SKY, alpha=0.7, zorder=1, label=None)
+        for number, node in enumerate(flights.node):
+            for record, at, style in (
+                (flights, {"time": node}, {"color": GREY, "linewidth": 1.8, "zorder": 3}),
+                (design, {"nodes": number}, {"color": BLACK, "linewidth": 1.0, "linestyle": "--", "zorder": 4}),
+            ):
+                reach.append(covariance_ellipse(axes, record, plane, radius, at={"laws": law} | at, **style))
+        reach.append(flights.kept_history[law, :, :, :2].reshape(-1, 2))
+        not_finite = f", {flights.excluded[law]:,} not finite" if flights.excluded[law] else ""
+        axes.set(title=LAW_TITLE[law] + not_finite, ylabel="velocity $v$")
     reach = np.concatenate(reach)
     for line in constraint_lines(point_mass, reach):
         reach = np.concatenate([reach, line])
@@ -246,16 +250,14 @@ def fig05(
     panels[0].set(xlim=(lowest[0] - margin[0], highest[0] + margin[0]))
     panels[0].set(ylim=(lowest[1] - margin[1], highest[1] + margin[1]))
     panels[-1].set_xlabel("position $r$")
-    handles = [
-        panels[0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
-        for color, width, style, label in (
-            (GREY, 1.8, "-", f"{100 * point_mass.ellipse_probability:g} % ellipse, {flown.count[0]:,} trials"),
-            (BLACK, 1.0, "--", "the same by linear covariance"),
-            (SKY, 0.8, "-", f"{flown.kept_history.shape[1]} of the trials"),
-            (VERMILION, 1.2, "--", "state constraints"),
-        )
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    for color, width, style, label in (
+        (GREY, 1.8, "-", f"{100 * point_mass.ellipse_probability:g} % ellipse, {flights.count[0]:,} trials"),
+        (BLACK, 1.0, "--", "the same by linear covariance"),
+        (SKY, 0.8, "-", f"{flights.kept_history.shape[1]} of the trials"),
+        (VERMILION, 1.2, "--", "state constraints"),
+    ):
+        legend_entry(panels[0], label, color=color, linewidth=width, linestyle=style)
+    legend_below(figure, [panels[0]], columns=2)
     return figure
 
 
@@ -282,13 +284,19 @@ def fig06(planet: Planet, vehicle: Vehicle, mission: Mission, nominal: Nominal) 
     line = np.array([-plan.target_apoapsis, plan.target_periapsis])
     whole.plot(line, 0 * line, color=GREY, linewidth=0.6, linestyle=":", zorder=1)
     for place, burn, symbol, aside in (
-        (-plan.exit_apoapsis, f"periapsis raise\n$\\Delta v_1$ = {plan.periapsis_raise:.1f} m/s", "r_{a,ex}", 8),
-        (plan.target_periapsis, f"apoapsis clean-up\n$\\Delta v_2$ = {abs(plan.clean_up):.1f} m/s", "r_{p,targ}", 8),
-        (-plan.target_apoapsis, "", "r_{a,targ}", -8),
+        # Nothing is stated of the exit's orbit, which is only an example.
+        (-plan.exit_apoapsis, "periapsis raise $\\Delta v_1$", "$r_{a,ex}$", 8),
+        (
+            plan.target_periapsis,
+            "apoapsis clean-up $\\Delta v_2$",
+            f"$r_{{p,targ}}$ = {plan.target_periapsis:.2f} $r_p$",
+            8,
+        ),
+        (-plan.target_apoapsis, "", f"$r_{{a,targ}}$ = {plan.target_apoapsis:.2f} $r_p$", -8),
     ):
         style = {"textcoords": "offset points", "fontsize": 8, "ha": "left" if aside > 0 else "right"}
         whole.annotate(burn, (place, 0.0), (aside, 5), va="bottom", **style)
-        whole.annotate(f"${symbol}$ = {abs(place):.2f} $r_p$", (place, 0.0), (aside, -5), va="top", **style)
+        whole.annotate(symbol, (place, 0.0), (aside, -5), va="top", **style)
         whole.plot(place, 0.0, "o" if burn else "|", color=BLACK, markersize=5, zorder=5)
     whole.annotate("planet", (0.0, 0.0), ha="center", va="center", fontsize=8)
     height = 1.06 * np.abs(_clockwise(*plan.target)[:, 1]).max()
@@ -299,7 +307,7 @@ def fig06(planet: Planet, vehicle: Vehicle, mission: Mission, nominal: Nominal) 
         aspect="equal",
         xlim=(-1.32 * plan.target_apoapsis, plan.target_periapsis + 0.36 * plan.target_apoapsis),
         ylim=(-height, height),
-        title=f"to scale, for an exit short of the target; the flight without control\n{reached}",
+        title=f"to scale, an example of an exit short of the target; the flight without control\n{reached}",
     )
     whole.set_axis_off()
 
@@ -401,11 +409,13 @@ def fig09(air: Air, vehicle: Vehicle) -> Figure:
     figure, axes = new_figure(4.8, 4.2)
     altitude = _altitudes(0.0, _ceiling(air, vehicle))
     density = np.exp(environment.profile(air)(altitude)[0])
-    axes.semilogx(density, altitude / KM, color=BLUE, label="nominal density")
+    axes.semilogx(density, altitude / KM, color=BLUE, label="nominal density", zorder=3)
     if air.density_profile == "table":
         table = np.asarray(air.density_table)
         shown = (table[:, 0] >= altitude[0]) & (table[:, 0] <= altitude[-1])
-        axes.plot(table[shown, 1], table[shown, 0] / KM, "o", color=BLACK, markersize=2.5, label="table")
+        axes.plot(
+            table[shown, 1], table[shown, 0] / KM, "o", color=ORANGE, markersize=5, fillstyle="none", label="table"
+        )
     axes.set(xlabel="density (kg/m$^3$)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
     axes.legend(loc="upper right")
     return figure
@@ -413,22 +423,29 @@ def fig09(air: Air, vehicle: Vehicle) -> Figure:
 
 def fig10(air: Air, vehicle: Vehicle, simulation: Simulation, drawing: Drawing) -> Figure:
     """Samples of the density variation against altitude."""
-    figure, axes = new_figure(4.8, 4.2)
+    figure, (axes, apart) = new_figure(7.4, 4.2, ncols=2, sharey=True)
     altitude = _altitudes(0.0, _ceiling(air, vehicle))
     samples = variation_samples(air, simulation, altitude, drawing.drawn_samples)
     deviation = environment.deviation(air, altitude)
     axes.fill_betweenx(
         altitude / KM, -2 * deviation, 2 * deviation, color=BLUE, alpha=0.22, linewidth=0, label=r"$\pm 2 \sigma$"
     )
-    for sample in samples:
+    distance = 1.2 * np.abs(samples).max()
+    for number, sample in enumerate(samples):
         axes.plot(sample, altitude / KM, color=BLUE, linewidth=0.6, alpha=0.8)
+        apart.plot(number + 1 + sample / distance, altitude / KM, color=BLUE, linewidth=0.6)
     axes.plot([], [], color=BLUE, linewidth=0.6, label=f"{len(samples)} samples")
     least, largest = axes.get_xlim()
     if least < -1.0:
         axes.axvline(-1.0, color=VERMILION, linewidth=0.9, linestyle="--", label="no density left")
         axes.set_xlim(least, largest)
     axes.set(xlabel="density variation, relative to the mean (1)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
-    figure.legend(loc="outside lower center", ncols=3)
+    apart.set(
+        title="side by side",
+        xlabel=f"samples, density variations of {distance:.2g} apart",
+        xticks=range(1, len(samples) + 1),
+    )
+    legend_below(figure, [axes])
     return figure
 
 
@@ -539,8 +556,6 @@ class MissionPlan(NamedTuple):
     exit_apoapsis: float
     target_periapsis: float
     target_apoapsis: float
-    periapsis_raise: float  # m/s
-    clean_up: float  # m/s, positive below the target
 
 
 def mission_plan(planet: Planet, mission: Mission, nominal) -> MissionPlan:
@@ -555,7 +570,6 @@ def mission_plan(planet: Planet, mission: Mission, nominal) -> MissionPlan:
     # Energy and angular momentum at the exit are those at the apoapsis.
     tangential = radius[-1] * np.cos(path[-1]) / apoapsis
     velocity = np.sqrt(2.0 * gravity * (1.0 / radius[-1] - 1.0 / apoapsis) / (1.0 - tangential**2))
-    burns = orbits.burns(radius[-1], velocity, path[-1], target_apoapsis, target_periapsis, gravity)
 
     exit_anomaly, coast = _conic(radius[-1], velocity, path[-1], gravity)
     coast_anomaly = np.linspace(exit_anomaly, np.pi, 361)
@@ -579,8 +593,6 @@ def mission_plan(planet: Planet, mission: Mission, nominal) -> MissionPlan:
         exit_apoapsis=float(apoapsis / unit),
         target_periapsis=float(target_periapsis / unit),
         target_apoapsis=float(target_apoapsis / unit),
-        periapsis_raise=float(burns.periapsis_raise),
-        clean_up=float(burns.apoapsis_change),
     )
 
 
@@ -617,24 +629,22 @@ def _arrow(axes, start, end, color, name, offset):
 def fig11(gains: Gains) -> Figure:
     """Nominal flight of the initial guess and of the iterations, and how they differ."""
     figure, panels = new_figure(7.2, 5.4, nrows=2, ncols=2)
-    altitude, velocity = gains.altitude / KM, gains.velocity / KM
-    last, color = len(altitude) - 1, VERMILION
-    for axes, abscissa in ((panels[0, 0], np.broadcast_to(gains.time, altitude.shape)), (panels[0, 1], velocity)):
-        if last:
-            label = f"{_iteration(last)}, lowest {altitude[last].min():.2f} km"
-            axes.plot(abscissa[last], altitude[last], color=color, label=label)
-        label = f"initial guess, lowest {altitude[0].min():.2f} km"
-        axes.plot(abscissa[0], altitude[0], color=BLACK, linestyle="--", label=label)
-        axes.set_ylabel(ALTITUDE_LABEL)
-    panels[0, 0].set(xlabel=TIME_LABEL, xlim=(0, gains.time[-1]))
-    panels[0, 1].set_xlabel("velocity (km/s)")
-    differences = ((gains.altitude, KM, "altitude difference (km)"), (gains.velocity, 1.0, "velocity difference (m/s)"))
-    for axes, (values, unit, label) in zip(panels[1], differences, strict=True):
-        axes.axhline(0.0, color=BLACK, linestyle="--", label="initial guess")
-        for number, iteration_color in _iterations(gains):
-            axes.plot(gains.time, (values[number] - values[0]) / unit, color=iteration_color, label=_iteration(number))
-        axes.set(xlabel=TIME_LABEL, ylabel=label, xlim=(0, gains.time[-1]))
-        _say_if_refused(axes, gains)
+    last = len(gains.control) - 1
+    laws = [(last, _iteration(last), {"color": VERMILION})] if last else []
+    for law, name, style in [*laws, (0, "initial guess", INITIAL_GUESS)]:
+        at = {"laws": law}
+        for axes, x in ((panels[0, 0], "time"), (panels[0, 1], field(gains, "velocity", unit="km/s", at=at))):
+            altitude = field(gains, "altitude", unit="km", at=at, x=x)
+            plot(axes, altitude, **style, label=f"{name}, lowest {altitude.values.min():.2f} km")
+    panels[0, 0].set_xlim(0, gains.time[-1])
+    for axes, name, unit in zip(panels[1], ("altitude", "velocity"), ("km", "m/s"), strict=True):
+        initial = field(gains, name, unit=unit, at={"laws": 0})
+        plot(axes, initial.minus(initial, f"{name} difference"), label="initial guess", **INITIAL_GUESS)
+        for law, color in _iterations(gains):
+            difference = field(gains, name, unit=unit, at={"laws": law}).minus(initial)
+            plot(axes, difference, color=color, label=_iteration(law))
+        axes.set_xlim(0, gains.time[-1])
+        _note_if_refused(axes, gains)
     for axes in panels[:, 0]:
         axes.legend(loc="best", fontsize=7)
     return figure
@@ -646,30 +656,28 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure
     figure, panels = _grid(len(numbers), 7.4, 2.5)
     window = drawing.delta_v_window
     for place, (axes, number) in enumerate(zip(panels, numbers, strict=True)):
-        delta_v = aerocapture.delta_v[number]
-        captured = delta_v[np.isfinite(delta_v)]
+        delta_v = field(aerocapture, "delta_v", at={"laws": number})
+        captured = delta_v.values[np.isfinite(delta_v.values)]
         shown = window
         if number == 0:
             reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else window
             shown = min(reach[0], 0.95 * window[0]), max(reach[1], 1.05 * window[1])
         _densities_of_delta_v(axes, gains, number, delta_v, shown)
-        axes.set(title=f"({'abcdefghijklmnop'[place]}) {_law(number)}", xlabel=r"$\Delta v$ (m/s)", xlim=shown)
+        axes.set_title(f"({'abcdefghijklmnop'[place]}) {_law(number)}")
         if number == 0:
-            for edge in window:
-                axes.axvline(edge, color=BLACK, linewidth=0.8, linestyle="--")
+            _mark_below_remarks(axes, window, shown, color=BLACK, linestyle="--")
     for axes in panels[:: 2 if len(panels) > 1 else 1]:
         axes.set_ylabel("density (s/m)")
-    handles = [
-        panels[0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
-        for color, width, style, label in (
-            (SKY, 5.0, "-", "flights"),
-            (BLUE, 1.4, "-", "their 99th percentile"),
-            (BLACK, 1.2, "-", "linear covariance"),
-            (BLACK, 1.4, ":", "its 99th percentile"),
-            (BLACK, 0.8, "--", "range of the other panels"),
-        )
-    ]
-    figure.legend(handles=handles[: 5 if len(panels) > 1 else 4], loc="outside lower center", ncols=5)
+    entries = (
+        (SKY, 5.0, "-", "flights"),
+        (BLUE, 1.4, "-", "their 99th percentile"),
+        (BLACK, 1.2, "-", "linear covariance"),
+        (BLACK, 1.4, ":", "its 99th percentile"),
+        (BLACK, 0.8, "--", "range of the other panels"),
+    )
+    for color, width, style, label in entries[: 5 if len(panels) > 1 else 4]:
+        legend_entry(panels[0], label, color=color, linewidth=width, linestyle=style)
+    legend_below(figure, [panels[0]], columns=5)
     return figure
 
 
@@ -678,7 +686,7 @@ def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains) -> Figure:
     figure, axes = new_figure(7.2, 4.0)
     _limits_of_control(axes, vehicle, label="limits")
     peak = nominal.time_of_largest_dynamic_pressure
-    axes.axvline(peak, color=GREY, linestyle=":", label=f"largest dynamic pressure, {peak:.1f} s")
+    mark(axes, x=peak, linewidth=1.2, label=f"largest dynamic pressure, {peak:.1f} s")
     shown = _iterations(gains)
     starts, lengths = gains.partition[:-1], np.diff(gains.partition)
     for place, (number, color) in enumerate(shown):
@@ -694,9 +702,9 @@ def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains) -> Figure:
             capsize=2.5,
         )
     axes.plot(gains.partition[[0, -1]], [0, 0], color=BLACK, linewidth=0.8, label="initial guess")
-    _say_if_refused(axes, gains)
+    _note_if_refused(axes, gains)
     axes.set(
-        xlabel=TIME_LABEL,
+        xlabel=field(gains, "partition").label,
         ylabel=r"bank cosine, mean $\pm 3 \sigma$",
         xlim=gains.partition[[0, -1]],
         ylim=(1.15 * np.array(vehicle.control_limits)),
@@ -719,26 +727,20 @@ def fig16(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Dynamic pressure of the first trials under both laws, with the nominal on top."""
     laws = _ends(gains)
     figure, panels = new_figure(7.0, 0.6 + 2.4 * len(laws), nrows=len(laws), sharex=True, sharey=True, squeeze=False)
-    top, reach = PRESSURE_MARGIN * gains.dynamic_pressure.max() / KM, 0.0
+    top, reach = PRESSURE_MARGIN * field(gains, "dynamic_pressure", unit="kPa").values.max(), 0.0
     for axes, (number, name) in zip(panels[:, 0], laws, strict=True):
-        drawn = aerocapture.kept_history[number, :, :, components.DYNAMIC_PRESSURE] / KM
-        for trial in drawn:
-            axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.6)
-        axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
-        bounds = _flown_bounds(
-            axes, aerocapture, number, components.DYNAMIC_PRESSURE, KM, np.zeros_like(aerocapture.time)
-        )
-        reach = max(reach, np.nan_to_num(bounds).max(), np.nan_to_num(drawn).max())
-        axes.plot(gains.time, gains.dynamic_pressure[number] / KM, color=BLACK, label="nominal")
-        beyond = int((np.nan_to_num(drawn).max(axis=1) > top).sum())
-        note = f", {beyond} of {len(drawn)} beyond the axis" if beyond else ""
-        axes.set(
-            title=f"{name}, {_trials(aerocapture, number)}{note}",
-            ylabel="dynamic pressure (kPa)",
-            xlim=(0, gains.time[-1]),
-        )
+        law = {"unit": "kPa", "at": {"laws": number}}
+        pressure = field(aerocapture, "kept_history.dynamic_pressure", **law)
+        trials(axes, pressure, **TRIAL | {"alpha": 0.6})
+        lower, upper = sigma_bounds(aerocapture, "dynamic_pressure", 3.0, **law)
+        bounds(axes, lower, upper, **SAMPLED)
+        largest = np.nan_to_num(pressure.values).max(axis=1)
+        reach = max(reach, np.nan_to_num(upper.values).max(), largest.max())
+        plot(axes, gains, "dynamic_pressure", **law, color=BLACK, label="nominal")
+        beyond = int((largest > top).sum())
+        remark = f", {beyond} of {len(largest)} beyond the axis" if beyond else ""
+        axes.set(title=f"{name}, {_trials(aerocapture, number)}{remark}", xlim=(0, gains.time[-1]))
         axes.legend(loc="upper right", frameon=True, edgecolor="none")
-    panels[-1, 0].set_xlabel(TIME_LABEL)
     panels[-1, 0].set_ylim(0, min(top, 1.03 * reach))
     return figure
 
@@ -747,28 +749,19 @@ def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     """Density variation met in flight, and its deviation as measured and along the nominal."""
     number, name = _ends(gains)[-1]
     figure, axes = new_figure(7.0, 3.8)
-    drawn = aerocapture.kept_history[number, :, :, components.DENSITY_VARIATION]
-    for trial in drawn:
-        axes.plot(aerocapture.time, trial, color=GREY, linewidth=0.5, alpha=0.5)
-    axes.plot([], [], color=GREY, linewidth=0.8, label=f"{len(drawn)} trials")
-    _flown_bounds(axes, aerocapture, number, components.DENSITY_VARIATION, 1.0, np.zeros_like(aerocapture.time))
-    for sign in (-1, 1):
-        label = r"$\pm 3 \sigma$ along the nominal, $\hat\Sigma(t, t)$" if sign > 0 else None
-        axes.plot(
-            gains.time,
-            sign * 3 * gains.variation_deviation[number],
-            color=BLACK,
-            linestyle=":",
-            linewidth=1.6,
-            label=label,
-        )
+    law = {"at": {"laws": number}}
+    trials(axes, aerocapture, "kept_history.density_variation", **law, **TRIAL)
+    bounds(axes, *sigma_bounds(aerocapture, "density_variation", 3.0, **law), **SAMPLED)
+    along_nominal = field(gains, "variation_deviation", **law)
+    lower, upper = (along_nominal.of(sign * 3 * along_nominal.values) for sign in (-1, 1))
+    label = r"$\pm 3 \sigma$ along the nominal, $\hat\Sigma(t, t)$"
+    bounds(axes, lower, upper, color=BLACK, linestyle=":", linewidth=1.6, label=label)
     axes.set(
         title=f"{name}, {_trials(aerocapture, number)}",
-        xlabel=TIME_LABEL,
-        ylabel="density variation, relative to the mean (1)",
+        ylabel="density variation, relative to the mean",
         xlim=(0, gains.time[-1]),
     )
-    figure.legend(loc="outside lower center", ncols=3)
+    legend_below(figure, [axes])
     return figure
 
 
@@ -786,24 +779,25 @@ def violations(
     figure, panels = _grid(len(shown) + 1, 7.6, 3.0, sharey=True)
     allotted = 1.0 - guidance.control_probability
     by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
-    trials = aerocapture.outcome.shape[1]
+    trial_count = aerocapture.outcome.shape[1]
     middle = (gains.partition[:-1] + gains.partition[1:]) / 2
     for axes, (number, color) in zip(panels, shown, strict=False):
-        axes.axhline(allotted, color=BLACK, linestyle="--")
+        mark(axes, y=allotted, color=BLACK, linestyle="--", linewidth=1.2)
         for deviation, style in (
             (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
             (gains.design_control_deviation, {"marker": "x", "color": GREY, "markersize": 4}),
         ):
             predicted = _beyond_limits(gains.control[number], deviation[number], *vehicle.control_limits)
             axes.plot(middle, np.where(predicted > 0.0, predicted, np.nan), linestyle="none", **style)
-        _shares(axes, middle, by_step[number], trials, color, "o")
-        axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=TIME_LABEL, xlim=gains.partition[[0, -1]])
+        _shares(axes, middle, by_step[number], trial_count, color, "o")
+        axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=field(gains, "partition").label)
+        axes.set_xlim(gains.partition[[0, -1]])
     axes = panels[-1]
     flights = double_integrator_flights
     normals, bounds = linear_example.normals_and_bounds(point_mass)
     closed = CLOSED
     time = double_integrator.partition
-    axes.axhline(linear_example.tail(point_mass), color=BLACK, linestyle="--")
+    mark(axes, y=linear_example.tail(point_mass), color=BLACK, linestyle="--", linewidth=1.2)
     spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
     predicted = _upper_tail((bounds - double_integrator.mean[closed] @ normals.T) / spread)
     for line, color in enumerate((BLUE, VERMILION)):
@@ -816,27 +810,25 @@ def violations(
         axes.plot([], [], "o", color=color, markersize=4, label=f"line {line + 1}")
     axes.set(title="double integrator, closed loop", xlabel="time (1)", xlim=(time[0] - 0.4, time[-1] + 0.4))
     axes.legend(loc="upper left")
-    flown = " or ".join(dict.fromkeys(f"{count:,}" for count in (trials, flights.count[closed])))
-    fewest = min(trials, flights.paper_trials)
-    largest = max(by_step.max() / trials, flights.violations[closed].max() / flights.count[closed], allotted)
+    sizes = " or ".join(dict.fromkeys(f"{count:,}" for count in (trial_count, flights.count[closed])))
+    fewest = min(trial_count, flights.paper_trials)
+    largest = max(by_step.max() / trial_count, flights.violations[closed].max() / flights.count[closed], allotted)
     for axes in panels:
         axes.set_yscale("log")
-        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, SHOWN_CONFIDENCE)[1]), 1.5))
+        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, CONFIDENCE)[1]), 1.5))
     for axes in panels[:: 2 if len(panels) > 1 else 1]:
         axes.set_ylabel("probability of violation")
-    handles = [
-        panels[0].plot(
-            [], [], color=color, linestyle=style, marker=marker, markerfacecolor=face, markersize=5, label=label
-        )[0]
-        for color, style, marker, face, label in (
-            (BLACK, "--", "", BLACK, "allotted"),
-            (BLACK, "none", "_", BLACK, "linear covariance"),
-            (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
-            (GREY, "none", "o", GREY, f"share of {flown} trials, {100 * SHOWN_CONFIDENCE:.0f} % interval"),
-            (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
-            (GREY, "none", "v", "none", "no violation: upper end of the interval"),
-        )
-    ]
+    handles = []
+    for color, style, marker, face, label in (
+        (BLACK, "--", "", BLACK, "allotted"),
+        (BLACK, "none", "_", BLACK, "linear covariance"),
+        (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
+        (GREY, "none", "o", GREY, f"share of {sizes} trials, {100 * CONFIDENCE:g} % interval"),
+        (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
+        (GREY, "none", "v", "none", "no violation: upper end of the interval"),
+    ):
+        point = {"linestyle": style, "marker": marker, "markerfacecolor": face, "markersize": 5}
+        handles.append(legend_entry(panels[0], label, color=color, **point))
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
@@ -844,11 +836,12 @@ def violations(
 def convergence(mission: Mission, guidance: Guidance, studies: Studies, convergence: Convergence) -> Figure:
     """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
     figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
-    iterations = np.arange(convergence.apoapsis.shape[1])
-    found = 0
+    any_percentile = False
     for row, variant in enumerate(str(name) for name in convergence.variant):
         color, marker, name = VARIANT_STYLE[variant]
-        style = {"color": color, "marker": marker, "markersize": 4}
+        # The first ones are broad, so that they show below others that arrive at the same.
+        broad = len(convergence.variant) - 1 - row
+        style = {"color": color, "marker": marker, "linewidth": 1.0 + 1.1 * broad, "markersize": 4 + 2 * broad}
         outcome, period = str(convergence.outcome[row]), int(convergence.period[row])
         ending = f"{outcome} with period {period}" if outcome == "cycling" else outcome
         lost = convergence.lost[row, 1:]
@@ -856,82 +849,86 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
         if lost.size and lost.max() > 0:
             losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
             losses = f"; {losses} of {studies.study_trials:,} trials lost"
-        apoapsis.plot(iterations, convergence.apoapsis[row], linewidth=1.0, **style, label=f"{name}: {ending}{losses}")
-        flown, error = convergence.percentile[row, 1:], convergence.percentile_error[row, 1:]
-        percentile.errorbar(iterations[1:], flown, 3 * error, linewidth=1.0, capsize=2, **style)
-        hollow = style | {"markerfacecolor": "white", "linestyle": "--", "linewidth": 0.8}
-        percentile.plot(iterations[1:], convergence.predicted[row, 1:], **hollow)
-        found += int(np.isfinite(flown).sum())
-    apoapsis.axhline(mission.target_apoapsis, color=BLACK, linewidth=0.9, linestyle="--", label="target apoapsis")
-    apoapsis.set(xlabel="iteration", ylabel="apoapsis of the nominal (planet radii)")
-    percentile.plot(
-        [], [], color=GREY, marker="o", markersize=4, label=r"99th percentile over flights, $\pm 3$ standard errors"
-    )
+        reached, predicted, flights, error = (
+            field(convergence, path, at={"variant": row}, unit=unit, name=shown)
+            for path, unit, shown in (
+                ("apoapsis", "planet radii", ""),
+                ("predicted", "", r"$\Delta v$"),
+                ("percentile", "", r"$\Delta v$"),
+                ("percentile_error", "", ""),
+            )
+        )
+        iterations(apoapsis, reached, **style, label=f"{name}: {ending}{losses}")
+        iterations(percentile, flights, error=error, first=1, **style)
+        hollow = style | {"markerfacecolor": "white", "linestyle": "--", "linewidth": 0.8 + 1.1 * broad}
+        iterations(percentile, predicted, first=1, **hollow)
+        any_percentile |= bool(np.isfinite(flights.values[1:]).any())
+    target = {"color": BLACK, "linewidth": 0.9, "linestyle": "--", "label": "target apoapsis"}
+    mark(apoapsis, y=mission.target_apoapsis, **target)
+    dots = {"color": GREY, "marker": "o", "markersize": 4}
+    legend_entry(percentile, r"99th percentile over flights, $\pm 3$ standard errors", **dots)
     tail = f"predicted percentile, $p_f$ = {guidance.percentile_tail:g}"
-    percentile.plot([], [], color=GREY, marker="o", markersize=4, markerfacecolor="white", linestyle="--", label=tail)
-    title = "without the initial guess" if found else "no 99th percentile over flights: too many lost"
-    percentile.set(xlabel="iteration", ylabel=r"$\Delta v$ (m/s)", title=title)
-    _integer_ticks(apoapsis, percentile, last=iterations[-1])
-    _legends_below(figure, (apoapsis, percentile), columns=1 if convergence.lost[:, 1:].any() else 2)
+    legend_entry(percentile, tail, markerfacecolor="white", linestyle="--", **dots)
+    missing = "no 99th percentile over flights: too many lost"
+    percentile.set_title("without the initial guess" if any_percentile else missing)
+    legend_below(figure, (apoapsis, percentile), columns=1 if convergence.lost[:, 1:].any() else 2)
     return figure
 
 
 def regularization(guidance: Guidance, studies: Studies, regularization: Regularization) -> Figure:
     """What the size of the design's navigation errors does to gains, predictions and flights."""
-    figure, panels = new_figure(7.4, 6.0, nrows=2, ncols=2, sharex=True)
-    size, study = regularization.position_error, regularization
-    trials = studies.study_trials
-    gain, spread, percentile, shares = panels.flat
+    figure, panels = new_figure(9.6, 5.6, nrows=2, ncols=3, sharex=True)
+    study, trial_count = regularization, studies.study_trials
+    condition, gain, deviation, percentile, shares, corner = panels.flat
+    shown = condition, gain, deviation, percentile, shares
+    against = {"x": field(study, "position_error", name="navigation error of the radius\nin the design")}
     curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
-    for values, color, label in (
-        (study.condition_number, GREY, "condition number of Cov(W)"),
-        (study.largest_gain, VERMILION, "largest gain"),
+    plot(condition, study, "condition_number", **against, **curve, name="condition number of Cov(W)", color=BLACK)
+    largest_gain = "largest gain, in units of\n1 km, 100 m/s, 10 mrad"
+    plot(gain, study, "largest_gain", **against, **curve, name=largest_gain, color=VERMILION)
+    for path, color, style, label in (
+        ("predicted_deviation", BLACK, "-", "linear covariance"),
+        ("design_deviation", BLACK, ":", "with navigation errors"),
+        ("flown_deviation", BLUE, "-", "captured flights"),
     ):
-        gain.plot(size, values, color=color, label=label, **curve)
-    gain.set(yscale="log", ylabel="in units of 1 km, 100 m/s, 10 mrad")
-    for values, color, style, label in (
-        (study.predicted_deviation, BLACK, "-", "linear covariance"),
-        (study.design_deviation, BLACK, ":", "with navigation errors"),
-        (study.flown_deviation, BLUE, "-", "captured flights"),
-    ):
-        spread.plot(size, values, color=color, linestyle=style, label=label, **curve)
-    spread.set(yscale="log", ylabel=r"standard deviation of $\Delta v$ (m/s)")
+        line = {"color": color, "linestyle": style, "label": label, **curve}
+        plot(deviation, study, path, **against, name=r"standard deviation of $\Delta v$", **line)
+    for axes in (condition, gain, deviation):
+        axes.set_yscale("log")
+    flights = field(study, "percentile", **against, name=r"99th percentile of $\Delta v$")
+    name_axes(percentile, flights)
+    size, missing = study.position_error, np.isnan(study.percentile)
     percentile.errorbar(size, study.percentile, 3 * study.percentile_error, color=BLUE, capsize=2, **curve)
-    missing = np.isnan(study.percentile)
-    percentile.plot([], [], color=BLUE, **curve, label=r"flights, $\pm 3$ standard errors")
-    percentile.plot(
-        size[missing],
-        np.full(missing.sum(), 0.96),
-        "x",
-        color=BLUE,
-        markersize=5,
-        transform=percentile.get_xaxis_transform(),
-        label="none: more than 1 % lost" if missing.any() else None,
-    )
+    legend_entry(percentile, r"flights, $\pm 3$ standard errors", color=BLUE, **curve)
+    mark(percentile, x=size[missing], label="none: more than 1 % lost", **NO_PERCENTILE, color=BLUE)
     if missing.all():
         percentile.set_yticks([])
-    percentile.set(ylabel=r"99th percentile of $\Delta v$ (m/s)")
-    for counts, color, label in (
-        (study.saturated, ORANGE, "beyond the limits at any step"),
-        (study.worst_step, VERMILION, "at the worst step"),
-        (study.lost, BLACK, "lost"),
+    for path, color, label in (
+        ("saturated", ORANGE, "beyond the limits at any step"),
+        ("worst_step", VERMILION, "at the worst step"),
+        ("lost", BLACK, "lost"),
     ):
-        share = np.where(counts > 0, counts / trials, np.nan)
-        shares.plot(size, share, color=color, label=label, **curve)
+        counts = field(study, path, **against, name=f"share of {trial_count:,} trials")
+        share = counts.of(np.where(counts.values > 0, counts.values / trial_count, np.nan))
+        plot(shares, share, color=color, label=label, **curve)
     allotted = 1.0 - guidance.control_probability
-    shares.axhline(allotted, color=GREY, linestyle="--", label="allotted to a step")
-    shares.set(yscale="log", ylabel=f"share of {trials:,} trials", ylim=(min(0.5 / trials, 0.3 * allotted), 2.0))
+    mark(shares, y=allotted, linewidth=1.2, linestyle="--", label="allotted to a step")
+    shares.set(yscale="log", ylim=(min(0.5 / trial_count, 0.3 * allotted), 2.0))
     if not np.isfinite(study.condition_number).any():
-        _say(gain, "no law was designed", 0.6)
+        note(gain, "no law was designed", 0.6)
     own = guidance.navigation_deviations[0]
-    for axes in panels.flat:
+    for axes in shown:
         if own > 0:
-            label = f"this reading, {own:g} m" if axes is gain else None
-            axes.axvline(own, color=GREY, linewidth=0.8, linestyle=":", label=label)
+            mark(axes, x=own, label=f"this reading, {own:g} m" if axes is condition else None)
         axes.set_xscale("log")
-        axes.legend(loc="best", fontsize=7)
-    for axes in panels[1]:
-        axes.set_xlabel("navigation error of the radius in the design (m)")
+        if axes.get_legend_handles_labels()[0]:
+            place = "upper right" if axes is percentile else "best"
+            axes.legend(loc=place, fontsize=7, frameon=True, framealpha=1.0, edgecolor="none")
+    percentile.set_ymargin(0.35)  # room for the legend
+    # Under the empty place, the panel above names the axis.
+    corner.remove()
+    deviation.tick_params(labelbottom=True)
+    deviation.set_xlabel(against["x"].label)
     return figure
 
 
@@ -975,24 +972,17 @@ def field_study(air: Air, field_study: FieldStudy) -> Figure:
             )
         else:
             label += f"no percentile{lost}"
-            axes.plot(deviation[number], 0.97, "^", color=color, transform=axes.get_xaxis_transform(), label=label)
+            mark(axes, x=deviation[number], label=label, **NO_PERCENTILE, color=color)
     missing = np.isnan(study.variance_percentile)
     above = f"no percentile, {study.variance_lost[missing].min():,} or more lost" if missing.any() else None
-    axes.plot(
-        scaled[missing],
-        np.full(missing.sum(), 0.97),
-        "^",
-        color=BLUE,
-        transform=axes.get_xaxis_transform(),
-        label=above,
-    )
+    mark(axes, x=scaled[missing], label=above, **NO_PERCENTILE, color=BLUE)
     axes.set(
         xlabel="standard deviation of the density variation at 45 km (%)",
         ylabel=r"99th percentile of $\Delta v$, open loop (m/s)",
         title=f"{study.trials:,} trials each",
     )
     if not np.isfinite(np.concatenate([study.percentile, study.variance_percentile])).any():
-        _say(axes, "no 99th percentile: more than 1 % of the trials lost", 0.5)
+        note(axes, "no 99th percentile: more than 1 % of the trials lost", 0.5)
         axes.set_yticks([])
     figure.legend(loc="outside lower center", ncols=2)
     return figure
@@ -1022,8 +1012,8 @@ def delta_v_map(
             axes.plot([low, high], line, color=GREEN, linewidth=1.0, linestyle=style, label=f"linear, {branch}")
         margin = 0.5 * (top - bottom)  # room for what the design extrapolates, and for the histograms
         axes.set(
-            xlabel="exit apoapsis (planet radii)",
-            ylabel=r"$\Delta v$ (m/s)",
+            xlabel=field(aerocapture, "apoapsis", unit="planet radii").label,
+            ylabel=field(aerocapture, "delta_v").label,
             xlim=(low, high),
             ylim=(bottom - margin, top + 0.1 * margin),
         )
@@ -1043,7 +1033,7 @@ def delta_v_map(
     panels[1].plot([], [], "v", color="white", markeredgecolor=BLACK, label="mean that its design predicts")
     for number, color in [(0, GREY), *shown]:
         panels[1].plot([], [], ".-", color=color, label=f"flights, {_law(number)}, and their histogram")
-    _legends_below(figure, panels, columns=2)
+    legend_below(figure, panels, columns=2)
     return figure
 
 
@@ -1102,104 +1092,85 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
     """Histogram of all trials, lost ones counted, with the normal density of linear covariance, and percentiles."""
     from scipy.special import ndtri
 
-    captured = delta_v[np.isfinite(delta_v)]
-    inside = captured[(captured >= shown[0]) & (captured <= shown[1])]
-    # As fine as the trials' spread asks for: a window of 200 m/s may hold a spread of 3 m/s.
-    width = 3.5 * inside.std() / len(inside) ** (1 / 3) if len(inside) > 1 else 0.0
-    bins = int(np.clip((shown[1] - shown[0]) / width, 20, 150)) if width > 0 else 20
-    counts, edges = np.histogram(inside, bins, range=shown)
-    heights, highest = counts / (len(delta_v) * np.diff(edges)), 0.0
-    axes.stairs(heights, edges, color=SKY, fill=True)
     mean, deviation = gains.delta_v_mean[number], gains.delta_v_deviation[number]
-    if np.isfinite(deviation) and deviation > 0:
-        value = np.unique(
-            np.append(np.linspace(*shown, 1001), np.clip(mean + deviation * np.linspace(-5, 5, 201), *shown))
-        )
-        density = np.exp(-(((value - mean) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
-        axes.plot(value, density, color=BLACK)
-        highest = density.max()
-    flown, error = flight_statistics.percentile_with_lost(delta_v, LEVEL)
-    predicted = mean + ndtri(LEVEL) * deviation
-    if np.isfinite(flown):
-        axes.axvline(flown, color=BLUE, linewidth=1.4)
-    axes.axvline(predicted, color=BLACK, linewidth=1.4, linestyle=":")
-    lost, outside = len(delta_v) - len(captured), len(captured) - len(inside)
-    lines = [f"{len(delta_v):,} trials"]
+    heights, edges = distribution(axes, delta_v, shown, (mean, deviation))
+    percentile, error = flight_statistics.percentile_with_lost(delta_v.values, LEVEL)
+    if np.isfinite(percentile):
+        _mark_below_remarks(axes, percentile, shown, color=BLUE, linewidth=1.4, linestyle="-")
+    _mark_below_remarks(axes, mean + ndtri(LEVEL) * deviation, shown, color=BLACK, linewidth=1.4)
+    trial_count, captured = len(delta_v.values), delta_v.values[np.isfinite(delta_v.values)]
+    lost, outside = trial_count - len(captured), int(((captured < shown[0]) | (captured > shown[1])).sum())
+    lines = [f"{trial_count:,} trials"]
     lines += [f"{lost:,} lost"] if lost else []
     lines += [f"{outside:,} outside"] if outside else []
-    lines.append(f"99 %: {flown:.1f} $\\pm$ {error:.1f} m/s" if np.isfinite(flown) else "99 %: none, too many lost")
+    reached = f"99 %: {percentile:.1f} $\\pm$ {error:.1f} m/s"
+    lines.append(reached if np.isfinite(percentile) else "99 %: none, too many lost")
     if captured.size:
         lines.append(f"flights {captured.mean():.1f}, sd {captured.std():.1f} m/s")
     lines.append(f"linear {mean:.1f}, sd {deviation:.3g} m/s")
     right = shown[0] + 0.5 * (shown[1] - shown[0])  # where the text stands
-    highest = max(heights.max(), highest)
+    highest = max(heights.max(), 1 / (np.sqrt(2 * np.pi) * deviation) if deviation > 0 else 0.0)
     crowded = heights[edges[1:] > right].max() > 0.5 * highest
     if highest > 0.0:
         axes.set_ylim(0.0, (1.6 if crowded else 1.06) * highest)
     axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=7, bbox=OPAQUE)
 
 
+def _mark_below_remarks(axes, places, shown, **style):
+    """Mark delta-v, on the right only as high as the remarks that stand there leave free."""
+    for place in np.atleast_1d(places):
+        mark(axes, x=place, ymax=REMARKS_FROM if place > shown[0] + 0.5 * (shown[1] - shown[0]) else 1.0, **style)
+
+
 def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number):
     """Three rows of errors against the law's nominal flight, and the control."""
     figure, panels = new_figure(7.2, 8.4, nrows=len(ERRORS) + 1, sharex=True)
     nodes = np.searchsorted(gains.time, gains.partition - 1e-6)
-    spread = np.sqrt(np.einsum("kii->ki", gains.covariance[number]))
-    offset = np.array([planet.planet_radius, 0.0, 0.0])
-    for row, (axes, (component, name, unit, label)) in enumerate(zip(panels, ERRORS, strict=False)):
-        reference = getattr(gains, name)[number]
-        for trial in ensemble.kept_history[number, :, :, component]:
-            axes.plot(ensemble.time, (trial - reference) / unit, color=GREY, linewidth=0.5, alpha=0.5)
-        bounds = _flown_bounds(axes, ensemble, number, component, unit, reference)
-        centre = (gains.reference[number, :, row] - offset[row] - reference[nodes]) / unit
-        bars = 3 * spread[:, row] / unit
-        _predicted_bars(axes, gains.partition, centre, bars)
-        _limit_to_flights(axes, bounds, np.abs(centre) + bars)
-        axes.set_ylabel(f"error in\n{label}")
+    law, offset = {"laws": number}, {"radius": planet.planet_radius}
+    for axes, (component, designed, unit, name) in zip(panels, ERRORS, strict=False):
+        nominal = field(gains, component, unit=unit, at=law)
+        trials(
+            axes,
+            field(ensemble, f"kept_history.{component}", unit=unit, at=law).minus(nominal, f"error in\n{name}"),
+            label=None,
+            **TRIAL,
+        )
+        lower, upper = (bound.minus(nominal) for bound in sigma_bounds(ensemble, component, 3.0, unit=unit, at=law))
+        bounds(axes, lower, upper, **SAMPLED)
+        reference = field(gains, f"reference.{designed}", at=law)
+        expected = converted(reference.values - offset.get(designed, 0.0), reference.unit, unit) - nominal.values[nodes]
+        bars = 3 * standard_deviation(gains, f"covariance.{designed}", unit=unit, at=law).values
+        _predicted_bars(axes, gains.partition, expected, bars)
+        _limit_to_flights(axes, np.array([lower.values, upper.values]), np.abs(expected) + bars)
     control = panels[-1]
     starts = nodes[:-1]
-    for trial in ensemble.kept_history[number, :, :, components.BANK_COSINE]:
-        axes_line = {"color": GREY, "linewidth": 0.5, "alpha": 0.5, "drawstyle": "steps-post"}
-        control.plot(ensemble.time, trial, **axes_line)
+    command = field(ensemble, "kept_history.bank_cosine", name="bank cosine\ncommanded", at=law)
+    trials(control, command, label=None, drawstyle="steps-post", **TRIAL)
     _limits_of_control(control, vehicle)
     _predicted_bars(control, gains.partition[:-1], gains.control[number], 3 * gains.control_deviation[number])
-    mean = ensemble.mean[number, starts, components.BANK_COSINE]
-    deviation = np.sqrt(ensemble.covariance[number, starts, components.BANK_COSINE, components.BANK_COSINE])
+    mean = field(ensemble, "mean.bank_cosine", at=law).where(starts).values
+    sampled = standard_deviation(ensemble, "covariance.bank_cosine", at=law).where(starts).values
     for sign in (-1, 0, 1):
-        control.plot(gains.partition[:-1], mean + sign * 3 * deviation, "*", color=BLUE, markersize=6, zorder=4)
-    control.set(
-        xlabel=TIME_LABEL,
-        ylabel="bank cosine\ncommanded",
-        xlim=(-0.01 * gains.time[-1], 1.01 * gains.time[-1]),
-        ylim=CONTROLS,
-    )
-    reach = np.nanmax(np.abs(mean) + 3 * deviation) if np.isfinite(mean).any() else 0.0
+        control.plot(gains.partition[:-1], mean + sign * 3 * sampled, "*", color=BLUE, markersize=6, zorder=4)
+    control.set(xlim=(-0.01 * gains.time[-1], 1.01 * gains.time[-1]), ylim=CONTROLS)
+    reach = np.nanmax(np.abs(mean) + 3 * sampled) if np.isfinite(mean).any() else 0.0
     if reach > CONTROLS[1]:
-        _say(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
+        note(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
     refused = f"no law was designed: {gains.refused}\n" if gains.refused else ""
     panels[0].set_title(f"{refused}{_law(number)}, {_trials(ensemble, number)}")
     kept = ensemble.kept_history.shape[1]
     handles = [
-        panels[0].plot([], [], color=color, linestyle=style, linewidth=width, marker=marker, label=label)[0]
+        legend_entry(panels[0], label, color=color, linestyle=style, linewidth=width, marker=marker)
         for color, style, width, marker, label in (
             (GREY, "-", 0.8, "", f"{kept} trials"),
-            (BLUE, "--", 1.2, "", r"mean $\pm 3 \sigma$ of all trials"),
-            (BLUE, "none", 0.0, "*", r"the same of the command, before its limits"),
+            (BLUE, "--", 1.2, "", SAMPLED["label"]),
+            (BLUE, "none", 0.0, "*", r"mean $\pm 3 \sigma$ of the command, before its limits"),
             (BLACK, "-", 1.0, "", r"mean $\pm 3 \sigma$, linear covariance (bars)"),
             (BLACK, "--", 0.9, "", "limits of the control"),
         )
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
-
-
-def _flown_bounds(axes, ensemble, number, component, unit, reference):
-    """Draw mean and three standard deviations of all trials less a reference; returns both bounds, (2, time)."""
-    mean = ensemble.mean[number, :, component] - reference
-    spread = 3 * np.sqrt(ensemble.covariance[number, :, component, component])
-    bounds = np.array([mean - spread, mean + spread]) / unit
-    for line, label in zip(bounds, (None, r"mean $\pm 3 \sigma$ of all trials"), strict=True):
-        axes.plot(ensemble.time, line, color=BLUE, linestyle="--", label=label)
-    return bounds
 
 
 def _predicted_bars(axes, time, centre, bars):
@@ -1211,7 +1182,7 @@ def _limit_to_flights(axes, bounds, predicted):
     flown = np.nanmax(np.abs(bounds)) if np.isfinite(bounds).any() else 0.0
     expected = predicted.max()
     if expected > FAR * flown > 0.0:
-        _say(axes, f"linear covariance up to {expected:.3g}", 0.95)
+        note(axes, f"linear covariance up to {expected:.3g}", 0.95)
         expected = 0.0
     reach = 1.08 * max(flown, expected)
     if reach > 0.0:
@@ -1224,8 +1195,8 @@ def _limits_of_control(axes, vehicle: Vehicle, label=None):
 
 
 def _shares(axes, place, counts, trials, color, marker, filled=True):
-    """Shares of trials with their intervals; where there is none, an arrow at the interval's upper end."""
-    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, SHOWN_CONFIDENCE)
+    """Shares of trials with their intervals; where there is none, a triangle at the interval's upper end."""
+    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, CONFIDENCE)
     some = counts > 0
     axes.errorbar(
         place[some],
@@ -1271,23 +1242,6 @@ def _map_points(axes, ensemble, number, color, shown):
         axes.stairs(height, edges, color=color, linewidth=1.0, transform=axes.get_xaxis_transform())
 
 
-def _integer_ticks(*panels, last):
-    for axes in panels:
-        axes.set_xticks(np.arange(0, last + 1, max(1, last // 10)))
-
-
-def _say_if_refused(axes, gains):
+def _note_if_refused(axes, gains):
     if gains.refused:
-        _say(axes, f"no law was designed:\n{gains.refused}", 0.8)
-
-
-def _say(axes, text, height):
-    text = "\n".join(textwrap.fill(line, TEXT_WIDTH) for line in text.splitlines())
-    place = {"ha": "center", "va": "top", "transform": axes.transAxes}
-    axes.text(0.5, height, text, color=GREY, fontsize=8, bbox=OPAQUE, zorder=6, **place)
-
-
-def _legends_below(figure, panels, columns=3):
-    handles = [handle for axes in panels for handle in axes.get_legend_handles_labels()[0]]
-    known = {handle.get_label(): handle for handle in handles}
-    figure.legend(handles=list(known.values()), loc="outside lower center", ncols=min(columns, len(known)))
+        note(axes, f"no law was designed:\n{gains.refused}", 0.8)

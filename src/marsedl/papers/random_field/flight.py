@@ -53,7 +53,7 @@ LEAST_LOG_DENSITY, LARGEST_LOG_DENSITY = -600.0, 600.0  # within what `exponenti
 _NUMBERS = (
     *("gravitational_parameter", "planet_radius", "drag_factor", "lift_factor"),
     *("bottom", "cells_per_metre", "field_bottom", "nodes_per_metre"),
-    *("density_floor", "lower_limit", "upper_limit"),
+    *("density_floor", "variation_mean", "lower_limit", "upper_limit"),
 )
 _SETTINGS = np.dtype([(name, "f8") for name in _NUMBERS] + [("actual_density", "i8")])
 
@@ -74,6 +74,7 @@ class Density(NamedTuple):
     retention: np.ndarray
     innovation_deviation: np.ndarray
     top_deviation: float
+    mean: float
     varied: bool  # or the mean density alone
 
 
@@ -83,7 +84,8 @@ class Force(NamedTuple):
     bottom: float  # position of the first node
     nodes_per_unit: float
     root: np.ndarray  # (nodes, normals)
-    varied: bool  # or none
+    mean: float
+    varied: bool  # or its mean alone
 
 
 class Schedule(NamedTuple):
@@ -127,6 +129,7 @@ def settings(planet: Planet, air: Air, vehicle: Vehicle, simulation: Simulation,
         "field_bottom": tables.altitude[0],
         "nodes_per_metre": 1.0 / _uniform_spacing(tables.altitude, "altitude"),
         "density_floor": air.density_floor,
+        "variation_mean": tables.mean,
         "lower_limit": vehicle.control_limits[0],
         "upper_limit": vehicle.control_limits[1],
         "actual_density": int(simulation.dynamic_pressure_density == "actual"),
@@ -185,9 +188,9 @@ def _checked_law(law, states):
     # Copies, as loaded arrays are read-only, for which the kernels would be compiled once more.
     checked = Law(*(np.array(part, dtype=float, order="C") for part in law))
     expected = (nodes - 1,), (nodes - 1, nodes, states), (nodes, states)
-    found = checked.control.shape, checked.gain.shape, checked.reference.shape
-    if found != expected:
-        raise ValueError(f"control, gain and reference of {nodes} nodes must have shapes {expected}, got {found}")
+    shapes = checked.control.shape, checked.gain.shape, checked.reference.shape
+    if shapes != expected:
+        raise ValueError(f"control, gain and reference of {nodes} nodes must have shapes {expected}, got {shapes}")
     return checked
 
 
@@ -274,19 +277,19 @@ def _mean_density(log_density):
 
 @inline_njit
 def _drift(half_index, state, noise, parameters, out):
-    air, bank_cosine, found, constants = parameters
+    air, bank_cosine, looked_up, constants = parameters
     # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
     for lane in range(LANES):
-        found[LOG_DENSITY, lane], found[VARIATION, lane] = _look_up(
+        looked_up[LOG_DENSITY, lane], looked_up[VARIATION, lane] = _look_up(
             state[RADIUS, lane] - constants.planet_radius, lane, air, constants
         )
     if half_index == 0:  # the step's start
         for lane in range(LANES):
-            found[FLOOR_COUNT, lane] += is_floored(found[VARIATION, lane], constants.density_floor)
+            looked_up[FLOOR_COUNT, lane] += is_floored(looked_up[VARIATION, lane], constants.density_floor)
     for lane in range(LANES):
         sin_path, cos_path = sine_cosine(state[PATH_ANGLE, lane])
-        density = _mean_density(found[LOG_DENSITY, lane]) * density_factor(
-            found[VARIATION, lane], constants.density_floor
+        density = _mean_density(looked_up[LOG_DENSITY, lane]) * density_factor(
+            looked_up[VARIATION, lane], constants.density_floor
         )
         out[RADIUS, lane], out[SPEED, lane], out[PATH_ANGLE, lane] = planar_entry_rates_from_sines(
             state[RADIUS, lane],
@@ -321,24 +324,23 @@ def _sample_variations(density, seed, first_trial, variation):
         fresh = density.innovation_deviation[node] if number > 0 else density.top_deviation
         for lane in range(LANES):
             process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
-            variation[node, lane] = process[0, lane]
+            variation[node, lane] = process[0, lane] + density.mean
 
 
 @njit(error_model="numpy")
 def _record(row, state, command, parameters, history, observed):
-    air, _, found, constants = parameters
+    air, _, looked_up, constants = parameters
     for lane in range(LANES):
-        found[LOG_DENSITY, lane], found[VARIATION, lane] = _look_up(
+        looked_up[LOG_DENSITY, lane], looked_up[VARIATION, lane] = _look_up(
             state[RADIUS, lane] - constants.planet_radius, lane, air, constants
         )
     for lane in range(LANES):
-        density = _mean_density(found[LOG_DENSITY, lane])
-        if constants.actual_density:
-            density *= density_factor(found[VARIATION, lane], constants.density_floor)
+        met = looked_up[VARIATION, lane] if constants.actual_density else constants.variation_mean
+        density = _mean_density(looked_up[LOG_DENSITY, lane]) * density_factor(met, constants.density_floor)
         history[row, ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
         history[row, VELOCITY, lane] = state[SPEED, lane]
         history[row, FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
-        history[row, DENSITY_VARIATION, lane] = found[VARIATION, lane]
+        history[row, DENSITY_VARIATION, lane] = looked_up[VARIATION, lane]
         history[row, DYNAMIC_PRESSURE, lane] = 0.5 * density * state[SPEED, lane] * state[SPEED, lane]
         history[row, BANK_COSINE, lane] = command[lane]
         observed[row, 0, lane] = command[lane]
@@ -346,11 +348,11 @@ def _record(row, state, command, parameters, history, observed):
 
 
 @inline_njit
-def _finish(lane, state, found, constants, final):
+def _finish(lane, state, looked_up, constants, final):
     final[ALTITUDE, lane] = state[RADIUS, lane] - constants.planet_radius
     final[VELOCITY, lane] = state[SPEED, lane]
     final[FLIGHT_PATH_ANGLE, lane] = state[PATH_ANGLE, lane]
-    final[FLOORED, lane] = found[FLOOR_COUNT, lane]
+    final[FLOORED, lane] = looked_up[FLOOR_COUNT, lane]
 
 
 @njit(error_model="numpy")
@@ -358,12 +360,12 @@ def _fly_group(settings, density, law, schedule, seed, first_trial, initial_stat
     """Fly LANES trials. initial_state: (3, LANES); `stored` is filled."""
     constants, (steps, time_step, every) = settings[0], schedule
     history, observed, largest, length, final = stored
-    variation = np.zeros((len(density.retention) + 1, LANES))
+    variation = np.full((len(density.retention) + 1, LANES), density.mean)
     if density.varied:
         _sample_variations(density, seed, first_trial, variation)
     air = (density.cells, variation)
-    flown, found = lane_array(1), lane_array(3)
-    parameters = (air, flown, found, constants)
+    bank_cosine, looked_up = lane_array(1), lane_array(3)
+    parameters = (air, bank_cosine, looked_up, constants)
 
     state = lane_array(STATES)
     for row in range(STATES):
@@ -374,7 +376,7 @@ def _fly_group(settings, density, law, schedule, seed, first_trial, initial_stat
     command, flying = np.empty(LANES), np.ones(LANES, np.bool_)
     deviation = np.empty((len(steps) * STATES, LANES))
     for lane in range(LANES):
-        found[FLOOR_COUNT, lane] = 0.0
+        looked_up[FLOOR_COUNT, lane] = 0.0
     remaining, row = LANES, 0
     for interval in range(len(steps)):
         _command(interval, law, state, deviation, command)
@@ -384,7 +386,7 @@ def _fly_group(settings, density, law, schedule, seed, first_trial, initial_stat
                 largest[0, lane] = np.maximum(largest[0, lane], command[lane])
                 largest[BANK_MAGNITUDE, lane] = np.maximum(largest[BANK_MAGNITUDE, lane], abs(command[lane]))
             limited = constants.lower_limit if command[lane] < constants.lower_limit else command[lane]
-            flown[0, lane] = constants.upper_limit if limited > constants.upper_limit else limited
+            bank_cosine[0, lane] = constants.upper_limit if limited > constants.upper_limit else limited
         for step in range(steps[interval]):
             if step % every == 0:
                 _record(row, state, command, parameters, history, observed)
@@ -392,7 +394,7 @@ def _fly_group(settings, density, law, schedule, seed, first_trial, initial_stat
             _advance(0, time_step, state, noise, parameters, work)
             for lane in range(LANES):
                 if flying[lane] and state[RADIUS, lane] < constants.planet_radius:
-                    _finish(lane, state, found, constants, final)
+                    _finish(lane, state, looked_up, constants, final)
                     length[lane] = row
                     flying[lane] = False
                     remaining -= 1
@@ -401,7 +403,7 @@ def _fly_group(settings, density, law, schedule, seed, first_trial, initial_stat
     _record(row, state, command, parameters, history, observed)
     for lane in range(LANES):
         if flying[lane]:
-            _finish(lane, state, found, constants, final)
+            _finish(lane, state, looked_up, constants, final)
 
 
 @inline_njit
@@ -443,27 +445,27 @@ def fly(settings, air, law, initial_states, *, time_step, seed, first_trial=0, v
     schedule = Schedule(_interval_steps(law, every, time_step), float(time_step), int(every))
     law, states = _checked_law(law, STATES), _checked_states(initial_states, STATES)
     cells = uniform_cells(air.log_density, air.log_density_slope, air.spacing)
-    density = Density(cells, *_checked_process(air), float(air.top_deviation), varied)
+    density = Density(cells, *_checked_process(air), float(air.top_deviation), float(air.mean), varied)
     times = int(schedule.steps.sum()) // every + 1
     start = new_trajectories(states.T, times, OBSERVED)
     padded = start.final_state.shape[1]
     history, final = np.empty((times, HISTORY, padded)), np.empty((FINAL, padded))
     stored = Stored(history, start.observed, start.observed_maximum, start.length, final)
     _fly(settings, density, law, schedule, seed, first_trial, start.final_state, stored)
-    flown = Trajectories(history, start.observed, start.observed_maximum, final, start.outcome, start.length).first(
-        len(states)
-    )
-    flown.outcome[flown.final_state[ALTITUDE] < 0.0] = CRASHED
-    flown.outcome[~_finite(flown)] = NON_FINITE
-    ended = np.arange(times)[:, np.newaxis, np.newaxis] >= flown.length
-    for stored in (flown.history, flown.observed):
+    trajectories = Trajectories(
+        history, start.observed, start.observed_maximum, final, start.outcome, start.length
+    ).first(len(states))
+    trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
+    trajectories.outcome[~_finite(trajectories)] = NON_FINITE
+    ended = np.arange(times)[:, np.newaxis, np.newaxis] >= trajectories.length
+    for stored in (trajectories.history, trajectories.observed):
         np.copyto(stored, np.nan, where=ended)
-    return flown
+    return trajectories
 
 
-def _finite(flown):
+def _finite(trajectories):
     """(trials,) bool: the trial's end and its commands are finite."""
-    return np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
+    return np.isfinite(trajectories.final_state).all(axis=0) & np.isfinite(trajectories.observed_maximum).all(axis=0)
 
 
 def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
@@ -474,11 +476,11 @@ def propagate_nominal(settings, air, law, initial_state, *, time_step, every=1):
     """
     law = law if isinstance(law, Law) else open_loop(*law)
     times = outputs(law, every, time_step)
-    flown = fly(settings, air, law, [initial_state], time_step=time_step, seed=0, varied=False)
-    time, states = outputs(law, 1, time_step), flown.history[:, : FLIGHT_PATH_ANGLE + 1, 0].copy()
-    steps, crash = np.flatnonzero(np.isin(time, times)), int(flown.length[0])
+    trajectories = fly(settings, air, law, [initial_state], time_step=time_step, seed=0, varied=False)
+    time, states = outputs(law, 1, time_step), trajectories.history[:, : FLIGHT_PATH_ANGLE + 1, 0].copy()
+    steps, crash = np.flatnonzero(np.isin(time, times)), int(trajectories.length[0])
     if crash < len(time):
-        states[crash] = flown.final_state[: FLIGHT_PATH_ANGLE + 1, 0]
+        states[crash] = trajectories.final_state[: FLIGHT_PATH_ANGLE + 1, 0]
         steps = np.append(steps[steps < crash], crash)
     states[:, ALTITUDE] += settings["planet_radius"][0]
     return time[steps], states[steps]
@@ -558,12 +560,15 @@ def _record_point(row, state, parameters, history, observed):
 @njit(error_model="numpy")
 def _fly_points(force, law, schedule, seed, first_trial, stored):
     """Fly LANES trials; `stored` is filled, its final states are the initial ones before."""
-    bottom, nodes_per_unit, root, varied = force
+    bottom, nodes_per_unit, root, mean, varied = force
     steps, time_step, every = schedule
     history, observed, largest, _, final = stored
     value, slope = np.zeros((len(root), LANES)), np.zeros((len(root), LANES))
     if varied:
         _sample_field(root, seed, first_trial, value, slope)
+    for node in range(len(root)):
+        for lane in range(LANES):
+            value[node, lane] += mean
     command = np.empty(LANES)
     parameters = ((value, slope, bottom, nodes_per_unit), command)
     state, noise = lane_array(POINT_STATES), lane_array(0)
@@ -596,13 +601,13 @@ def _fly_double_integrator(force, law, schedule, seed, first_trial, stored):
 
 
 def fly_double_integrator(
-    law, field_grid, field_root, initial_states, *, time_step, seed, first_trial=0, every=1, varied=True
+    law, field_grid, field_root, initial_states, *, time_step, seed, first_trial=0, every=1, varied=True, mean=0.0
 ) -> Trajectories:
     """Fly consecutive trials of the double integrator (Eq. 57), r' = v, v' = u + Psi(r), to the end of the partition.
 
     law: `Law` of states r and v. field_grid: uniform positions, (nodes,). field_root: (nodes, normals), a root of the
-    field's covariance on the grid; a sample is the root times standard normals. initial_states: (trials, 2). Other
-    arguments as of `fly`. The control is not limited.
+    field's covariance on the grid; a sample is the root times standard normals and the mean. initial_states: (trials,
+    2). Other arguments as of `fly`. The control is not limited.
 
     Returns `Trajectories` with the times of `outputs`: stored are position, rate, field at the position and control,
     observed is the control, the final state is position and rate. Outcome: NON_FINITE.
@@ -618,11 +623,11 @@ def fly_double_integrator(
     times = int(schedule.steps.sum()) // every + 1
     start = new_trajectories(states.T, times, 1)
     history = np.empty((times, POINT_HISTORY, start.final_state.shape[1]))
-    force = Force(float(field_grid[0]), 1.0 / spacing, root, varied)
+    force = Force(float(field_grid[0]), 1.0 / spacing, root, float(mean), varied)
     stored = Stored(history, start.observed, start.observed_maximum, start.length, start.final_state)
     _fly_double_integrator(force, law, schedule, seed, first_trial, stored)
-    flown = Trajectories(
+    trajectories = Trajectories(
         history, start.observed, start.observed_maximum, start.final_state, start.outcome, start.length
     ).first(len(states))
-    flown.outcome[~_finite(flown)] = NON_FINITE
-    return flown
+    trajectories.outcome[~_finite(trajectories)] = NON_FINITE
+    return trajectories

@@ -8,9 +8,23 @@ from marsedl.methods.covariance_steering.steering_program import upper_quantile
 from marsedl.methods.field_disturbance import condition_number, regularize
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
-from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import (
+    Air,
+    Guidance,
+    Mission,
+    Planet,
+    Simulation,
+    Vehicle,
+)
 from marsedl.papers.random_field.linearization import UNITS, Motion, along, delta_v_gradient, motion_of
-from marsedl.papers.random_field.nominal import finite_or_nan, initial_state, output_times, states_of
+from marsedl.papers.random_field.nominal import (
+    finite_or_nan,
+    initial_root,
+    initial_state,
+    output_steps,
+    output_times,
+    states_of,
+)
 from marsedl.papers.random_field.records import BRANCHES, Gains, Linearization, Nominal
 from marsedl.replication.artifacts import quantities
 from marsedl.replication.catalogue import stage
@@ -36,6 +50,21 @@ def compute(
     if a nominal leaves the density table.
     """
     motion = motion_of(planet, air, vehicle, mission, simulation)
+    return along_motion(planet, air, vehicle, mission, guidance, simulation, motion, nominal, linearization)
+
+
+def along_motion(
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    motion: Motion,
+    nominal: Nominal,
+    linearization: Linearization,
+) -> Gains:
+    """Run the iterations for a motion that may be another than the reading's; raises as `compute`."""
     laws = [open_loop(guidance, vehicle, motion, nominal, linearization)]
     outcome, period = "refused", 0
     if not linearization.refused:
@@ -51,7 +80,7 @@ def compute(
         run = iterate(guidance, vehicle, motion, fly, linearization.partition)
         laws, outcome, period = [*laws, *run.results], run.outcome, run.period
     time = output_times(mission, simulation)
-    every = round(2 * simulation.output_interval / simulation.time_step)
+    every = 2 * output_steps(mission, simulation)
     states = np.array([law["states"][::every] for law in laws])
     altitude = states[..., 0] - planet.planet_radius
     rows = {"laws": laws, "iterations": laws[1:]}
@@ -69,21 +98,22 @@ def compute(
         altitude=altitude,
         velocity=states[..., 1],
         flight_path_angle=states[..., 2],
-        dynamic_pressure=0.5 * np.exp(environment.profile(air)(altitude)[0]) * states[..., 1] ** 2,
-        variation_deviation=environment.deviation(air, altitude),
+        dynamic_pressure=0.5 * environment.mean_density(air, altitude) * states[..., 1] ** 2,
+        variation_deviation=np.sqrt(motion.covariance(altitude, altitude)),
         **columns,
     )
 
 
 def law(gains, number):
     """The law that flights fly: 0 for the open loop, or an iteration's."""
-    return flight.Law(gains.partition, gains.control[number], gains.gain[number], gains.reference[number])
+    return flight.Law(gains.partition, gains.control[number], gains.gain[number], gains.feedback_reference[number])
 
 
 def open_loop(guidance: Guidance, vehicle: Vehicle, motion: Motion, nominal: Nominal, linearization: Linearization):
-    """The open loop as a law: zero control, no feedback, and its linear covariance; as `_design` returns laws."""
+    """The open loop as a law: guessed control, no feedback, and its linear covariance; as `_design` returns laws."""
     intervals = len(linearization.partition) - 1
-    system = _system(vehicle, linearization, np.zeros(intervals), _stacked(linearization.disturbance_covariance))
+    guess = np.full(intervals, guidance.initial_control)
+    system = _system(vehicle, linearization, guess, _stacked(linearization.disturbance_covariance))
     covariance, _ = block_program.closed_loop(system, np.zeros((intervals, intervals + 1, 1, 3)))
     covariance = covariance * np.outer(UNITS, UNITS)
     sign = _signs(guidance, motion, nominal.apoapsis * motion.planet_radius)
@@ -92,9 +122,10 @@ def open_loop(guidance: Guidance, vehicle: Vehicle, motion: Motion, nominal: Nom
     states = states_of(motion.planet_radius, nominal)
     nothing = np.zeros(intervals)
     return {
-        "control": nothing,
+        "control": guess,
         "gain": np.zeros((intervals, intervals + 1, 3)),
         "reference": linearization.state,
+        "feedback_reference": linearization.state,
         "covariance": covariance,
         "design_covariance": covariance,
         "control_deviation": nothing,
@@ -116,11 +147,13 @@ def open_loop(guidance: Guidance, vehicle: Vehicle, motion: Motion, nominal: Nom
 
 
 def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition) -> Run:
-    """Iterations of Algorithm 1 from zero control; the results are laws as `_design` returns them, flown.
+    """Iterations of Algorithm 1 from the guess; the results are laws as `_design` returns them, flown.
 
     fly: function of the mean control (N,), that returns the states of its nominal at every half integration step.
     """
-    current, compiled = fly(np.zeros(len(partition) - 1)), None
+    guess = np.full(len(partition) - 1, guidance.initial_control)
+    nodes = np.rint(2 * np.asarray(partition) / motion.time_step).astype(int)
+    current, compiled = fly(guess), None
 
     def step(control) -> Step:
         nonlocal current, compiled
@@ -142,8 +175,15 @@ def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition
         end = current[-1]
         apoapsis = float(orbits.apoapsis_radius(*end, motion.gravity))
         delta_v = float(orbits.total_delta_v(*end, *motion.targets))
+        design = _design(guidance, motion, model, system, posed, solution)
+        references = {
+            "mean": design["reference"],
+            "expansion_point": model.state,
+            "propagated_mean": current[nodes],
+        }
         result = {
-            **_design(guidance, motion, model, system, posed, solution),
+            **design,
+            "feedback_reference": references[guidance.feedback_reference],
             "states": current,
             "apoapsis": finite_or_nan(apoapsis / motion.planet_radius),
             "nominal_delta_v": finite_or_nan(delta_v),
@@ -153,7 +193,7 @@ def iterate(guidance: Guidance, vehicle: Vehicle, motion: Motion, fly, partition
 
     return successive_convexification(
         step,
-        np.zeros(len(partition) - 1),
+        guess,
         iterations=guidance.iterations,
         tolerances=guidance.convergence_tolerances,
         stop=False,
@@ -193,7 +233,7 @@ def program(guidance: Guidance, vehicle: Vehicle, motion: Motion, model, control
         ),
         percentile_weight=guidance.percentile_weight,
         control_reference=np.asarray(control, dtype=float)[:, np.newaxis],
-        control_trust=guidance.control_trust,
+        control_trust=guidance.control_trust / guidance.control_trust_weight,
         state_trust=(
             block_program.TrustRegion(
                 intervals,
@@ -210,12 +250,13 @@ def _system(vehicle: Vehicle, model, control, disturbance_covariance):
     """The model in scaled deviations from its trajectory, where the control enters as it is."""
     intervals = len(control)
     scale = np.tile(UNITS, intervals)
+    root = initial_root(vehicle) / UNITS[:, np.newaxis]
     return block_program.BlockSystem(
         transition=model.transition * UNITS / UNITS[:, np.newaxis],
         control=(model.control / UNITS)[:, :, np.newaxis],
         affine=-model.control / UNITS * np.asarray(control, dtype=float)[:, np.newaxis],
         initial_mean=np.zeros(3),
-        initial_covariance=np.diag((np.array(vehicle.initial_deviations) / UNITS) ** 2),
+        initial_covariance=root @ root.T,
         disturbance_covariance=disturbance_covariance / np.outer(scale, scale),
     )
 

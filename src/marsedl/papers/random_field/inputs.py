@@ -3,10 +3,12 @@
 import math
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, Strict, model_validator
 
 from marsedl.papers.random_field.partition import partition_fault
 from marsedl.replication.sections import (
+    ARRAY,
     Count,
     Drawn,
     Inputs,
@@ -31,6 +33,10 @@ Partition = Annotated[tuple[Number, ...], Field(min_length=2, max_length=201)]
 Tail = Annotated[float, Strict(), Field(gt=0, lt=0.5)]  # beyond one half the constraint is not convex
 Level = Annotated[float, Strict(), Field(gt=0.5, lt=1)]
 Iterations = Annotated[int, Strict(), Field(gt=0, le=1000)]
+Factors = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=50), *ARRAY]
+Parts = Annotated[int, Strict(), Field(ge=2, le=50)]
+Correlation = Annotated[float, Strict(), Field(gt=-1, lt=1)]
+SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix that counts as positive definite
 
 
 def _require_multiples(name, values, unit_name, unit):
@@ -72,6 +78,11 @@ class Air(MeanDensity, DensityVariance):
     )
     variance_growth_sign: Sign = given("1", "1: the variance grows up to that altitude; -1: as printed")
     correlation_length: Positive = given("m", "distance in altitude over which the correlation falls by e")
+    correlation_altitude: Literal["lower", "upper", "both"] = given(
+        "1",
+        "altitude whose variance enters Eq. 73: the lower one as printed, the upper, or both (geometric mean)",
+    )
+    variation_mean: Number = given("1", "mean of the relative density variation, the same at all altitudes")
     density_floor: NonNegative = given("1", "least ratio of the density to its mean; Gaussian variations know none")
     field_altitudes: vector(2) = given("m", "altitudes between which the variation is sampled; it is constant beyond")
     field_interval: Positive = given("m", "spacing of the sampled altitudes")
@@ -79,11 +90,16 @@ class Air(MeanDensity, DensityVariance):
     @model_validator(mode="after")
     def _consistent(self):
         _require_nodes("field_interval", self.field_altitudes, self.field_interval)
-        if self.variance_growth_sign < 0 and self.correlation_length > 2.0 * self.variance_growth_length:
+        # The variance of the altitude that enters must not fall faster than the correlation does.
+        falls = self.correlation_altitude == {1: "upper", -1: "lower"}[self.variance_growth_sign]
+        if falls and self.correlation_length > 2.0 * self.variance_growth_length:
             raise ValueError(
-                f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign -1: "
-                f"twice variance_growth_length ({self.variance_growth_length:g} m) is the most"
+                f"correlation_length: {self.correlation_length:g} m makes no covariance with variance_growth_sign "
+                f"{self.variance_growth_sign} and correlation_altitude '{self.correlation_altitude}': twice "
+                f"variance_growth_length ({self.variance_growth_length:g} m) is the most"
             )
+        if not self.variation_mean > -1.0:
+            raise ValueError(f"variation_mean: {self.variation_mean:g} leaves no density: it must be above -1")
         return self
 
 
@@ -101,11 +117,19 @@ class Vehicle(EntryVehicle):
     initial_deviations: vector(3, NonNegative) = given(
         "m, m/s, rad", "standard deviations of radius, velocity and flight path angle at the start"
     )
+    initial_correlations: vector(3) = given(
+        "1", "their correlations: radius and velocity, radius and path angle, velocity and path angle"
+    )
 
     @model_validator(mode="after")
     def _consistent(self):
         _require_order("entry_angle_bracket", self.entry_angle_bracket)
         _require_order("control_limits", self.control_limits)
+        if not np.linalg.eigvalsh(correlation_matrix(self.initial_correlations)).min() > SMALLEST_EIGENVALUE:
+            raise ValueError(
+                f"initial_correlations: {', '.join(f'{value:g}' for value in self.initial_correlations)} belong to no "
+                "covariance: give smaller ones"
+            )
         return self
 
 
@@ -138,7 +162,14 @@ class Guidance(Section):
     control_variance_weight: NonNegative = given("1", "weight of the control variance in the cost")
     mean_control_weight: NonNegative = given("1", "weight of the squared mean control in the cost")
     control_probability: Level = given("1", "probability with which the control lies between its limits, at each step")
-    control_trust: Positive = given("1", "largest change of the mean control in one iteration")
+    control_trust: Positive = given("1", "Delta_u, largest change of the mean control in one iteration")
+    control_trust_weight: Positive = given("1", "M_u, by which that change is multiplied before it is compared")
+    initial_control: Number = given("1", "mean control of the first nominal trajectory, the same in all intervals")
+    feedback_reference: Literal["mean", "expansion_point", "propagated_mean"] = given(
+        "1",
+        "states from which the feedback takes deviations: the mean of the linear model, the trajectory about which it "
+        "is linearised, or the nominal trajectory of the new mean control",
+    )
     apoapsis_trust: Positive = given("1", "largest change of the linearised apoapsis in one iteration, planet radii")
     clean_up_branch: Literal["mean", "undershoot", "overshoot", "both"] = given(
         "1", "derivative of the clean-up burn where it vanishes: of either side, their mean, or both in the program"
@@ -160,13 +191,16 @@ class Simulation(Trials):
     """How trials are integrated, how many, and from which random numbers."""
 
     time_step: Positive = given("s", "integration step")
-    output_interval: Positive = given("s", "time between stored states")
+    output_interval: Positive = given("s", "largest time between stored states; it becomes one that all nodes share")
     dynamic_pressure_density: Literal["nominal", "actual"] = given("1", "density in the dynamic pressure that is shown")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
 
     @model_validator(mode="after")
     def _consistent(self):
-        _require_multiples("output_interval", (self.output_interval,), "time_step", self.time_step)
+        if not self.output_interval >= self.time_step:
+            raise ValueError(
+                f"output_interval ({self.output_interval:g}) must not be below time_step ({self.time_step:g})"
+            )
         if not self.trials >= self.paper_trials:
             raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
         return self
@@ -177,9 +211,9 @@ class Studies(Section):
 
     study_trials: StudyTrials = given("1", "Monte Carlo trials of each variant in the studies")
     convergence_iterations: Iterations = given("1", "iterations of the study of convergence")
-    fine_partition: Partition = given("s", "the partition with short end steps, to be compared")
-    navigation_factors: vector(9, Positive) = given("1", "factors of navigation_deviations in their study")
-    variance_factors: vector(6, Positive) = given("1", "factors of variance_at_top in the study of the open loop")
+    end_step_parts: Parts = given("1", "parts into which a study divides the first and the last step of the partition")
+    navigation_factors: Factors = given("1", "factors of navigation_deviations in their study")
+    variance_factors: Factors = given("1", "factors of variance_at_top in the study of other fields")
 
 
 class PointMass(Section):
@@ -187,6 +221,11 @@ class PointMass(Section):
 
     double_integrator_initial_mean: vector(2) = given("1", "mean initial position and velocity")
     double_integrator_initial_three_sigma: vector(2, Positive) = given("1", "three standard deviations of the two")
+    double_integrator_initial_correlation: Correlation = given("1", "correlation of the two")
+    double_integrator_force_mean: Number = given("1", "mean of the random force, the same at all positions")
+    double_integrator_kernel: Literal["locally_periodic", "squared_exponential"] = given(
+        "1", "covariance of the random force: that of Eq. 59, or its factor that is not periodic alone"
+    )
     double_integrator_variance: Positive = given("1", "variance of the random force")
     double_integrator_period: Positive = given("1", "its period over position")
     double_integrator_periodic_length: Positive = given("1", "its periodic length scale")
@@ -196,6 +235,7 @@ class PointMass(Section):
     double_integrator_final_three_sigma: vector(2, Positive) = given(
         "1", "three standard deviations that bound the final covariance"
     )
+    double_integrator_final_correlation: Correlation = given("1", "correlation of the bound")
     double_integrator_first_normal: vector(2) = given("1", "normal of the first half plane")
     double_integrator_second_normal: vector(2) = given("1", "normal of the second half plane")
     double_integrator_bounds: vector(2) = given("1", "right-hand sides of both half planes")
@@ -204,6 +244,12 @@ class PointMass(Section):
     )
     double_integrator_constrained: Literal["all", "before_last"] = given("1", "steps at which the lines constrain")
     double_integrator_weights: vector(2, NonNegative) = given("1", "weights of control variance and mean control")
+    double_integrator_state_weights: vector(2, NonNegative) = given("1", "weights Q of position and velocity")
+    double_integrator_percentile_weight: NonNegative = given("1", "weight eta of the percentile of the final state")
+    double_integrator_percentile_direction: vector(2) = given("1", "xi, along which that percentile is taken (Eq. 13)")
+    double_integrator_percentile_tail: Tail = given("1", "p_f, probability of exceeding that percentile")
+    double_integrator_iterations: Iterations = given("1", "iterations of Algorithm 1")
+    double_integrator_initial_control: Number = given("1", "mean control of the first nominal trajectory")
     double_integrator_field_positions: vector(2) = given("1", "positions between which the force is sampled")
     double_integrator_field_interval: Positive = given("1", "spacing of these positions")
     double_integrator_quadrature: Annotated[int, Strict(), Field(ge=2, le=64)] = given(
@@ -250,21 +296,37 @@ class Drawing(Section):
         return self
 
 
-def check_times(mission: Mission, simulation: Simulation, studies: Studies) -> None:
-    """Refuse partitions that do not fit the flight's end or the times of stored states, and too many steps."""
-    output = simulation.output_interval
-    _require_steps("simulation.time_step", mission.final_time / simulation.time_step)
-    _require_multiples("mission.partition", mission.partition, "simulation.output_interval", output)
-    if fault := partition_fault(studies.fine_partition, mission.final_time):
-        raise ValueError(f"studies.fine_partition: {fault}")
-    _require_multiples("studies.fine_partition", studies.fine_partition, "simulation.output_interval", output)
+def correlation_matrix(correlations) -> np.ndarray:
+    """Return the matrix (3, 3) of the correlations of first and second, first and third, second and third component."""
+    matrix = np.eye(3)
+    for (row, column), value in zip(((0, 1), (0, 2), (1, 2)), correlations, strict=True):
+        matrix[row, column] = matrix[column, row] = value
+    return matrix
+
+
+def check_times(mission: Mission, simulation: Simulation) -> None:
+    """Refuse partitions whose times are no whole numbers of integration steps, and too many steps."""
+    step = simulation.time_step
+    _require_steps("simulation.time_step", mission.final_time / step)
+    _require_multiples("mission.final_time", (mission.final_time,), "simulation.time_step", step)
+    _require_multiples("mission.partition", mission.partition, "simulation.time_step", step)
+
+
+def check_guess(vehicle: Vehicle, guidance: Guidance) -> None:
+    """Refuse a first nominal control beyond the limits."""
+    lower, upper = vehicle.control_limits
+    if not lower <= guidance.initial_control <= upper:
+        raise ValueError(
+            f"guidance.initial_control: {guidance.initial_control:g} lies beyond vehicle.control_limits, {lower:g} to "
+            f"{upper:g}"
+        )
 
 
 class RandomFieldInputs(Inputs):
     """Everything that the random-field results depend on."""
 
     CASES: ClassVar = {"aerocapture": "simulation.trials"}
-    CHECKS: ClassVar = (check_times,)
+    CHECKS: ClassVar = (check_times, check_guess)
 
     planet: Planet
     air: Air

@@ -12,9 +12,8 @@ from marsedl.models import orbits
 from marsedl.models.dynamics.planar_entry import planar_entry_rates
 from marsedl.papers.random_field import environment
 from marsedl.papers.random_field.environment import targets
-from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
-from marsedl.papers.random_field.nominal import states_of
-from marsedl.papers.random_field.partition import partition_fault
+from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.nominal import finite_or_nan, partition_used, states_of
 from marsedl.papers.random_field.records import BRANCHES, Linearization, Nominal
 from marsedl.replication.catalogue import stage
 
@@ -43,6 +42,7 @@ class Motion(NamedTuple):
 
     log_density: Callable  # of altitude, m: ln of the mean density, its first and second derivative
     covariance: Callable  # of the density variation at two altitudes, m
+    variation_mean: float
     planet_radius: float  # m
     gravity: float  # gravitational parameter, m^3/s^2
     targets: tuple  # as `environment.targets`
@@ -51,12 +51,15 @@ class Motion(NamedTuple):
     time_step: float  # s
 
 
-def motion_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation) -> Motion:
-    """Return the motion, the air and the targets of the reading."""
+def motion_of(
+    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation, covariance=None
+) -> Motion:
+    """Return the motion, the air and the targets of the reading; covariance: as of `flight.plant_of`."""
     drag_factor = 0.5 / vehicle.ballistic_coefficient
     return Motion(
         log_density=environment.profile(air),
-        covariance=environment.kernel(air),
+        covariance=covariance or environment.kernel(air),
+        variation_mean=air.variation_mean,
         planet_radius=planet.planet_radius,
         gravity=planet.gravitational_parameter,
         targets=targets(planet, mission),
@@ -66,28 +69,31 @@ def motion_of(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simu
     )
 
 
-def partition_used(mission: Mission):
-    """The partition on which laws hold their control, and why it is not the reading's, or an empty text."""
-    fault = partition_fault(mission.partition, mission.final_time)
-    if fault:
-        return np.array([0.0, mission.final_time]), f"the partition {fault}"
-    return np.array(mission.partition, dtype=float), ""
-
-
 @stage()
 def compute(
-    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation, nominal: Nominal
+    planet: Planet,
+    air: Air,
+    vehicle: Vehicle,
+    mission: Mission,
+    guidance: Guidance,
+    simulation: Simulation,
+    nominal: Nominal,
 ) -> Linearization:
     """Linearise about the guess."""
+    return of_guess(mission, guidance, motion_of(planet, air, vehicle, mission, simulation), nominal)
+
+
+def of_guess(mission: Mission, guidance: Guidance, motion: Motion, nominal: Nominal) -> Linearization:
+    """Linearise a motion, which may be another than the reading's, about the guess."""
     partition, refused = partition_used(mission)
-    motion = motion_of(planet, air, vehicle, mission, simulation)
-    model = along(motion, partition, np.zeros(len(partition) - 1), states_of(motion.planet_radius, nominal))
     intervals = len(partition) - 1
+    guess = np.full(intervals, guidance.initial_control)
+    model = along(motion, partition, guess, states_of(motion.planet_radius, nominal))
     gradients = [delta_v_gradient(motion.targets, model.state[-1], sign) for sign in BRANCHES.values()]
     return Linearization(
         refused=refused,
         partition=partition,
-        condition_number=field_disturbance.condition_number(model.disturbance_covariance, UNITS),
+        condition_number=finite_or_nan(field_disturbance.condition_number(model.disturbance_covariance, UNITS)),
         disturbance_covariance=model.disturbance_covariance.reshape(intervals, 3, intervals, 3),
         delta_v_gradient=np.array(gradients),
         **{name: getattr(model, name) for name in ("state", "transition", "control", "pressure_gradient")},
@@ -161,6 +167,6 @@ def _matrices(motion: Motion, states, held, log_density, slope):
             motion.gravity,
         )
 
-    controls = np.column_stack([np.full(len(states), held), np.zeros(len(states))])
+    controls = np.column_stack([np.full(len(states), held), np.full(len(states), motion.variation_mean)])
     model = linearize(rates, states, controls, (log_density, slope, states[:, 0]))
     return model.state_matrix, model.control_matrix[:, :, :1], model.control_matrix[:, :, 1]

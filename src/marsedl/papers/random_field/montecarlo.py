@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marsedl.models import orbits
+from marsedl.models import orbits, random_field
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
@@ -13,7 +13,7 @@ from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
 from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
-from marsedl.papers.random_field.nominal import initial_state, output_times
+from marsedl.papers.random_field.nominal import initial_root, initial_state, output_steps, output_times
 from marsedl.papers.random_field.records import (
     CAPTURED,
     NOT_EXITED,
@@ -85,36 +85,37 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1,
     least_exit_altitude = flights.mission.least_exit_altitude
     plant = flight.plant_of(planet, flights.air, vehicle, simulation, covariance)
     flown_law = law(gains, number)
-    mean = initial_state(planet, vehicle, nominal.entry_flight_path_angle)
+    mean, root = initial_state(planet, vehicle, nominal.entry_flight_path_angle), initial_root(vehicle)
+    every = output_steps(flights.mission, simulation)
     lower, upper = vehicle.control_limits
 
     def simulate_block(first, last):
         drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
-        flown = flight.fly(
+        trajectories = flight.fly(
             *plant,
             flown_law,
-            mean + drawn * np.array(vehicle.initial_deviations),
+            mean + random_field.sample(drawn, root),
             time_step=simulation.time_step,
             seed=simulation.seed,
             first_trial=first,
-            every=round(simulation.output_interval / simulation.time_step),
+            every=every,
             varied=varied,
         )
-        completed = flown.outcome == CAPTURED
-        altitude, velocity, path_angle = flown.final_state[:3]
+        completed = trajectories.outcome == CAPTURED
+        altitude, velocity, path_angle = trajectories.final_state[:3]
         bound = np.isfinite(
             orbits.apoapsis_radius(
                 altitude + planet.planet_radius, velocity, path_angle, planet.gravitational_parameter
             )
         )
-        flown.outcome[completed & ~bound] = ESCAPED
-        flown.outcome[completed & (altitude < least_exit_altitude)] = NOT_EXITED
-        command = flown.observed[:, 0]
+        trajectories.outcome[completed & ~bound] = ESCAPED
+        trajectories.outcome[completed & (altitude < least_exit_altitude)] = NOT_EXITED
+        command = trajectories.observed[:, 0]
         observed = np.stack([command, np.maximum(command - upper, lower - command)], axis=1)
         # Until a trial's end; what is stored behind is of no meaning.
-        ended = np.arange(len(observed))[:, np.newaxis] >= flown.length
+        ended = np.arange(len(observed))[:, np.newaxis] >= trajectories.length
         largest = np.where(ended[:, np.newaxis], -np.inf, observed).max(axis=0)
-        return replace(flown, observed=observed, observed_maximum=largest)
+        return replace(trajectories, observed=observed, observed_maximum=largest)
 
     return simulate_block
 
@@ -165,12 +166,12 @@ def replay(
     flights, lines = Flights(planet, air, vehicle, mission, simulation), []
     for law_number in range(len(gains.control)):
         name = "open loop" if law_number == 0 else f"law of iteration {law_number}"
-        flown = ensembles.replay(block_simulator(flights, nominal, gains, law_number), trial.number)
-        end = flown.final_state[:, 0]
-        lines.append(f"trial {trial.number}, {name}: {OUTCOMES[int(flown.outcome[0])]}")
+        trajectories = ensembles.replay(block_simulator(flights, nominal, gains, law_number), trial.number)
+        end = trajectories.final_state[:, 0]
+        lines.append(f"trial {trial.number}, {name}: {OUTCOMES[int(trajectories.outcome[0])]}")
         parts = zip(("altitude (m)", "velocity (m/s)", "flight path angle (rad)"), end[:3], strict=True)
         lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
-        if flown.outcome[0] == CAPTURED:
+        if trajectories.outcome[0] == CAPTURED:
             exit_state = end[:3] + np.array([planet.planet_radius, 0.0, 0.0])
             delta_v = float(orbits.total_delta_v(*exit_state, *targets(planet, mission)))
             lines.append(f"  {'delta-v (m/s)':26}{delta_v:18.9f}")

@@ -1,11 +1,21 @@
-"""The nominal aerocapture: entry angle and flight without control in the mean density (Eq. 71, Sec. V.B.2)."""
+"""The nominal aerocapture: entry angle and flight with the guessed control in the mean density (Eq. 71, Sec. V.B.2)."""
 
 import numpy as np
 
 from marsedl.models import orbits
 from marsedl.papers.random_field import environment, flight
+from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.environment import targets
-from marsedl.papers.random_field.inputs import Air, Mission, Planet, Simulation, Vehicle
+from marsedl.papers.random_field.inputs import (
+    Air,
+    Guidance,
+    Mission,
+    Planet,
+    Simulation,
+    Vehicle,
+    correlation_matrix,
+)
+from marsedl.papers.random_field.partition import partition_fault, steps_between_outputs
 from marsedl.papers.random_field.records import Nominal
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
@@ -18,9 +28,15 @@ def initial_state(planet: Planet, vehicle: Vehicle, flight_path_angle):
     return np.array([planet.planet_radius + vehicle.entry_altitude, vehicle.entry_velocity, flight_path_angle])
 
 
-def open_loop(mission: Mission):
-    """The law of the initial guess: zero control, no feedback."""
-    return flight.open_loop([0.0, mission.final_time], [0.0])
+def initial_root(vehicle: Vehicle):
+    """A root of the covariance at the start, (3, 3), SI: standard normals times its transpose are deviations."""
+    root = np.linalg.cholesky(correlation_matrix(vehicle.initial_correlations))
+    return np.array(vehicle.initial_deviations)[:, np.newaxis] * root
+
+
+def open_loop(mission: Mission, guidance: Guidance):
+    """The law of the initial guess: one control throughout, no feedback."""
+    return flight.open_loop([0.0, mission.final_time], [guidance.initial_control])
 
 
 def states_of(planet_radius, nominal: Nominal):
@@ -28,29 +44,46 @@ def states_of(planet_radius, nominal: Nominal):
     return np.column_stack([nominal.altitude + planet_radius, nominal.velocity, nominal.flight_path_angle])
 
 
+def partition_used(mission: Mission):
+    """The partition on which laws hold their control, and why it is not the reading's, or an empty text."""
+    fault = partition_fault(mission.partition, mission.final_time)
+    if fault:
+        return np.array([0.0, mission.final_time]), f"the partition {fault}"
+    return np.array(mission.partition, dtype=float), ""
+
+
+def output_steps(mission: Mission, simulation: Simulation):
+    """Integration steps from one stored state of a flight to the next."""
+    nodes, _ = partition_used(mission)
+    return steps_between_outputs(nodes, simulation.time_step, simulation.output_interval)
+
+
 def output_times(mission: Mission, simulation: Simulation):
     """Times of the stored states of flights."""
-    return np.arange(0.0, mission.final_time + simulation.output_interval / 2, simulation.output_interval)
+    interval = output_steps(mission, simulation) * simulation.time_step
+    return np.arange(0.0, mission.final_time + interval / 2, interval)
 
 
 @stage()
-def compute(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simulation: Simulation) -> Nominal:
+def compute(
+    planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, guidance: Guidance, simulation: Simulation
+) -> Nominal:
     """Solve the entry angle if it is not given, and fly.
 
     Raises MarsedlError if no entry angle of the bracket reaches the target, or if the flight leaves the density table.
     """
     plant = flight.plant_of(planet, air, vehicle, simulation)
-    law = open_loop(mission)
+    law = open_loop(mission, guidance)
     angle = vehicle.entry_flight_path_angle
     if vehicle.entry_angle == "solved":
-        angle = _entry_angle(planet, vehicle, mission, simulation, plant)
+        angle = _entry_angle(planet, vehicle, mission, simulation, plant, law)
     start = initial_state(planet, vehicle, angle)
     time, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
     altitude = states[:, 0] - planet.planet_radius
     environment.require_in_table(air, time, altitude)
-    density = np.exp(environment.profile(air)(altitude)[0])
+    density = environment.mean_density(air, altitude)
     pressure = 0.5 * density * states[:, 1] ** 2
-    peak_time, peak = _peak(time, pressure)
+    peak_time, largest_pressure = peak(time, pressure)
     target_apoapsis, target_periapsis, gravity = targets(planet, mission)
     end = states[-1]
     burns = orbits.burns(*end, target_apoapsis, target_periapsis, gravity)
@@ -64,7 +97,7 @@ def compute(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simula
         dynamic_pressure=pressure,
         variation_deviation=environment.deviation(air, altitude),
         time_of_largest_dynamic_pressure=peak_time,
-        largest_dynamic_pressure=peak,
+        largest_dynamic_pressure=largest_pressure,
         lowest_altitude=float(altitude.min()),
         apoapsis=finite_or_nan(orbits.apoapsis_radius(*end, gravity) / planet.planet_radius),
         delta_v=finite_or_nan(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
@@ -72,10 +105,10 @@ def compute(planet: Planet, air: Air, vehicle: Vehicle, mission: Mission, simula
     )
 
 
-def _entry_angle(planet: Planet, vehicle: Vehicle, mission: Mission, simulation: Simulation, plant: flight.Plant):
+def _entry_angle(planet: Planet, vehicle: Vehicle, mission: Mission, simulation: Simulation, plant, law):
     from scipy.optimize import brentq
 
-    law, step = open_loop(mission), simulation.time_step / 2
+    step = simulation.time_step / 2
     last = round(mission.final_time / simulation.time_step * 2)
 
     def miss(angle):
@@ -96,15 +129,6 @@ def _entry_angle(planet: Planet, vehicle: Vehicle, mission: Mission, simulation:
             "widen entry_angle_bracket, or check density and ballistic_coefficient"
         )
     return brentq(miss, steep, shallow, xtol=1e-13, rtol=1e-13)
-
-
-def _peak(values, pressure):
-    """Place and height of the largest value, of the parabola through it and its neighbours."""
-    k = min(max(int(np.argmax(pressure)), 1), len(pressure) - 2)
-    before, middle, after = pressure[k - 1 : k + 2]
-    curvature = before - 2.0 * middle + after
-    shift = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
-    return float(values[k] + shift * (values[k + 1] - values[k])), float(middle - 0.25 * (before - after) * shift)
 
 
 def finite_or_nan(value):

@@ -1,6 +1,7 @@
 """Partitions of time, as the configuration and the stages check them; imports nothing, as the former is read often."""
 
 from itertools import pairwise
+from math import floor, gcd
 
 
 def partition_fault(nodes, final_time):
@@ -13,3 +14,26 @@ def partition_fault(nodes, final_time):
     if nodes[-1] != final_time:
         return f"ends at {nodes[-1]:g}, must end at the final time, {final_time:g}"
     return ""
+
+
+def with_short_end_steps(nodes, parts, time_step):
+    """The partition with its first and last interval divided into parts, each a whole number of integration steps."""
+    ends = {0, len(nodes) - 2}
+    short = [nodes[0]]
+    for index, (earlier, later) in enumerate(pairwise(nodes)):
+        for part in range(1, parts if index in ends else 1):
+            node = round((earlier + (later - earlier) * part / parts) / time_step) * time_step
+            if short[-1] < node < later:
+                short.append(node)
+        short.append(later)
+    return short
+
+
+def steps_between_outputs(nodes, time_step, longest):
+    """Integration steps from one stored state to the next: the most that divide every interval and last no longer.
+
+    nodes: s, whole numbers of time_step. longest: s, at least one step.
+    """
+    shared = gcd(*(round(node / time_step) for node in nodes))
+    most = max(floor(longest / time_step * (1.0 + 1e-9)), 1)
+    return max(steps for steps in range(1, min(most, shared) + 1) if shared % steps == 0)

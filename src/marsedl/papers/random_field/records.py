@@ -1,19 +1,32 @@
 """Artifact types of the random field, and the names and codes in which they are to be read."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, ESCAPED, NON_FINITE
-from marsedl.replication.artifacts import quantity
-
-MOTION = "m, m/s, rad"  # radius, velocity, flight path angle
-HISTORY = "m, m/s, rad, 1, Pa, 1"  # altitude, velocity, path angle, density variation, dynamic pressure, bank cosine
+from marsedl.replication.artifacts import Axis, quantity, record
 
 OPEN, CLOSED = 0, 1  # laws of the double integrator
 BRANCHES = {"undershoot": 1, "mean": 0, "overshoot": -1}  # signs of the clean-up burn
 # One linearised branch, as in the paper; both branches in the program; one branch and short end steps.
 VARIANTS = ("one_branch", "both_branches", "short_end_steps")
+MOTION = Axis("motion", radius="m", velocity="m/s", flight_path_angle="rad")
+STATE = Axis(
+    "state",
+    altitude="m",
+    velocity="m/s",
+    flight_path_angle="rad",
+    density_variation="1",
+    dynamic_pressure="Pa",
+    bank_cosine="1",
+)
+FINAL = Axis("final", altitude="m", velocity="m/s", flight_path_angle="rad", floored_steps="1")
+OBSERVED = Axis("observed", control="1", excess="1")
+BRANCH = Axis("branch", *BRANCHES)
+POINT = Axis("motion", position="1", velocity="1")  # of the double integrator
+POINT_STATE = Axis("state", **POINT.units, force="1", control="1")
+SPEED_UNITS = ("km/s", "m/s")  # in which delta-v may enter the cost
+SPEED_UNIT = Axis("speed_unit", *SPEED_UNITS)
+LINE = Axis("line", "first", "second")  # that bound its states
 LOW_ALTITUDE = 45e3  # m, where nominal flights are lowest: `FieldStudy.deviation_at_45_km`
 CAPTURED, NOT_EXITED = COMPLETED, 4  # beside the library's codes
 OUTCOMES = {
@@ -25,18 +38,20 @@ OUTCOMES = {
 }
 
 
-@dataclass(frozen=True)
+@record
 class Nominal:
     """The flight with zero control, at every half integration step."""
 
     entry_flight_path_angle: float = quantity("rad", (), "flight path angle at the start")
-    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
     altitude: np.ndarray = quantity("m", ("time",), "altitude")
     velocity: np.ndarray = quantity("m/s", ("time",), "velocity")
     flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
-    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density")
+    density: np.ndarray = quantity("kg/m^3", ("time",), "mean density", label="density")
     dynamic_pressure: np.ndarray = quantity("Pa", ("time",), "dynamic pressure")
-    variation_deviation: np.ndarray = quantity("1", ("time",), "standard deviation of the density variation met")
+    variation_deviation: np.ndarray = quantity(
+        "1", ("time",), "standard deviation of the density variation met", label="density variation"
+    )
     time_of_largest_dynamic_pressure: float = quantity("s", (), "of a parabola through the largest values")
     largest_dynamic_pressure: float = quantity("Pa", (), "the parabola's largest value")
     lowest_altitude: float = quantity("m", (), "lowest altitude")
@@ -45,26 +60,37 @@ class Nominal:
     clean_up_burn: float = quantity("m/s", (), "signed second burn, positive below the target", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class Linearization:
     """The model along the initial guess."""
 
     refused: str = quantity("1", (), "why no design can be made on the reading's partition; empty if one can", "str")
     partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes; both ends if refused")
-    state: np.ndarray = quantity(MOTION, ("nodes", 3), "nominal radius, velocity, flight path angle at these times")
-    transition: np.ndarray = quantity("SI", ("intervals", 3, 3), "A_k")
-    control: np.ndarray = quantity("SI", ("intervals", 3), "B_k")
-    disturbance_covariance: np.ndarray = quantity("SI", ("intervals", 3, "intervals", 3), "Cov(w_k, w_l) (Eq. 26)")
-    condition_number: float = quantity("1", (), "of Cov(W) in units of 1 km, 100 m/s, 0.01 rad")
-    pressure_gradient: np.ndarray = quantity("1/m, s/m, 1", ("intervals", 3), "relative change of dynamic pressure")
-    apoapsis_gradient: np.ndarray = quantity("1, s, m", (3,), "derivative of the exit apoapsis")
+    state: np.ndarray = quantity(
+        MOTION.unit, ("nodes", MOTION), "nominal radius, velocity, flight path angle at these times"
+    )
+    transition: np.ndarray = quantity("SI", ("intervals", MOTION, MOTION), "A_k")
+    control: np.ndarray = quantity("SI", ("intervals", MOTION), "B_k")
+    disturbance_covariance: np.ndarray = quantity(
+        "SI", ("intervals", MOTION, "intervals", MOTION), "Cov(w_k, w_l) (Eq. 26)"
+    )
+    condition_number: float = quantity(
+        "1", (), "of Cov(W) in units of 1 km, 100 m/s, 0.01 rad; NaN if it is singular", allow_nan=True
+    )
+    pressure_gradient: np.ndarray = quantity(
+        "1/m, s/m, 1", ("intervals", MOTION), "relative change of dynamic pressure"
+    )
+    apoapsis_gradient: np.ndarray = quantity("1, s, m", (MOTION,), "derivative of the exit apoapsis")
     delta_v: float = quantity("m/s", (), "total delta-v of the nominal", allow_nan=True)
     delta_v_gradient: np.ndarray = quantity(
-        "1/s, 1, m/s", (3, 3), "derivatives of delta-v: undershoot, mean of both sides, overshoot", allow_nan=True
+        "1/s, 1, m/s",
+        (BRANCH, MOTION),
+        "derivatives of delta-v: undershoot, mean of both sides, overshoot",
+        allow_nan=True,
     )
 
 
-@dataclass(frozen=True)
+@record
 class Gains:
     """The open loop (law 0) and the law of every iteration.
 
@@ -75,12 +101,17 @@ class Gains:
     refused: str = quantity("1", (), "why there is no law but the open loop; empty if there is", "str")
     outcome: str = quantity("1", (), "converged, cycling, stopped, or refused", "str")
     period: int = quantity("1", (), "iterations of a cycle; 1 if converged, 0 otherwise")
-    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes")
+    partition: np.ndarray = quantity("s", ("nodes",), "times at which the control changes", label="time from entry")
     control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
-    gain: np.ndarray = quantity("1/m, s/m, 1", ("laws", "intervals", "nodes", 3), "feedback gains on the state history")
-    reference: np.ndarray = quantity(MOTION, ("laws", "nodes", 3), "predicted mean state, which the feedback compares")
-    covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "predicted state covariance")
-    design_covariance: np.ndarray = quantity("SI", ("laws", "nodes", 3, 3), "the same with navigation errors")
+    gain: np.ndarray = quantity(
+        "1/m, s/m, 1", ("laws", "intervals", "nodes", MOTION), "feedback gains on the state history"
+    )
+    reference: np.ndarray = quantity(MOTION.unit, ("laws", "nodes", MOTION), "predicted mean state")
+    feedback_reference: np.ndarray = quantity(
+        MOTION.unit, ("laws", "nodes", MOTION), "states from which the feedback takes deviations"
+    )
+    covariance: np.ndarray = quantity("SI", ("laws", "nodes", MOTION, MOTION), "predicted state covariance")
+    design_covariance: np.ndarray = quantity("SI", ("laws", "nodes", MOTION, MOTION), "the same with navigation errors")
     control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
     design_control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "the same with navigation errors")
     delta_v_mean: np.ndarray = quantity("m/s", ("laws",), "predicted mean of delta-v", allow_nan=True)
@@ -89,13 +120,15 @@ class Gains:
     percentile: np.ndarray = quantity(
         "m/s", ("laws",), "design's percentile of delta-v at the reading's tail", allow_nan=True
     )
-    time: np.ndarray = quantity("s", ("time",), "times of the nominal trajectories")
+    time: np.ndarray = quantity("s", ("time",), "times of the nominal trajectories", label="time from entry")
     altitude: np.ndarray = quantity("m", ("laws", "time"), "altitude of the law's nominal, flown in the mean density")
     velocity: np.ndarray = quantity("m/s", ("laws", "time"), "its velocity")
     flight_path_angle: np.ndarray = quantity("rad", ("laws", "time"), "its flight path angle")
     dynamic_pressure: np.ndarray = quantity("Pa", ("laws", "time"), "its dynamic pressure")
     variation_deviation: np.ndarray = quantity("1", ("laws", "time"), "standard deviation of the variation along it")
-    apoapsis: np.ndarray = quantity("1", ("laws",), "its exit apoapsis, planet radii", allow_nan=True)
+    apoapsis: np.ndarray = quantity(
+        "1", ("laws",), "its exit apoapsis, planet radii", allow_nan=True, label="apoapsis of the nominal"
+    )
     nominal_delta_v: np.ndarray = quantity("m/s", ("laws",), "its delta-v", allow_nan=True)
     largest_gain: np.ndarray = quantity("1", ("laws",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
     objective: np.ndarray = quantity("1", ("iterations",), "least cost of the program")
@@ -105,7 +138,7 @@ class Gains:
     solver_iterations: np.ndarray = quantity("1", ("iterations",), "of the solver", "int64")
 
 
-@dataclass(frozen=True)
+@record
 class Certificates:
     """How well everything agrees; a relative difference is one of the larger of two values."""
 
@@ -121,6 +154,8 @@ class Certificates:
     gain_shift: float = quantity("1", (), "change of the mean when the gains change")
     convexity: float = quantity("1", (), "least excess of a chord over the cost, relative, along random segments")
     largest_gain_difference: float = quantity("1", (), "first gains here against those of the iterations")
+    process_mean_score: float = quantity("1", (), "largest deviation of a sampled mean along the nominal, in errors")
+    disturbance_mean_score: float = quantity("1", (), "likewise of the disturbances' mean (Eq. 25)")
     process_score: float = quantity("1", (), "largest deviation of a sampled covariance along the nominal, in errors")
     disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)")
     normality_score: float = quantity("1", (), "likewise of skewness and excess kurtosis of the disturbances")
@@ -132,81 +167,100 @@ class Certificates:
     )
 
 
-@dataclass(frozen=True)
+@record
 class Convergence:
     """Iteration histories of the variants, which the file names in its order; law 0 is the open loop."""
 
-    variant: np.ndarray = quantity("1", ("variants",), "name of the variant", "str")
-    outcome: np.ndarray = quantity("1", ("variants",), "converged, cycling or stopped", "str")
-    period: np.ndarray = quantity("1", ("variants",), "of the cycle; 1 if converged, 0 if stopped", "int64")
-    apoapsis: np.ndarray = quantity("1", ("variants", "laws"), "nominal exit apoapsis, planet radii", allow_nan=True)
-    nominal_delta_v: np.ndarray = quantity("m/s", ("variants", "laws"), "nominal delta-v", allow_nan=True)
-    predicted: np.ndarray = quantity(
-        "m/s", ("variants", "laws"), "percentile that the program predicts", allow_nan=True
+    variant: np.ndarray = quantity("1", ("variant",), "name of the variant", "str")
+    outcome: np.ndarray = quantity("1", ("variant",), "converged, cycling or stopped", "str")
+    period: np.ndarray = quantity("1", ("variant",), "of the cycle; 1 if converged, 0 if stopped", "int64")
+    apoapsis: np.ndarray = quantity(
+        "1",
+        ("variant", "laws"),
+        "nominal exit apoapsis, planet radii",
+        allow_nan=True,
+        label="apoapsis of the nominal",
     )
-    percentile: np.ndarray = quantity("m/s", ("variants", "laws"), "99th percentile over flights", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("variants", "laws"), "its standard error", allow_nan=True)
-    lost: np.ndarray = quantity("1", ("variants", "laws"), "lost trials", "int64")
-    control_change: np.ndarray = quantity("1", ("variants", "laws"), "largest change of the mean control")
+    nominal_delta_v: np.ndarray = quantity("m/s", ("variant", "laws"), "nominal delta-v", allow_nan=True)
+    predicted: np.ndarray = quantity("m/s", ("variant", "laws"), "percentile that the program predicts", allow_nan=True)
+    percentile: np.ndarray = quantity("m/s", ("variant", "laws"), "99th percentile over flights", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("variant", "laws"), "its standard error", allow_nan=True)
+    lost: np.ndarray = quantity("1", ("variant", "laws"), "lost trials", "int64")
+    control_change: np.ndarray = quantity("1", ("variant", "laws"), "largest change of the mean control")
 
 
-@dataclass(frozen=True)
+@record
 class Regularization:
     """The last law of the reading's iterations for every size of the navigation errors."""
 
-    factor: np.ndarray = quantity("1", ("sizes",), "factor of the reading's navigation errors")
-    position_error: np.ndarray = quantity("m", ("sizes",), "standard deviation of the navigation error in radius")
-    condition_number: np.ndarray = quantity("1", ("sizes",), "of the design's Cov(W) in the last iteration")
-    largest_gain: np.ndarray = quantity("1", ("sizes",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
-    predicted_deviation: np.ndarray = quantity("m/s", ("sizes",), "predicted standard deviation of delta-v")
-    design_deviation: np.ndarray = quantity("m/s", ("sizes",), "the same with navigation errors")
-    flown_deviation: np.ndarray = quantity("m/s", ("sizes",), "over the captured flights", allow_nan=True)
-    percentile: np.ndarray = quantity("m/s", ("sizes",), "99th percentile over flights", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("sizes",), "its standard error", allow_nan=True)
-    saturated: np.ndarray = quantity("1", ("sizes",), "flights whose command leaves the limits at some step", "int64")
-    worst_step: np.ndarray = quantity("1", ("sizes",), "flights beyond the limits at the worst step", "int64")
-    lost: np.ndarray = quantity("1", ("sizes",), "lost trials", "int64")
+    factor: np.ndarray = quantity("1", ("factor",), "factor of the reading's navigation errors")
+    position_error: np.ndarray = quantity("m", ("factor",), "standard deviation of the navigation error in radius")
+    condition_number: np.ndarray = quantity("1", ("factor",), "of the design's Cov(W) in the last iteration")
+    largest_gain: np.ndarray = quantity("1", ("factor",), "largest gain in units of 1 km, 100 m/s, 0.01 rad")
+    predicted_deviation: np.ndarray = quantity("m/s", ("factor",), "predicted standard deviation of delta-v")
+    design_deviation: np.ndarray = quantity("m/s", ("factor",), "the same with navigation errors")
+    flown_deviation: np.ndarray = quantity("m/s", ("factor",), "over the captured flights", allow_nan=True)
+    percentile: np.ndarray = quantity("m/s", ("factor",), "99th percentile over flights", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("factor",), "its standard error", allow_nan=True)
+    saturated: np.ndarray = quantity("1", ("factor",), "flights whose command leaves the limits at some step", "int64")
+    worst_step: np.ndarray = quantity("1", ("factor",), "flights beyond the limits at the worst step", "int64")
+    lost: np.ndarray = quantity("1", ("factor",), "lost trials", "int64")
 
 
-@dataclass(frozen=True)
+@record
 class FieldStudy:
-    """Open-loop delta-v under other random fields; the file names the hypotheses in its order."""
+    """Delta-v in other random fields; the file names the hypotheses, for the open loop, in its order."""
 
-    hypothesis: np.ndarray = quantity("1", ("hypotheses",), "what is changed", "str")
-    percentile: np.ndarray = quantity("m/s", ("hypotheses",), "99th percentile", allow_nan=True)
-    percentile_error: np.ndarray = quantity("m/s", ("hypotheses",), "its standard error", allow_nan=True)
-    lost: np.ndarray = quantity("1", ("hypotheses",), "lost trials", "int64")
-    deviation_at_45_km: np.ndarray = quantity("1", ("hypotheses",), "standard deviation of the variation at 45 km")
-    variance: np.ndarray = quantity("1", ("variances",), "largest variance of the density variation")
-    variance_percentile: np.ndarray = quantity("m/s", ("variances",), "99th percentile", allow_nan=True)
-    variance_percentile_error: np.ndarray = quantity("m/s", ("variances",), "its standard error", allow_nan=True)
-    variance_lost: np.ndarray = quantity("1", ("variances",), "lost trials", "int64")
+    hypothesis: np.ndarray = quantity("1", ("hypothesis",), "what is changed", "str")
+    percentile: np.ndarray = quantity("m/s", ("hypothesis",), "99th percentile", allow_nan=True)
+    percentile_error: np.ndarray = quantity("m/s", ("hypothesis",), "its standard error", allow_nan=True)
+    lost: np.ndarray = quantity("1", ("hypothesis",), "lost trials", "int64")
+    deviation_at_45_km: np.ndarray = quantity("1", ("hypothesis",), "standard deviation of the variation at 45 km")
+    variance: np.ndarray = quantity("1", ("variance",), "largest variance of the density variation")
+    variance_percentile: np.ndarray = quantity("m/s", ("variance",), "99th percentile", allow_nan=True)
+    variance_percentile_error: np.ndarray = quantity("m/s", ("variance",), "its standard error", allow_nan=True)
+    variance_lost: np.ndarray = quantity("1", ("variance",), "lost trials", "int64")
+    law_percentile: np.ndarray = quantity(
+        "m/s",
+        (SPEED_UNIT, "variance", "laws"),
+        "99th percentile under the laws of all iterations, designed for the variance with delta-v in the unit",
+        allow_nan=True,
+    )
+    law_percentile_error: np.ndarray = quantity(
+        "m/s", (SPEED_UNIT, "variance", "laws"), "its standard error", allow_nan=True
+    )
+    law_lost: np.ndarray = quantity("1", (SPEED_UNIT, "variance", "laws"), "lost trials", "int64")
+    law_worst_step: np.ndarray = quantity(
+        "1", (SPEED_UNIT, "variance", "laws"), "trials beyond the control limits at the worst step", "int64"
+    )
     trials: int = quantity("1", (), "trials of each")
 
 
-@dataclass(frozen=True)
+@record
 class DoubleIntegrator:
     """The open loop (law 0) and the law of the single iteration (law 1)."""
 
     partition: np.ndarray = quantity("1", ("nodes",), "times at which the control changes")
-    transition: np.ndarray = quantity("1", ("intervals", 2, 2), "A_k")
-    input: np.ndarray = quantity("1", ("intervals", 2), "B_k")
-    disturbance_covariance: np.ndarray = quantity("1", ("intervals", 2, "intervals", 2), "Cov(w_k, w_l) (Eq. 26)")
+    transition: np.ndarray = quantity("1", ("intervals", POINT, POINT), "A_k")
+    input: np.ndarray = quantity("1", ("intervals", POINT), "B_k")
+    disturbance_covariance: np.ndarray = quantity(
+        "1", ("intervals", POINT, "intervals", POINT), "Cov(w_k, w_l) (Eq. 26)"
+    )
     control: np.ndarray = quantity("1", ("laws", "intervals"), "mean control")
-    gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", 2), "feedback gains on the state history")
-    mean: np.ndarray = quantity("1", ("laws", "nodes", 2), "predicted mean position and velocity")
-    covariance: np.ndarray = quantity("1", ("laws", "nodes", 2, 2), "predicted covariance")
+    gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", POINT), "feedback gains on the state history")
+    mean: np.ndarray = quantity("1", ("laws", "nodes", POINT), "predicted mean position and velocity")
+    covariance: np.ndarray = quantity("1", ("laws", "nodes", POINT, POINT), "predicted covariance")
     control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
     objective: float = quantity("1", (), "least cost of the program")
     unconstrained_objective: float = quantity("1", (), "without the state constraints")
     support: np.ndarray = quantity(
-        "1", ("laws", "nodes", 2), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
+        "1", ("laws", "nodes", LINE), "largest value of a'x over the ellipse, less the bound: above zero it protrudes"
     )
     status: str = quantity("1", (), "of the solver", "str")
     solver_iterations: int = quantity("1", (), "of the solver")
 
 
-@dataclass(frozen=True)
+@record
 class DoubleIntegratorFlights:
     """All trials under both laws, in the same forces. State: position, velocity, force, control."""
 
@@ -214,17 +268,17 @@ class DoubleIntegratorFlights:
     node: np.ndarray = quantity("1", ("nodes",), "index of each node of the partition among these times", "int64")
     count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
     excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
-    mean: np.ndarray = quantity("1", ("laws", "time", 4), "mean state")
-    covariance: np.ndarray = quantity("1", ("laws", "time", 4, 4), "sample covariance")
-    violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "trials beyond each line at each node", "int64")
-    paper_violations: np.ndarray = quantity("1", ("laws", "nodes", 2), "those among the first trials", "int64")
+    mean: np.ndarray = quantity("1", ("laws", "time", POINT_STATE), "mean state")
+    covariance: np.ndarray = quantity("1", ("laws", "time", POINT_STATE, POINT_STATE), "sample covariance")
+    violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "trials beyond each line at each node", "int64")
+    paper_violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "those among the first trials", "int64")
     any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")
     paper_any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "those among the first trials", "int64")
     paper_trials: int = quantity("1", (), "number of the first trials, as many as the paper flies")
-    kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", 4), "states of the first trials")
+    kept_history: np.ndarray = quantity("1", ("laws", "kept", "time", POINT_STATE), "states of the first trials")
 
 
-@dataclass(frozen=True)
+@record
 class Flights:
     """What chunks and ensembles have in common; the first law is the open loop, then follow the iterations'.
 
@@ -235,51 +289,61 @@ class Flights:
 
     histogram: np.ndarray = quantity(
         "1",
-        ("laws", "time", 2, "bins"),
+        ("laws", "time", OBSERVED, "bins"),
         "trials by commanded control; the first and last bin: beyond the limits",
         "int64",
     )
-    histogram_edges: np.ndarray = quantity("1", ("laws", 2, "edges"), "edges of the inner bins")
+    histogram_edges: np.ndarray = quantity("1", ("laws", OBSERVED, "edges"), "edges of the inner bins")
     maximum_over_trials: np.ndarray = quantity(
-        "1", ("laws", "time", 2), "largest values over the trials", allow_nan=True
+        "1", ("laws", "time", OBSERVED), "largest values over the trials", allow_nan=True
     )
-    final_state: np.ndarray = quantity("m, m/s, rad, 1", ("laws", "trials", 4), "state at the end", allow_nan=True)
+    final_state: np.ndarray = quantity(FINAL.unit, ("laws", "trials", FINAL), "state at the end", allow_nan=True)
     observed_maximum: np.ndarray = quantity(
-        "1", ("laws", "trials", 2), "largest commanded control and excess over the limits", allow_nan=True
+        "1", ("laws", "trials", OBSERVED), "largest commanded control and excess over the limits", allow_nan=True
     )
     outcome: np.ndarray = quantity(
         "1", ("laws", "trials"), "0 captured, 1 below the ground, 2 hyperbolic, 3 not finite, 4 not exited", "int8"
     )
     kept_history: np.ndarray = quantity(
-        HISTORY, ("laws", "kept", "time", 6), "states of the kept trials", allow_nan=True
+        STATE.unit, ("laws", "kept", "time", STATE), "states of the kept trials", allow_nan=True
     )
-    kept_observed: np.ndarray = quantity("1", ("laws", "kept", "time", 2), "observed of them", allow_nan=True)
+    kept_observed: np.ndarray = quantity("1", ("laws", "kept", "time", OBSERVED), "observed of them", allow_nan=True)
 
 
-@dataclass(frozen=True)
+@record
 class FlightChunk(Flights):
     """Reduced trials of one chunk, block by block."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
     first_trial: np.ndarray = quantity("1", ("laws",), "number of the first trial", "int64")
     block_size: np.ndarray = quantity("1", ("laws",), "trials in a block", "int64")
     block_counts: np.ndarray = quantity("1", ("laws", "blocks", "time"), "trials in the moments of each block", "int64")
     block_excluded: np.ndarray = quantity("1", ("laws", "blocks"), "non-finite trials of each block", "int64")
-    block_mean: np.ndarray = quantity(HISTORY, ("laws", "blocks", "time", 6), "mean state of each block")
-    block_second_moment: np.ndarray = quantity("SI", ("laws", "blocks", "time", 6, 6), "second moment about that mean")
-    block_observed_mean: np.ndarray = quantity("1", ("laws", "blocks", "time", 2), "mean of the observed quantities")
+    block_mean: np.ndarray = quantity(STATE.unit, ("laws", "blocks", "time", STATE), "mean state of each block")
+    block_second_moment: np.ndarray = quantity(
+        "SI", ("laws", "blocks", "time", STATE, STATE), "second moment about that mean"
+    )
+    block_observed_mean: np.ndarray = quantity(
+        "1", ("laws", "blocks", "time", OBSERVED), "mean of the observed quantities"
+    )
 
 
-@dataclass(frozen=True)
+@record
 class FlightEnsemble(Flights):
     """All trials of the aerocapture under all laws, every law with the same density variations."""
 
-    time: np.ndarray = quantity("s", ("time",), "time from the start")
+    time: np.ndarray = quantity("s", ("time",), "time from the start", label="time from entry")
     flying: np.ndarray = quantity("1", ("laws", "time"), "trials still flying, over which moments are taken", "int64")
     count: np.ndarray = quantity("1", ("laws",), "trials in the moments", "int64")
     excluded: np.ndarray = quantity("1", ("laws",), "trials left out of them because they are not finite", "int64")
-    mean: np.ndarray = quantity(HISTORY, ("laws", "time", 6), "mean state", allow_nan=True)
-    covariance: np.ndarray = quantity("SI", ("laws", "time", 6, 6), "sample covariance", allow_nan=True)
-    observed_mean: np.ndarray = quantity("1", ("laws", "time", 2), "mean of the observed quantities", allow_nan=True)
-    apoapsis: np.ndarray = quantity("1", ("laws", "trials"), "exit apoapsis, planet radii; NaN if lost", allow_nan=True)
-    delta_v: np.ndarray = quantity("m/s", ("laws", "trials"), "total delta-v; NaN if lost", allow_nan=True)
+    mean: np.ndarray = quantity(STATE.unit, ("laws", "time", STATE), "mean state", allow_nan=True)
+    covariance: np.ndarray = quantity("SI", ("laws", "time", STATE, STATE), "sample covariance", allow_nan=True)
+    observed_mean: np.ndarray = quantity(
+        "1", ("laws", "time", OBSERVED), "mean of the observed quantities", allow_nan=True
+    )
+    apoapsis: np.ndarray = quantity(
+        "1", ("laws", "trials"), "exit apoapsis, planet radii; NaN if lost", allow_nan=True, label="exit apoapsis"
+    )
+    delta_v: np.ndarray = quantity(
+        "m/s", ("laws", "trials"), "total delta-v; NaN if lost", allow_nan=True, label=r"$\Delta v$"
+    )

@@ -7,7 +7,7 @@ from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, S
 from marsedl.papers.random_field.linearization import UNITS
 from marsedl.papers.random_field.montecarlo import Flights
 from marsedl.papers.random_field.records import Nominal, Regularization
-from marsedl.papers.random_field.variants import designed, flown, percentiles
+from marsedl.papers.random_field.variants import design, ensemble, percentiles
 from marsedl.replication.catalogue import stage
 
 
@@ -28,25 +28,25 @@ def compute(
         own = guidance.navigation_deviations
         deviations = factor * np.where(own > 0.0, own, 0.01 * UNITS)
         steered = guidance.model_copy(update={"navigation_deviations": deviations, "ill_conditioned": "report"})
-        made = designed(flights, steered, nominal)
-        ensemble = flown(flights, nominal, made, studies.study_trials)
-        percentile, error = (values[-1] for values in percentiles(ensemble))
-        by_step, at_any = step_violations(ensemble, made.partition)
-        captured = ensemble.delta_v[-1][np.isfinite(ensemble.delta_v[-1])]
+        laws = design(flights, steered, nominal)
+        trials = ensemble(flights, nominal, laws, studies.study_trials)
+        percentile, error = (values[-1] for values in percentiles(trials))
+        by_step, at_any = step_violations(trials, laws.partition)
+        captured = trials.delta_v[-1][np.isfinite(trials.delta_v[-1])]
         rows.append(
             {
                 "factor": factor,
                 "position_error": deviations[0],
-                "condition_number": made.condition_number[-1],
-                "largest_gain": made.largest_gain[-1],
-                "predicted_deviation": made.delta_v_deviation[-1],
-                "design_deviation": made.design_delta_v_deviation[-1],
+                "condition_number": laws.condition_number[-1],
+                "largest_gain": laws.largest_gain[-1],
+                "predicted_deviation": laws.delta_v_deviation[-1],
+                "design_deviation": laws.design_delta_v_deviation[-1],
                 "flown_deviation": captured.std(ddof=1) if len(captured) > 1 else np.nan,
                 "percentile": percentile,
                 "percentile_error": error,
                 "saturated": at_any[-1],
                 "worst_step": by_step[-1].max(),
-                "lost": lost(ensemble)[-1],
+                "lost": lost(trials)[-1],
             }
         )
     return Regularization(**{name: np.array([row[name] for row in rows]) for name in rows[0]})

@@ -1,15 +1,18 @@
 """Iterations, spread of the states, violations, the double integrator, the studies, and what each reading gives."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from marsedl.montecarlo.statistics import binomial_interval
-from marsedl.papers.random_field.claims import CONFIDENCE, OPEN, Records, node_deviations, normal_violation
+from marsedl.papers.random_field.claims.measures import OPEN, node_deviations, normal_violation
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
 from marsedl.papers.random_field.inputs import Air, Guidance, PointMass, RandomFieldInputs, Studies, Vehicle
 from marsedl.papers.random_field.records import (
     CLOSED,
+    SPEED_UNITS,
     Certificates,
     Convergence,
     DoubleIntegrator,
@@ -17,11 +20,19 @@ from marsedl.papers.random_field.records import (
     FieldStudy,
     FlightEnsemble,
     Gains,
+    Nominal,
     Regularization,
 )
+from marsedl.replication.catalogue import Artifacts
+from marsedl.replication.tables import Column, frame, table
+from marsedl.replication.thresholds import CONFIDENCE
 from marsedl.sections.air import MeanDensity
 
-NO_VALUE = "–"
+PAPER = "in the paper"
+PERCENTILE = f"{100 * LEVEL:g}th percentile"
+GAIN = Column("", ".3g", "in units of 1 km, 100 m/s, 0.01 rad")
+APOAPSIS = Column("planet radii", ".3f", "of the nominal, after the exit")
+LOST = Column(meaning="that are not captured")
 STATES = (("r", 1e-3, "km"), ("v", 1.0, "m/s"), ("gamma", 180.0 / np.pi, "deg"))
 VARIANT_NAMES = {
     "one_branch": "as in the paper",
@@ -36,23 +47,22 @@ _DENSITY = (
 )
 
 
-def _number(value, form):
-    return f"{value:{form}}" if np.isfinite(value) else NO_VALUE
+def _share(count, trials):
+    """A share of the trials in per cent, and the bounds of its interval of confidence."""
+    return 100 * count / trials, *(100 * bound for bound in binomial_interval(count, trials, CONFIDENCE))
 
 
-def _with_error(value, error, form=".1f"):
-    return f"{value:{form}} ± {error:{form}}" if np.isfinite(value) else NO_VALUE
+def _share_columns(name, digits=".2f", meaning="share of the trials"):
+    """The columns of `_share`."""
+    bounds = f"{name}: lower bound", f"{name}: upper bound"
+    sure = f"of the exact binomial interval of {100 * CONFIDENCE:g} %"
+    return {name: Column("%", digits, meaning, interval=bounds), **dict.fromkeys(bounds, Column("%", "", sure))}
 
 
-def _share(count, trials, form=".2f"):
-    """A share of the trials in per cent with its interval of confidence."""
-    low, high = binomial_interval(count, trials, CONFIDENCE)
-    return f"{100 * count / trials:{form}} ({100 * low:{form}} to {100 * high:{form}})"
-
-
-def _signed(value, form):
-    """A number with its sign, and none of zero's."""
-    return f"{value if abs(value) >= 10.0 ** -int(form) / 2 else 0.0:+.{form}f}"
+def _with_error(name, digits, meaning):
+    """The columns of a delta-v and of its standard error."""
+    error = f"{name}: standard error"
+    return {name: Column("m/s", digits, meaning, error=error), error: Column("m/s")}
 
 
 def _law(number):
@@ -71,29 +81,7 @@ def iterations(guidance: Guidance, published, gains: Gains, aerocapture: FlightE
     trials = aerocapture.outcome.shape[1]
     by_step, at_any = step_violations(aerocapture, gains.partition)
     away = lost(aerocapture)
-    sure = f"{100 * CONFIDENCE:g} % interval"
-    allotted = 100 * (1.0 - guidance.control_probability)
-    rows = [
-        (
-            "law",
-            "predicted mean of delta-v (m/s)",
-            "predicted deviation (m/s)",
-            "design's deviation (m/s)",
-            f"{100 * LEVEL:g}th percentile in the paper (m/s)",
-            f"{100 * LEVEL:g}th percentile (m/s)",
-            "median (m/s)",
-            "mean (m/s)",
-            "deviation (m/s)",
-            "lost trials",
-            "trials at the density's floor",
-            f"beyond the control limits at the worst step (%, {sure})",
-            f"at any step (%, {sure})",
-            "allotted per step (%)",
-            "nominal exit apoapsis (r_p)",
-            "largest gain (1 km, 100 m/s, 0.01 rad)",
-            "trials",
-        )
-    ]
+    rows = []
     for law in range(last + 1):
         delta_v = aerocapture.delta_v[law]
         captured = delta_v[np.isfinite(delta_v)]
@@ -101,45 +89,65 @@ def iterations(guidance: Guidance, published, gains: Gains, aerocapture: FlightE
         rows.append(
             (
                 _law(law),
-                _number(gains.delta_v_mean[law], ".1f"),
-                _number(gains.delta_v_deviation[law], ".2f"),
-                _number(gains.design_delta_v_deviation[law], ".2f"),
-                f"{printed[law]:g}" if law in printed else "",
-                _with_error(*delta_v_percentile(aerocapture, law, LEVEL), form=".2f"),
-                f"{np.median(captured):.1f}" if known else NO_VALUE,
-                f"{captured.mean():.1f}" if known else NO_VALUE,
-                f"{captured.std(ddof=1):.1f}" if known else NO_VALUE,
-                f"{away[law]:,}",
-                f"{(aerocapture.final_state[law, :, FLOORED] > 0).sum():,}",
-                _share(by_step[law].max(), trials),
-                _share(at_any[law], trials),
-                f"{allotted:.2f}",
-                _number(gains.apoapsis[law], ".3f"),
-                f"{gains.largest_gain[law]:.3g}",
-                f"{trials:,}",
+                gains.delta_v_mean[law],
+                gains.delta_v_deviation[law],
+                gains.design_delta_v_deviation[law],
+                printed.get(law),
+                *delta_v_percentile(aerocapture, law, LEVEL),
+                *((np.median(captured), captured.mean(), captured.std(ddof=1)) if known else (None,) * 3),
+                away[law],
+                (aerocapture.final_state[law, :, FLOORED] > 0).sum(),
+                *_share(by_step[law].max(), trials),
+                *_share(at_any[law], trials),
+                100 * (1.0 - guidance.control_probability),
+                gains.apoapsis[law],
+                gains.largest_gain[law],
+                trials,
             )
         )
-    return rows
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "predicted mean": Column("m/s", ".1f", "of delta-v, by linear covariance"),
+            "predicted deviation": Column("m/s", ".2f", "of delta-v, by linear covariance"),
+            "design's deviation": Column("m/s", ".2f", "the same with the design's navigation errors"),
+            f"{PERCENTILE} in the paper": Column("m/s", "g", "of delta-v"),
+            **_with_error(PERCENTILE, ".2f", "of delta-v; lost trials count as worse than any other"),
+            "median": Column("m/s", ".1f", "of delta-v, captured trials"),
+            "mean": Column("m/s", ".1f", "of delta-v, captured trials"),
+            "deviation": Column("m/s", ".1f", "of delta-v, captured trials"),
+            "lost trials": LOST,
+            "trials at the density's floor": Column(),
+            **_share_columns("beyond the control limits at the worst step"),
+            **_share_columns("beyond the control limits at any step"),
+            "allotted per step": Column("%", ".2f", "share beyond the control limits by Eq. 77"),
+            "apoapsis": APOAPSIS,
+            "largest gain": GAIN,
+            "trials": Column(),
+        },
+    )
 
 
 def state_deviations(gains: Gains, aerocapture: FlightEnsemble):
     """Standard deviations of the states at the nodes, flown and predicted, of the open loop and the last law."""
-    laws = list(dict.fromkeys((OPEN, len(gains.control) - 1)))
-    found = {law: node_deviations(gains, aerocapture, law) for law in laws}
-    header = ["t (s)"]
-    for law in laws:
-        for name, _, unit in STATES:
-            header += [f"{_law(law)}: {name} ({unit}), flown", f"{_law(law)}: {name}, predicted", "ratio"]
-    rows = [tuple(header)]
-    for node in range(1, len(gains.partition)):
-        cells = [f"{gains.partition[node]:g}"]
-        for law in laws:
+    rows = []
+    for law in dict.fromkeys((OPEN, len(gains.control) - 1)):
+        both = node_deviations(gains, aerocapture, law)
+        for node in range(1, len(gains.partition)):
+            cells = []
             for state, (_, factor, _) in enumerate(STATES):
-                flown, predicted = (values[node, state] * factor for values in found[law])
-                ratio = predicted / flown if flown > 0.0 else np.nan
-                cells += [_number(flown, ".4g"), _number(predicted, ".4g"), _number(ratio, ".3f")]
-        rows.append(tuple(cells))
-    return rows
+                sampled, predicted = (values[node, state] * factor for values in both)
+                cells += [sampled, predicted, predicted / sampled if sampled > 0.0 else None]
+            rows.append((_law(law), gains.partition[node], *cells))
+    columns = {"law": Column(), "t": Column("s", "g", "from the start")}
+    for name, _, unit in STATES:
+        columns |= {
+            f"{name} flown": Column(unit, ".4g", "standard deviation over the trials"),
+            f"{name} predicted": Column(unit, ".4g", "standard deviation by linear covariance"),
+            f"{name} ratio": Column("", ".3f", "predicted over flown"),
+        }
+    return table(rows, columns)
 
 
 def control_violations(vehicle: Vehicle, guidance: Guidance, gains: Gains, aerocapture: FlightEnsemble):
@@ -147,43 +155,43 @@ def control_violations(vehicle: Vehicle, guidance: Guidance, gains: Gains, aeroc
     trials = aerocapture.outcome.shape[1]
     by_step, _ = step_violations(aerocapture, gains.partition)
     allotted = 1.0 - guidance.control_probability
-    rows = [
-        (
-            "law",
-            "from (s)",
-            "to (s)",
-            "mean control",
-            "predicted deviation",
-            "design's deviation",
-            "allotted (%)",
-            "predicted (%)",
-            "predicted by the design (%)",
-            f"flown (%, {100 * CONFIDENCE:g} % interval)",
-            "against what is allotted",
-            "trials",
-        )
-    ]
+    rows = []
     # Without feedback there is nothing to tell, unless there is nothing else.
     for law in range(min(1, len(gains.control) - 1), len(gains.control)):
         for k in range(len(gains.partition) - 1):
             mean, deviations = gains.control[law, k], (gains.control_deviation, gains.design_control_deviation)
             predicted = [float(normal_violation(mean, values[law, k], vehicle.control_limits)) for values in deviations]
-            low, high = binomial_interval(by_step[law, k], trials, CONFIDENCE)
             rows.append(
                 (
                     _law(law),
-                    f"{gains.partition[k]:g}",
-                    f"{gains.partition[k + 1]:g}",
-                    _signed(mean, 3),
-                    *(f"{values[law, k]:.3g}" for values in deviations),
-                    f"{100 * allotted:.2f}",
-                    *(f"{100 * value:.4f}" for value in predicted),
-                    _share(by_step[law, k], trials, ".3f"),
-                    _against(low, high, allotted),
-                    f"{trials:,}",
+                    gains.partition[k],
+                    gains.partition[k + 1],
+                    mean,
+                    *(values[law, k] for values in deviations),
+                    100 * allotted,
+                    *(100 * value for value in predicted),
+                    *_share(by_step[law, k], trials),
+                    _against(*binomial_interval(by_step[law, k], trials, CONFIDENCE), allotted),
+                    trials,
                 )
             )
-    return rows
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "from": Column("s", "g"),
+            "to": Column("s", "g"),
+            "mean control": Column("", "+z.3f"),
+            "predicted deviation": Column("", ".3g", "of the control, by linear covariance"),
+            "design's deviation": Column("", ".3g", "the same with the design's navigation errors"),
+            "allotted": Column("%", ".2f", "share beyond the limits by Eq. 77"),
+            "predicted": Column("%", ".4f", "share beyond the limits by linear covariance"),
+            "predicted by the design": Column("%", ".4f", "the same with the design's navigation errors"),
+            **_share_columns("flown", ".3f", "share of the trials beyond the limits"),
+            "against what is allotted": Column(meaning="more, less, or not told apart by the interval"),
+            "trials": Column(),
+        },
+    )
 
 
 def _against(low, high, allotted):
@@ -195,43 +203,60 @@ def _against(low, high, allotted):
 # ---- double integrator -----------------------------------------------------------------------------------------------
 
 
-def double_integrator(
-    point_mass: PointMass,
-    double_integrator: DoubleIntegrator,
-    double_integrator_flights: DoubleIntegratorFlights,
-):
-    """Spread of both states at the nodes, flown and predicted, how far the ellipses reach, and the cost."""
+def double_integrator(double_integrator: DoubleIntegrator, double_integrator_flights: DoubleIntegratorFlights):
+    """Spread of both states at the nodes, flown and predicted, how far the ellipses reach, and the control."""
     design, flights = double_integrator, double_integrator_flights
-    header = ["t"]
-    for name in ("open loop", "feedback"):
-        for state in ("r", "v"):
-            header += [f"{name}: deviation of {state}, flown", f"{name}: deviation of {state}, predicted"]
-        header += [f"{name}: ellipse beyond line 1", f"{name}: ellipse beyond line 2"]
-    header += ["mean control", "deviation of the control"]
-    rows = [tuple(header)]
-    flown = np.sqrt(np.diagonal(flights.covariance[:, flights.node], axis1=2, axis2=3)[..., :2])
+    sampled = np.sqrt(np.diagonal(flights.covariance[:, flights.node], axis1=2, axis2=3)[..., :2])
     predicted = np.sqrt(np.diagonal(design.covariance, axis1=2, axis2=3))
-    for node, time in enumerate(design.partition):
-        cells = [f"{time:g}"]
-        for law in (OPEN, CLOSED):
-            for state in range(2):
-                cells += [f"{flown[law, node, state]:.6f}", f"{predicted[law, node, state]:.6f}"]
-            cells += [f"{value:+.4f}" for value in design.support[law, node]]
-        if node < len(design.partition) - 1:
-            cells += [_signed(design.control[CLOSED, node], 6), f"{design.control_deviation[CLOSED, node]:.4e}"]
-        else:
-            cells += ["", ""]
-        rows.append(tuple(cells))
-    bound = np.array(point_mass.double_integrator_final_three_sigma) / 3.0
-    width = len(header)
-    for name, value in (
-        ("bound of the final deviations of r and v", f"{bound[0]:.6f}, {bound[1]:.6f}"),
-        ("cost", f"{design.objective:.5e} ({design.status})"),
-        ("cost without state constraints", f"{design.unconstrained_objective:.5e}"),
-        ("factor that the state constraints cost", f"{design.objective / design.unconstrained_objective:.3f}"),
-    ):
-        rows.append((name, value, *[""] * (width - 2)))
-    return rows
+    # The last node has no control.
+    controls = [
+        np.append(values, np.full((2, 1), np.nan), axis=1) for values in (design.control, design.control_deviation)
+    ]
+    rows = []
+    for law, name in ((OPEN, "open loop"), (CLOSED, "feedback")):
+        for node, time in enumerate(design.partition):
+            rows.append(
+                (
+                    name,
+                    time,
+                    *(values[law, node, state] for state in range(2) for values in (sampled, predicted)),
+                    *design.support[law, node],
+                    *(values[law, node] for values in controls),
+                )
+            )
+    reach = "largest a'x over the ellipse less its bound: above zero it protrudes"
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "t": Column("", "g"),
+            **{
+                f"deviation of {state}, {how}": Column("", ".6f", f"standard deviation {of}")
+                for state in ("r", "v")
+                for how, of in (("flown", "over the trials"), ("predicted", "by linear covariance"))
+            },
+            **{f"ellipse beyond line {line}": Column("", "+.4f", reach) for line in (1, 2)},
+            "mean control": Column("", "+z.6f", "from this node to the next"),
+            "deviation of the control": Column("", ".4e", "from this node to the next, by linear covariance"),
+        },
+    )
+
+
+def double_integrator_cost(point_mass: PointMass, double_integrator: DoubleIntegrator):
+    """What the state constraints of the double integrator cost."""
+    design, bound = double_integrator, np.array(point_mass.double_integrator_final_three_sigma) / 3.0
+    cost = design.objective, design.unconstrained_objective
+    return table(
+        [(*bound, *cost, cost[0] / cost[1], design.status)],
+        {
+            "bound of the final deviation of r": Column("", ".6f"),
+            "bound of the final deviation of v": Column("", ".6f"),
+            "cost": Column("", ".5e"),
+            "cost without state constraints": Column("", ".5e"),
+            "factor that the state constraints cost": Column("", ".3f"),
+            "solver": Column(meaning="its status"),
+        },
+    )
 
 
 def double_integrator_violations(
@@ -245,50 +270,50 @@ def double_integrator_violations(
     design, flights = double_integrator, double_integrator_flights
     normals, bounds = normals_and_bounds(point_mass)
     spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", normals, design.covariance, normals))
-    each = ndtr((design.mean @ normals.T - bounds) / spread)
+    beyond_line = ndtr((design.mean @ normals.T - bounds) / spread)
     allotted = tail(point_mass), 1.0 - point_mass.double_integrator_probability
-    first, sure = flights.paper_trials, f"{100 * CONFIDENCE:g} % interval"
-    rows = [
-        (
-            "law",
-            "t",
-            "beyond",
-            "constrained",
-            "allotted (%)",
-            "predicted (%)",
-            f"first {first:,} trials (%, {sure})",
-            f"all trials (%, {sure})",
-            "all trials against what is allotted",
-            "trials",
-        )
-    ]
-    last = len(design.partition) - 1
+    first, last, rows = flights.paper_trials, len(design.partition) - 1, []
     for law, name in ((OPEN, "open loop"), (CLOSED, "feedback")):
         trials = int(flights.count[law] + flights.excluded[law])
         paper = np.column_stack([flights.paper_violations[law], flights.paper_any_violations[law]])
         whole = np.column_stack([flights.violations[law], flights.any_violations[law]])
         # Both lines are never crossed at once but at their apex, which is left out of the prediction.
-        predicted = np.column_stack([each[law], each[law].sum(axis=1)])
+        predicted = np.column_stack([beyond_line[law], beyond_line[law].sum(axis=1)])
         for node, time in enumerate(design.partition):
             held = law == CLOSED and (point_mass.double_integrator_constrained == "all" or node < last)
             for column, beyond in enumerate(("line 1", "line 2", "either line")):
                 limit = allotted[column // 2]
-                low, high = binomial_interval(whole[node, column], trials, CONFIDENCE)
                 rows.append(
                     (
                         name,
-                        f"{time:g}",
+                        time,
                         beyond,
-                        "yes" if held else "no",
-                        f"{100 * limit:.3f}",
-                        f"{100 * min(predicted[node, column], 1.0):.3f}",
-                        _share(paper[node, column], first, ".3f"),
-                        _share(whole[node, column], trials, ".3f"),
-                        _against(low, high, limit),
-                        f"{trials:,}",
+                        held,
+                        100 * limit,
+                        100 * min(predicted[node, column], 1.0),
+                        *_share(paper[node, column], first),
+                        first,
+                        *_share(whole[node, column], trials),
+                        _against(*binomial_interval(whole[node, column], trials, CONFIDENCE), limit),
+                        trials,
                     )
                 )
-    return rows
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "t": Column("", "g"),
+            "beyond": Column(),
+            "constrained": Column(meaning="whether the law's program holds this node"),
+            "allotted": Column("%", ".3f"),
+            "predicted": Column("%", ".3f", "by linear covariance"),
+            **_share_columns("first trials", ".3f", "share of as many trials as the paper flies"),
+            "number of the first trials": Column(),
+            **_share_columns("all trials", ".3f"),
+            "all trials against what is allotted": Column(meaning="more, less, or not told apart by the interval"),
+            "trials": Column(),
+        },
+    )
 
 
 # ---- studies ---------------------------------------------------------------------------------------------------------
@@ -296,142 +321,95 @@ def double_integrator_violations(
 
 def certificates(certificates: Certificates):
     """The first program against other formulations and another solver, and its disturbances against samples."""
-    found = certificates
 
     def apart(other):
-        return f"{abs(other - found.objective) / max(abs(other), abs(found.objective)):.1e}"
+        own = certificates.objective
+        return abs(other - own) / max(abs(other), abs(own))
 
-    return [
-        ("check of the first program", "value"),
-        ("least cost, innovations form, Clarabel", f"{found.objective:.10f}"),
-        ("printed form in the history of states: relative difference of the cost", apart(found.history_objective)),
-        ("the same: largest difference of a gain (1 km, 100 m/s, 0.01 rad)", f"{found.history_gain_difference:.1e}"),
-        (f"{found.other_solver}: relative difference of the cost", apart(found.other_objective)),
-        ("largest entry of (I + B L)(I - B K) - I", f"{found.identity_residual:.1e}"),
-        ("largest entry of K and L above their block diagonals", f"{found.triangular_residual:.1e}"),
-        ("Cov(U) from the gains against the innovations", f"{found.control_covariance_residual:.1e}"),
-        ("change of the deviations with the mean control, relative", f"{found.mean_shift:.1e}"),
-        ("change of the mean with the gains, relative", f"{found.gain_shift:.1e}"),
-        ("least excess of chords over the cost, relative", f"{found.convexity:+.1e}"),
-        ("sampled fields", f"{found.samples:,}"),
-        ("covariance along the nominal, largest deviation in standard errors", f"{found.process_score:.1f}"),
-        ("covariance of the disturbances, likewise", f"{found.disturbance_score:.1f}"),
-        ("skewness and excess kurtosis of the disturbances, likewise", f"{found.normality_score:.1f}"),
-        ("largest correlation of disturbances of different intervals", f"{found.largest_correlation:.3f}"),
-        ("largest over smallest deviation of a disturbance", f"{found.deviation_ratio:.1f}"),
-        (
-            "share of a state's remaining variance that the state before the last explains",
-            f"{found.history_information:.2f}",
-        ),
-    ]
+    checks = frame(
+        certificates,
+        objective=Column(digits=".10f", label="least cost of the first program"),
+        history_gain_difference=Column(digits=".1e", label="history form: largest difference of a gain"),
+        identity_residual=Column(digits=".1e", label="identity residual of (I + B L)(I - B K)"),
+        triangular_residual=Column(digits=".1e", label="K and L above their block diagonals"),
+        control_covariance_residual=Column(digits=".1e", label="Cov(U) from the gains against the innovations"),
+        mean_shift=Column(digits=".1e", label="change of the deviations with the mean control"),
+        gain_shift=Column(digits=".1e", label="change of the mean with the gains"),
+        convexity=Column(digits="+.1e", label="least excess of chords over the cost"),
+        samples=Column(label="sampled fields"),
+        process_score=Column(digits=".1f", label="covariance along the nominal, in standard errors"),
+        disturbance_score=Column(digits=".1f", label="covariance of the disturbances, in standard errors"),
+        normality_score=Column(digits=".1f", label="normality of the disturbances, in standard errors"),
+        largest_correlation=Column(digits=".3f", label="largest correlation of disturbances"),
+        deviation_ratio=Column(digits=".1f", label="largest over smallest deviation of a disturbance"),
+        history_information=Column(digits=".2f", label="share that the earlier states explain"),
+        other_solver=Column(label="other solver"),
+    )
+    differences = {
+        "history form: difference of the cost": apart(certificates.history_objective),
+        "other solver: difference of the cost": apart(certificates.other_objective),
+    }
+    return table(checks.assign(**differences), dict.fromkeys(differences, Column("", ".1e", "relative")))
 
 
 def convergence_history(guidance: Guidance, convergence: Convergence):
     """Histories of the iteration: as in the paper, with both branches in the program, with short end steps."""
-    rows = [
-        (
-            "variant",
-            "law",
-            "nominal exit apoapsis (r_p)",
-            "nominal delta-v (m/s)",
-            f"percentile predicted by the program, p_f = {guidance.percentile_tail:g} (m/s)",
-            f"flown {100 * LEVEL:g}th percentile (m/s)",
-            "lost trials",
-            "largest change of the mean control",
-            "the iteration has",
-        )
-    ]
-    for number, variant in enumerate(convergence.variant):
-        period = int(convergence.period[number])
-        outcome = str(convergence.outcome[number])
-        ending = {"cycling": f"ended in a cycle of {period}", "stopped": "neither converged nor cycled"}
-        for law in range(convergence.apoapsis.shape[1]):
-            last = law == convergence.apoapsis.shape[1] - 1
-            rows.append(
-                (
-                    VARIANT_NAMES.get(str(variant), str(variant)),
-                    _law(law),
-                    _number(convergence.apoapsis[number, law], ".4f"),
-                    _number(convergence.nominal_delta_v[number, law], ".2f"),
-                    _number(convergence.predicted[number, law], ".2f"),
-                    _with_error(
-                        convergence.percentile[number, law], convergence.percentile_error[number, law], form=".2f"
-                    ),
-                    f"{convergence.lost[number, law]:,}",
-                    f"{convergence.control_change[number, law]:.4f}",
-                    ending.get(outcome, outcome) if last else "",
-                )
-            )
-    return rows
+    variants = [VARIANT_NAMES.get(str(variant), str(variant)) for variant in convergence.variant]
+    return frame(
+        convergence,
+        coordinates={
+            "variant": ("variant", variants),
+            "laws": ("law", [_law(law) for law in range(convergence.apoapsis.shape[1])]),
+        },
+        apoapsis=Column("planet radii", ".4f"),
+        nominal_delta_v=".2f",
+        predicted=Column(
+            digits=".2f",
+            label="predicted percentile",
+            meaning=f"by the program, at the tail p_f = {guidance.percentile_tail:g}",
+        ),
+        percentile=Column(digits=".2f", label=f"flown {PERCENTILE}", error="percentile_error"),
+        percentile_error="",
+        lost=Column(label="lost trials"),
+        control_change=Column(digits=".4f", label="largest change of the mean control"),
+        outcome=Column(label="end of the iteration", meaning="converged, cycling, or stopped without either"),
+        period=Column(label="period of the cycle"),
+    )
 
 
 def navigation_errors(studies: Studies, regularization: Regularization):
     """What the navigation errors of the design do to gains, predictions and flights."""
     study, trials = regularization, studies.study_trials
-    rows = [
-        (
-            "factor",
-            "position error per interval (m)",
-            "condition number",
-            "largest gain (1 km, 100 m/s, 0.01 rad)",
-            "predicted deviation of delta-v (m/s)",
-            "design's deviation (m/s)",
-            "flown deviation (m/s)",
-            f"{100 * LEVEL:g}th percentile (m/s)",
-            "beyond the control limits at the worst step (%)",
-            "at any step (%)",
-            "lost trials",
-            "trials",
-        )
+    fixed = frame(
+        study,
+        factor="g",
+        position_error=Column(digits="g", label="position error per interval"),
+        condition_number=".2e",
+        largest_gain=GAIN,
+        predicted_deviation=Column(digits=".2f", label="predicted deviation of delta-v"),
+        design_deviation=Column(digits=".2f", label="design's deviation"),
+        flown_deviation=".1f",
+        percentile=Column(digits=".2f", label=PERCENTILE, error="percentile_error"),
+        percentile_error=Column(label=f"{PERCENTILE}: standard error"),
+        lost=Column(label="lost trials"),
+    )
+    worst = _share_columns("beyond the control limits at the worst step")
+    any_step = _share_columns("beyond the control limits at any step")
+    shares = [
+        (*_share(step, trials), *_share(saturated, trials))
+        for step, saturated in zip(study.worst_step, study.saturated, strict=True)
     ]
-    for k, factor in enumerate(study.factor):
-        rows.append(
-            (
-                f"{factor:g}",
-                f"{study.position_error[k]:g}",
-                f"{study.condition_number[k]:.2e}",
-                f"{study.largest_gain[k]:.3g}",
-                f"{study.predicted_deviation[k]:.2f}",
-                f"{study.design_deviation[k]:.2f}",
-                _number(study.flown_deviation[k], ".1f"),
-                _with_error(study.percentile[k], study.percentile_error[k], form=".2f"),
-                _share(study.worst_step[k], trials),
-                _share(study.saturated[k], trials),
-                f"{study.lost[k]:,}",
-                f"{trials:,}",
-            )
-        )
-    return rows
+    cells = dict(zip((*worst, *any_step), zip(*shares, strict=True), strict=True))
+    return table(fixed.assign(**cells, trials=trials), {**worst, **any_step, "trials": Column()})
 
 
 def other_fields(air: Air, published, field_study: FieldStudy):
     """Open-loop delta-v in other random fields beside the printed percentile."""
-    study, printed = field_study, published["acap_dv_p99_open"].printed
-    rows = [
-        (
-            "field",
-            "largest variance",
-            "deviation at 45 km (%)",
-            f"{100 * LEVEL:g}th percentile (m/s)",
-            "share of the printed one",
-            "lost trials",
-            "trials",
-        ),
-        ("in the paper", "", "", f"{printed:g}", "1", "", f"{published['acap_dv_p99_open'].trials:,}"),
-    ]
+    study, claim = field_study, published["acap_dv_p99_open"]
+    rows = [(PAPER, None, None, claim.printed, None, 1.0, None, claim.trials)]
 
     def row(name, variance, low, percentile, error, away):
-        rows.append(
-            (
-                name,
-                f"{variance:g}",
-                f"{100 * low:.2f}",
-                _with_error(percentile, error),
-                _number(percentile / printed, ".3f"),
-                f"{away:,}",
-                f"{study.trials:,}",
-            )
-        )
+        rows.append((name, variance, 100 * low, percentile, error, percentile / claim.printed, away, study.trials))
 
     for k, hypothesis in enumerate(study.hypothesis):
         name = str(hypothesis) if k == 0 else f"{hypothesis} (hypothesis)"
@@ -442,85 +420,156 @@ def other_fields(air: Air, published, field_study: FieldStudy):
     for k, variance in enumerate(study.variance):
         values = study.variance_percentile[k], study.variance_percentile_error[k], study.variance_lost[k]
         row(f"{variance / air.variance_at_top:g} times the variance", variance, own * np.sqrt(variance), *values)
-    return rows
+    return table(
+        rows,
+        {
+            "field": Column(),
+            "largest variance": Column("", "g", "of the density variation"),
+            "deviation at 45 km": Column("%", ".2f", "of the density variation"),
+            **_with_error(PERCENTILE, ".1f", "of delta-v"),
+            "share of the printed one": Column("", ".3f"),
+            "lost trials": LOST,
+            "trials": Column(),
+        },
+    )
+
+
+def other_variances(air: Air, published, field_study: FieldStudy):
+    """Delta-v of all iterations in other variances, each designed for its variance, beside the printed percentiles."""
+    study, trials = field_study, field_study.trials
+    printed = published["acap_dv_p99_open"].printed, published["acap_dv_p99_closed"].printed
+    last = study.law_percentile.shape[-1] - 1
+    rows = [
+        (PAPER, None, _law(law), value, None, None, *(None,) * 3, published["acap_dv_p99_open"].trials)
+        for law, value in ((OPEN, printed[0]), (last, printed[1]))
+    ]
+    for unit, name in enumerate(SPEED_UNITS):
+        for k, variance in enumerate(study.variance):
+            for law in range(last + 1):
+                rows.append(
+                    (
+                        name,
+                        variance / air.variance_at_top,
+                        _law(law),
+                        study.law_percentile[unit, k, law],
+                        study.law_percentile_error[unit, k, law],
+                        study.law_lost[unit, k, law],
+                        *_share(study.law_worst_step[unit, k, law], trials),
+                        trials,
+                    )
+                )
+    return table(
+        rows,
+        {
+            "unit of delta-v in the cost": Column(),
+            "factor of the variance": Column("", "g"),
+            "law": Column(),
+            **_with_error(PERCENTILE, ".1f", "of delta-v"),
+            "lost trials": LOST,
+            **_share_columns("beyond the control limits at the worst step"),
+            "trials": Column(),
+        },
+    )
 
 
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the tables over all readings are made from."""
+
+    nominal: Nominal
+    gains: Gains
+    aerocapture: FlightEnsemble
+
+
+# Printed numbers that depend on the nominal density: their claims, and how they are called.
+DENSITY_CLAIMS = {
+    "acap_entry_fpa": "entry flight path angle",
+    "acap_time_max_q": "time of largest dynamic pressure",
+    "acap_dv_p99_open": f"open loop: {PERCENTILE}",
+    "acap_dv_p99_closed": f"last iteration: {PERCENTILE}",
+}
+
+
 def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
     """Readings that differ in the nominal density alone, against the printed numbers that depend on it."""
-    reference = readings["corrected"][0]
-    chosen = [name for name, (inputs, _) in readings.items() if only_density(inputs, reference)]
-    printed = [
-        published[name].printed
-        for name in ("acap_entry_fpa", "acap_time_max_q", "acap_dv_p99_open", "acap_dv_p99_closed")
-    ]
-    percentile = f"{100 * LEVEL:g}th percentile"
-    rows = [
-        (
-            "nominal density",
-            "entry flight path angle (deg)",
-            "less the printed (deg)",
-            "time of largest dynamic pressure (s)",
-            "less the printed (s)",
-            "lowest altitude (km)",
-            f"open loop: {percentile} (m/s)",
-            "over the printed",
-            f"last iteration: {percentile} (m/s)",
-            "over the printed (last)",
-            f"best iteration: {percentile} (m/s)",
-            "trials",
-        ),
-        (
-            "in the paper",
-            *(cell for value in printed[:2] for cell in (f"{value:g}", "")),
-            "",
-            *(cell for value in printed[2:] for cell in (f"{value:g}", "")),
-            "",
-            f"{published['acap_dv_p99_open'].trials:,}",
-        ),
-    ]
-    values = []
-    for name in chosen:
-        nominal, ensemble = readings[name][1].nominal, readings[name][1].aerocapture
-        found = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
-        best = min((pair for pair in found[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
-        angle = float(np.degrees(nominal.entry_flight_path_angle))
-        time = nominal.time_of_largest_dynamic_pressure
-        values.append((angle, time, found[OPEN][0], found[-1][0]))
+    angle, time, open_loop, last = DENSITY_CLAIMS.values()
+    printed = [published[name].printed for name in DENSITY_CLAIMS]
+    paper = (printed[0], None, printed[1], None, None, printed[2], None, None, printed[3], None, None, None, None)
+    rows = [(PAPER, *paper, published["acap_dv_p99_open"].trials)]
+    for name, numbers in _density_numbers(readings).items():
+        _, records = readings[name]
+        ensemble = records.aerocapture
+        laws = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
+        best = min((pair for pair in laws[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
         rows.append(
             (
                 name,
-                f"{angle:.4f}",
-                f"{angle - printed[0]:+.4f}",
-                f"{time:.2f}",
-                f"{time - printed[1]:+.2f}",
-                f"{nominal.lowest_altitude / 1e3:.2f}",
-                _with_error(*found[OPEN]),
-                _number(found[OPEN][0] / printed[2], ".3f"),
-                _with_error(*found[-1]),
-                _number(found[-1][0] / printed[3], ".3f"),
-                _with_error(*best),
-                f"{ensemble.outcome.shape[1]:,}",
+                *(cell for k in range(2) for cell in (numbers[k], numbers[k] - printed[k])),
+                records.nominal.lowest_altitude / 1e3,
+                *laws[OPEN],
+                laws[OPEN][0] / printed[2],
+                *laws[-1],
+                laws[-1][0] / printed[3],
+                *best,
+                ensemble.outcome.shape[1],
             )
         )
-    return [*rows, *_identified(chosen, np.array(values), np.array(printed))]
+    return table(
+        rows,
+        {
+            "nominal density": Column(meaning="the reading"),
+            angle: Column("deg", ".4f"),
+            f"{angle}, less the printed": Column("deg", "+.4f"),
+            time: Column("s", ".2f"),
+            f"{time}, less the printed": Column("s", "+.2f"),
+            "lowest altitude": Column("km", ".2f", "of the nominal"),
+            **_with_error(open_loop, ".1f", "of delta-v"),
+            f"{open_loop}, over the printed": Column("", ".3f"),
+            **_with_error(last, ".1f", "of delta-v"),
+            f"{last}, over the printed": Column("", ".3f"),
+            **_with_error(f"best iteration: {PERCENTILE}", ".1f", "of delta-v"),
+            "trials": Column(),
+        },
+    )
 
 
-def _identified(names, values, printed):
+def densities_apart(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
     """What the printed numbers say of the density: how far the readings lie apart, and which comes closest."""
-    spread, miss = np.ptp(values, axis=0), np.abs(values - printed)
-    apart, closest = [], []
-    for k, form in enumerate((".4f", ".2f", ".1f", ".1f")):
-        known = np.isfinite(miss[:, k])
-        best = int(np.argmin(np.where(known, miss[:, k], np.inf)))
-        apart += [_number(spread[k], form), ""]
-        closest += [f"{names[best]}: {miss[best, k]:{form}}" if known.any() else NO_VALUE, ""]
-    return [
-        (name, *cells[:4], "", *cells[4:], "", "")
-        for name, cells in (("largest less least", apart), ("distance of the closest", closest))
-    ]
+    numbers = _density_numbers(readings)
+    rows = []
+    for k, (claim, name) in enumerate(DENSITY_CLAIMS.items()):
+        values, printed = np.array([row[k] for row in numbers.values()]), published[claim].printed
+        miss = np.abs(values - printed)
+        known = np.isfinite(miss).any()
+        best = int(np.nanargmin(miss)) if known else 0
+        unit = published[claim].unit
+        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if known else None, miss[best]))
+    return table(
+        rows,
+        {
+            "quantity": Column(),
+            "unit": Column(meaning="of the three numbers"),
+            PAPER: Column("", "g"),
+            "largest less least": Column("", ".4f", "over the readings"),
+            "closest reading": Column(),
+            "distance of the closest": Column("", ".4f", "from the printed number"),
+        },
+    )
+
+
+def _density_numbers(readings):
+    """The numbers that are called as `DENSITY_CLAIMS` says, by reading: those that differ in the density alone."""
+    reference, numbers = readings["corrected"][0], {}
+    for name, (inputs, records) in readings.items():
+        if only_density(inputs, reference):
+            nominal, flights = records.nominal, records.aerocapture
+            percentiles = (delta_v_percentile(flights, law, LEVEL)[0] for law in (OPEN, len(flights.delta_v) - 1))
+            angle = float(np.degrees(nominal.entry_flight_path_angle))
+            numbers[name] = (angle, nominal.time_of_largest_dynamic_pressure, *percentiles)
+    return numbers
 
 
 def only_density(inputs: RandomFieldInputs, reference: RandomFieldInputs):
@@ -530,49 +579,54 @@ def only_density(inputs: RandomFieldInputs, reference: RandomFieldInputs):
 
 def readings(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
     """What each reading gives."""
-    percentile = f"{100 * LEVEL:g}th percentile"
-    rows = [
-        (
-            "reading",
-            f"open loop: {percentile} (m/s)",
-            f"every iteration: {percentile} (m/s)",
-            "lost trials of every law",
-            "the iteration has",
-            "nominal exit apoapsis of every iteration (r_p)",
-            "mean control near the peak of dynamic pressure",
-            f"last iteration: beyond the control limits at the worst step (%, {100 * CONFIDENCE:g} % interval)",
-            "largest gain of the last iteration (1 km, 100 m/s, 0.01 rad)",
-            "trials",
-        ),
-        (
-            "in the paper",
-            f"{published['acap_dv_p99_open'].printed:g}",
-            f"{published['acap_dv_p99_closed'].printed:g} (the last)",
-            *[""] * 6,
-            f"{published['acap_trials'].printed:,}",
-        ),
-    ]
+    paper = published["acap_dv_p99_open"].printed, None, published["acap_dv_p99_closed"].printed
+    rows = [(PAPER, *paper, *[None] * 9, published["acap_trials"].printed)]
     for name, (_, records) in readings.items():
         gains, ensemble, nominal = records.gains, records.aerocapture, records.nominal
-        laws = range(len(gains.control))
-        found = [_with_error(*delta_v_percentile(ensemble, law, LEVEL), form=".2f") for law in laws]
-        trials = ensemble.outcome.shape[1]
-        designed = len(laws) > 1
+        trials, last = ensemble.outcome.shape[1], len(gains.control) - 1
         k = int(np.searchsorted(gains.partition, nominal.time_of_largest_dynamic_pressure)) - 1
-        after = gains.control[-1, min(k + 1, len(gains.partition) - 2)]
         by_step, _ = step_violations(ensemble, gains.partition)
+        of_the_last = (
+            *delta_v_percentile(ensemble, last, LEVEL),
+            gains.control[-1, k],
+            gains.control[-1, min(k + 1, len(gains.partition) - 2)],
+            *_share(by_step[-1].max(), trials),
+            gains.largest_gain[-1],
+        )
         rows.append(
             (
                 name,
-                found[OPEN],
-                ", ".join(found[1:]) if designed else f"no law: {gains.refused}",
-                ", ".join(f"{count:,}" for count in lost(ensemble)),
+                *delta_v_percentile(ensemble, OPEN, LEVEL),
+                *(of_the_last if last > OPEN else [None] * len(of_the_last)),
                 gains.outcome,
-                ", ".join(_number(value, ".3f") for value in gains.apoapsis[1:]) or NO_VALUE,
-                f"{_signed(gains.control[-1, k], 3)}, then {_signed(after, 3)}" if designed else NO_VALUE,
-                _share(by_step[-1].max(), trials) if designed else NO_VALUE,
-                f"{gains.largest_gain[-1]:.3g}" if designed else NO_VALUE,
-                f"{trials:,}",
+                gains.refused,
+                trials,
             )
         )
-    return rows
+    return table(
+        rows,
+        {
+            "reading": Column(),
+            **_with_error(f"open loop: {PERCENTILE}", ".2f", "of delta-v"),
+            **_with_error(f"last iteration: {PERCENTILE}", ".2f", "of delta-v"),
+            "mean control": Column("", "+z.3f", "in the interval of the largest dynamic pressure, last iteration"),
+            "mean control after it": Column("", "+z.3f", "in the interval that follows"),
+            **_share_columns("beyond the control limits at the worst step", meaning="last iteration"),
+            "largest gain": GAIN,
+            "end of the iteration": Column(meaning="converged, cycling, stopped without either, or refused"),
+            "why there is no law": Column(),
+            "trials": Column(),
+        },
+    )
+
+
+def readings_laws(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
+    """What every law of each reading gives."""
+    rows = []
+    for name, (_, records) in readings.items():
+        away = lost(records.aerocapture)
+        for law, apoapsis in enumerate(records.gains.apoapsis):
+            percentile = delta_v_percentile(records.aerocapture, law, LEVEL)
+            rows.append((name, _law(law), *percentile, away[law], apoapsis))
+    columns = {"reading": Column(), "law": Column(), **_with_error(PERCENTILE, ".2f", "of delta-v")}
+    return table(rows, columns | {"lost trials": LOST, "apoapsis": APOAPSIS})

@@ -11,9 +11,8 @@ from marsedl.methods.covariance_steering.lqg_dual import (
 )
 from marsedl.methods.lincov import propagate
 from marsedl.papers.stochastic_entry.gains import problem, solved
-from marsedl.papers.stochastic_entry.inputs import Design, Guidance
+from marsedl.papers.stochastic_entry.inputs import Design, Guidance, refuse_partial_periods
 from marsedl.papers.stochastic_entry.records import (
-    COARSE,
     START_SCALES,
     TRIGGERS,
     Certificates,
@@ -28,14 +27,21 @@ PERTURBATION = 0.05  # relative, of the gains
 
 @stage(claimed_in=("corrected",))
 def compute(guidance: Guidance, design: Design, linearization: Linearization, gains: Gains) -> Certificates:
-    """Solve the design on a coarse partition by three ways, and test Theorem III.1 on the reading's own partition."""
+    """Solve the design on a coarse partition by three ways, and test Theorem III.1 on the reading's own partition.
+
+    Raises MarsedlError if the coarse interval is no multiple of the guidance period, or has no feasible law.
+    """
+    try:
+        refuse_partial_periods("design.coarse_interval", [design.coarse_interval], guidance.guidance_period)
+    except ValueError as error:
+        raise MarsedlError(str(error)) from None
     rows = [_trigger(guidance, design, linearization, gains, trigger) for trigger in range(len(TRIGGERS))]
     return Certificates(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
 
 
 def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
-    coarse = problem(guidance, design, linearization, trigger, interval=COARSE)
-    where = f"the {TRIGGERS[trigger]} trigger on intervals of {COARSE:g} s"
+    coarse = problem(guidance, design, linearization, trigger, interval=design.coarse_interval)
+    where = f"the {TRIGGERS[trigger]} trigger on intervals of {design.coarse_interval:g} s"
     try:
         reference = solved(coarse)
         cone = solve_cone_program(coarse, reference)
@@ -53,19 +59,19 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
         weight += multiplier * np.outer(direction, direction)
     control_weight = own.control_weight + gains.control_multiplier[trigger]
     again, _ = lqg_gains(own.system, weight, control_weight)
-    flown = gains.stochastic_gain[trigger][gains.partition_start]
-    size = np.abs(flown).max(axis=0)
+    own_gain = gains.stochastic_gain[trigger][gains.partition_start]
+    size = np.abs(own_gain).max(axis=0)
 
     def lagrangian(gain):
         covariance, variance = propagate(own.system, gain, own.initial_covariance)
         return np.sum(weight * covariance[-1]) + control_weight @ variance
 
-    best, changed = lagrangian(again), []
+    best, rises = lagrangian(again), []
     for states in (slice(None), *range(again.shape[1])):
         for sign in (-1.0, 1.0):
             other = again.copy()
             other[:, states] *= 1.0 + sign * PERTURBATION
-            changed.append(lagrangian(other) - best)
+            rises.append(lagrangian(other) - best)
     above_floor = best - gains.noise_floor[trigger]
     return {
         "coarse_cost": reference.cost,
@@ -77,8 +83,8 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
         "search_worst": [search.worst_ratio for search in searches],
         "search_evaluations": [search.evaluations for search in searches],
         "search_success": [int(search.success) for search in searches],
-        "weights_gain_error": np.abs((_textbook_gains(own.system, weight, control_weight) - flown) / size).max(),
-        "perturbed_cost": min(changed) / above_floor,
+        "weights_gain_error": np.abs((_textbook_gains(own.system, weight, control_weight) - own_gain) / size).max(),
+        "perturbed_cost": min(rises) / above_floor,
     }
 
 

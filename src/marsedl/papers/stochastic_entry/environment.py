@@ -8,8 +8,6 @@ from marsedl.models import density_variation
 from marsedl.papers.density import profile
 from marsedl.papers.stochastic_entry.inputs import Air
 
-LOWEST, HIGHEST = -10_000.0, 127_000.0  # m, altitudes of the flight's tables
-
 
 class Atmosphere(NamedTuple):
     """What a flight knows of the atmosphere, on a uniform grid of altitudes."""
@@ -50,8 +48,8 @@ def undisturbed(atmosphere: Atmosphere) -> Atmosphere:
 
 def atmosphere(air: Air) -> Atmosphere:
     """The tables of a flight."""
-    nodes = round((HIGHEST - LOWEST) / air.density_grid_interval) + 1
-    altitude = np.linspace(LOWEST, HIGHEST, nodes)
+    lowest, highest = air.lowest_tabulated_altitude, air.highest_tabulated_altitude
+    altitude = np.linspace(lowest, highest, round((highest - lowest) / air.density_grid_interval) + 1)
     log_density, slope, _ = profile(air)(altitude)
     return Atmosphere(
         altitude=altitude,

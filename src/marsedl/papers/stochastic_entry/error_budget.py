@@ -49,11 +49,11 @@ def compute(
     plant = flight.plant_of(planet, air, vehicle, mission, guidance)
     for index in np.ndindex(shape):
         case, source = f"{LAWS[index[0]]}_{TRIGGERS[index[1]]}", SOURCES[index[2]]
-        flown_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
-        flown = simulator_of(_only(plant, source), flown_law, end, simulation)(0, simulation.source_trials)
-        error = flown.final_state[DOWNRANGE] - reference
+        control_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
+        flights = simulator_of(_only(plant, source), control_law, end, simulation)(0, simulation.source_trials)
+        error = flights.final_state[DOWNRANGE] - reference
         deviation[index], mean[index], largest[index] = error.std(ddof=1), error.mean(), np.abs(error).max()
-        missed[index] = np.count_nonzero(flown.outcome)
+        missed[index] = np.count_nonzero(flights.outcome)
     return ErrorBudget(
         source=np.array(SOURCES),
         law=np.array(LAWS),

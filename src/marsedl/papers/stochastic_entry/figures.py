@@ -13,12 +13,9 @@ from marsedl.papers.stochastic_entry import environment
 from marsedl.papers.stochastic_entry.dispersions import DENSITY_STREAM, PROCESS_STREAM
 from marsedl.papers.stochastic_entry.inputs import Air, Design, Drawing, Planet, Simulation
 from marsedl.papers.stochastic_entry.records import (
-    ALTITUDE,
-    BANK,
-    CROSSRANGE,
     DOWNRANGE,
     END_TIME,
-    FLIGHT_PATH_ANGLE,
+    LINEAR_STATE,
     REVERSALS,
     STATES,
     TRIGGERS,
@@ -32,12 +29,12 @@ from marsedl.papers.stochastic_entry.records import (
     by_case,
     errors,
 )
+from marsedl.plotting.curves import bounds, legend_below, legend_entry, mark, note, plot, trials, zero
 from marsedl.plotting.ellipses import ellipse
+from marsedl.plotting.fields import Field, field, sigma_bounds
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from marsedl.replication.units import DEGREE, KM, converted
 
-KM = 1e3
-DEGREE = np.pi / 180
-TIME_LABEL = "time from entry (s)"
 LAWS = ("apollo", "stochastic")
 LAW_COLOR = {"apollo": BLUE, "stochastic": VERMILION, "nominal": GREY}
 LAW_NAME = {"apollo": "Apollo", "stochastic": "stochastic", "nominal": "no corrections"}
@@ -47,19 +44,14 @@ CASE_COLOR = {
     "stochastic_time": VERMILION,
     "stochastic_velocity": ORANGE,
 }
-# Component of the history, unit, label; the first four are states of the linear model in the same order.
-COMPONENTS = (
-    (ALTITUDE, KM, "altitude (km)"),
-    (VELOCITY, 1.0, "velocity (m/s)"),
-    (FLIGHT_PATH_ANGLE, DEGREE, "flight path angle (deg)"),
-    (DOWNRANGE, KM, "downrange (km)"),
-    (CROSSRANGE, KM, "crossrange (km)"),
-)
-LINEAR = 4  # components that the linear model has
+UNITS = {"altitude": "km", "velocity": "m/s", "flight_path_angle": "deg", "downrange": "km", "crossrange": "km"}
+IN_LINEAR_MODEL = {"altitude": "radius", **{name: name for name in ("velocity", "flight_path_angle", "downrange")}}
 ELLIPSE_PROBABILITY = 0.9973  # of Fig. 13
 LEVELS = (0.001, 0.999)  # of the range errors that the histograms show
 LEAST_SHARE = 0.005  # of the trials, for a number of reversals to have its own histogram
-BANK_COSINES = (-1.6, 2.1)  # shown in Fig. 8; at the velocity's peak the law flown against velocity leaves any axis
+BANK_COSINES = (-1.6, 2.1)  # shown in Fig. 8; near the velocity's peak the law flown against velocity leaves any axis
+ALIGNMENT = "heading alignment begins"
+STILL_FLYING = {"linewidth": 1.4, "linestyle": (0, (1, 1))}  # bounds of those, once some trials have ended
 BEFORE_END = 15.0  # s that Fig. 12 shows before the first trial ends
 
 
@@ -162,7 +154,7 @@ def fig03() -> Figure:
     _arrow_3d(axes, project, vehicle, vehicle + 0.42 * heading, PURPLE, r"$\vec V_I$", (4, -12))
     for direction, name, offset in (
         (up, r"$\hat\imath^R$ (up)", (-30, -10)),
-        (east, r"$\hat\jmath^R$ (east)", (2, -10)),
+        (east, r"$\hat\jmath^R$ (east)", (-10, -19)),
         (north, r"$\hat k^R$ (north)", (-4, 4)),
     ):
         _arrow_3d(axes, project, vehicle, vehicle + 0.3 * direction, BLACK, name, offset)
@@ -172,7 +164,7 @@ def fig03() -> Figure:
         (np.array([1.0, 0.0, 0.0]), r"$\hat\jmath^I$", (2, -10), GREY),
         (np.array([sine, -cosine, 0.0]), r"$\hat\imath^F$", (-2, -12), ORANGE),
         (np.array([cosine, sine, 0.0]), r"$\hat\jmath^F$", (4, -4), ORANGE),
-        (np.array([0.0, 0.0, 1.0]), r"$\hat k^I = \hat k^F$", (-46, -12), ORANGE),
+        (np.array([0.0, 0.0, 1.0]), r"$\hat k^I = \hat k^F$", (-12, 8), ORANGE),
     )
     for direction, name, offset, color in frames:
         _arrow_3d(axes, project, np.zeros(3), 0.42 * direction, color, name, offset)
@@ -187,7 +179,7 @@ def fig03() -> Figure:
     name(_great_circle(up, target)[45], r"$\delta_{go}$", BLUE, (-6, 6), ha="right", fontsize=11)
     name(_great_circle(foot, target)[50], r"$\varepsilon$", VERMILION, (7, -3), fontsize=11)
     name(target, r"target $\hat r_{targ}$", BLACK, (4, 6))
-    name(vehicle, r"$\vec r$", BLACK, (-12, -2))
+    name(vehicle, r"$\vec r$", BLACK, (-5, -16))
     name(orbit[np.searchsorted(turn, 1.5)], "orbit plane", GREEN, (4, -12))
     axes.set(aspect="equal", xlim=(-1.15, 1.05), ylim=(-1.02, 1.02))
     axes.set_axis_off()
@@ -214,124 +206,111 @@ def fig04(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) ->
 def fig05(nominal: Nominal) -> Figure:
     """Crossrange of the nominal flight in its deadband, with the bank reversals."""
     figure, axes = new_figure(6.4, 3.6)
-    ruled = nominal.guidance_time <= nominal.alignment_time  # the deadband rules range control only
-    for sign in (-1, 1):
-        axes.plot(
-            nominal.guidance_time[ruled],
-            sign * nominal.deadband[ruled] / KM,
-            color=GREY,
-            linestyle="--",
-            label="deadband" if sign > 0 else None,
-        )
-    axes.plot(nominal.time, nominal.crossrange / KM, color=BLUE, label="nominal crossrange")
-    at = np.interp(nominal.reversal_time, nominal.time, nominal.crossrange)
-    axes.plot(nominal.reversal_time, at / KM, "o", color=VERMILION, markersize=5, label="bank reversal commanded")
-    _mark_alignment(axes, nominal)
-    axes.set(xlabel=TIME_LABEL, ylabel="crossrange (km)", xlim=(0, nominal.end_time))
-    _legends_below(figure, [axes])
+    # The deadband rules range control only.
+    deadband = field(nominal, "deadband", unit="km", name="crossrange")
+    deadband = deadband.where(nominal.guidance_time <= nominal.alignment_time)
+    bounds(axes, deadband.of(-deadband.values), deadband, color=GREY, linestyle="--", label="deadband")
+    crossrange = field(nominal, "crossrange", unit="km")
+    commands = crossrange.at(field(nominal, "reversal_time", x="reversal_time"))
+    plot(axes, crossrange, color=BLUE, label="nominal crossrange")
+    dots = {"marker": "o", "linestyle": "none", "markersize": 5}
+    plot(axes, commands, color=VERMILION, **dots, label="bank reversal commanded")
+    mark(axes, x=nominal.alignment_time, label=ALIGNMENT)
+    axes.set_xlim(0, nominal.end_time)
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
 def fig06(nominal: Nominal) -> Figure:
     """Bank angle and dynamic pressure of the nominal flight."""
     figure, axes = new_figure(6.8, 3.6)
-    pressure = axes.twinx()
-    pressure.spines.right.set_visible(True)
-    pressure.grid(False)
-    values = 0.5 * nominal.density * nominal.velocity**2 / 1e3
-    (bank_line,) = axes.plot(nominal.time, nominal.bank / DEGREE, color=BLUE, label="bank angle")
-    (pressure_line,) = pressure.plot(nominal.time, values, color=ORANGE, label="dynamic pressure (right)")
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    for time in nominal.reversal_time:
-        axes.axvline(time, color=VERMILION, linewidth=0.7, linestyle="--")
-    (reversal,) = axes.plot([], [], color=VERMILION, linewidth=0.7, linestyle="--", label="bank reversal commanded")
-    _mark_alignment(axes, nominal)
-    axes.set(xlabel=TIME_LABEL, ylabel="bank angle (deg); 0: lift up", xlim=(0, nominal.end_time), ylim=(-100, 100))
-    # Zero of the pressure at the axis of the bank angle, so that neither curve runs through the legend.
-    pressure.set(ylabel="dynamic pressure (kPa)", ylim=(-1.15 * values.max(), 1.15 * values.max()))
-    pressure.set_yticks([tick for tick in pressure.get_yticks() if 0 <= tick <= 1.15 * values.max()])
-    axes.legend(handles=[bank_line, pressure_line, reversal], loc="lower right")
+    pressure_axes = axes.twinx()
+    pressure_axes.spines.right.set_visible(True)
+    pressure_axes.grid(False)
+    density, velocity = field(nominal, "density"), field(nominal, "velocity")
+    pascals = 0.5 * density.values * velocity.values**2
+    pressure = density.of(converted(pascals, "Pa", "kPa"), "dynamic pressure", "kPa")
+    plot(axes, nominal, "bank", unit="deg", name="bank angle, 0: lift up", color=BLUE, label="bank angle")
+    plot(pressure_axes, pressure, color=ORANGE)
+    pressure_axes.set_ylabel(pressure.label)
+    legend_entry(axes, "dynamic pressure (right)", color=ORANGE)
+    zero(axes)
+    reversal = {"color": VERMILION, "linewidth": 0.7, "linestyle": "--"}
+    mark(axes, x=nominal.reversal_time, **reversal, label="bank reversal commanded")
+    mark(axes, x=nominal.alignment_time, label=ALIGNMENT)
+    axes.set(xlim=(0, nominal.end_time), ylim=(-100, 100))
+    # Zero of the pressure at the axis of the bank angle.
+    top = 1.15 * pressure.values.max()
+    pressure_axes.set_ylim(-top, top)
+    pressure_axes.set_yticks([tick for tick in pressure_axes.get_yticks() if 0 <= tick <= top])
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
 def fig07(nominal: Nominal) -> Figure:
     """Altitude, velocity, flight path angle and downrange of the nominal flight."""
     figure, panels = new_figure(7.2, 4.8, nrows=2, ncols=2, sharex=True)
-    curves = (
-        (nominal.altitude / KM, "altitude (km)"),
-        (nominal.velocity / KM, "velocity (km/s)"),
-        (nominal.flight_path_angle / DEGREE, "flight path angle (deg)"),
-        (nominal.downrange / KM, "downrange (km), 0 at the target"),
-    )
-    for axes, (values, label) in zip(panels.flat, curves, strict=True):
-        axes.plot(nominal.time, values, color=BLUE)
-        _mark_alignment(axes, nominal)
-        axes.set(ylabel=label, xlim=(0, nominal.end_time))
-    panels[1, 0].axhline(0.0, color=BLACK, linewidth=0.6)
-    for axes in panels[-1]:
-        axes.set_xlabel(TIME_LABEL)
+    units = UNITS | {"velocity": "km/s"}
+    names = {"downrange": "downrange, 0 at the target"}
+    for component, axes in zip(IN_LINEAR_MODEL, panels.flat, strict=True):
+        plot(axes, nominal, component, unit=units[component], name=names.get(component, ""), color=BLUE)
+    mark(*panels.flat, x=nominal.alignment_time, label=ALIGNMENT)
+    zero(panels[1, 0])
+    panels[0, 0].set_xlim(0, nominal.end_time)
+    legend_below(figure, panels.flat)
     return figure
 
 
 def fig08(linearization: Linearization, gains: Gains, nominal: Nominal) -> Figure:
     """Bank cosine in range control: nominal, and three standard deviations that the linear model predicts."""
     figure, axes = new_figure(7.2, 4.2)
-    time, mean = gains.time[:-1], linearization.bank_cosine[:-1]
-    ruled = time < nominal.alignment_time
-    curves = (
-        (gains.apollo_control_variance[0], BLUE, "-", "Apollo, as flown against velocity (time)"),
-        (gains.timed_control_variance[0], BLUE, ":", "Apollo, gain against time (time)"),
-        (gains.stochastic_control_variance[0], VERMILION, "-", "stochastic (time)"),
-        (gains.stochastic_control_variance[1], ORANGE, "-", "stochastic (velocity)"),
-    )
-    for limit in (-1, 1):
-        axes.axhline(limit, color=BLACK, linewidth=0.9, linestyle="--")
-    for variance, color, style, label in curves:
-        # Rounding can make a vanishing variance negative.
-        spread = 3 * np.sqrt(variance[ruled])
+    ruled = np.flatnonzero(gains.time[:-1] < nominal.alignment_time)
+    name = r"cosine of the bank angle, $\pm 3 \sigma$"
+    mean = field(linearization, "bank_cosine", name=name, x="time").where(ruled)
+    mark(axes, y=(-1, 1), color=BLACK, linewidth=0.9, linestyle="--", label="limits of a cosine")
+    for variance, trigger, color, style, label in (
+        ("apollo_control_variance", 0, BLUE, "-", "Apollo, as flown (time)"),
+        ("timed_control_variance", 0, BLUE, ":", "Apollo, gain against time (time)"),
+        ("stochastic_control_variance", 0, VERMILION, "-", "stochastic (time)"),
+        ("stochastic_control_variance", 1, ORANGE, "-", "stochastic (velocity)"),
+    ):
+        spread = 3 * np.sqrt(field(gains, variance, at={"trigger": trigger}).values[ruled])
         if not np.isfinite(spread).all():
             label = f"{label}: no finite gain"
-        elif (mean[ruled] + spread).max() > BANK_COSINES[1]:
-            label = f"{label}, up to {spread.max():.0f} at {time[spread.argmax()]:.0f} s"
-        for sign in (-1, 1):
-            bound = mean[ruled] + sign * spread
-            axes.plot(time[ruled], bound, color=color, linestyle=style, label=label if sign > 0 else None)
-    axes.plot(time[ruled], mean[ruled], color=BLACK, label="nominal")
-    axes.plot([], [], color=BLACK, linewidth=0.9, linestyle="--", label="limits of a cosine")
-    axes.set(
-        xlabel=TIME_LABEL,
-        ylabel=r"cosine of the bank angle, $\pm 3 \sigma$",
-        xlim=(0, nominal.alignment_time),
-        ylim=BANK_COSINES,
-    )
-    figure.legend(loc="outside lower center", ncols=2)
+        lower, upper = mean.values - spread, mean.values + spread
+        outside = (lower < BANK_COSINES[0]) | (upper > BANK_COSINES[1])
+        if outside.any():
+            label = f"{label}; off the axes at {_stretches(mean.x.values, outside)} s"
+        lower, upper = (mean.of(np.where(outside, np.nan, bound)) for bound in (lower, upper))
+        bounds(axes, lower, upper, color=color, linestyle=style, label=label)
+    plot(axes, mean, color=BLACK, label="nominal")
+    # Where the nominal's velocity peaks, it is no clock against which to fly a law.
+    mark(axes, x=nominal.time[nominal.velocity.argmax()], label="velocity peaks")
+    axes.set(xlim=(0, nominal.alignment_time), ylim=BANK_COSINES)
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
 def fig09(
     drawing: Drawing, nominal: Nominal, gains: Gains, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble
-):
+) -> Figure:
     """Errors over time with the fixed final time: trials, and three standard deviations measured and predicted."""
-    return _errors_over_time(drawing, nominal, gains, 0, (apollo_time, stochastic_time))
+    return _errors_over_time(drawing, nominal, gains, "time", (apollo_time, stochastic_time))
 
 
 def fig10(nominal: Nominal, apollo_time: FlightEnsemble, stochastic_time: FlightEnsemble) -> Figure:
     """Bank angle of the same trials."""
     figure, panels = new_figure(7.2, 5.0, nrows=2, sharex=True, sharey=True)
     for axes, law, ensemble in zip(panels, LAWS, (apollo_time, stochastic_time), strict=True):
-        bank = ensemble.kept_observed[:, :, BANK] / DEGREE
-        for trial in bank:
-            axes.plot(ensemble.time, trial, color=LAW_COLOR[law], linewidth=0.5, alpha=0.6, drawstyle="steps-post")
-        axes.plot(nominal.time, nominal.bank / DEGREE, color=BLACK, linewidth=1.0)
-        finite = np.isfinite(bank).any(axis=1).sum()
-        axes.plot([], [], color=LAW_COLOR[law], linewidth=0.8, label=f"{finite} trials")
-        axes.plot([], [], color=BLACK, label="nominal")
-        _mark_alignment(axes, nominal)
-        axes.set(ylabel="bank angle (deg)", title=LAW_NAME[law], xlim=(0, nominal.end_time))
+        bank = field(ensemble, "kept_observed.bank", unit="deg", name="bank angle")
+        finite = bank.of(bank.values[np.isfinite(bank.values).any(axis=1)])
+        trials(axes, finite, color=LAW_COLOR[law], linewidth=0.5, drawstyle="steps-post")
+        plot(axes, nominal, "bank", unit="deg", color=BLACK, linewidth=1.0, label="nominal")
+        axes.set(title=LAW_NAME[law], xlim=(0, nominal.end_time))
         axes.yaxis.set_major_locator(MultipleLocator(45))
+        _note_if_empty(axes, bank.values)
+        mark(axes, x=nominal.alignment_time, label=ALIGNMENT)
         axes.legend(loc="lower right")
-        _say_if_empty(axes, bank)
-    panels[-1].set_xlabel(TIME_LABEL)
     return figure
 
 
@@ -341,9 +320,9 @@ def fig11(
     gains: Gains,
     apollo_velocity: FlightEnsemble,
     stochastic_velocity: FlightEnsemble,
-):
+) -> Figure:
     """Errors over time until the velocity trigger, as long as enough trials fly."""
-    return _errors_over_time(drawing, nominal, gains, 1, (apollo_velocity, stochastic_velocity))
+    return _errors_over_time(drawing, nominal, gains, "velocity", (apollo_velocity, stochastic_velocity))
 
 
 def fig12(
@@ -354,63 +333,46 @@ def fig12(
     stochastic_velocity: FlightEnsemble,
 ) -> Figure:
     """The last seconds before the velocity trigger, relative to the nominal's end, with each trial's own end."""
-    figure, panels = new_figure(7.4, 8.0, nrows=LINEAR, ncols=2, sharex=True, sharey="row")
+    figure, panels = new_figure(7.4, 8.0, nrows=len(IN_LINEAR_MODEL), ncols=2, sharex=True, sharey="row")
     ensembles = (apollo_velocity, stochastic_velocity)
-    drawn = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
-    ends = [e.final_state[kept, END_TIME] for e, kept in zip(ensembles, drawn, strict=True)]
+    kept = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
+    ends = [e.final_state[numbers, END_TIME] for e, numbers in zip(ensembles, kept, strict=True)]
     ends = np.concatenate([*ends, [nominal.end_time]])
     window = ends.min() - BEFORE_END, ends.max() + 2
     projection = linearization.trigger_projection
-    for column, law, ensemble, kept in zip(panels.T, LAWS, ensembles, drawn, strict=True):
+    for column, law, ensemble, numbers in zip(panels.T, LAWS, ensembles, kept, strict=True):
         predicted = projection @ getattr(gains, f"{law}_covariance")[1, -1] @ projection.T
-        final = ensemble.final_state
         ended = ensemble.outcome == COMPLETED
-        for axes, (component, unit, _) in zip(column, COMPONENTS[:LINEAR], strict=True):
-            reference = ensemble.nominal_final[component]
-            for number, trial in enumerate(ensemble.kept_history):
-                flying = np.isfinite(trial[:, component])
-                time = np.append(ensemble.time[flying], final[number, END_TIME])
-                values = np.append(trial[flying, component], final[number, component])
-                shown = time >= window[0] - 1
-                line = {"color": LAW_COLOR[law], "linewidth": 0.6, "alpha": 0.6}
-                axes.plot(time[shown], (values[shown] - reference) / unit, **line)
-            shown = nominal.time >= window[0] - 1
-            own = (nominal.altitude, nominal.velocity, nominal.flight_path_angle, nominal.downrange)[component]
-            axes.plot(nominal.time[shown], (own[shown] - reference) / unit, color=BLACK, linewidth=1.0)
-            axes.plot(
-                final[kept, END_TIME],
-                (final[kept, component] - reference) / unit,
-                "o",
-                color=LAW_COLOR[law],
-                markersize=3.5,
-                markeredgecolor=BLACK,
-                markeredgewidth=0.4,
-                zorder=4,
-            )
-            measured = final[ended, component] - reference
-            if component != VELOCITY and measured.size > 1:
-                for sign in (-1, 1):
-                    bound = measured.mean() + sign * 3 * measured.std(ddof=1)
-                    axes.axhline(bound / unit, color=LAW_COLOR[law], linewidth=1.6)
-                    spread = np.sqrt(predicted[component, component])
-                    axes.axhline(sign * 3 * spread / unit, color=BLACK, linewidth=1.0, linestyle="--")
+        color = LAW_COLOR[law]
+        dots = {"marker": "o", "markersize": 3.5, "markeredgecolor": BLACK, "markeredgewidth": 0.4, "zorder": 4}
+        for axes, (component, state) in zip(column, IN_LINEAR_MODEL.items(), strict=True):
+            unit = UNITS[component]
+            reference = field(ensemble, f"nominal_final.{component}", unit=unit)
+            name = f"{reference.name},\nnominal's end = 0"
+            flights = _until_the_end(ensemble, component, window[0] - 1).minus(reference, name)
+            trials(axes, flights, color=color, linewidth=0.6, label=None)
+            own = field(nominal, component, unit=unit).where(nominal.time >= window[0] - 1)
+            plot(axes, own.minus(reference), color=BLACK, linewidth=1.0)
+            errors_at_end = _final_error(ensemble, component, unit)
+            plot(axes, errors_at_end.where(numbers), color=color, linestyle="none", **dots)
+            measured = errors_at_end.values[ended]
+            if component != "velocity" and measured.size > 1:
+                spread = 3 * measured.std(ddof=1)
+                mark(axes, y=measured.mean() + spread * np.array([-1, 1]), color=color, linewidth=1.6, linestyle="-")
+                variance = predicted[LINEAR_STATE.index(state), LINEAR_STATE.index(state)]
+                spread = converted(3 * np.sqrt(variance), LINEAR_STATE.units[state], unit)
+                mark(axes, y=spread * np.array([-1, 1]), color=BLACK, linewidth=1.0, linestyle="--")
             axes.set_xlim(window)
-            _say_if_empty(axes, measured)
+            _note_if_empty(axes, measured)
         column[0].set_title(f"{LAW_NAME[law]}, {ended.sum():,} trials at the trigger")
-    for axes, (_, _, label) in zip(panels[:, 0], COMPONENTS[:LINEAR], strict=True):
-        axes.set_ylabel(f"{label},\nnominal's end = 0")
-    for axes in panels[-1]:
-        axes.set_xlabel(TIME_LABEL)
-    handles = [
-        panels[0, 0].plot([], [], color=color, linestyle=style, linewidth=width, marker=marker, label=label)[0]
-        for color, style, width, marker, label in (
-            (GREY, "-", 0.6, ".", "trials with their ends"),
-            (BLACK, "-", 1.0, "", "nominal"),
-            (GREY, "-", 1.6, "", r"mean $\pm 3 \sigma$ at the trigger, all trials"),
-            (BLACK, "--", 1.0, "", r"$\pm 3 \sigma$ at the trigger, linear covariance"),
-        )
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    for color, style, width, marker, label in (
+        (GREY, "-", 0.6, ".", "trials with their ends"),
+        (BLACK, "-", 1.0, "", "nominal"),
+        (GREY, "-", 1.6, "", r"mean $\pm 3 \sigma$ at the trigger, all trials"),
+        (BLACK, "--", 1.0, "", r"$\pm 3 \sigma$ at the trigger, linear covariance"),
+    ):
+        legend_entry(panels[0, 0], label, color=color, linestyle=style, linewidth=width, marker=marker)
+    legend_below(figure, [panels[0, 0]], columns=2)
     return figure
 
 
@@ -428,80 +390,76 @@ def fig13(linearization: Linearization, gains: Gains) -> Figure:
         (gains.timed_covariance[number, -1], CASE_COLOR[f"apollo_{trigger}"], ":", f"Apollo, gain in time ({trigger})")
         for number, trigger in enumerate(TRIGGERS)
     ]
+    velocity = Field(np.array([]), "velocity error", LINEAR_STATE.units["velocity"])
+    downrange = Field(np.array([]), "range error", UNITS["downrange"])
+
+    def errors_of(velocities, downranges):
+        metres = LINEAR_STATE.units["downrange"]
+        return Field(
+            converted(downranges, metres, downrange.unit), downrange.name, downrange.unit, velocity.of(velocities)
+        )
+
     reach = 0.0
     for covariance, color, style, label in curves:
         block = covariance[pair]
         if not np.isfinite(block).all():
-            axes.plot([], [], color=color, linestyle=style, label=f"{label}: no finite gain")
+            legend_entry(axes, f"{label}: no finite gain", color=color, linestyle=style)
             continue
         curve = ellipse(np.zeros(2), block, radius)
         reach = max(reach, np.abs(curve[:, 0]).max())
         correlation = block[0, 1] / np.sqrt(block[0, 0] * block[1, 1])
-        axes.plot(
-            curve[:, 0], curve[:, 1] / KM, color=color, linestyle=style, label=f"{label}: correlation {correlation:.2f}"
-        )
+        plot(axes, errors_of(*curve.T), color=color, linestyle=style, label=f"{label}: correlation {correlation:.2f}")
     # Deviations that pass the trigger surface without range error: Z_f of Eq. 77, range row.
-    velocity = np.array([-reach, reach])
+    ends = np.array([-reach, reach])
     slope = linearization.trigger_projection[DOWNRANGE, VELOCITY]
-    label = "no range error at the velocity trigger"
-    axes.plot(velocity, -slope * velocity / KM, color=GREY, linewidth=0.8, label=label)
-    axes.set(
-        xlabel="velocity error (m/s)",
-        ylabel="range error (km)",
-        title=f"{100 * ELLIPSE_PROBABILITY:.2f} % ellipses at $t_f$ ({radius:.2f} sigma)",
-    )
-    figure.legend(loc="outside lower center", ncols=2)
+    line = errors_of(ends, -slope * ends)
+    plot(axes, line, color=GREY, linewidth=0.8, label="no range error at the velocity trigger")
+    axes.set_title(f"{100 * ELLIPSE_PROBABILITY:.2f} % ellipses at $t_f$ ({radius:.2f} sigma)")
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
 def partition(design: Design, tradeoff: Tradeoff) -> Figure:
     """Range deviation and early control of the stochastic law against the interval of its partition."""
-    figure, (axes, early) = new_figure(7.2, 3.6, ncols=2)
+    figure, (ranges, controls) = new_figure(7.2, 3.6, ncols=2)
     for number, trigger in enumerate(TRIGGERS):
-        curve = {"color": CASE_COLOR[f"stochastic_{trigger}"], "marker": "o", "markersize": 3.5}
-        axes.loglog(tradeoff.interval, tradeoff.range_deviation[number], **curve, label=f"{trigger} trigger")
-        axes.axhline(tradeoff.floor[number], color=curve["color"], linewidth=0.9, linestyle=":")
-        early.loglog(tradeoff.interval, tradeoff.early_control[number], **curve)
-    axes.plot([], [], color=GREY, linestyle=":", label="floor: noise after the last control")
-    early.axhline(design.control_limit, color=BLACK, linewidth=0.9, linestyle="--", label="limit of the control")
-    for panel in (axes, early):
-        panel.axvline(design.partition_interval, color=GREY, linewidth=0.8, label="this reading's partition")
-        panel.set_xticks(tradeoff.interval, [f"{interval:g}" for interval in tradeoff.interval], fontsize=7)
-        panel.xaxis.set_minor_locator(NullLocator())
-        panel.set_xlabel("interval of the partition (s)")
-    axes.set_ylabel("standard deviation of the range error (m)")
-    early.set_ylabel(r"$3 \sigma$ of the bank cosine, first interval")
-    _legends_below(figure, (axes, early))
+        color, of_trigger = CASE_COLOR[f"stochastic_{trigger}"], {"at": {"trigger": number}}
+        curve = {"color": color, "marker": "o", "markersize": 3.5} | of_trigger
+        plot(ranges, tradeoff, "range_deviation", **curve, label=f"{trigger} trigger")
+        mark(ranges, y=tradeoff.floor[number], color=color, linewidth=0.9)
+        plot(controls, tradeoff, "early_control", **curve)
+    legend_entry(ranges, "floor: noise after the last control", color=GREY, linestyle=":")
+    mark(controls, y=design.control_limit, color=BLACK, linewidth=0.9, linestyle="--", label="limit of the control")
+    for axes in (ranges, controls):
+        mark(axes, x=design.partition_interval, linestyle="-", label="this reading's partition")
+        axes.set(xscale="log", yscale="log")
+        axes.set_xticks(tradeoff.interval, [f"{interval:g}" for interval in tradeoff.interval], fontsize=7)
+        axes.xaxis.set_minor_locator(NullLocator())
+    legend_below(figure, (ranges, controls))
     return figure
 
 
 def altitude_tradeoff(design: Design, tradeoff: Tradeoff) -> Figure:
     """Range deviation of the stochastic law against the limit of the final altitude error."""
     figure, axes = new_figure(6.4, 3.8)
-    for row, (interval, style, marker) in enumerate(
-        zip(tradeoff.limited_interval, ("-", "--"), ("o", "s"), strict=True)
-    ):
-        for number, trigger in enumerate(TRIGGERS):
-            axes.semilogy(
-                tradeoff.altitude_limit / KM,
-                tradeoff.limited_deviation[row, number],
-                color=CASE_COLOR[f"stochastic_{trigger}"],
-                linestyle=style,
-                marker=marker,
-                markersize=3.5,
-                label=f"{trigger} trigger, intervals of {interval:g} s",
-            )
+    limit = field(tradeoff, "altitude_limit", unit="km", name=f"three-sigma {field(tradeoff, 'altitude_limit').name}")
+    # Markers only: what lies between two limits has not been computed. Each can be seen where several coincide.
+    for row, (interval, filled) in enumerate(zip(tradeoff.limited_interval, (True, False), strict=True)):
+        for number, (trigger, marker, size) in enumerate(zip(TRIGGERS, "os", (4.0, 6.5), strict=True)):
+            color = CASE_COLOR[f"stochastic_{trigger}"]
+            deviation = field(tradeoff, "limited_deviation", at={"limited_interval": row, "trigger": number}, x=limit)
+            dots = {"marker": marker, "markersize": size if filled else size + 4, "zorder": 4 - number}
+            dots["markerfacecolor"] = color if filled else "none"
+            label = f"{trigger} trigger, intervals of {interval:g} s"
+            plot(axes, deviation, color=color, linestyle="none", **dots, label=label)
     for number, trigger in enumerate(TRIGGERS):
-        axes.axhline(tradeoff.floor[number], color=CASE_COLOR[f"stochastic_{trigger}"], linewidth=0.9, linestyle=":")
-    axes.plot([], [], color=GREY, linestyle=":", label="floor: noise after the last control")
-    axes.axvline(design.altitude_limit / KM, color=GREY, linewidth=0.8, label="limit of this reading")
+        mark(axes, y=tradeoff.floor[number], color=CASE_COLOR[f"stochastic_{trigger}"], linewidth=0.9)
+    legend_entry(axes, "floor: noise after the last control", color=GREY, linestyle=":")
+    mark(axes, x=design.altitude_limit / KM, linestyle="-", label="limit of this reading")
     missing = np.isnan(tradeoff.limited_deviation).sum()
-    axes.set(
-        xlabel="limit of the final altitude error (km), held with three standard deviations",
-        ylabel="standard deviation of the range error (m)",
-        title=f"{missing} of {tradeoff.limited_deviation.size} designs are infeasible" if missing else "",
-    )
-    figure.legend(loc="outside lower center", ncols=2)
+    axes.set_yscale("log")
+    axes.set_title(f"{missing} of {tradeoff.limited_deviation.size} designs are infeasible" if missing else "")
+    legend_below(figure, [axes], columns=2)
     return figure
 
 
@@ -513,7 +471,8 @@ def error_budget(error_budget: ErrorBudget) -> Figure:
     every = sources.index("all")
     places, width = np.arange(len(single) + 1), 0.26
     names = [*(sources[k].replace("flight ", "flight\n") for k in single), "sum of\nthese"]
-    for number, axes in enumerate(panels):
+    for number, (trigger, axes) in enumerate(zip(TRIGGERS, panels, strict=True)):
+        sums = []
         for row, law in enumerate(str(law) for law in error_budget.law):
             total = error_budget.deviation[row, number, every] ** 2
             shares = error_budget.deviation[row, number, single] ** 2 / total
@@ -524,16 +483,18 @@ def error_budget(error_budget: ErrorBudget) -> Figure:
                 np.nan_to_num(values),
                 width,
                 color=LAW_COLOR[law],
-                label=f"{LAW_NAME[law]}: " + (f"all {np.sqrt(total):,.0f} m" if total > 0 else "no finite trial"),
+                label=LAW_NAME[law],
             )
+            sums.append(f"{LAW_NAME[law]} {np.sqrt(total):,.0f} m" if total > 0 else f"{LAW_NAME[law]} no finite trial")
             least = 100 * error_budget.floor[number] ** 2 / total
             edges = at[sources.index("density")] + np.array([-0.5, 0.5]) * width
             axes.plot(edges, [least, least], color=BLACK, zorder=4)
-        axes.axhline(100.0, color=GREY, linewidth=0.8, linestyle="--")
-        axes.plot([], [], color=BLACK, label=f"floor of the density's part ({error_budget.floor[number]:,.0f} m)")
-        axes.set(ylabel="share of the range variance (%)", title=f"{TRIGGERS[number]} trigger")
-        axes.legend(loc="upper left", ncols=2)
-    panels[0].set_ylim(0, 1.5 * panels[0].get_ylim()[1])  # room for the legends
+        mark(axes, y=100.0, linestyle="--")
+        together = f"{trigger} trigger, all sources together: {', '.join(sums)}"
+        title = f"{together}\nfloor of the density's part: {error_budget.floor[number]:,.0f} m"
+        axes.set(ylabel="share of the range variance (%)", title=title)
+    legend_entry(panels[0], "floor of the density's part", color=BLACK)
+    legend_below(figure, panels, columns=4)
     panels[-1].set_xticks(places, names, fontsize=8)
     panels[-1].set_xlabel(f"only source of uncertainty ({error_budget.trials:,} trials each)")
     return figure
@@ -620,13 +581,14 @@ def reversals(
     )
     colors = (GREEN, BLUE, VERMILION, PURPLE, ORANGE, SKY, GREY)
     for axes, (case, ensemble) in zip(panels.flat, cases, strict=True):
-        error = errors(ensemble)[:, DOWNRANGE] / KM
+        range_error = _final_error(ensemble, "downrange", "km", "final range error")
+        error = range_error.values
         finite = np.isfinite(error)
         title = f"{case}: {finite.sum():,} trials"
         if not finite.all():
             title += f", {np.count_nonzero(~finite):,} not finite"
-        axes.set(title=title, xlabel="final range error (km)")
-        _say_if_empty(axes, error)
+        axes.set(title=title, xlabel=range_error.label)
+        _note_if_empty(axes, error)
         if not finite.any():
             continue
         error, number = error[finite], ensemble.final_state[finite, REVERSALS].astype(int)
@@ -647,7 +609,7 @@ def reversals(
                 label=f"{n} {name}, {100 * len(of_n) / len(error):.1f} %: mean {of_n.mean():+.2f}",
             )
         axes.stairs(np.histogram(error, edges)[0] * weight, edges, color=BLACK, linewidth=0.8, label="all")
-        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        mark(axes, x=0.0, linestyle="-")
         axes.margins(y=0.0)
         axes.set_ylim(0, 1.55 * axes.get_ylim()[1])  # room for the legend
         axes.legend(loc="upper left", fontsize=7)
@@ -672,51 +634,84 @@ def _densities(axes, edge, atmosphere, variations, color):
         axes.plot(sample[shown], atmosphere.altitude[shown] / KM, color=color, linewidth=0.5, alpha=0.6)
     for sign in (-1, 1):
         axes.plot(sign * 2 * atmosphere.deviation[shown], atmosphere.altitude[shown] / KM, color=BLACK, linestyle="--")
-    axes.set(xlabel="density variation, relative to the mean (1)", ylim=(0, edge / KM))
+    axes.set(xlabel="density variation, relative to the mean", ylim=(0, edge / KM))
 
 
-def _errors_over_time(drawing: Drawing, nominal, gains, number, ensembles):
+def _stretches(values, chosen):
+    """Ranges of values over which something holds, in words: "39 to 44, 60 and 62"."""
+    places = np.flatnonzero(chosen)
+    ranges = [values[run[[0, -1]]] for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)]
+    *others, last = (f"{start:g}" if start == end else f"{start:g} to {end:g}" for start, end in ranges)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger, ensembles) -> Figure:
     """Five rows of errors against time, a column for each law."""
-    figure, panels = new_figure(7.4, 9.2, nrows=len(COMPONENTS), ncols=2, sharex=True, sharey="row")
-    names = ("altitude", "velocity", "flight_path_angle", "downrange", "crossrange")
+    figure, panels = new_figure(7.4, 9.2, nrows=len(UNITS), ncols=2, sharex=True, sharey="row")
+    some_ended = False
     for column, law, ensemble in zip(panels.T, LAWS, ensembles, strict=True):
         color = LAW_COLOR[law]
-        enough = ensemble.flying >= drawing.fewest_flying
-        predicted = getattr(gains, f"{law}_covariance")[number]
-        for row, (axes, name, (component, unit, _)) in enumerate(zip(column, names, COMPONENTS, strict=True)):
-            # The nominal has no state after its end, and so no error has a meaning there.
-            reference = np.interp(ensemble.time, nominal.time, getattr(nominal, name), right=np.nan)
-            for trial in ensemble.kept_history:
-                axes.plot(
-                    ensemble.time, (trial[:, component] - reference) / unit, color=color, linewidth=0.4, alpha=0.5
-                )
-            mean = np.where(enough, ensemble.mean[:, component] - reference, np.nan)
-            spread = np.sqrt(ensemble.covariance[:, component, component])
-            for sign in (-1, 1):
-                axes.plot(ensemble.time, (mean + sign * 3 * spread) / unit, color=color, linewidth=1.4)
-                if row < LINEAR:
-                    bound = sign * 3 * np.sqrt(predicted[:, row, row])
-                    axes.plot(gains.time, bound / unit, color=BLACK, linewidth=1.1, linestyle="--")
-            _mark_alignment(axes, nominal)
+        # The nominal has no state after its end, and so no error has a meaning there.
+        before_end = ensemble.time <= nominal.time[-1]
+        enough = before_end & (ensemble.flying >= drawing.fewest_flying)
+        # The moments are those of the trials still flying: of all of them only until the first trial ends.
+        complete = np.count_nonzero(ensemble.flying[enough] == ensemble.count)
+        some_ended |= complete < np.count_nonzero(enough)
+        for axes, (component, unit) in zip(column, UNITS.items(), strict=True):
+            reference = field(nominal, component, unit=unit)
+            history = field(ensemble, f"kept_history.{component}", unit=unit).where(before_end)
+            trials(axes, history.minus(reference, f"{history.name}\nerror"), color=color, alpha=0.5, label=None)
+            measured = [
+                bound.where(enough).minus(reference) for bound in sigma_bounds(ensemble, component, 3.0, unit=unit)
+            ]
+            bounds(axes, *(bound.where(slice(complete)) for bound in measured), color=color, linewidth=1.4)
+            remainder = [bound.where(slice(max(complete - 1, 0), None)) for bound in measured]
+            bounds(axes, *remainder, color=color, **STILL_FLYING)
+            if component in IN_LINEAR_MODEL:
+                spread = _predicted_deviation(gains, law, trigger, component)
+                predicted = spread.of(-3 * spread.values), spread.of(3 * spread.values)
+                bounds(axes, *predicted, color=BLACK, linewidth=1.1, linestyle="--")
             axes.set_xlim(0, nominal.end_time)
-            _say_if_empty(axes, mean)
+            _note_if_empty(axes, measured[0].values)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
         column[0].set_title(f"{LAW_NAME[law]}, {ensemble.count + ensemble.excluded:,} trials{lost}")
-        column[-1].set_xlabel(TIME_LABEL)
-    for axes, (_, _, label) in zip(panels[:, 0], COMPONENTS, strict=True):
-        axes.set_ylabel(label)
-    kept = len(ensembles[0].kept_history)
-    handles = [
-        panels[0, 0].plot([], [], color=color, linewidth=width, linestyle=style, label=label)[0]
-        for color, width, style, label in (
-            (GREY, 0.6, "-", f"{kept} trials"),
-            (GREY, 1.8, "-", r"mean $\pm 3 \sigma$ of all trials"),
-            (BLACK, 1.1, "--", r"$\pm 3 \sigma$, linear covariance"),
-            (GREY, 0.8, ":", "heading alignment begins"),
-        )
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    mark(*panels.flat[1:], x=nominal.alignment_time)
+    first = panels[0, 0]
+    legend_entry(first, f"{len(ensembles[0].kept_history)} trials", color=GREY, linewidth=0.6)
+    legend_entry(first, r"mean $\pm 3 \sigma$ of all trials", color=GREY, linewidth=1.8)
+    if some_ended:
+        legend_entry(first, "the same of those still flying", color=GREY, **STILL_FLYING)
+    legend_entry(first, r"$\pm 3 \sigma$, linear covariance", color=BLACK, linewidth=1.1, linestyle="--")
+    mark(first, x=nominal.alignment_time, label=ALIGNMENT)
+    legend_below(figure, [first], columns=3 if some_ended else 4)
     return figure
+
+
+def _predicted_deviation(gains, law, trigger, component):
+    """Standard deviation of a component that the linear model predicts, over time."""
+    state = IN_LINEAR_MODEL[component]
+    variance = field(gains, f"{law}_covariance.{trigger}.{state}.{state}", x="time")
+    deviation = np.sqrt(np.maximum(variance.values, 0.0))  # rounding can make a vanishing variance negative
+    unit = UNITS[component]
+    return variance.of(converted(deviation, LINEAR_STATE.units[state], unit), component, unit)
+
+
+def _final_error(ensemble, component, unit, name=""):
+    """Final errors of a component (trials,), against the end times."""
+    final = field(ensemble, f"final_state.{component}", unit=unit, x="final_state.end_time")
+    return final.minus(field(ensemble, f"nominal_final.{component}", unit=unit), name)
+
+
+def _until_the_end(ensemble, component, start):
+    """Histories of the kept trials from a time on (s), and the state at the end of each as its last point."""
+    history = field(ensemble, f"kept_history.{component}", unit=UNITS[component])
+    final = field(ensemble, f"final_state.{component}", unit=history.unit, x="final_state.end_time")
+    kept = len(history.values)
+    values = np.pad(history.values, ((0, 0), (0, 1)), constant_values=np.nan)
+    times = np.tile(np.append(history.x.values, np.nan), (kept, 1))
+    end = np.isfinite(values).sum(axis=1)
+    values[np.arange(kept), end], times[np.arange(kept), end] = final.values[:kept], final.x.values[:kept]
+    return Field(np.where(times >= start, values, np.nan), history.name, history.unit, history.x.of(times))
 
 
 def _deviation(samples):
@@ -729,20 +724,9 @@ def _deviation(samples):
     return np.sqrt(variance), variance_standard_error(variance, fourth, samples.size) / (2 * np.sqrt(variance))
 
 
-def _mark_alignment(axes, nominal):
-    """The start of the nominal's heading alignment."""
-    axes.axvline(nominal.alignment_time, color=GREY, linewidth=0.8, linestyle=":")
-
-
-def _say_if_empty(axes, values):
+def _note_if_empty(axes, values):
     if not np.isfinite(values).any():
-        axes.text(0.5, 0.92, "no finite trial", transform=axes.transAxes, ha="center", va="top", color=GREY)
-
-
-def _legends_below(figure, panels):
-    handles = [handle for axes in panels for handle in axes.get_legend_handles_labels()[0]]
-    known = {handle.get_label(): handle for handle in handles}
-    figure.legend(handles=list(known.values()), loc="outside lower center", ncols=min(3, len(known)))
+        note(axes, "no finite trial", 0.92)
 
 
 def _arrow(color, width):

@@ -241,10 +241,10 @@ def _rates(lane, radius, latitude, velocity, flight_path_angle, azimuth, log_den
 
 @inline_njit
 def _drift(half_index, state, noise, parameters, out):
-    air, _, found, constants = parameters
+    air, _, local, constants = parameters
     # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
     for lane in range(LANES):
-        found[0, lane], found[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
+        local[0, lane], local[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
     for lane in range(LANES):
         (
             out[RADIUS, lane],
@@ -260,8 +260,8 @@ def _drift(half_index, state, noise, parameters, out):
             state[SPEED, lane],
             state[PATH_ANGLE, lane],
             state[AZIMUTH, lane],
-            found[0, lane],
-            found[1, lane],
+            local[0, lane],
+            local[1, lane],
             parameters,
         )
 
@@ -326,9 +326,9 @@ def _to_trigger(step, lane, start, parameters, end_velocity, end):
 @inline_njit
 def _observe(state, parameters, feature, sight):
     """What laws feed back, feature (FEATURES, LANES), and where the target is, sight (SIGHTED, LANES)."""
-    air, aero, found, constants = parameters
+    air, aero, local, constants = parameters
     for lane in range(LANES):
-        found[0, lane], found[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
+        local[0, lane], local[1, lane] = _look_up(state[RADIUS, lane] - constants.planet_radius, lane, air, constants)
     for lane in range(LANES):
         radius, velocity = state[RADIUS, lane], state[SPEED, lane]
         sin_path, cos_path = sine_cosine(state[PATH_ANGLE, lane])
@@ -344,7 +344,7 @@ def _observe(state, parameters, feature, sight):
         )
         distance, crossrange_angle = arctangent(*downrange), arctangent(*crossrange)
         downrange_angle = -distance if ahead < 0.0 else distance
-        density = exponential(found[0, lane]) * found[1, lane]
+        density = exponential(local[0, lane]) * local[1, lane]
         feature[0, lane], feature[1, lane], feature[2, lane] = radius, velocity, state[PATH_ANGLE, lane]
         feature[3, lane], feature[4, lane] = -constants.planet_radius * downrange_angle, density
         feature[DRAG, lane] = aero[DRAG_FACTOR, lane] * density * velocity * velocity
@@ -593,9 +593,9 @@ def _record(row, feature, sight, steering, constants, group):
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_trial, flown):
+def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_trial, results):
     drag_factor, lift_factor = factors
-    history, observed, largest, length, final = flown
+    history, observed, largest, length, final = results
     for number in prange(entry_state.shape[1] // LANES):
         lanes = slice(number * LANES, (number + 1) * LANES)
         group = Group(
@@ -645,7 +645,7 @@ def fly(
     trials = len(vehicles.drag_factor)
     state = pad_to_groups(vehicles.entry_state.T)
     padded = state.shape[1]
-    flown = Trajectories(
+    flights = Trajectories(
         history=np.empty((times, HISTORY, padded)),
         observed=np.empty((times, OBSERVED, padded)),
         observed_maximum=np.zeros((OBSERVED, padded)),
@@ -668,15 +668,15 @@ def fly(
         (pad_to_groups(vehicles.drag_factor), pad_to_groups(vehicles.lift_factor)),
         seed,
         first_trial,
-        Group(flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state),
+        Group(flights.history, flights.observed, flights.observed_maximum, flights.length, flights.final_state),
     )
-    flown = flown.first(trials)
-    final = flown.final_state
+    flights = flights.first(trials)
+    final = flights.final_state
     if velocity_trigger:
-        flown.outcome[final[VELOCITY] > settings["end_velocity"][0] + 1e-6] = ESCAPED
-    flown.outcome[final[ALTITUDE] < 0.0] = CRASHED
-    flown.outcome[~np.isfinite(final).all(axis=0)] = NON_FINITE
-    return flown
+        flights.outcome[final[VELOCITY] > settings["end_velocity"][0] + 1e-6] = ESCAPED
+    flights.outcome[final[ALTITUDE] < 0.0] = CRASHED
+    flights.outcome[~np.isfinite(final).all(axis=0)] = NON_FINITE
+    return flights
 
 
 def outputs(end_time, period, trigger):

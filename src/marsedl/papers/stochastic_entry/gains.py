@@ -1,5 +1,7 @@
 """Feedback gains of both laws for both triggers, and the covariance that the linear model predicts (Sec. III.B, C)."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from marsedl.methods.covariance_steering.chance import chance_factor
@@ -33,6 +35,14 @@ from marsedl.replication.errors import MarsedlError
 STATE_SCALE = np.array([1000.0, 100.0, 0.01, 1000.0, 5e-3])
 
 
+class ApolloChoices(NamedTuple):
+    """What the paper leaves open of the Apollo law, and its overcontrol."""
+
+    form: str  # "five_state", "drag" or "density_blind": what it feeds back
+    time_adjoint: str  # "time" or "velocity": what the adjoint of the time-triggered law aims at
+    overcontrol: float
+
+
 def partition_starts(guidance: Guidance, design: Design, intervals, interval=None):
     """Guidance periods with which the control intervals of the design begin."""
     every = round((design.partition_interval if interval is None else interval) / guidance.guidance_period)
@@ -62,13 +72,13 @@ def problem(
 
 def solved(posed):
     """The solution of a problem; MarsedlError unless it is optimal, InfeasibleProblem if there is none."""
-    found = solve(posed)
-    if found.status != "optimal":
+    solution = solve(posed)
+    if solution.status != "optimal":
         raise MarsedlError(
-            f"the dual of the stochastic law: {found.status}; a limit may lie at the least that can be attained: "
+            f"the dual of the stochastic law: {solution.status}; a limit may lie at the least that can be attained: "
             "loosen altitude_limit, flight_path_angle_limit or control_limit a little"
         )
-    return found
+    return solution
 
 
 def held_covariance(fine, starts, gain, initial_covariance):
@@ -101,7 +111,8 @@ def compute(guidance: Guidance, design: Design, linearization: Linearization) ->
     Raises MarsedlError if a chance constraint cannot be met, saying which one and by how much.
     """
     stochastic = [_stochastic(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
-    apollo = [_apollo(guidance, design, linearization, trigger) for trigger in range(len(TRIGGERS))]
+    choices = ApolloChoices(design.apollo_form, design.apollo_time_adjoint, design.overcontrol)
+    apollo = [apollo_law(guidance, linearization, choices, trigger) for trigger in range(len(TRIGGERS))]
     rows, posed = _table_rows(linearization), problem(guidance, design, linearization, 0)
     return Gains(
         time=linearization.time,
@@ -121,6 +132,23 @@ def _interval_of(starts, periods):
     return np.searchsorted(starts, np.arange(periods), side="right") - 1
 
 
+def stochastic_solution(guidance: Guidance, design: Design, linearization, trigger, interval=None):
+    """The solution of Problem 1 for a trigger, and the feedback gain of every guidance period, (periods, 5).
+
+    interval: of the partition, s; the reading's own unless given. Raises MarsedlError if there is no such law.
+    """
+    periods = len(linearization.control)
+    try:
+        solution = solved(problem(guidance, design, linearization, trigger, interval))
+    except InfeasibleProblem as error:
+        raise MarsedlError(
+            f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
+            "flight_path_angle_limit: raise the one that is named, or control_limit"
+        ) from None
+    held = _interval_of(partition_starts(guidance, design, periods, interval), periods)
+    return solution, solution.gain[held]
+
+
 def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
     """Gains of Problem 1 by its Lagrange dual, or by Eq. 55a as printed, which solves no problem."""
     posed, fine = problem(guidance, design, linearization, trigger), system(linearization)
@@ -128,30 +156,23 @@ def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
     floor = noise_floor(fine, posed.objective)
     if design.gain_equation == "printed":
         return _as_printed(guidance, design, linearization, trigger, posed, floor)
-    try:
-        found = solved(posed)
-    except InfeasibleProblem as error:
-        raise MarsedlError(
-            f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
-            "flight_path_angle_limit: raise the one that is named, or control_limit"
-        ) from None
-    held = _interval_of(starts, len(fine.control))
+    solution, gain = stochastic_solution(guidance, design, linearization, trigger)
     return {
-        "stochastic_gain": found.gain[held],
-        "stochastic_covariance": held_covariance(fine, starts, found.gain, linearization.initial_covariance),
-        "stochastic_control_variance": found.control_variance[held],
-        "control_ratio": found.control_ratio,
-        "final_ratio": found.final_ratio,
-        "control_multiplier": found.control_multipliers,
-        "final_multiplier": found.final_multipliers,
-        "cost": found.cost,
-        "dual_value": found.dual_value,
-        "gap": found.gap,
-        "gap_above_floor": found.gap_above_floor,
-        "complementarity": found.complementarity,
+        "stochastic_gain": gain,
+        "stochastic_covariance": held_covariance(fine, starts, solution.gain, linearization.initial_covariance),
+        "stochastic_control_variance": solution.control_variance[_interval_of(starts, len(fine.control))],
+        "control_ratio": solution.control_ratio,
+        "final_ratio": solution.final_ratio,
+        "control_multiplier": solution.control_multipliers,
+        "final_multiplier": solution.final_multipliers,
+        "cost": solution.cost,
+        "dual_value": solution.dual_value,
+        "gap": solution.gap,
+        "gap_above_floor": solution.gap_above_floor,
+        "complementarity": solution.complementarity,
         "noise_floor": floor,
-        "iterations": found.iterations,
-        "status": found.status,
+        "iterations": solution.iterations,
+        "status": solution.status,
     }
 
 
@@ -182,26 +203,29 @@ def _as_printed(guidance: Guidance, design: Design, linearization, trigger, pose
     }
 
 
-def _apollo(guidance: Guidance, design: Design, linearization, trigger):
-    """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances."""
+def apollo_law(guidance: Guidance, linearization, choices: ApolloChoices, trigger):
+    """Gains of the Apollo law (Eqs. 47-50) against time, as flown against velocity, and their covariances.
+
+    Returns the fields of `Gains` that one trigger has, by name.
+    """
     fine = system(linearization)
-    aim = TRIGGERS.index(design.apollo_time_adjoint) if trigger == 0 else 1
+    aim = TRIGGERS.index(choices.time_adjoint) if trigger == 0 else 1
     downrange = np.eye(STATES)[DOWNRANGE]
     final_adjoint = (downrange, linearization.trigger_projection.T @ downrange)[aim]  # Eq. 79
-    found = adjoint_gains(fine.transition, fine.control, final_adjoint, design.overcontrol)
-    timed, equivalent, table = found.gain, found.gain, np.zeros((len(found.gain), flight.FEATURES))
-    if design.apollo_form == "density_blind":
+    adjoint = adjoint_gains(fine.transition, fine.control, final_adjoint, choices.overcontrol)
+    timed, equivalent, table = adjoint.gain, adjoint.gain, np.zeros((len(adjoint.gain), flight.FEATURES))
+    if choices.form == "density_blind":
         # The final adjoint without density: the trigger's projection has none of it in its downrange row.
         slaved = adjoint_gains(
-            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], design.overcontrol
+            linearization.slaved_transition, linearization.slaved_control, final_adjoint[:4], choices.overcontrol
         )
         equivalent = np.column_stack([slaved.gain, np.zeros(len(slaved.gain))])
         timed = equivalent
-    if design.apollo_form == "drag":
+    if choices.form == "drag":
         state = linearization.state[:-1]
         drag, cosine = linearization.drag[:-1], np.cos(state[:, 2])
         gains = drag_form(
-            found.gain, state[:, 4], drag, 1.0 / linearization.inverse_scale_height[:-1], state[:, 1], state[:, 2]
+            adjoint.gain, state[:, 4], drag, 1.0 / linearization.inverse_scale_height[:-1], state[:, 1], state[:, 2]
         )
         table[:, [DOWNRANGE, flight.DRAG, flight.ALTITUDE_RATE]] = gains
         # At the reference velocity, drag deviations are density deviations.
@@ -219,17 +243,17 @@ def _apollo(guidance: Guidance, design: Design, linearization, trigger):
         linearization.bank_cosine_slope[:-1],
     )
     effective[fine.control.any(axis=1) == 0] = 0.0
-    flown = propagate(fine, effective, linearization.initial_covariance)
+    effective_law = propagate(fine, effective, linearization.initial_covariance)
     against_time = propagate(fine, timed, linearization.initial_covariance)
     rows = _table_rows(linearization)
     # The table ends where the heading alignment begins; its last gain is the last with any control authority.
     last = np.flatnonzero(fine.control.any(axis=1))[-1]
     return {
-        "adjoint": found.adjoint,
-        "control_adjoint": found.control_adjoint,
+        "adjoint": adjoint.adjoint,
+        "control_adjoint": adjoint.control_adjoint,
         "apollo_gain": timed,
-        "apollo_covariance": flown.covariance,
-        "apollo_control_variance": flown.control_variance,
+        "apollo_covariance": effective_law.covariance,
+        "apollo_control_variance": effective_law.control_variance,
         "timed_covariance": against_time.covariance,
         "timed_control_variance": against_time.control_variance,
         "table_gain": table[np.minimum(rows, last)],

@@ -3,6 +3,7 @@
 import math
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import model_validator
 
 from marsedl.replication.sections import (
@@ -42,9 +43,20 @@ class Air(MeanDensity, DensityVariance):
     """The mean density and the process that varies it."""
 
     density_grid_interval: Positive = given("m", "spacing of the altitudes at which densities are tabulated")
+    lowest_tabulated_altitude: Number = given("m", "altitude at which that table begins; below, its ends are held")
+    highest_tabulated_altitude: Positive = given("m", "altitude at which that table ends; above, its ends are held")
     variance_profile: Literal["exponential", "mars_gram_2010"] = given("1", "relative variance of the density")
     decay_factor: Positive = given("1", "decay rate of the density variation in inverse scale heights")
     diffusion_factor: Positive = given("1", "diffusion of the density variation in variances per scale height")
+
+    @model_validator(mode="after")
+    def _process_keeps_its_variance(self):
+        if not math.isclose(self.diffusion_factor, 2.0 * self.decay_factor, rel_tol=1e-9):
+            raise ValueError(
+                f"decay_factor ({self.decay_factor:g}) and diffusion_factor ({self.diffusion_factor:g}) belong "
+                "together: the process has the variance asked for only if the second is twice the first (Eq. 10)"
+            )
+        return self
 
 
 class Vehicle(EntryVehicle):
@@ -75,6 +87,9 @@ class Mission(Section):
     target_latitude: Number = given("rad", "latitude of the target")
     end_velocity: Positive = given("m/s", "velocity at which the nominal flight ends, and that of the trigger")
     time_limit: Positive = given("s", "time at which a flight ends that has not reached the trigger")
+    positive_range_error: Literal["long", "short"] = given(
+        "1", "which final range error Table 4 counts as positive: beyond the nominal's end, or before it"
+    )
 
 
 class Guidance(Section):
@@ -115,6 +130,9 @@ class Design(Section):
     overcontrol: Positive = given("1", "overcontrol gain of the Apollo law")
     apollo_form: Literal["five_state", "drag", "density_blind"] = given("1", "what the Apollo law feeds back")
     apollo_time_adjoint: Literal["time", "velocity"] = given("1", "what the adjoint of the time-triggered law aims at")
+    apollo_covariance: Literal["effective_gains", "timed_gains"] = given(
+        "1", "linear covariance of the Apollo law: as it is flown, against velocity, or by its gains against time"
+    )
     final_weight: vector(5) = given("1", "weight of the final state (radius, velocity, path angle, downrange, density)")
     weight_length: Positive = given("m", "unit of length in which the final weight is stated")
     control_weight: Positive = given("1", "weight of the control variance")
@@ -126,20 +144,42 @@ class Design(Section):
     gain_equation: Literal["corrected", "printed"] = given("1", "feedback gain: with the inverse, or as printed")
     partition_study: vector(9, Positive) = given("s", "intervals of the study of partition size")
     altitude_limit_study: vector(6, Positive) = given("m", "altitude limits of the study of the trade-off")
+    coarse_interval: Positive = given(
+        "s", "intervals on which slow formulations are solved and altitude limits compared with the reading's own"
+    )
+    combined_intervals: vector(3, Positive) = given("s", "partitions of the study of combinations")
+
+    @model_validator(mode="after")
+    def _studies_ascend(self):
+        for name in ("partition_study", "altitude_limit_study"):
+            if not (np.diff(getattr(self, name)) > 0).all():
+                raise ValueError(f"{name}: its values must ascend, as the study compares neighbours")
+        return self
 
 
 class Simulation(Trials):
     """How flights are integrated, and how many trials are flown from which random numbers."""
 
-    nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight")
+    nominal_substeps: Substeps = given("1", "integration steps per guidance period of the nominal flight, even")
     flight_substeps: Substeps = given("1", "integration steps per guidance period of the Monte Carlo flights")
     paper_trials: Count = given("1", "the first of these, as many as the paper flies")
+    compared_trials: Count = given("1", "the first of these, with which readings are compared")
     source_trials: StudyTrials = given("1", "trials of each single source of uncertainty")
+    combined_trials: StudyTrials = given("1", "trials of each combination of choices")
 
     @model_validator(mode="after")
     def _as_many_as_the_paper(self):
         if not self.trials >= self.paper_trials:
             raise ValueError(f"trials ({self.trials}) must not be fewer than paper_trials ({self.paper_trials})")
+        return self
+
+    @model_validator(mode="after")
+    def _steps_in_pairs(self):
+        if self.nominal_substeps % 2:
+            raise ValueError(
+                f"nominal_substeps ({self.nominal_substeps}) must be even: the linear model takes the midpoints of "
+                f"pairs of steps; write {self.nominal_substeps + 1}"
+            )
         return self
 
 
@@ -151,12 +191,29 @@ class Drawing(Section):
 
 
 def check_altitudes(planet: Planet, air: Air) -> None:
-    """Refuse a grid of densities that is too coarse or too fine for the atmosphere."""
-    altitudes = planet.atmosphere_altitude / air.density_grid_interval
+    """Refuse a table of densities that does not reach from the ground to entry, or is too coarse or too fine."""
+    lowest, highest = air.lowest_tabulated_altitude, air.highest_tabulated_altitude
+    if lowest > 0 or highest < planet.atmosphere_altitude:
+        raise ValueError(
+            f"air.lowest_tabulated_altitude ({lowest:g} m) and air.highest_tabulated_altitude ({highest:g} m) must "
+            f"hold the ground and planet.atmosphere_altitude ({planet.atmosphere_altitude:g} m), where flights begin: "
+            "beyond them the density is held, which the linear model does not know; widen them"
+        )
+    altitudes = (highest - lowest) / air.density_grid_interval
     if not 1 <= altitudes <= LARGEST_ALTITUDE_COUNT:
         raise ValueError(
-            f"air.density_grid_interval makes {altitudes:.3g} altitudes up to planet.atmosphere_altitude; give one "
-            f"that makes 1 to {LARGEST_ALTITUDE_COUNT}"
+            f"air.density_grid_interval makes {altitudes:.3g} altitudes from air.lowest_tabulated_altitude to "
+            f"air.highest_tabulated_altitude; give one that makes 1 to {LARGEST_ALTITUDE_COUNT}"
+        )
+
+
+def check_velocities(mission: Mission, guidance: Guidance) -> None:
+    """Refuse a heading alignment that no flight has between entry and its end."""
+    if not mission.end_velocity < guidance.heading_alignment_velocity < mission.entry_velocity:
+        raise ValueError(
+            f"guidance.heading_alignment_velocity ({guidance.heading_alignment_velocity:g} m/s) must lie between "
+            f"mission.end_velocity ({mission.end_velocity:g} m/s) and mission.entry_velocity "
+            f"({mission.entry_velocity:g} m/s)"
         )
 
 
@@ -180,16 +237,20 @@ def check_periods(mission: Mission, guidance: Guidance, design: Design) -> None:
 
 
 def check_partitions(guidance: Guidance, design: Design) -> None:
-    """Refuse partitions of the design whose intervals do not begin with a guidance period."""
-    intervals = (design.partition_interval, *design.partition_study)
-    multiples = (interval / guidance.guidance_period for interval in intervals)
-    if not all(
-        math.isfinite(number) and round(number) * guidance.guidance_period == interval
-        for number, interval in zip(multiples, intervals, strict=True)
-    ):
-        raise ValueError(
-            "design.partition_interval and design.partition_study must be multiples of guidance.guidance_period"
-        )
+    """Refuse a partition of the design whose intervals do not begin with a guidance period."""
+    refuse_partial_periods("design.partition_interval", [design.partition_interval], guidance.guidance_period)
+
+
+def refuse_partial_periods(name: str, intervals, period: float) -> None:
+    """Raise ValueError unless all intervals (s) of an input are multiples of the guidance period (s).
+
+    The intervals of a study are checked by its stage, so that a reading which does not ask for it need not fit it.
+    """
+    for interval in map(float, intervals):
+        if not math.isfinite(interval / period) or round(interval / period) * period != interval:
+            raise ValueError(
+                f"{name}: {interval:g} s; intervals must be multiples of guidance.guidance_period ({period:g} s)"
+            )
 
 
 class StochasticEntryInputs(Inputs):
@@ -198,7 +259,7 @@ class StochasticEntryInputs(Inputs):
     CASES: ClassVar = dict.fromkeys(
         ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity"), "simulation.trials"
     )
-    CHECKS: ClassVar = (check_altitudes, check_periods, check_partitions)
+    CHECKS: ClassVar = (check_altitudes, check_velocities, check_periods, check_partitions)
 
     planet: Planet
     air: Air

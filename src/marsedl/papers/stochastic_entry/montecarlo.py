@@ -93,18 +93,18 @@ def block_simulator(
     """Return the function `simulate_block(first, last)` of a Monte Carlo case, which also replays single trials."""
     mission, guidance = flights.mission, flights.guidance
     plant = flight.plant_of(flights.planet, flights.air, flights.vehicle, mission, guidance)
-    flown_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
-    return simulator_of(plant, flown_law, end, flights.simulation)
+    control_law, end = law(guidance, linearization, gains, case), end_of(mission, nominal, case)
+    return simulator_of(plant, control_law, end, flights.simulation)
 
 
-def simulator_of(plant: flight.Plant, flown_law: flight.Law, end: End, simulation: Simulation) -> Callable:
+def simulator_of(plant: flight.Plant, control_law: flight.Law, end: End, simulation: Simulation) -> Callable:
     """Return the function `simulate_block(first, last)` of any plant, law and end of the flight."""
 
     def simulate_block(first, last):
         return flight.fly(
             plant.settings,
             plant.atmosphere,
-            flown_law,
+            control_law,
             flight.vehicles_of(plant.dispersions, simulation.seed, np.arange(first, last)),
             trigger=end.trigger,
             end_time=end.time,
@@ -157,7 +157,7 @@ def replay(
     """Fly one trial again and describe it, with its difference from the ensemble's if that is stored."""
     flights = Flights(planet, air, vehicle, mission, guidance, simulation)
     simulate_block = block_simulator(flights, nominal, linearization, gains, trial.case)
-    flown = ensembles.replay(simulate_block, trial.number)
+    again = ensembles.replay(simulate_block, trial.number)
     names = (
         "altitude (m)",
         "velocity (m/s)",
@@ -166,8 +166,8 @@ def replay(
         "density (kg/m^3)",
         "crossrange (m)",
     )
-    lines = [f"trial {trial.number} of {trial.case}: {OUTCOMES[int(flown.outcome[0])]}"]
-    start, end = flown.history[0, :, 0], flown.final_state[:, 0]
+    lines = [f"trial {trial.number} of {trial.case}: {OUTCOMES[int(again.outcome[0])]}"]
+    start, end = again.history[0, :, 0], again.final_state[:, 0]
     lines += [f"  {name:26}{a:18.9f} -> {b:18.9f}" for name, a, b in zip(names, start[:6], end[:6], strict=True)]
     lines.append(f"  end time                  {end[END_TIME]:18.9f} s, {int(end[REVERSALS])} bank reversals")
     if trial.stored is not None:

@@ -48,14 +48,14 @@ def compute(
         require_target_ahead(entry_range)
     except ValueError as error:
         raise MarsedlError(f"entry_longitude, entry_azimuth, target_longitude: {error}") from None
-    flown_vehicle = flight.Vehicles(mean[np.newaxis], np.array([drag_factor]), np.array([lift_factor]))
+    mean_vehicle = flight.Vehicles(mean[np.newaxis], np.array([drag_factor]), np.array([lift_factor]))
 
     def fly(trigger, end_time, every):
         return flight.fly(
             constants,
             atmosphere,
             flight.NOMINAL_LAW,
-            flown_vehicle,
+            mean_vehicle,
             trigger=trigger,
             end_time=end_time,
             substeps=simulation.nominal_substeps,
@@ -70,11 +70,17 @@ def compute(
             "s; it must slow down to end_velocity: raise time_limit, or check density_profile and ballistic_coefficient"
         )
     end_time = float(first.final_state[END_TIME, 0])
-    flown = fly("time", end_time, 1)
-    history, observed = flown.history[..., 0], flown.observed[..., 0]
+    whole = fly("time", end_time, 1)
+    history, observed = whole.history[..., 0], whole.observed[..., 0]
     time = fine_times(end_time, guidance, simulation)
     cycles = np.arange(0, len(time) - 1, simulation.nominal_substeps)
-    aligned = cycles[np.argmax(history[cycles, VELOCITY] <= guidance.heading_alignment_velocity)]
+    slow = history[cycles, VELOCITY] <= guidance.heading_alignment_velocity
+    if not slow.any():
+        raise MarsedlError(
+            f"the nominal flight has no bank command below {guidance.heading_alignment_velocity:g} m/s: raise "
+            "heading_alignment_velocity, or lower end_velocity"
+        )
+    aligned = cycles[np.argmax(slow)]
     guided = cycles[cycles < aligned]
     width = deadband(
         time[cycles],

@@ -17,4 +17,5 @@ def final_weights(design: Design, linearization):
 
 def per_metre(design: Design):
     """The weight of downrange: the objective is stated in metres of downrange error."""
-    return (design.final_weight[DOWNRANGE] or 1.0) / design.weight_length
+    weight = design.final_weight[DOWNRANGE]
+    return (weight if weight != 0.0 else 1.0) / design.weight_length

@@ -1,26 +1,28 @@
 """Tables 1 to 4, Eq. 77, the design's certificates, the error budget, and what each reading reproduces."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import percentile_spread
 from marsedl.montecarlo.streaming import FinalMoments, is_streamed, outcome_count
 from marsedl.papers.stochastic_entry import dispersions
-from marsedl.papers.stochastic_entry.claims import (
+from marsedl.papers.stochastic_entry.claims.measures import (
+    CELLS_OF_TABLE_4,
     FEASIBLE,
-    LEVELS,
-    ROUNDING,
     ROWS,
-    SIGMAS,
+    combined,
     crossrange_of_azimuth,
-    final_percentiles,
     finite,
     finite_count,
+    half_tolerance,
     halving,
-    outcomes,
+    mirrored,
+    printed_range,
+    ratio_of,
     reduction,
+    reproduced_cells,
+    table_percentiles,
 )
 from marsedl.papers.stochastic_entry.inputs import (
     Air,
@@ -35,83 +37,103 @@ from marsedl.papers.stochastic_entry.inputs import (
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     CASES,
-    COARSE,
     DOWNRANGE,
+    LEVELS,
+    LINEAR_STATE,
     OUTCOMES,
     REVERSALS,
     START_SCALES,
     TRIGGERS,
     VELOCITY,
     Certificates,
+    Combinations,
     ErrorBudget,
     FlightEnsemble,
     Gains,
     Linearization,
+    Nominal,
     by_case,
     errors,
 )
+from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.claims import Evaluation, judge
+from marsedl.replication.tables import Column, table
+from marsedl.replication.thresholds import ROUNDING, SIGMAS
 
-NO_VALUE = "–"
-
-
-def _case(name):
-    return name.replace("_", ", ").capitalize()
-
-
-def _km(metres):
-    return f"{metres / 1e3:.2f}"
+PAPER = "in the paper"
+RANGE = "of the final range error, from the 1st to the 99th percentile"
+OF_CELLS = f"that reproduce, of {len(CELLS_OF_TABLE_4)}"
 
 
-def _number(value, form):
-    return f"{value:{form}}" if np.isfinite(value) else NO_VALUE
+def _law_and_trigger(case):
+    """The law and the trigger of a Monte Carlo case, in two cells."""
+    return tuple(case.split("_"))
+
+
+def _with_error(name, unit="", digits=".2f", meaning=""):
+    """The columns of a value and of its standard error."""
+    error = f"{name}: standard error"
+    return {name: Column(unit, digits, meaning, error=error), error: Column(unit)}
 
 
 def tab01(vehicle: Vehicle):
     """Table 1 from the inputs."""
     body = dispersions.body_of(vehicle)
-    area = f"{np.pi * vehicle.reference_diameter**2 / 4:.3f} (pi {vehicle.reference_diameter:g}^2 / 4)"
-    return [
-        ("property", "value", "unit"),
-        ("mass", f"{vehicle.mass:g}", "kg"),
-        ("reference area", area, "m^2"),
-        ("trimmed angle of attack", f"{np.degrees(vehicle.trim_angle_of_attack):g}", "deg"),
-        ("lift over drag", f"{vehicle.lift_to_drag:g}", "1"),
-        ("ballistic coefficient", f"{vehicle.ballistic_coefficient:g}", "kg/m^2"),
-        ("drag coefficient that follows", f"{body.drag_coefficient:.4f}", "1"),
-        ("lift coefficient that follows", f"{body.lift_coefficient:.4f}", "1"),
+    rows = [
+        (
+            vehicle.mass,
+            np.pi * vehicle.reference_diameter**2 / 4,
+            np.degrees(vehicle.trim_angle_of_attack),
+            vehicle.lift_to_drag,
+            vehicle.ballistic_coefficient,
+            body.drag_coefficient,
+            body.lift_coefficient,
+        )
     ]
+    return table(
+        rows,
+        {
+            "mass": Column("kg", "g"),
+            "reference area": Column("m^2", ".3f", f"that of a disc of {vehicle.reference_diameter:g} m"),
+            "trimmed angle of attack": Column("deg", "g"),
+            "lift over drag": Column("1", "g"),
+            "ballistic coefficient": Column("kg/m^2", "g"),
+            "drag coefficient": Column("1", ".4f", "that follows"),
+            "lift coefficient": Column("1", ".4f", "that follows"),
+        },
+    )
 
 
 def tab02(planet: Planet, mission: Mission):
     """Table 2 from the inputs."""
-
-    def angles(value, deviation):
-        return f"{np.degrees(value):g}", f"{np.degrees(deviation):g}"
-
     _, crossrange = crossrange_of_azimuth(planet, mission)
-    velocity = f"{mission.entry_velocity / 1e3:g} km/s", f"{mission.entry_velocity_three_sigma:g} m/s"
-    return [
-        ("state", "nominal", "three sigma", "unit"),
-        ("altitude", f"{planet.atmosphere_altitude / 1e3:g}", "0", "km"),
-        ("velocity", *velocity, ""),
+    rows = [
+        ("altitude", "km", planet.atmosphere_altitude / 1e3, 0.0),
+        ("velocity", "m/s", mission.entry_velocity, mission.entry_velocity_three_sigma),
         (
             "flight path angle",
-            *angles(mission.entry_flight_path_angle, mission.entry_flight_path_angle_three_sigma),
             "deg",
+            np.degrees(mission.entry_flight_path_angle),
+            np.degrees(mission.entry_flight_path_angle_three_sigma),
         ),
-        ("heading azimuth", *angles(mission.entry_azimuth, mission.entry_azimuth_three_sigma), "deg"),
-        ("downrange", "0", f"{mission.entry_downrange_three_sigma / 1e3:g}", "km"),
-        ("crossrange", _km(crossrange), f"{mission.entry_crossrange_three_sigma / 1e3:g}", "km"),
+        ("heading azimuth", "deg", np.degrees(mission.entry_azimuth), np.degrees(mission.entry_azimuth_three_sigma)),
+        ("downrange", "km", 0.0, mission.entry_downrange_three_sigma / 1e3),
+        ("crossrange", "km", crossrange / 1e3, mission.entry_crossrange_three_sigma / 1e3),
     ]
+    columns = {
+        "state": Column(meaning="at entry"),
+        "unit": Column(meaning="of the two numbers that follow it"),
+        "nominal": Column("", ".6g"),
+        "three sigma": Column("", "g"),
+    }
+    return table(rows, columns)
 
 
 def tab03(air: Air, vehicle: Vehicle):
     """Table 3 from the inputs, with the surrogate of the density samples."""
     low, high = np.degrees(vehicle.trim_interval)
     lift, drag = vehicle.lift_dispersion, vehicle.drag_dispersion
-    return [
-        ("source of uncertainty", "in the paper", "here"),
+    rows = [
         ("state at entry", "Gaussian (Table 2)", "Gaussian (Table 2)"),
         (
             "density of the atmosphere",
@@ -126,9 +148,11 @@ def tab03(air: Air, vehicle: Vehicle):
             f"{drag:+g} in C_D",
         ),
     ]
+    return table(rows, {"source of uncertainty": Column(), PAPER: Column(), "here": Column()})
 
 
 def tab04(
+    mission: Mission,
     simulation: Simulation,
     published,
     apollo_time: FlightEnsemble,
@@ -138,160 +162,228 @@ def tab04(
 ):
     """Percentiles of the final errors beside Table 4, from the paper's number of trials and from all."""
     flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
-    size = int(simulation.paper_trials)
-    rows = [
-        (
-            "final error",
-            "law, trigger",
-            "percentile",
-            "in the paper",
-            f"first {size:,} trials",
-            "standard error",
-            f"spread over sets of {size:,}",
-            "all trials",
-            "standard error (all)",
-            "distance in combined standard errors",
-            "trials",
-        )
-    ]
+    size, short = int(simulation.paper_trials), mission.positive_range_error == "short"
+    rows = []
     for state, name, factor, unit in ROWS:
         for case, ensemble in flights.items():
-            first, whole = (final_percentiles(ensemble, trials, [state])[state] for trials in (size, None))
-            sample = errors(ensemble)[finite(ensemble), state] * factor
+            first, whole = (table_percentiles(ensemble, trials, short, [state])[state] for trials in (size, None))
+            sample = errors(ensemble)[finite(ensemble), state] * (-factor if short and state == DOWNRANGE else factor)
             claim = published[f"tab4_{name}_{case}"]
             for side, level in enumerate(LEVELS):
                 printed, resolution = claim.printed[side], claim.resolution[side]
                 value, error = whole[0][side] * factor, whole[1][side] * factor
                 try:
-                    spread = _number(percentile_spread(sample, level, size)[1], ".3f")
+                    spread = percentile_spread(sample, level, size)[1]
                 except ValueError:  # too few trials for two sets
-                    spread = NO_VALUE
+                    spread = None
                 cell = replace(claim, printed=printed, resolution=resolution)
-                _, judged = judge(cell, Evaluation(value, error, finite_count(ensemble)))
-                distance = judged["largest"] if judged else np.nan
+                z = judge(cell, Evaluation(value, error, finite_count(ensemble))).z
                 rows.append(
                     (
-                        f"{name.replace('gamma', 'flight path angle')} ({unit})",
-                        _case(case),
-                        f"{100 * level:g}",
-                        f"{printed:g}",
-                        _number(first[0][side] * factor, ".3f"),
-                        _number(first[1][side] * factor, ".3f"),
+                        name.replace("gamma", "flight path angle"),
+                        unit,
+                        *_law_and_trigger(case),
+                        100 * level,
+                        printed,
+                        *(part[side] * factor for part in first),
                         spread,
-                        _number(value, ".3f"),
-                        _number(error, ".3f"),
-                        _number(distance, "+.1f"),
-                        f"{finite_count(ensemble):,}",
+                        value,
+                        error,
+                        z and z["largest"],
+                        finite_count(ensemble),
                     )
                 )
-    for case, ensemble in flights.items():
-        completed, trials = outcome_count(ensemble, COMPLETED), ensemble.count + ensemble.excluded
-        told = f"{completed:,} {OUTCOMES[COMPLETED]}" + (", " + outcomes(ensemble) if outcomes(ensemble) else "")
-        rows.append(("how trials ended", _case(case), *[""] * 5, told, "", "", f"{trials:,}"))
-    return rows
+    first, whole = f"first {size:,} trials", "all trials"
+    return table(
+        rows,
+        {
+            "final error": Column(),
+            "unit": Column(meaning="of the numbers of the row"),
+            "law": Column(),
+            "trigger": Column(),
+            "percentile": Column("", "g"),
+            PAPER: Column("", "g"),
+            **_with_error(first, "", ".3f", "as many as the paper flies"),
+            f"spread over sets of {size:,}": Column("", ".3f", "standard deviation of the percentile"),
+            **_with_error(whole, "", ".3f"),
+            "z": Column("", "+.1f", "here minus printed, beyond the printed rounding, in combined standard errors"),
+            "trials": Column("", "", "that are finite"),
+        },
+    )
+
+
+def endings(
+    apollo_time: FlightEnsemble,
+    apollo_velocity: FlightEnsemble,
+    stochastic_time: FlightEnsemble,
+    stochastic_velocity: FlightEnsemble,
+):
+    """How the trials ended, and their final range errors, by law and trigger; errors as in `reversal_split`."""
+    flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
+    rows = [
+        (
+            *_law_and_trigger(case),
+            ensemble.count + ensemble.excluded,
+            *(outcome_count(ensemble, code) for code in OUTCOMES),
+            *_range_errors(errors(ensemble)[finite(ensemble), DOWNRANGE]),
+        )
+        for case, ensemble in flights.items()
+    ]
+    columns = dict.fromkeys(("law", "trigger", "trials", *OUTCOMES.values()), Column())
+    return table(rows, columns | _RANGE_ERRORS)
+
+
+_RANGE_ERRORS = {
+    "mean range error": Column("km", ".2f", "positive if long"),
+    "1st percentile": Column("km", ".2f", "of the range error"),
+    "99th percentile": Column("km", ".2f", "of the range error"),
+}
+
+
+def _range_errors(error):
+    """The cells of `_RANGE_ERRORS`; error: of finite trials (m)."""
+    return (error.mean() / 1e3, *np.quantile(error, LEVELS) / 1e3) if len(error) else (None,) * 3
 
 
 def zf(air: Air, published, linearization: Linearization):
     """Z_f element by element beside Eq. 77."""
-    claim = published["zf_column_velocity"]
+    claim, fitted = published["zf_column_velocity"], air.density_profile == "log_quadratic"
     states = ("radius", "velocity", "flight path angle", "range", "density")
-    fitted = air.density_profile == "log_quadratic"
-    rows = [("row", "column", "in the paper", "here", "difference", "within the printed rounding")]
+    units = list(LINEAR_STATE.units.values())
+    rows = []
     for i, j in np.ndindex(linearization.trigger_projection.shape):
         value = linearization.trigger_projection[i, j]
         printed, resolution = (claim.printed[i], claim.resolution[i]) if j == VELOCITY else (float(i == j), ROUNDING)
-        verdict, _ = judge(replace(claim, printed=printed, resolution=resolution), Evaluation(value))
-        within = "yes" if verdict == "reproduced" else "no"
-        rows.append((states[i], states[j], f"{printed:g}", f"{value:.6g}", f"{value - printed:+.2g}", within))
-    if fitted:
-        fit = "this density is fitted to the velocity column: its agreement is no evidence"
-        rows.append(("", "", "", fit, "", ""))
-    return rows
+        verdict = judge(replace(claim, printed=printed, resolution=resolution), Evaluation(value)).verdict
+        unit = "1" if units[i] == units[j] else f"{units[i]} per {units[j]}"
+        of_fit = fitted and j == VELOCITY
+        rows.append((states[i], states[j], unit, printed, value, value - printed, verdict == "reproduced", of_fit))
+    return table(
+        rows,
+        {
+            "row": Column(),
+            "column": Column(),
+            "unit": Column(meaning="of the three numbers that follow it"),
+            PAPER: Column("", "g"),
+            "here": Column("", ".6g"),
+            "difference": Column("", "+.2g", "here minus printed"),
+            "within the printed rounding": Column(),
+            "fitted": Column(meaning="whether the density is fitted to it: then agreement is no evidence"),
+        },
+    )
 
 
-def certificates(gains: Gains, certificates: Certificates):
+def certificates(design: Design, gains: Gains, certificates: Certificates):
     """The stochastic law against independent formulations, by trigger."""
-
-    def both(values, form=".1e"):
-        return [_number(value, form) for value in values]
-
-    rows = [("check of the stochastic law", *(f"{trigger} trigger" for trigger in TRIGGERS))]
-    rows += [
-        ("deviation of the objective (m)", *both(np.sqrt(gains.cost), ".4f")),
-        ("floor that noise after the last control makes (m)", *both(np.sqrt(gains.noise_floor), ".4f")),
-        ("duality gap over the objective", *both(gains.gap)),
-        ("duality gap over what is above the floor", *both(gains.gap_above_floor)),
-        ("largest control deviation over its limit", *both(gains.control_ratio.max(axis=1), ".6f")),
-        ("final altitude deviation over its limit", *both(gains.final_ratio[:, 0], ".6f")),
-        ("final path angle deviation over its limit", *both(gains.final_ratio[:, 1], ".6f")),
-        ("multiplier of the altitude limit (m^2 per m^2)", *both(gains.final_multiplier[:, 0], ".3g")),
-        ("multiplier of the path angle limit (m^2 per rad^2)", *both(gains.final_multiplier[:, 1], ".3g")),
-        ("control limits reached", *(f"{np.sum(ratio > 1.0 - FEASIBLE)}" for ratio in gains.control_ratio)),
-        ("complementarity", *both(gains.complementarity)),
-        ("solver of the dual", *(f"{s}, {n:,} sweeps" for s, n in zip(gains.status, gains.iterations, strict=True))),
-        ("multipliers as LQG weights: largest error of the gains", *both(certificates.weights_gain_error)),
-        ("perturbed gains: least change of the Lagrangian", *both(certificates.perturbed_cost, "+.1e")),
-        (f"on intervals of {COARSE:g} s: duality gap", *both(certificates.coarse_gap)),
-        ("cone program, cost over the dual's less one", *both(certificates.cone_ratio - 1.0, "+.1e")),
+    rows = [
         (
-            "cone program, solver",
-            *(
-                f"{s}, {n} iterations"
-                for s, n in zip(certificates.cone_status, certificates.cone_iterations, strict=True)
-            ),
-        ),
-    ]
-    for start, scale in enumerate(START_SCALES):
-        found = (
-            f"{ratio:.5f}, {worst:.4g}, {evaluations:,}, {'yes' if done else 'no'}"
-            for ratio, worst, evaluations, done in zip(
-                *(
-                    getattr(certificates, f"search_{field}")[:, start]
-                    for field in ("ratio", "worst", "evaluations", "success")
-                ),
-                strict=True,
-            )
+            trigger,
+            np.sqrt(gains.cost[k]),
+            np.sqrt(gains.noise_floor[k]),
+            gains.gap[k],
+            gains.gap_above_floor[k],
+            gains.control_ratio[k].max(),
+            *gains.final_ratio[k, :2],
+            *gains.final_multiplier[k, :2],
+            int(np.sum(gains.control_ratio[k] > 1.0 - FEASIBLE)),
+            gains.complementarity[k],
+            str(gains.status[k]),
+            int(gains.iterations[k]),
+            certificates.weights_gain_error[k],
+            certificates.perturbed_cost[k],
+            certificates.coarse_gap[k],
+            certificates.cone_ratio[k] - 1.0,
+            str(certificates.cone_status[k]),
+            int(certificates.cone_iterations[k]),
         )
-        outputs = "cost ratio, worst limit ratio, sweeps, success"
-        rows.append((f"search over LQG weights, control weights times {scale:g}: {outputs}", *found))
-    return rows
+        for k, trigger in enumerate(TRIGGERS)
+    ]
+    over_limit = "deviation over its limit"
+    return table(
+        rows,
+        {
+            "trigger": Column(),
+            "deviation of the objective": Column("m", ".4f", "of the final range"),
+            "floor": Column("m", ".4f", "of this deviation, that noise after the last control makes"),
+            "duality gap": Column("", ".1e", "over the objective"),
+            "duality gap above the floor": Column("", ".1e", "over what is above the floor"),
+            f"largest control {over_limit}": Column("", ".6f"),
+            f"final altitude {over_limit}": Column("", ".6f"),
+            f"final path angle {over_limit}": Column("", ".6f"),
+            "multiplier of the altitude limit": Column("m^2 per m^2", ".3g"),
+            "multiplier of the path angle limit": Column("m^2 per rad^2", ".3g"),
+            "control limits reached": Column(),
+            "complementarity": Column("", ".1e"),
+            "solver of the dual": Column(meaning="its status"),
+            "sweeps of the dual": Column(),
+            "error of the gains from LQG weights": Column("", ".1e", "largest, with the multipliers as weights"),
+            "least change of the Lagrangian": Column("", "+.1e", "with perturbed gains"),
+            "duality gap on coarse intervals": Column("", ".1e", f"of {design.coarse_interval:g} s"),
+            "cost of the cone program": Column("", "+.1e", "over that of the dual, less one"),
+            "solver of the cone program": Column(meaning="its status"),
+            "iterations of the cone program": Column(),
+        },
+    )
+
+
+def lqg_search(certificates: Certificates):
+    """The search over LQG weights that the paper proposes, from several starts."""
+    rows = [
+        (
+            trigger,
+            scale,
+            certificates.search_ratio[k, start],
+            certificates.search_worst[k, start],
+            int(certificates.search_evaluations[k, start]),
+            bool(certificates.search_success[k, start]),
+        )
+        for k, trigger in enumerate(TRIGGERS)
+        for start, scale in enumerate(START_SCALES)
+    ]
+    return table(
+        rows,
+        {
+            "trigger": Column(),
+            "start": Column("", "g", "factor on the control weights"),
+            "cost ratio": Column("", ".5f", "over the optimum"),
+            "worst limit ratio": Column("", ".4g"),
+            "sweeps": Column(),
+            "success": Column(),
+        },
+    )
 
 
 def sources(error_budget: ErrorBudget):
     """Range deviation by law, trigger and source, with its share of the variance from all sources together."""
     budget = error_budget
-    sources = [str(source) for source in budget.source]
-    whole = sources.index("all")
-    rows = [
-        (
-            "source",
-            *(
-                f"{law}, {trigger}: {what}"
-                for law in budget.law
-                for trigger in TRIGGERS
-                for what in ("deviation (m)", "%")
-            ),
-        )
-    ]
-    share = 100 * budget.deviation**2 / budget.deviation[..., whole, np.newaxis] ** 2
-
-    def row(name, deviation, portion):
-        cells = []
-        for index in np.ndindex(deviation.shape):
-            cells += [_number(deviation[index], ".1f"), _number(portion[index], ".1f")]
-        rows.append((name, *cells))
-
-    for number, source in enumerate(sources):
-        row(source, budget.deviation[..., number], share[..., number])
-    alone = np.delete(budget.deviation, whole, axis=-1)
-    total = np.sqrt((alone**2).sum(axis=-1))
-    row("root of the sum of squares of all sources alone", total, 100 * total**2 / budget.deviation[..., whole] ** 2)
-    floor = np.broadcast_to(budget.floor, total.shape)
-    row("floor: density noise after the last control", floor, 100 * floor**2 / budget.deviation[..., whole] ** 2)
-    missed = budget.missed.sum(axis=-1)
-    cells = [cell for index in np.ndindex(missed.shape) for cell in (f"{missed[index]}", "")]
-    rows.append((f"flights that did not end as they should, of {budget.trials:,} per source", *cells))
-    return rows
+    names = [str(source) for source in budget.source]
+    whole = names.index("all")
+    floor = np.broadcast_to(budget.floor, budget.deviation.shape[:2])
+    rows = []
+    for i, law in enumerate(budget.law):
+        for j, trigger in enumerate(TRIGGERS):
+            deviation = budget.deviation[i, j]
+            alone = np.sqrt((np.delete(deviation, whole) ** 2).sum())
+            parts = [
+                *zip(names, deviation, budget.missed[i, j], strict=True),
+                ("root of the sum of squares of all sources alone", alone, None),
+                ("floor: density noise after the last control", floor[i, j], None),
+            ]
+            rows += [
+                (str(law), trigger, name, value, 100 * value**2 / deviation[whole] ** 2, missed)
+                for name, value, missed in parts
+            ]
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "trigger": Column(),
+            "source": Column(),
+            "deviation": Column("m", ".1f", "of the final range"),
+            "share": Column("%", ".1f", "of the variance from all sources together"),
+            "missed": Column(meaning=f"flights that did not end as they should, of {budget.trials:,} per source"),
+        },
+    )
 
 
 def reversal_split(
@@ -302,118 +394,194 @@ def reversal_split(
 ):
     """Final range error by the number of bank reversals; of a streamed ensemble in its first trials."""
     flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
-    rows = [
-        (
-            "law, trigger",
-            "bank reversals",
-            "trials",
-            "share (%)",
-            "mean range error (km)",
-            "1st percentile (km)",
-            "99th percentile (km)",
-        )
-    ]
+    rows = []
     for case, ensemble in flights.items():
         known = finite(ensemble)
         error, number = errors(ensemble)[known, DOWNRANGE], ensemble.final_state[known, REVERSALS]
-        groups = [(f"{int(n)}", number == n) for n in np.unique(number)] + [("any", np.ones(len(number), bool))]
-        for label, chosen in groups:
-            if not chosen.any():
-                rows.append((_case(case), "no finite trial", "0", *[NO_VALUE] * 4))
-                continue
-            low, high = np.quantile(error[chosen], LEVELS)
-            share = 100 * chosen.sum() / len(ensemble.outcome)
-            values = f"{chosen.sum():,}", f"{share:.2f}", _km(error[chosen].mean()), _km(low), _km(high)
-            rows.append((_case(case), label, *values))
-    return rows
+        if not len(error):
+            rows.append((*_law_and_trigger(case), None, 0, 0.0, *_range_errors(error)))
+        for reversals in np.unique(number):
+            own = error[number == reversals]
+            share = 100 * len(own) / len(ensemble.outcome)
+            rows.append((*_law_and_trigger(case), int(reversals), len(own), share, *_range_errors(own)))
+    return table(
+        rows,
+        {
+            "law": Column(),
+            "trigger": Column(),
+            "bank reversals": Column(),
+            "trials": Column(),
+            "share": Column("%", ".2f", "of all trials"),
+            **_RANGE_ERRORS,
+        },
+    )
 
 
-def readings(readings, published):
+_HEADLINE = {
+    **_with_error("velocity trigger: narrower by", "%", ".1f", f"the interval {RANGE}"),
+    **_with_error("fixed time: narrower by", "%", ".1f", f"the interval {RANGE}"),
+    **_with_error("the trigger narrows Apollo by", "%", ".1f", "against the fixed time"),
+    **_with_error("the trigger narrows the stochastic law by", "%", ".1f", "against the fixed time"),
+    **_with_error("ratio of the 1st percentiles", "", ".2f", "stochastic over Apollo law, velocity trigger"),
+    **_with_error("ratio of the 99th percentiles", "", ".2f", "stochastic over Apollo law, velocity trigger"),
+}
+
+
+def _headline(tails):
+    """The cells of `_HEADLINE`; tails: percentiles of the range error with standard errors by case."""
+    cells = []
+    for narrow, wide in (
+        ("stochastic_velocity", "apollo_velocity"),
+        ("stochastic_time", "apollo_time"),
+        ("apollo_velocity", "apollo_time"),
+        ("stochastic_velocity", "stochastic_time"),
+    ):
+        cells += [100 * part for part in reduction(tails[narrow], tails[wide])]
+    for side in range(len(LEVELS)):
+        cells += ratio_of(tails["stochastic_velocity"], tails["apollo_velocity"], side)
+    return [cell if np.isfinite(cell) else None for cell in cells]
+
+
+def _verdict(tails, tolerance):
+    """What the percentiles of the range error say of the stochastic law with the velocity trigger, in words."""
+    stochastic, apollo = tails["stochastic_velocity"], tails["apollo_velocity"]
+    saved, error = reduction(stochastic, apollo)
+    if not np.isfinite(saved):
+        return "no finite trial under one of the laws"
+    halved = [halving(*ratio_of(stochastic, apollo, side), tolerance) for side in range(len(LEVELS))]
+    if "undetermined" in halved and "no" not in halved:
+        return "narrower; for want of trials it is undetermined whether both percentiles are about halved"
+    if halved == ["yes", "yes"]:
+        return "both percentiles are about halved"
+    if "yes" in halved:
+        return f"only the {'1st' if halved[0] == 'yes' else '99th'} percentile is about halved"
+    if saved > SIGMAS * error:
+        return "narrower, but neither percentile is about halved"
+    return "the stochastic law is wider" if saved < -SIGMAS * error else "no difference beyond sampling error"
+
+
+def combinations(published, combinations: Combinations):
+    """What every combination of open choices makes of the headline and of Table 4; ranges are positive if long."""
+    rows = []
+    for combination in combined(combinations):
+        tails = combination.tails
+        trials = dict.fromkeys(CASES, combinations.trials)
+        short = {case: {**of, DOWNRANGE: mirrored(of[DOWNRANGE])} for case, of in tails.items()}
+        counts = [reproduced_cells(published, signed, trials) for signed in (tails, short)]
+        form, adjoint, interval, signs = combination.choices
+        ranges = {case: of[DOWNRANGE] for case, of in tails.items()}
+        rows.append((form.replace("_", " "), adjoint, interval, signs, *_headline(ranges), *counts))
+    return table(
+        rows,
+        {
+            "feedback": Column(meaning="what the Apollo law feeds back"),
+            "adjoint": Column(meaning="what that of the Apollo law aims at with the fixed time"),
+            "partition": Column("s", "g", "of the stochastic law"),
+            "signs": Column(meaning="of the errors of C_L and C_D"),
+            **_HEADLINE,
+            "cells of Table 4": Column(meaning=f"{OF_CELLS}; range errors are positive if long"),
+            "cells, positive if short": Column(meaning="the same with the other sign of the range error"),
+        },
+    )
+
+
+@dataclass(frozen=True)
+class Records(Artifacts):
+    """What the tables over all readings are made from."""
+
+    nominal: Nominal
+    linearization: Linearization
+    apollo_time: FlightEnsemble
+    apollo_velocity: FlightEnsemble
+    stochastic_time: FlightEnsemble
+    stochastic_velocity: FlightEnsemble
+
+    def flights(self) -> dict[str, FlightEnsemble]:
+        """Return the four Monte Carlo ensembles by the name of their case."""
+        return {case: getattr(self, case) for case in CASES}
+
+
+def readings(readings: dict[str, tuple[StochasticEntryInputs, Records]], published):
     """What each reading reproduces: the nominal's end, Z_f, and range errors with bank reversals of all cases.
 
-    readings: inputs and `Records` by reading. published: claims by id. Returns rows of text.
+    readings: inputs and `Records` by reading. published: claims by id. Returns the table.
     """
-    header = ["reading", "end short of the target (km)", "Z_f: range (m per m/s)", "Z_f: radius (m per m/s)"]
-    for case in CASES:
-        header += [f"{_case(case)}: 1st / 99th percentile of the range error (km)", f"{_case(case)}: bank reversals"]
-    rows = [(*header, "trials")]
-    zf_column = published["zf_column_velocity"].printed
-    printed = [published[f"tab4_downrange_{case}"].printed for case in CASES]
-    told = [cell for low, high in printed for cell in (f"{low:.2f} / {high:.2f}", "")]
-    uprange = published["nominal_uprange"].printed
-    rows.append(
+    rows = [
         (
-            "in the paper",
-            f"{uprange:g}",
-            f"{zf_column[DOWNRANGE]:g}",
-            f"{zf_column[ALTITUDE]:g}",
-            *told,
-            f"{published['mc_trials'].printed:,}",
+            PAPER,
+            False,
+            published["nominal_uprange"].printed,
+            *(published["zf_column_velocity"].printed[state] for state in (DOWNRANGE, ALTITUDE)),
+            *(cell for case in CASES for low, high in [published[f"tab4_downrange_{case}"].printed]
+              for cell in (low, None, high, None, None)),
+            published["mc_trials"].printed,
         )
-    )
+    ]  # fmt: skip
     for name, (inputs, records) in readings.items():
         flights = records.flights()
         projection = records.linearization.trigger_projection[:, VELOCITY]
-        cells = [_km(-records.nominal.downrange[-1]), f"{projection[DOWNRANGE]:.2f}", f"{projection[ALTITUDE]:.2f}"]
+        cells = [-records.nominal.downrange[-1] / 1e3, projection[DOWNRANGE], projection[ALTITUDE]]
         for case in CASES:
-            cells += [_interval(flights[case]), _mean_reversals(flights[case])]
-        trials = flights[CASES[0]].count + flights[CASES[0]].excluded
-        rows.append((label_of(name, inputs), *cells, f"{trials:,}"))
-    return rows
+            values, deviations = (part / 1e3 for part in _compared(inputs, flights[case]))
+            cells += [values[0], deviations[0], values[1], deviations[1], _mean_reversals(flights[case])]
+        trials = min(flights[CASES[0]].count + flights[CASES[0]].excluded, inputs.simulation.compared_trials)
+        rows.append((name, hypothesis(inputs.guidance, inputs.design), *cells, trials))
+    columns = {
+        "reading": Column(),
+        "hypothesis": Column(meaning="whether it assumes something of the laws that the paper does not print"),
+        "end short of the target": Column("km", ".2f", "of the nominal"),
+        "Z_f: range": Column("m per m/s", ".2f"),
+        "Z_f: radius": Column("m per m/s", ".2f"),
+    }
+    for case in CASES:
+        law, trigger = _law_and_trigger(case)
+        place = f"{law}, {trigger}"
+        columns |= _with_error(f"{place}: 1st percentile", "km", ".2f", "of the range error")
+        columns |= _with_error(f"{place}: 99th percentile", "km", ".2f", "of the range error")
+        columns |= {f"{place}: bank reversals": Column("", ".2f", "mean over the trials")}
+    return table(rows, {**columns, "trials": Column()})
 
 
-def headline(readings, published):
+def headline(readings: dict[str, tuple[StochasticEntryInputs, Records]], published):
     """The headline in each reading, with a verdict computed from the numbers; arguments as of `readings`."""
-    rows = [
-        (
-            "reading",
-            "fixed time: narrower by (%)",
-            "velocity trigger: narrower by (%)",
-            "ratio of the 1st percentiles",
-            "halved",
-            "ratio of the 99th percentiles",
-            "halved (99th)",
-            "with the velocity trigger",
-        )
-    ]
-    paper = {case: (np.array(published[f"tab4_downrange_{case}"].printed), np.zeros(2)) for case in CASES}
-    rows.append(("in the paper", *_headline_row(paper)))
+    tolerance = half_tolerance(published)
+    exact = {case: printed_range(published, case) for case in CASES}
+    unknown = {case: (values, np.full(2, np.nan)) for case, (values, _) in exact.items()}
+    rows = [(PAPER, False, *_headline(unknown), _verdict(exact, tolerance), None, published["mc_trials"].printed)]
     for name, (inputs, records) in readings.items():
-        flights = records.flights()
-        tails = {case: final_percentiles(flights[case], index=[DOWNRANGE])[DOWNRANGE] for case in CASES}
-        rows.append((label_of(name, inputs), *_headline_row(tails)))
-    return rows
+        flights, compared = records.flights(), inputs.simulation.compared_trials
+        short = inputs.mission.positive_range_error == "short"
+        tails = {case: table_percentiles(flights[case], compared, short) for case in CASES}
+        trials = {case: min(finite_count(flights[case]), compared) for case in CASES}
+        ranges = {case: tails[case][DOWNRANGE] for case in CASES}
+        count = reproduced_cells(published, tails, trials)
+        rows.append(
+            (
+                name,
+                hypothesis(inputs.guidance, inputs.design),
+                *_headline(ranges),
+                _verdict(ranges, tolerance),
+                count,
+                max(trials.values()),
+            )
+        )
+    return table(
+        rows,
+        {
+            "reading": Column(),
+            "hypothesis": Column(meaning="whether it assumes something of the laws that the paper does not print"),
+            **_HEADLINE,
+            "with the velocity trigger": Column(meaning="what these numbers say of the stochastic law"),
+            "cells of Table 4": Column(meaning=OF_CELLS),
+            "trials": Column(),
+        },
+    )
 
 
-def _headline_row(tails):
-    cells = []
-    for trigger in TRIGGERS:
-        saved, error = reduction(tails[f"stochastic_{trigger}"], tails[f"apollo_{trigger}"])
-        cells.append(f"{100 * saved:.1f} ± {100 * error:.1f}" if np.isfinite(saved) else "not finite")
-    halved = []
-    for side in (0, 1):
-        ratio, error, half = halving(tails["stochastic_velocity"], tails["apollo_velocity"], side)
-        halved.append(half)
-        known = np.isfinite(ratio)
-        cells += [f"{ratio:.2f} ± {error:.2f}", "yes" if half else "no"] if known else ["not finite", NO_VALUE]
-    if not np.isfinite(saved):
-        verdict = "no finite trial under one of the laws"
-    elif all(halved):
-        verdict = "both percentiles are about halved"
-    elif any(halved):
-        verdict = f"only the {'1st' if halved[0] else '99th'} percentile is about halved"
-    elif saved > SIGMAS * error:
-        verdict = "narrower, but neither percentile is about halved"
-    elif saved < -SIGMAS * error:
-        verdict = "the stochastic law is wider"
-    else:
-        verdict = "no difference beyond sampling error"
-    return (*cells, verdict)
-
-
-def label_of(reading, inputs: StochasticEntryInputs):
-    """The name of a reading, with a remark if it is a hypothesis."""
-    return f"{reading} (hypothesis)" if hypothesis(inputs.guidance, inputs.design) else reading
+def _compared(inputs, ensemble):
+    """Percentiles of the range error, with standard errors, of as many trials as all readings have."""
+    trials, short = inputs.simulation.compared_trials, inputs.mission.positive_range_error == "short"
+    return table_percentiles(ensemble, trials, short, [DOWNRANGE])[DOWNRANGE]
 
 
 def hypothesis(guidance: Guidance, design: Design):
@@ -422,15 +590,8 @@ def hypothesis(guidance: Guidance, design: Design):
     return not (own and design.apollo_form == "five_state" and design.apollo_time_adjoint == "time")
 
 
-def _interval(ensemble):
-    values, deviations = final_percentiles(ensemble, index=[DOWNRANGE])[DOWNRANGE]
-    if not np.isfinite(values).all():
-        return "not finite"
-    return " / ".join(f"{v / 1e3:.2f} ± {e / 1e3:.2f}" for v, e in zip(values, deviations, strict=True))
-
-
 def _mean_reversals(ensemble):
     if is_streamed(ensemble):
-        return _number(FinalMoments(ensemble, REVERSALS).mean, ".2f")
+        return FinalMoments(ensemble, REVERSALS).mean
     number = ensemble.final_state[finite(ensemble), REVERSALS]
-    return f"{number.mean():.2f}" if len(number) else NO_VALUE
+    return number.mean() if len(number) else None

@@ -1,0 +1,303 @@
+"""What several claims share: the rows of Table 3, the flights that figures draw, and what statements call so."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from marsedl.papers.desensitized import entry_problem, mean_density
+from marsedl.papers.desensitized.entry_problem import BANK
+from marsedl.papers.desensitized.inputs import Design, Planet, Simulation
+from marsedl.papers.desensitized.nominal import zero_crossings
+from marsedl.papers.desensitized.records import (
+    ALL_COLUMNS,
+    CHANNELS,
+    LAWS,
+    NO_DOC,
+    RESHAPED,
+    Gains,
+    GainStudy,
+    Linearization,
+    Responses,
+    Tradeoff,
+)
+from marsedl.replication.claiming import Evaluation, Fails, Test, holds, listed, measure, measured, provided
+from marsedl.replication.thresholds import MOST, MUCH, ROUNDING
+from marsedl.replication.units import DEGREE
+
+PLAIN, SHAPED = LAWS.index(NO_DOC), LAWS.index(RESHAPED)
+LAW_OF = [LAWS.index(channel) for channel in CHANNELS]
+ALL_LAW = LAWS.index(ALL_COLUMNS)
+RADIUS, CROSSRANGE, DOWNRANGE = range(len(CHANNELS))
+
+EXACT = 1e-9  # of an identity between sensitivities of order one
+
+# What the paper withholds, with the inputs that hold it here.
+GAINS = "the feedback gains (design.gain_design, design.gain_start)"
+PLANET = "the radius of Mars (planet.planet_radius)"
+ENDS = "the conditions on the bank angle and its rate at both ends (mission.initial_bank and the like)"
+UNITS = "the units of the norm (design.sensitivity_length, design.sensitivity_columns)"
+BRANCH = "the branch of solutions (solver.guess_banks)"
+INFINITY = "the weight that stands for an infinite one (design.infinite_weights)"
+SCHEME = "the rule of the collocation (solver.scheme)"
+
+
+def size(vectors: np.ndarray) -> np.ndarray:
+    """Norms over the last dimension."""
+    return np.linalg.norm(vectors, axis=-1)
+
+
+def printed_rows(published: dict) -> dict[float, list[float]]:
+    """Rows of Table 3 as printed, by c1: control energy, cumulative bank rate, fuel and final error."""
+    last = (*published["tab03_cinf_effort"].printed, published["tab03_cinf_error"].printed)
+    finite = ("tab03_c0", "tab03_c0p001", "tab03_c0p01", "tab03_c0p1", "tab03_c1")
+    rows = (*(published[key].printed for key in finite), last)
+    return dict(zip(map(float, published["c1_values"].printed), rows, strict=True))
+
+
+# ---- Table 3 ---------------------------------------------------------------------------------------------------------
+
+
+class Rows:
+    """The rows of Table 3: c1 = 0, the printed weights, and the largest of those that stand for an infinite one."""
+
+    def __init__(self, simulation: Simulation, design: Design, tradeoff: Tradeoff):
+        """Take the trade-off and the error at entry that the table is made with."""
+        self.tradeoff, self.tabulated_error = tradeoff, abs(simulation.tabulated_error)
+        self.infinite = np.flatnonzero(~np.isfinite(tradeoff.printed_weight))
+        self.number = np.array([*np.flatnonzero(np.isfinite(tradeoff.printed_weight)), self.infinite[-1]])
+        self.weight = tradeoff.weight[self.number]
+        self.effort = tradeoff.effort[self.number]
+        self.cumulative = tradeoff.cumulative[self.number] / DEGREE
+        self.propellant = tradeoff.propellant[self.number]
+        self.vector = tradeoff.error[self.number]
+        self.error = size(self.vector)
+        self.reversals = tradeoff.reversals[self.number]
+        matched = design.weight_rule == "matched"
+        self.circular = "the rows are chosen for their printed control energy" if matched else ""
+        self.chosen = "; rows of finite weight are chosen for their printed control energy" if matched else ""
+        self.efforts = f"control energies of the rows {listed(self.effort, '.4f')} deg^2/s^3{self.chosen}"
+        self.errors = f"final position errors of the rows {listed(self.error, '.1f')} m"
+        self.fuels = f"fuel of the rows {listed(self.propellant, '.4f')} kg"
+
+    def limits(self, name: str) -> np.ndarray:
+        """The values of a field for the smallest and the largest weight that stands for infinity."""
+        return getattr(self.tradeoff, name)[self.infinite[[0, -1]]]
+
+    def at(self, c1: float) -> int:
+        """The number of the row with a printed weight."""
+        own = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
+        if not own.size:
+            raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
+        return int(own[0])
+
+    @property
+    def stands_for(self) -> str:
+        """The weights that stand for infinity, in words."""
+        return "with the weights {:g} and {:g}".format(*self.limits("weight"))
+
+
+def rows(simulation: Simulation, design: Design, tradeoff: Tradeoff) -> Rows:
+    """Rows of Table 3 of the reading."""
+    return Rows(simulation, design, tradeoff)
+
+
+# ---- flights ---------------------------------------------------------------------------------------------------------
+
+
+class Flight:
+    """The flight with the error that the figures draw in a channel, under its feedback, beside its nominal."""
+
+    def __init__(self, planet: Planet, gains: Gains, responses: Responses, channel: int):
+        """Take the responses of a channel."""
+        law = LAW_OF[channel]
+        self.converged, self.ended = bool(gains.converged[law]), str(gains.ended[law])
+        self.entry_error = float(np.abs(responses.drawn_error[channel]))
+        self.time, self.end = responses.time[law], float(responses.time[law, -1])
+        self.nominal, self.state = responses.nominal[law], responses.state[law, channel]
+        self.bank = self.nominal[:, BANK]
+        self.deviation = self.state[:, BANK] - self.bank
+        self.error = responses.error[law, channel]
+        self.without_time, self.without = responses.time[PLAIN], responses.error[PLAIN, channel]
+        self.reversal_times = entry_problem.reversal_times(self.time, self.bank)
+        self.air = mean_density.profile(planet)
+
+    def share(self, sign: int, begins: float, ends: float, side: int = 0) -> float:
+        """Share of a span in which the bank angle departs to a side, with the nominal one on a given side or any."""
+        inside = (self.time > begins) & (self.time <= ends)
+        met = (sign * self.deviation > ROUNDING) & ((side == 0) | (side * self.bank > 0.0))
+        return float(met[inside].mean()) if inside.any() else 0.0
+
+    def at(self, time: float) -> np.ndarray:
+        """Radius, crossrange and downrange error at a time, (3,), m."""
+        return np.array([np.interp(time, self.time, component) for component in self.error.T])
+
+    def without_feedback(self, time: float) -> np.ndarray:
+        """The same of the flight without feedback."""
+        return np.array([np.interp(time, self.without_time, component) for component in self.without.T])
+
+    def outward(self, time: float) -> float:
+        """Crossrange error at a time, positive to the side on which the nominal is, m."""
+        return float(np.sign(np.interp(time, self.time, self.nominal[:, 1])) * self.at(time)[CROSSRANGE])
+
+    def _pressures(self, begins, ends):
+        """Density times squared velocity, which drag and lift go with, of flight and nominal, and the nodes taken."""
+        inside = (self.time >= begins) & (self.time <= ends)
+        states = self.state[inside], self.nominal[inside]
+        return *(np.exp(self.air(y[:, 0])[0]) * (y[:, 3:6] ** 2).sum(axis=1) for y in states), inside
+
+    def more_drag(self, begins: float, ends: float) -> float:
+        """Relative excess of the mean drag over a span above that of the nominal."""
+        own, other, inside = self._pressures(begins, ends)
+        return float(own.mean() / other.mean() - 1.0) if inside.any() else np.nan
+
+    def more_lift(self, begins: float, ends: float) -> float:
+        """Excess of the mean vertical lift over a span above that of the nominal, as a share of all lift."""
+        own, other, inside = self._pressures(begins, ends)
+        vertical = own * np.cos(self.state[inside, BANK]) - other * np.cos(self.bank[inside])
+        return float(vertical.mean() / other.mean()) if inside.any() else np.nan
+
+    @property
+    def first_change(self) -> float:
+        """When the bank angle's deviation first changes its sign; NaN if it never does."""
+        times = zero_crossings(self.time[1:], self.deviation[1:])
+        return float(times[0]) if times.size else np.nan
+
+    @property
+    def last_reversal(self) -> float:
+        """When the nominal bank angle last passes zero; NaN if it never does."""
+        return float(self.reversal_times[-1]) if self.reversal_times.size else np.nan
+
+    def holds(self, *parts: Test | str, **numbers: object) -> Evaluation:
+        """A statement about this flight: its gains have to converge, and it has to come to its end."""
+        return holds(
+            *parts,
+            provided(f"the gains converge (they ended with: {self.ended})", self.converged),
+            provided("the flight comes to its end", np.isfinite(self.error)),
+            **numbers,
+        )
+
+    def departs(self, sign: int, begins: float, ends: float, side: int = 0) -> Test:
+        """Test that the bank angle departs to a side for most of a span."""
+        words = {(1, 0): "more positive", (-1, 0): "more negative", (1, -1): "less negative", (1, 1): "more positive"}
+        subject = f"share of the time from {begins:.4g} to {ends:.4g} s without a bank angle {words[sign, side]}"
+        rest = 100 * (1.0 - self.share(sign, begins, ends, side))
+        return measure(f"{subject} than the nominal one", rest, "%") <= 100 * MOST
+
+
+class RadiusFlight(Flight):
+    """That with a radius error."""
+
+
+class CrossrangeFlight(Flight):
+    """That with a crossrange error."""
+
+
+class DownrangeFlight(Flight):
+    """That with a downrange error."""
+
+
+def radius_flight(planet: Planet, gains: Gains, responses: Responses) -> RadiusFlight:
+    """Take the flight of Figs. 4 and 5."""
+    return RadiusFlight(planet, gains, responses, RADIUS)
+
+
+def downrange_flight(planet: Planet, gains: Gains, responses: Responses) -> DownrangeFlight:
+    """Take the flight of Figs. 7 and 8."""
+    return DownrangeFlight(planet, gains, responses, DOWNRANGE)
+
+
+def crossrange_flight(planet: Planet, gains: Gains, responses: Responses) -> CrossrangeFlight:
+    """Take the flight of Figs. 10 and 11."""
+    return CrossrangeFlight(planet, gains, responses, CROSSRANGE)
+
+
+def phase_times(flight: Flight) -> Evaluation:
+    """When the bank angle's deviation first changes its sign, and the nominal's last reversal, s."""
+    return measured(
+        [flight.first_change, flight.last_reversal],
+        evidence="first change of sign of the bank angle's deviation, and last reversal of the nominal",
+    )
+
+
+# ---- what feedback leaves --------------------------------------------------------------------------------------------
+
+
+def linear_share(gains: Gains, channel: int) -> float:
+    """Share of the sensitivity without feedback that a channel's law leaves."""
+    return size(gains.final[LAW_OF[channel], :, channel]) / size(gains.final[PLAIN, :, channel])
+
+
+def remaining(responses: Responses, channel: int) -> np.ndarray:
+    """Share of the final error without feedback that is left, (2,), of the compared errors."""
+    law = LAW_OF[channel]
+    return size(responses.tabulated_error[law, channel]) / size(responses.tabulated_error[PLAIN, channel])
+
+
+def remaining_when_small(responses: Responses, channel: int) -> np.ndarray:
+    """The same of the errors at the ends of the zoomed sweep, each to the side of a compared error, (2,)."""
+    law, ends = LAW_OF[channel], np.where(responses.compared_error > 0.0, -1, 0)
+    return size(responses.narrow_error[law, channel][ends]) / size(responses.narrow_error[PLAIN, channel][ends])
+
+
+def ways(responses: Responses) -> str:
+    """The two compared errors, in words."""
+    return " and ".join(f"{error:+g}" for error in responses.compared_error)
+
+
+def significantly_reduced(flight: Flight, gains: Gains, responses: Responses, channel: int) -> Evaluation:
+    """Whether a channel's feedback reduces its sensitivity significantly."""
+    sizes = responses.narrow[channel, -1]
+    return flight.holds(
+        measure("share of the linear sensitivity that feedback leaves", 100 * linear_share(gains, channel), "%")
+        < 100 * MUCH,
+        measure(f"as flown, of {sizes:g} m either way", 100 * remaining_when_small(responses, channel), "%")
+        < 100 * MUCH,
+    )
+
+
+def more_for_small_errors(flight: Flight, responses: Responses, channel: int) -> Evaluation:
+    """Whether a channel's feedback reduces small errors more."""
+    large, sizes = 100 * remaining(responses, channel), responses.narrow[channel, -1]
+    return flight.holds(
+        measure(
+            f"share that feedback leaves of {sizes:g} m either way", 100 * remaining_when_small(responses, channel), "%"
+        )
+        < large,
+        f"of {ways(responses)} m it leaves {listed(large, '.1f')} %",
+    )
+
+
+def needs_feedback(linearization: Linearization, gains: Gains, channel: int) -> Evaluation:
+    """Whether a sensitivity is the same in all rows of Table 3, and smaller with feedback."""
+    sensitivity = size(linearization.final[:, :, channel])
+    with_feedback = size(gains.final[LAW_OF[channel], :, channel])
+    name = f"final position error over {CHANNELS[channel]} error"
+    return holds(
+        measure(
+            f"relative difference of the {name} between rows of Table 3", np.abs(sensitivity / sensitivity[0] - 1.0)
+        )
+        < ROUNDING,
+        measure("with feedback it is", with_feedback) < MUCH * sensitivity[0],
+    )
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Of all gains of a channel the smallest and largest flown final error, m, at the largest error at entry."""
+
+    least: float
+    most: float
+    count: int
+    lost: int  # sets of gains under which a flight is lost
+
+    @classmethod
+    def of(cls, gain_study: GainStudy | None, channel: int) -> "Candidates":
+        """Take those of a channel; none without the study."""
+        if gain_study is None:
+            return cls(np.nan, np.nan, 0, 0)
+        own = gain_study.channel == channel
+        largest = np.abs(gain_study.tuning_error) == np.abs(gain_study.tuning_error).max()
+        worst = gain_study.flown_error[own][:, largest].max(axis=1)
+        kept = worst[np.isfinite(worst)]
+        lost = int(own.sum()) - len(kept)
+        return cls(kept.min(initial=np.inf), kept.max(initial=-np.inf), int(own.sum()), lost)

@@ -1,0 +1,109 @@
+"""Secs. 2 and 3: the objectives."""
+
+import numpy as np
+
+from marsedl.papers.desensitized import entry_problem
+from marsedl.papers.desensitized.claims.measures import BRANCH, Rows, printed_rows
+from marsedl.papers.desensitized.inputs import Vehicle
+from marsedl.papers.desensitized.records import MinimumFuel
+from marsedl.replication.claiming import claim, holds, listed, measure
+from marsedl.replication.counterexamples import scaled, shifted
+from marsedl.replication.thresholds import ABOUT, NEARLY_EXACT, ROUNDING, SIMILAR
+from marsedl.replication.units import DEGREE
+
+ENERGY, FUEL, ENERGY_BESIDE = range(3)  # solutions of the study of least fuel
+
+
+@claim(
+    "The paper states no formula. Ours, from the thrusters of Table 1, gives the printed fuels within {largest:.2f} %.",
+    errata="E1 E2",
+    counterexample=scaled("vehicle.roll_inertia"),
+)
+def fuel_proportional_to_cumulative_rate(vehicle: Vehicle, published: dict):
+    # Ours is proportional by its formula: the printed columns are judged.
+    rates, fuels = np.transpose([row[1:3] for row in printed_rows(published).values()])
+    apart = 100 * np.abs(fuels / entry_problem.propellant(vehicle, rates * DEGREE) - 1.0)
+    # The constants that give the printed fuels within rounding, of fuels and rates.
+    half_rate, half_fuel = 0.5 * np.array(published["tab03_c0"].resolution[1:3])
+    low, high = (fuels - half_fuel) / (rates + half_rate), (fuels + half_fuel) / (rates - half_rate)
+    return holds(
+        measure("difference of the printed fuels from one constant times the printed cumulative bank rates", apart, "%")
+        <= 100 * ABOUT,
+        f"row by row {listed(apart, '.2f')} %",
+        largest=apart.max(),
+        low=low.max(),
+        high=high.min(),
+        constant=entry_problem.propellant(vehicle, DEGREE),
+    )
+
+
+@claim(
+    "We judge it where thrust lasts longer than an interval. Under the printed bound it does not.",
+    errata="E16",
+    counterexample=shifted("minimum_fuel.coasting", at=(1, FUEL)),
+)
+def min_fuel_bang_coast_bang(minimum_fuel: MinimumFuel):
+    # Judged where thrust lasts longer than an interval, under the smallest bound.
+    bounds = minimum_fuel.bound / DEGREE
+    tight, wide = int(np.argmin(bounds)), int(np.argmax(bounds))
+    coasting, full, bursts = (getattr(minimum_fuel, name)[tight, FUEL] for name in ("coasting", "at_bound", "bursts"))
+    between = (1.0 - coasting - full) * minimum_fuel.bank_acceleration.shape[-1]
+    return holds(
+        measure(f"intervals without thrust, bound {bounds[tight]:g} deg/s^2", 100 * coasting, "%") > 0.0,
+        measure("intervals at the bound", 100 * full, "%") > 0.0,
+        measure("bursts", bursts) > 1,
+        measure("intervals in between, where a burst begins or ends", between) < 2.0 * bursts + 0.5,
+        measure("contradiction of the switching function", minimum_fuel.switching_violation.max()) < NEARLY_EXACT,
+        f"bound {bounds[wide]:g} deg/s^2: {minimum_fuel.bursts[wide, FUEL]} bursts, "
+        f"{100 * minimum_fuel.at_bound[wide, FUEL]:.0f} % of the intervals at the bound",
+    )
+
+
+@claim(
+    """We judge it on one branch, that of the least fuel (bank reversals: {reversals}). There the solution of
+    least control energy burns {beside:.0f} % more. The nominal lies on another branch and burns {nominal:.3f}
+    kg, {ratio:.1f} times the least, {least:.3f} kg. On its own branch fuel falls by {on_branch:.0f} % before the
+    branch ends.""",
+    errata="E6",
+    withheld=BRANCH,
+    counterexample=scaled("minimum_fuel.propellant", at=(0, ENERGY_BESIDE)),
+)
+def min_energy_fuel_near_min_fuel(minimum_fuel: MinimumFuel):
+    # Like with like: least J0 and least fuel on one branch, under every bound.
+    wide = int(np.argmax(minimum_fuel.bound))
+    fuel = minimum_fuel.propellant
+    excess = 100 * (fuel[:, ENERGY_BESIDE] / fuel[:, FUEL] - 1.0)
+    bounds = listed(minimum_fuel.bound / DEGREE, "g")
+    return holds(
+        measure(f"excess of fuel of the least control energy over the least fuel, bounds {bounds} deg/s^2", excess, "%")
+        <= 100 * SIMILAR,
+        f"{listed(excess, '.1f')} %; the nominal burns {fuel[wide, ENERGY]:.4f} kg, the least is "
+        f"{fuel[wide, FUEL]:.4f} kg",
+        nominal=fuel[wide, ENERGY],
+        least=fuel[wide, FUEL],
+        ratio=fuel[wide, ENERGY] / fuel[wide, FUEL],
+        beside=excess[wide],
+        on_branch=100.0 * (1.0 - minimum_fuel.branch_cumulative[wide] / minimum_fuel.cumulative[wide, ENERGY]),
+        reversals=int(minimum_fuel.reversals[wide, FUEL]),
+    )
+
+
+@claim(
+    """We compare with this local minimum, in rows that are chosen for their printed control energy. Beyond the
+    end of its branch the control energy is {lowest:.4f} instead of {first:.4f} deg^2/s^3. With one factor for
+    all weights (`single_weight`), the second row has {single_weight[second]:.4f} deg^2/s^3.""",
+    errata="E6 E8",
+    withheld=BRANCH,
+)
+def desensitized_j0_larger(rows: Rows):
+    lowest = rows.tradeoff.path_effort.min()
+    return holds(
+        measure("control energy of the rows with a weight", rows.effort[1:], "deg^2/s^3")
+        > rows.effort[0] * (1.0 + ROUNDING),
+        rows.efforts,
+        f"the least on the path of increasing weights is {lowest:.4f} deg^2/s^3",
+        by_construction=rows.circular,
+        lowest=lowest,
+        first=rows.effort[0],
+        second=rows.effort[1],
+    )

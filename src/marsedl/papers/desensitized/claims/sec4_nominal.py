@@ -1,0 +1,34 @@
+"""Sec. 4: the nominal trajectory, Fig. 1."""
+
+from marsedl.papers.desensitized.inputs import Solver, Vehicle
+from marsedl.papers.desensitized.records import Nominal
+from marsedl.replication.claiming import claim, holds, listed, measure, measured
+from marsedl.replication.thresholds import ROUNDING
+from marsedl.replication.units import DEGREE
+
+
+@claim()
+def node_count(solver: Solver):
+    return measured(solver.intervals + 1)
+
+
+@claim(
+    "This is the local minimum that the paper describes. The one with a single reversal has less control energy.",
+    errata="E6",
+    by_construction="we refuse a nominal with other reversals than solver.nominal_reversals",
+)
+def nodoc_two_reversals(nominal: Nominal):
+    times = listed(nominal.reversal_times, ".1f")
+    return measured(nominal.reversals, evidence=f"the bank angle passes zero at {times} s")
+
+
+@claim(by_construction="the solver keeps to the bound")
+def nodoc_rate_within_bounds(vehicle: Vehicle, nominal: Nominal):
+    rate, bound = nominal.largest_bank_rate / DEGREE, vehicle.bank_rate_bound / DEGREE
+    return holds(measure("largest bank rate", rate, "deg/s") <= bound * (1.0 + ROUNDING))
+
+
+@claim(by_construction="the solver keeps to the bound")
+def nodoc_accel_within_bounds(vehicle: Vehicle, nominal: Nominal):
+    acceleration, bound = nominal.largest_bank_acceleration / DEGREE, vehicle.bank_acceleration_bound / DEGREE
+    return holds(measure("largest bank acceleration", acceleration, "deg/s^2") <= bound * (1.0 + ROUNDING))

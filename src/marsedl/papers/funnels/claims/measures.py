@@ -1,0 +1,125 @@
+"""What several claims share: limits of statements, levels of the flights, and what is left out of a stage."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.basics import COMPLETE, LEVEL, SPHERES
+from marsedl.papers.funnels.inputs import Guidance, Planet, Recursion
+from marsedl.papers.funnels.records import CoarseFunnels, FlightEnsemble, Funnel, Regulators, StageStudy
+from marsedl.replication.claiming import Test, check, provided
+from marsedl.replication.thresholds import ROUNDING
+
+
+def complete(funnel: Funnel) -> Test:
+    """Test that a funnel exists to the end."""
+    if funnel.outcome == COMPLETE:
+        return check("the funnel is complete", True)
+    return check(f"the funnel is complete (its outcome is: {funnel.outcome})", False)
+
+
+def on_slices(recursion: Recursion, funnel: Funnel) -> Test:
+    """Test that the samples from which the levels follow lie on the slices: others say nothing of the funnel."""
+    departure = np.abs(sampled_levels(recursion, funnel) - 1.0).max()
+    on_them = bool(departure < ROUNDING)
+    return provided("the samples from which the levels follow lie on the slices", on_them)
+
+
+def sampled_levels(recursion: Recursion, funnel: Funnel) -> np.ndarray:
+    """V/rho of the points at which the programs of a reading are matched, (slices, samples)."""
+    points = funnel.samples[:, : funnel.shape.shape[1]]
+    if recursion.sampling == "raw":
+        deviations = np.sqrt(2.0) * np.broadcast_to(points * recursion.raw_units, (len(funnel.level), *points.shape))
+    else:
+        factor = np.linalg.cholesky(funnel.shape)
+        radius = np.sqrt(2.0 * funnel.level)[:, np.newaxis, np.newaxis]
+        deviations = radius * (points @ np.linalg.inv(factor))
+    values = np.einsum("kmi,kij,kmj->km", deviations, funnel.shape, deviations)
+    return values / (2.0 * funnel.level[:, np.newaxis])
+
+
+def flown_levels(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
+    """Largest V of the flights of an ensemble at the slices, (slices,)."""
+    return ensemble.maximum_over_trials[funnel.step, LEVEL]
+
+
+def over_flown(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
+    """Level of the funnel over the largest V of the flights at the slices after the first, (slices - 1,)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return funnel.level[1:] / flown_levels(funnel, ensemble)[1:]
+
+
+def largest(values: np.ndarray, default: float = np.nan) -> float:
+    """Largest of the numbers among some values."""
+    values = np.asarray(values)
+    return float(np.max(values, initial=-np.inf, where=np.isfinite(values))) if np.isfinite(values).any() else default
+
+
+def peaks(values: np.ndarray) -> np.ndarray:
+    """Numbers of the slices at which a sequence has an inner local maximum."""
+    inner = values[1:-1]
+    return np.flatnonzero((inner > values[:-2]) & (inner > values[2:])) + 1
+
+
+def of_variant(coarse_funnels: CoarseFunnels, name: str) -> np.ndarray:
+    """Levels of one of the funnels with coarse slices."""
+    return coarse_funnels.variant_level[list(coarse_funnels.variant).index(name)]
+
+
+class Weights(NamedTuple):
+    """What other weights of the regulator do to the course of rho."""
+
+    tried: int  # sets of weights with a complete funnel
+    early: int  # of which rho has its first maximum before the middle of the flight
+    rising: int  # of which rho grows over the last tenth
+    least_peak: float  # s, earliest first maximum; none: not a number
+    terminal: float  # least of the factors of the terminal weight with which rho grows there
+
+
+def weights(regulators: Regulators | None = None) -> Weights:
+    """Compare the funnels with other weights; not numbers without the study. Other shapes are left out."""
+    if regulators is None:
+        return Weights(*[np.nan] * 5)
+    time = regulators.slice_time
+    whole = (regulators.outcome == COMPLETE) & (regulators.variant != "shape of least trace")
+    first = [time[peaks(level)].min(initial=np.inf) for level in regulators.level[whole]]
+    rising = np.array([level[-1] > np.interp(0.9 * time[-1], time, level) for level in regulators.level[whole]])
+    at_end = rising & (regulators.variant[whole] == "weight at the end")
+    return Weights(
+        int(whole.sum()),
+        int(np.sum(np.array(first) <= 0.5 * time[-1])),
+        int(rising.sum()),
+        float(np.min(first)) if np.isfinite(first).any() else np.nan,
+        float(regulators.factor[whole][at_end].min()) if at_end.any() else np.nan,
+    )
+
+
+class TooFewSamples(NamedTuple):
+    """The bound of the benchmark stage from the most of the samples that are too few."""
+
+    few: int
+    few_bound: float
+    enough_bound: float
+
+
+def too_few_samples(stage_study: StageStudy | None = None) -> TooFewSamples:
+    """Compare the bound from too few samples with that from enough; not numbers without the study."""
+    if stage_study is None:
+        return TooFewSamples(np.nan, np.nan, np.nan)
+    enough = stage_study.samples[list(stage_study.variables).index(SPHERES.variables)]
+    short = stage_study.few_rank < enough
+    few = int(stage_study.few_samples[short].max(initial=0))
+    return TooFewSamples(few, largest(stage_study.few_bound[short]), float(stage_study.form_bound[0]))
+
+
+class Definiteness(NamedTuple):
+    """Least eigenvalue of the matrices of all slices, in the scales of the regulator."""
+
+    least: float
+
+
+def definiteness(planet: Planet, guidance: Guidance, funnel: Funnel) -> Definiteness:
+    """Least eigenvalue over the slices."""
+    scale = environment.state_scale(planet, guidance)
+    return Definiteness(np.linalg.eigvalsh(funnel.shape * np.outer(scale, scale))[:, 0].min())

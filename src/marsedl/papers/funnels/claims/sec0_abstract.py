@@ -1,0 +1,161 @@
+"""Abstract: what the funnel is worth."""
+
+import numpy as np
+
+from marsedl.papers.funnels.basics import HEAT_RATE, LEVEL
+from marsedl.papers.funnels.claims.measures import complete, flown_levels, largest, over_flown
+from marsedl.papers.funnels.inputs import Mission, Planet
+from marsedl.papers.funnels.records import FlightEnsemble, Funnel, OpenLoop, Proven
+from marsedl.replication.claiming import check, claim, holds, listed, measure
+from marsedl.replication.counterexamples import scaled
+from marsedl.replication.thresholds import SIMILAR
+from marsedl.replication.units import KM, WATT_PER_CM2
+
+REPEATS = 10  # parts of the flights, for the sampling error of their largest
+
+
+@claim(
+    """rho is {median:.1f} times the largest V of the flights in the median and {most:.1f} times at most. A
+    greedy adversary reaches {adversary:.2f}, flights under constant disturbance {flown:.2f}. The programs are
+    tight within {program:.1g} %; the shape of the slices is not.""",
+    withheld=("recursion.shape", "guidance.scale_lengths", "guidance.scale_bank"),
+    counterexample=scaled("constant.maximum_over_trials"),
+)
+def funnel_is_tight(funnel: Funnel, constant: FlightEnsemble, adversarial: FlightEnsemble):
+    ratio = over_flown(funnel, constant)
+    # That of a tenth of the flights; that of all is smaller.
+    error = ratio * largest_error(funnel, constant)[1:] / flown_levels(funnel, constant)[1:]
+    return holds(
+        measure("rho over the largest V of the flights", ratio, error=error) < 1.0 + SIMILAR,
+        f"median {np.median(ratio):.3g}",
+        median=np.median(ratio),
+        most=np.max(ratio),
+        width=np.sqrt(np.median(ratio)),
+        program=100.0 * largest(funnel.tightness),
+        adversary=np.max(flown_levels(funnel, adversarial)),
+        flown=np.max(flown_levels(funnel, constant)),
+    )
+
+
+@claim(
+    """As stated, the funnels are no strict bounds. Motion passes the level of the next slice in {exceeded} of
+    {stages} stages, by up to {worst:.2f} % of it. With a bound of the remainder, levels up to {excess:.0f} %
+    higher can be proven.""",
+    errata="E4 E16 E17",
+    counterexample=scaled("proven.level"),
+)
+def guaranteed_bounds(funnel: Funnel, proven: Proven | None = None):
+    # A level that is proven cannot be below what motion was seen to reach: one test is enough.
+    exceeded = int(np.count_nonzero(funnel.true_maximum > funnel.growth))
+    sought = int(np.count_nonzero(np.isfinite(funnel.true_maximum)))
+    excess = np.nan
+    if proven is None:
+        covered = check("its levels are proven in this reading", False)
+    elif not proven.proven:
+        covered = check(f"levels are proven to the end (the outcome is: {proven.outcome})", False)
+    else:
+        above = 100.0 * (proven.level / funnel.level - 1.0)
+        excess = np.max(above)
+        covered = measure("excess of levels that are proven for the integrated motion", above, "%") <= 0
+    worst = 100.0 * largest(funnel.violation)
+    seen = (
+        f"motion was seen to leave the level of the next slice in {exceeded} of {sought} stages, by up to "
+        f"{worst:.3g} % of the bound of the polynomial"
+    )
+    return holds(
+        covered,
+        seen if sought else "no motion was sought beyond the levels",
+        exceeded=exceeded,
+        stages=sought,
+        worst=worst,
+        excess=excess,
+    )
+
+
+@claim("The goal region is ours.", withheld="mission.goal_lengths", counterexample=scaled("mission.goal_lengths"))
+def reaches_goal_region(planet: Planet, mission: Mission, funnel: Funnel, proven: Proven | None = None):
+    goal, reach = mission.goal_lengths / KM, _widths(planet, funnel.half_width[-1])
+    tests = [measure("half widths of the last slice, downrange and crossrange", reach, "km") <= goal]
+    if proven is not None:
+        tests.append(measure("proven ones", _widths(planet, proven.half_width[-1]), "km") <= goal)
+    return holds(*tests, f"the last slice has {listed(reach, '.3g')} km", reach=reach, goal=goal)
+
+
+@claim(
+    """We compare with no feedback, from the same first slice. Flights end within {with_feedback:.2f} km instead
+    of {without:.2f} km. Linear motion ends within {linear_with:.2f} km instead of {linear_without:.2f} km. The
+    last slice itself, {reach:.2f} km wide to each side, has no counterpart without feedback.""",
+    withheld="what it is compared with",
+    counterexample=scaled("open_loop.flown_half_width"),
+)
+def increased_landing_accuracy(planet: Planet, funnel: Funnel, constant: FlightEnsemble, open_loop: OpenLoop):
+    ends = np.abs(constant.final_state[:, 1:3]) * planet.planet_radius / KM
+    finite = np.isfinite(ends).all(axis=1)
+    under, without = ends[finite].max(axis=0), open_loop.flown_half_width / KM
+    parts = [ends[finite & (np.arange(len(ends)) % REPEATS == part)] for part in range(REPEATS)]
+    repeats = [part.max() for part in parts if len(part)], open_loop.repeat_half_width.max(axis=1) / KM
+    error = np.sqrt(sum(np.var(repeat, ddof=1) for repeat in repeats))  # of tenths; that of all is smaller
+    linear_without, linear_with = open_loop.linear_half_width / KM
+    reach = _widths(planet, funnel.half_width[-1])
+    return holds(
+        measure(f"largest final deviation of {len(ends):,} flights with feedback", under.max(), "km", error=error)
+        < without.max(),
+        measure("that of linear motion with feedback", linear_with.max(), "km") < linear_without.max(),
+        f"downrange and crossrange {listed(under, '.3g')} km with feedback and {listed(without, '.3g')} km without, of "
+        f"linear motion {listed(linear_with, '.3g')} and {listed(linear_without, '.3g')} km; the last slice reaches "
+        f"{listed(reach, '.3g')} km",
+        with_feedback=under.max(),
+        without=without.max(),
+        linear_with=linear_with.max(),
+        linear_without=linear_without.max(),
+        reach=reach.max(),
+    )
+
+
+@claim(
+    """The heat rate reaches {funnel:.1f} W/cm^2 on the slices and {flown:.1f} W/cm^2 in flights; {limit:g}
+    W/cm^2 are allowed. The limit of the nominal would have to be lower.""",
+    withheld="mission.heat_rate_limit",
+    counterexample=scaled("mission.heat_rate_limit"),
+)
+def thermal_constraint_funnel(mission: Mission, funnel: Funnel, constant: FlightEnsemble):
+    limit = mission.heat_rate_limit / WATT_PER_CM2
+    on_funnel = largest(funnel.heat_rate, np.inf) / WATT_PER_CM2
+    flown = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATT_PER_CM2
+    return holds(
+        measure("heat rate in the slices", on_funnel, "W/cm^2") <= limit,
+        f"{flown:.4g} W/cm^2 in flights; the limit of the nominal is {limit:g} W/cm^2",
+        funnel=on_funnel,
+        flown=flown,
+        limit=limit,
+    )
+
+
+@claim(
+    "The paper does not say how it draws its flights; our laws are our own.",
+    errata="E20",
+    by_construction="a declaration: no distribution enters the programs; the flights are evidence beside it",
+)
+def no_distribution_assumed(
+    funnel: Funnel, constant: FlightEnsemble, redrawn: FlightEnsemble, adversarial: FlightEnsemble
+):
+    laws = {"constant": constant, "redrawn": redrawn, "adversarial": adversarial}
+    return holds(
+        complete(funnel),
+        *(
+            measure(f"flights of {len(law.outcome):,} outside at a slice, {name} disturbance", law.outside_at_slices)
+            < 1
+            for name, law in laws.items()
+        ),
+        measure("flights that are lost", sum(law.excluded for law in laws.values())) < 1,
+    )
+
+
+def largest_error(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
+    """Standard deviation of the largest V of a tenth of the flights at the slices, (slices,)."""
+    return np.std(ensemble.repeat_maximum[:, funnel.step, LEVEL], axis=0, ddof=1)
+
+
+def _widths(planet, half_width):
+    """Half widths downrange and crossrange, km."""
+    return half_width[1:3] * planet.planet_radius / KM

@@ -1,0 +1,329 @@
+"""Sec. 3 and the appendices: slices, samples, disturbances and the condition of a stage."""
+
+import numpy as np
+
+from marsedl.papers.funnels import environment
+from marsedl.papers.funnels.basics import SPHERES
+from marsedl.papers.funnels.claims.measures import Definiteness, TooFewSamples, complete, largest, of_variant, on_slices
+from marsedl.papers.funnels.inputs import Planet, Recursion, Uncertainty
+from marsedl.papers.funnels.records import (
+    CoarseFunnels,
+    Discretization,
+    Dubins,
+    FlightEnsemble,
+    Funnel,
+    Gains,
+    Monotonicity,
+    Proven,
+    StageStudy,
+    Stationary,
+)
+from marsedl.replication.claiming import check, claim, holds, measure
+from marsedl.replication.counterexamples import replaced, scaled, shifted
+from marsedl.replication.thresholds import MOST, ROUNDING
+
+SAME_OPTIMUM = 1e-5  # relative difference between bounds of one program by different solvers and forms
+ROUND_TRIP = 1e-3  # relative; backwards and forwards again
+
+
+# ---- slices ----------------------------------------------------------------------------------------------------------
+
+
+@claim(
+    """The printed term is the square of a volume, up to a constant. Both grow with every rho_k, so the funnel is
+    the same.""",
+    errata="E3",
+)
+def volume_objective(funnel: Funnel):
+    states = funnel.shape.shape[1]
+    term = states * np.log(funnel.level) - np.linalg.slogdet(funnel.shape)[1]
+    as_volume, as_square = (np.ptp(term - power * funnel.log_volume) for power in (1.0, 2.0))
+    return holds(
+        measure("departure of the logarithm of rho^n/det P from that of the volume, over the slices", as_volume)
+        < ROUNDING,
+        f"from that of its square {as_square:.1g}",
+        by_construction="an identity of determinants, whatever the shapes and levels are",
+    )
+
+
+@claim(
+    "It holds with a factor one half in the definition of S_1, which the paper does not print.",
+    errata="E9 E10",
+    by_construction="rho_1 is computed from this condition",
+)
+def initial_containment(planet: Planet, uncertainty: Uncertainty, gains: Gains, funnel: Funnel):
+    semi_axes = environment.initial_semi_axes(planet, uncertainty)
+    starts = semi_axes * funnel.samples[:, : funnel.shape.shape[1]]
+    inside = 0.5 * np.einsum("mi,ij,mj->m", starts, gains.shape[0], starts) / funnel.level[0]
+    initial_set = environment.initial_set(semi_axes)
+    axes = np.sqrt(np.diag(initial_set))
+    singular = np.linalg.eigvalsh((initial_set - gains.shape[0] / funnel.level[0]) / np.outer(axes, axes))[0]
+    return holds(
+        measure("least eigenvalue of M_1 - P_1/rho_1, in units of M_1, by magnitude", abs(singular)) < ROUNDING,
+        measure(f"V/rho_1 at {len(inside)} points of the boundary of S_1", inside) <= 1.0 + ROUNDING,
+        f"rho_1 = {funnel.level[0]:.6f}",
+        first=funnel.level[0],
+    )
+
+
+@claim(by_construction="the boundary of an ellipsoid is the zero set of a quadratic polynomial")
+def bk_is_algebraic_variety(funnel: Funnel, definiteness: Definiteness):
+    states = funnel.shape.shape[1]
+    return holds(
+        f"the zeros of a quadratic polynomial in {states} variables at all {len(funnel.shape)} slices",
+        measure("least eigenvalue of its matrix, in the scales of the regulator", definiteness.least) > 0.0,
+        measure("levels", funnel.level) > 0.0,
+    )
+
+
+@claim(
+    """Neither P_k nor rho_k enters Eq. 26, so V/rho is between {low:.0e} and {high:.0e}. In coordinates in which
+    the slice is a sphere, the rescaling is right.""",
+    errata="E1",
+    counterexample=replaced("funnel.literal_level", 1.0),
+)
+def rescaled_points_on_bk(funnel: Funnel):
+    literal, si = funnel.literal_level, funnel.literal_level_si
+    low, high = np.nanmin(literal), np.nanmax(literal)
+    departure = np.array([abs(low - 1.0), abs(high - 1.0)])
+    return holds(
+        measure("departure of V/rho from 1 at points by Eq. 26", departure) < ROUNDING,
+        f"V/rho is {low:.2g} to {high:.2g} in km and rad, {np.nanmin(si):.2g} to {np.nanmax(si):.2g} in m and rad",
+        low=low,
+        high=high,
+    )
+
+
+@claim(
+    "With U in place of W, the rescaled disturbance lies on the boundary.",
+    errata="E2",
+)
+def rescaled_w_on_boundary(funnel: Funnel):
+    disturbances = funnel.samples[:, funnel.shape.shape[1] :]
+    rescaled = disturbances / np.sqrt(0.5 * np.sum(disturbances**2, axis=1, keepdims=True))
+    without_matrix = np.sum(rescaled**2, axis=1)  # 1/2 w'Uw with U = 2, the unit disc
+    return holds(
+        measure("departure of 1/2 w'Uw from 1 on the unit disc, if no matrix is used", np.abs(without_matrix - 1.0))
+        < ROUNDING,
+        "Eq. 34 holds a set where a matrix is needed; with U there is no departure",
+        by_construction="a set is written where a matrix is needed: read as no matrix, the factor is off by a constant",
+    )
+
+
+# ---- samples ---------------------------------------------------------------------------------------------------------
+
+
+@claim(
+    """It holds with as many samples as the rank asks for, and degrees that agree. From {few} samples the bound
+    is {few_bound:.3f} instead of {enough_bound:.3f}.""",
+    errata="E5 E8",
+    counterexample=scaled("stage_study.form_bound", at=(1,)),
+)
+def sampling_equivalence(stage_study: StageStudy, coarse_funnels: CoarseFunnels, samples: TooFewSamples):
+    bounds = stage_study.form_bound
+    apart = largest(np.abs(bounds / bounds[0] - 1.0), np.inf)
+    whole = coarse_funnels.multiplier_difference
+    return holds(
+        check(
+            f"all {len(bounds)} programs of one stage, by samples and by multipliers, are solved", np.isfinite(bounds)
+        ),
+        measure("relative difference of their bounds", apart) < SAME_OPTIMUM,
+        measure("relative difference of the levels of a whole funnel", whole) < SAME_OPTIMUM,
+        apart=apart,
+        whole=whole,
+        **samples._asdict(),
+    )
+
+
+@claim(
+    """The number is {used}, the rank of the products of the basis at more samples than enough. With {few}
+    samples the program is still solved. Its bound is then {few_bound:.3f} instead of {enough_bound:.3f}, which
+    is too small.""",
+    errata="E8",
+    counterexample=scaled("stage_study.product_rank"),
+)
+def minimum_samples_computable(
+    funnel: Funnel, stage_study: StageStudy, samples: TooFewSamples, dubins: Dubins | None = None
+):
+    used = len(funnel.samples)
+    rank = int(stage_study.product_rank[list(stage_study.variables).index(SPHERES.variables)])
+    subject = f"difference of the {used} samples used for the entry from that rank, {rank}"
+    tests = [measure(subject, abs(used - rank)) < 1]
+    if dubins is not None:
+        tests.append(measure("that of the Dubins car from its own", np.abs(dubins.samples - dubins.rank)) < 1)
+    calm = list(stage_study.variables).index(SPHERES.dimensions[0])  # without disturbance
+    return holds(
+        *tests,
+        used=used,
+        basis_calm=stage_study.basis_size[calm],
+        rank_calm=stage_study.product_rank[calm],
+        **samples._asdict(),
+    )
+
+
+@claim(
+    """Nothing is lost: from twice a level, a stage reaches at least {twice:.2f} times as much. So one stage
+    after the other also has the least sum.""",
+    errata="E21",
+    by_construction="the samples of a stage are points of its slice, whatever the method",
+)
+def greedy_needed(funnel: Funnel, monotonicity: Monotonicity | None = None):
+    subject = "change of the second level by a first level ten times as large"
+    return holds(
+        measure(subject, 100 * abs(funnel.memory), "%") > 100 * ROUNDING,
+        "the points of a stage depend on the level before it",
+        twice=_least_increase(monotonicity),
+    )
+
+
+def _least_increase(monotonicity):
+    """Least factor between the levels that a stage reaches from two of which one is twice the other."""
+    if monotonicity is None:
+        return np.nan
+    powers = np.diff(np.log(monotonicity.reached_level)) / np.diff(np.log(monotonicity.studied_level))
+    return float(2.0 ** powers.min())
+
+
+# ---- the condition of a stage ----------------------------------------------------------------------------------------
+
+
+@claim(
+    """The bound of Eq. 22 is too small in {share:.0f} % of the stages, by up to {worst:.2f} %. With {coarsest}
+    fine steps between slices it is too small in {coarsest_share:.0f} %, by up to {coarsest_worst:.2f} %.""",
+    errata="E4 E13 E19",
+    counterexample=shifted("discretization.least_excess"),
+)
+def stage_condition_bounds_step(recursion: Recursion, discretization: Discretization):
+    # At the number of slices of the inputs, and at the least that is studied.
+    spacing = list(discretization.spacing)
+    here, coarsest = spacing.index(recursion.steps_per_slice), int(np.argmax(spacing))
+    share, least, most, mean = (
+        100.0 * getattr(discretization, name)[here]
+        for name in ("unsafe_share", "least_excess", "largest_excess", "mean_excess")
+    )
+    return holds(
+        measure("least excess of the bound of Eq. 22 over that of the motion, from the same level", least, "%")
+        >= -100.0 * ROUNDING,
+        f"it is below in {share:.0f} % of the stages, and up to {most:.2g} % above elsewhere (mean {mean:+.2g} %)",
+        share=share,
+        worst=-least,
+        most=most,
+        coarsest=spacing[coarsest],
+        coarsest_share=100.0 * discretization.unsafe_share[coarsest],
+        coarsest_worst=-100.0 * discretization.least_excess[coarsest],
+    )
+
+
+@claim(
+    """We find it for flights; the condition itself speaks of slices only. Levels that are proven at all nodes
+    are at most {over_line:.2g} % above lines between slices.""",
+    errata="E16",
+    counterexample=replaced("adversarial.outside_between", 1),
+)
+def interpolation_between_slices(
+    recursion: Recursion,
+    funnel: Funnel,
+    constant: FlightEnsemble,
+    redrawn: FlightEnsemble,
+    adversarial: FlightEnsemble,
+    proven: Proven | None = None,
+):
+    laws = constant, redrawn, adversarial
+    highest = largest([law.largest_ratio for law in laws], np.inf)
+    subject = "flights outside between the slices under all three kinds of disturbance, with rho on lines"
+    return holds(
+        complete(funnel),
+        on_slices(recursion, funnel),
+        measure(subject, sum(law.outside_between for law in laws)) < 1,
+        measure("flights that are lost", sum(law.excluded for law in laws)) < 1,
+        f"largest V/rho after the start {highest:.4g}",
+        highest=highest,
+        over_line=np.nan if proven is None else 100.0 * proven.interpolation_excess,
+    )
+
+
+@claim(
+    """A search for the root does it, with {programs:.1f} programs a stage. B_k depends on the unknown level, so
+    a maximisation is no program of its own.""",
+    errata="E21",
+    counterexample=replaced("coarse_funnels.round_trip_shortfall", 1e-4),
+)
+def backward_funnel(coarse_funnels: CoarseFunnels):
+    back = of_variant(coarse_funnels, "backward")
+    return holds(
+        check(
+            f"from rho = {back[-1]:g} at the end a level exists at all of {len(back)} slices, {back[0]:.4f} at the "
+            "first",
+            np.isfinite(back),
+        ),
+        measure("relative departure after going forward again", coarse_funnels.round_trip) < ROUND_TRIP,
+        measure("shortfall", coarse_funnels.round_trip_shortfall) < ROUNDING,
+        f"up to {coarse_funnels.backward_programs.max()} programs a stage",
+        first=back[0],
+        last=back[-1],
+        programs=coarse_funnels.backward_programs.mean(),
+        trip=coarse_funnels.round_trip,
+    )
+
+
+# ---- disturbances ----------------------------------------------------------------------------------------------------
+
+
+@claim(
+    """The worst disturbance lies on the boundary. The set O, where the derivative vanishes, is empty, as the
+    rates are monotonic in the density. For their expansion, O has no point in W.""",
+    errata="E6 E11",
+    counterexample=replaced("stationary.interior_better", 1),
+)
+def worst_disturbance_location(stationary: Stationary):
+    return holds(
+        measure(
+            "deviations for which a disturbance inside of W is worse than all on its boundary",
+            stationary.interior_better,
+        )
+        <= 0,
+        measure("points of O in W", stationary.stationary_inside) <= 0,
+        inside=stationary.stationary_inside,
+        angle=stationary.gradient_angle,
+    )
+
+
+@claim(
+    "In the expansion the method finds them for {share:.0f} % of the deviations. The equations themselves have none.",
+    errata="E6",
+    counterexample=scaled("stationary.stationary_converged"),
+)
+def stationary_w_by_newton(stationary: Stationary):
+    share = 100.0 * stationary.stationary_converged
+    subject = "deviations for which Newton's method ends in no point of O, as a share"
+    return holds(measure(subject, 1.0 - stationary.stationary_converged) < MOST, share=share)
+
+
+@claim(
+    """Of the disturbances found, {inside} lie in W: their median norm is {median:.0f}, where W ends at one.
+    Samples there would ask for {asked:.1f} times the level.""",
+    errata="E6",
+    counterexample=replaced("stationary.stationary_inside", 1),
+)
+def stationary_w_as_samples(stationary: Stationary):
+    least, median, most = stationary.stationary_norm
+    return holds(
+        measure("points of O that lie in W", stationary.stationary_inside) > 0,
+        f"their norms are {least:.3g} to {most:.3g} (median {median:.3g}) where W ends at 1; there the polynomial is "
+        f"up to {stationary.stationary_value:.3g}, on the boundary of W {stationary.boundary_value:.4g}",
+        median=median,
+        inside=stationary.stationary_inside,
+        asked=stationary.stationary_value / stationary.boundary_value,
+        saddles=100.0 * stationary.stationary_saddles,
+    )
+
+
+@claim(
+    "The last line is right; those before it in App. B are misprinted.",
+    errata="E13",
+    by_construction="the rate of V is linear in the rates of the states",
+)
+def w_gradient_formula(stationary: Stationary):
+    return holds(
+        measure("departure of Eq. 35 from differences of the rate of V", stationary.gradient_deviation) < ROUNDING
+    )

@@ -1,0 +1,149 @@
+"""What several claims and tables share: what "met" means, moments of the trials, and what was tried."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from marsedl.montecarlo.streaming import FinalMoments
+from marsedl.papers.powered_descent.inputs import Mission
+from marsedl.papers.powered_descent.records import Choices, FlightEnsemble
+from marsedl.replication.claiming import Largest, listed
+
+MOTION_PART, MASS = slice(4), 4  # components of the final state
+UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))
+
+
+class FinalMass(NamedTuple):
+    """Final mass over the closed-loop trials: its mean, its variance and their number."""
+
+    mean: float
+    variance: float
+    trials: int
+
+
+def final_mass(closed_loop: Largest[FlightEnsemble]) -> FinalMass:
+    """Moments of the final mass."""
+    mass = FinalMoments(closed_loop, MASS)
+    return FinalMass(mass.mean, mass.variance, mass.count)
+
+
+class Misses(NamedTuple):
+    """By how much trials miss a target, in its standard deviations and their products, with standard errors."""
+
+    mean: np.ndarray  # (4,)
+    mean_error: np.ndarray
+    covariance: np.ndarray  # (4, 4)
+    covariance_error: np.ndarray
+    trials: int
+
+
+class FinalMisses(Misses):
+    """Those of the final target."""
+
+
+def final_misses(mission: Mission, closed_loop: Largest[FlightEnsemble]) -> FinalMisses:
+    """By how much the trials miss the final target."""
+    return FinalMisses(*misses_at_the_end(closed_loop, mission))
+
+
+def misses_at_the_end(ensemble: FlightEnsemble, mission: Mission):
+    """By how much the final states of an ensemble miss the final target, `Misses`."""
+    state = FinalMoments(ensemble, MOTION_PART)
+    return misses((state.mean, state.covariance, state.count), mission.final_mean, mission.final_covariance)
+
+
+def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:
+    """By how much moments, as mean (4,), covariance (4, 4) and trials, miss a mean and a covariance."""
+    own_mean, own, trials = moments
+    scale = np.sqrt(np.diag(covariance))
+    product = np.outer(scale, scale)
+    sampling = np.sqrt((own**2 + np.outer(np.diag(own), np.diag(own))) / (trials - 1))
+    return Misses(
+        np.abs(own_mean - mean) / scale,
+        np.sqrt(np.diag(own) / trials) / scale,
+        np.abs(own - covariance) / product,
+        sampling / product,
+        trials,
+    )
+
+
+# -------------------------------------------------------------------------------------------------- what was tried
+
+
+def printed_covariance(published) -> np.ndarray:
+    """Covariance of Eq. 54 (4, 4), made symmetric: entry (1,2) as above the diagonal (E8), others the mean (E9)."""
+    upper = np.array(published["mc_final_cov_upper"].printed)
+    lower = np.array(published["mc_final_cov_lower"].printed)
+    both = (upper + lower) / 2
+    both[0] = upper[0]
+    covariance = np.diag(np.array(published["mc_final_cov_diag"].printed, dtype=float))
+    covariance[UPPER] = both
+    covariance[UPPER[::-1]] = both
+    return covariance
+
+
+def mean_chi_square(published, choices: Choices) -> np.ndarray:
+    """Chi-square of the printed mean under each choice of the simulation, on 4 degrees of freedom.
+
+    The sampling error is that of the paper's number of trials with the covariance of the choice, and that of the choice
+    itself. Returns (profiles, command intervals, simulations).
+    """
+    printed = published["mc_final_mean"]
+    difference = np.array(printed.printed) - choices.mean
+    error = choices.covariance / printed.trials + choices.mean_error
+    return np.einsum("...i,...i->...", difference, np.linalg.solve(error, difference[..., np.newaxis])[..., 0])
+
+
+class TriedMeans(NamedTuple):
+    """How well the printed mean fits the choices of the simulation."""
+
+    number: int  # of choices
+    chi_square: float  # the smallest of them
+    p_value: float  # of a larger one by chance
+    name: str  # of that choice, in words
+
+
+def tried_means(choices: Choices, published) -> TriedMeans:
+    """The choice of the simulation that fits the printed mean best."""
+    from scipy.special import chdtrc
+
+    chi_square = mean_chi_square(published, choices)
+    profile, command, simulation = np.unravel_index(chi_square.argmin(), chi_square.shape)
+    interval = choices.command_interval[command]
+    scheme = str(choices.scheme[simulation]).replace("_", " ")
+    name = ", ".join(
+        (
+            f"{scheme} with {choices.step[simulation]:g} s",
+            f"commands held for {interval:g} s" if interval else "continuous commands",
+            f"a design on the mass profile '{str(choices.profile[profile]).replace('_', ' ')}'",
+        )
+    )
+    smallest = float(chi_square.min())
+    return TriedMeans(chi_square.size, smallest, float(chdtrc(choices.mean.shape[-1], smallest)), name)
+
+
+class TriedMasses(NamedTuple):
+    """Final masses of Algorithm 3 under the choices of its start and of its iteration, kg."""
+
+    number: int  # of final masses, one for each pass of each choice
+    converged: int  # of choices, each iterated to its end
+    lowest_converged: float
+    near: str  # which of all final masses round to the printed one, in words
+
+
+def tried_masses(choices: Choices, published) -> TriedMasses:
+    """What the choices give for the prior final mass."""
+    printed, masses = published["prior_final_mass"], choices.final_mass
+    near = np.abs(masses - printed.printed) <= printed.resolution / 2
+    with_feedback = masses[..., int(np.flatnonzero(choices.feedback)[0]), -1]
+    words = "none rounds to the printed number"
+    if near.any():
+        _, _, exchanged, _, feedback, passes = (np.unique(index) for index in np.nonzero(near))
+        kinds = ["with feedback" if choices.feedback[i] else "without feedback" for i in feedback]
+        speeds = ["exchanged" if choices.exchanged[i] else "as printed" for i in exchanged]
+        ends = np.broadcast_to(masses[..., -1:], masses.shape)[near]
+        words = (
+            f"{near.sum()} round to the printed number (pass {listed(passes + 1, 'd')}, {' and '.join(kinds)}, speeds "
+            f"{' and '.join(speeds)}); the iterations of these end between {ends.min():.2f} and {ends.max():.2f} kg"
+        )
+    return TriedMasses(int(np.isfinite(masses).sum()), with_feedback.size, float(np.nanmin(with_feedback)), words)

@@ -1,0 +1,180 @@
+"""What several claims share: what the flights of all laws give, and what statements call so."""
+
+from functools import cached_property
+
+import numpy as np
+
+from marsedl.papers.random_field.components import BANK_COSINE, FLIGHT_PATH_ANGLE
+from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
+from marsedl.papers.random_field.records import CAPTURED, OUTCOMES, FlightEnsemble, Gains
+from marsedl.replication.claiming import Evaluation, Fails, Test, holds, provided
+
+OPEN = 0  # the law without control; the last one is that of the last iteration
+
+
+def chance_of_more(count: np.ndarray, trials: int, probability: float) -> np.ndarray:
+    """Probability of `count` or more of `trials` if each has the given one: p-value of a one-sided binomial test."""
+    from scipy.special import betainc
+
+    count = np.asarray(count, dtype=float)
+    at_least_one = np.maximum(count, 1.0)
+    return np.where(count > 0, betainc(at_least_one, trials - at_least_one + 1.0, probability), 1.0)
+
+
+def normal_violation(mean: np.ndarray, deviation: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    """Probability that a normal variable lies beyond either of two limits."""
+    from scipy.special import ndtr
+
+    with np.errstate(divide="ignore", invalid="ignore"):  # without any deviation it lies where its mean is
+        scaled = (np.asarray(mean) - limits[0]) / deviation, (limits[1] - np.asarray(mean)) / deviation
+    certain = np.where((np.asarray(mean) < limits[0]) | (np.asarray(mean) > limits[1]), 1.0, 0.0)
+    return np.where(np.asarray(deviation) > 0.0, sum(ndtr(-distance) for distance in scaled), certain)
+
+
+def distribution_distance(sample: np.ndarray, mean: float, deviation: float) -> float:
+    """Largest difference of the distribution function of a sample from a normal one (Kolmogorov)."""
+    from scipy.special import ndtr
+
+    ordered = np.sort(sample)
+    if not len(ordered) or not np.isfinite(mean) or not deviation > 0.0:
+        return np.nan
+    expected = ndtr((ordered - mean) / deviation)
+    rank = np.arange(len(ordered) + 1) / len(ordered)
+    return float(max((rank[1:] - expected).max(), (expected - rank[:-1]).max()))
+
+
+def node_rows(ensemble: FlightEnsemble, partition: np.ndarray) -> np.ndarray:
+    """Rows of the stored times that are the nodes of a partition."""
+    return np.abs(ensemble.time - np.asarray(partition)[:, np.newaxis]).argmin(axis=1)
+
+
+def node_deviations(gains: Gains, ensemble: FlightEnsemble, law: int) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations of radius, velocity and path angle at the nodes, flown and predicted: two arrays (nodes, 3)."""
+    rows = node_rows(ensemble, gains.partition)
+    states = slice(0, FLIGHT_PATH_ANGLE + 1)
+    variance = np.diagonal(ensemble.covariance[law, rows, states, states], axis1=1, axis2=2)
+    return np.sqrt(variance), np.sqrt(np.diagonal(gains.covariance[law], axis1=1, axis2=2))
+
+
+def commanded(gains: Gains, ensemble: FlightEnsemble, law: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of the commanded control in every interval, over the trials, two arrays."""
+    rows = node_rows(ensemble, gains.partition[:-1])
+    variance = ensemble.covariance[law, rows, BANK_COSINE, BANK_COSINE]
+    return ensemble.mean[law, rows, BANK_COSINE], np.sqrt(np.maximum(variance, 0.0))
+
+
+class Laws:
+    """What the flights of all laws give."""
+
+    def __init__(self, gains: Gains, ensemble: FlightEnsemble):
+        """Take the laws and the trials that they fly; the rest is computed when it is asked for."""
+        self.gains, self.ensemble = gains, ensemble
+        self.trials = ensemble.outcome.shape[1]
+        self.number = range(len(gains.control))
+        self.last = self.number[-1]
+        self.lost = lost(ensemble)
+        self.distance_error = 0.5 / np.sqrt(self.trials)  # of a distribution function where it is one half
+
+    @cached_property
+    def _percentiles(self) -> np.ndarray:
+        return np.array([delta_v_percentile(self.ensemble, law, LEVEL) for law in self.number]).T
+
+    @property
+    def percentile(self) -> np.ndarray:
+        """99th percentiles of delta-v, m/s, (laws,)."""
+        return self._percentiles[0]
+
+    @property
+    def error(self) -> np.ndarray:
+        """Their standard errors, m/s, (laws,)."""
+        return self._percentiles[1]
+
+    @cached_property
+    def _captured(self) -> list[np.ndarray]:
+        return [values[np.isfinite(values)] for values in self.ensemble.delta_v]
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """Means of delta-v over captured trials, m/s, (laws,)."""
+        return np.array([values.mean() if len(values) else np.nan for values in self._captured])
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """Standard deviations of delta-v over captured trials, m/s, (laws,)."""
+        return np.array([values.std(ddof=1) if len(values) > 1 else np.nan for values in self._captured])
+
+    @property
+    def offset(self) -> np.ndarray:
+        """Means over the trials less the predicted ones, m/s, (laws,)."""
+        return self.mean - self.gains.delta_v_mean
+
+    @cached_property
+    def _violations(self) -> tuple[np.ndarray, np.ndarray]:
+        return step_violations(self.ensemble, self.gains.partition)
+
+    @property
+    def violations(self) -> np.ndarray:
+        """Trials beyond the limits in every interval, (laws, intervals)."""
+        return self._violations[0]
+
+    @property
+    def any_violations(self) -> np.ndarray:
+        """Trials beyond the limits in any interval, (laws,)."""
+        return self._violations[1]
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """Largest differences of the distribution functions of delta-v, flown and predicted, (laws,)."""
+        means, deviations = self.gains.delta_v_mean, self.gains.delta_v_deviation
+        return np.array(
+            [distribution_distance(self._captured[law], means[law], deviations[law]) for law in self.number]
+        )
+
+    @property
+    def lost_trials(self) -> list[str]:
+        """Lost trials of all laws, as a sentence if there are any."""
+        if not self.lost.any():
+            return []
+        return [f"of {self.trials:,} trials are lost " + ", ".join(f"{count:,}" for count in self.lost)]
+
+    @property
+    def complete(self) -> Test:
+        """Test that few enough trials are lost for a statement about the distribution of all of them."""
+        few = self.lost <= (1.0 - LEVEL) * self.trials
+        return provided(f"at most {100 * (1.0 - LEVEL):g} % of the trials are lost", few)
+
+    def percentiles(self) -> str:
+        """The percentile of every law in words."""
+        return ", ".join(
+            f"{value:.1f} ± {error:.1f}" if np.isfinite(value) else f"none ({count:,} lost)"
+            for value, error, count in zip(self.percentile, self.error, self.lost, strict=True)
+        )
+
+    def outcomes(self, law: int) -> str:
+        """How many trials of a law were lost and how, in words; empty if none was."""
+        codes = self.ensemble.outcome[law]
+        return ", ".join(
+            f"{(codes == code).sum():,} {text}" for code, text in OUTCOMES.items() if code != CAPTURED and code in codes
+        )
+
+    def holds(self, *parts: Test | str, **numbers: object) -> Evaluation:
+        """A statement about these flights."""
+        return holds(*parts, *self.lost_trials, trials=self.trials, **numbers)
+
+
+def laws(gains: Gains, aerocapture: FlightEnsemble) -> Laws:
+    """Flights of all laws."""
+    return Laws(gains, aerocapture)
+
+
+class ClosedLoop(Laws):
+    """The same, of a reading that has a law besides the open loop."""
+
+
+def closed_loop(laws: Laws) -> ClosedLoop:
+    """Require a law besides the open loop."""
+    if laws.last == OPEN:
+        raise Fails(f"no law but the open loop: {laws.gains.refused}", laws.trials)
+    closed = object.__new__(ClosedLoop)
+    closed.__dict__ = laws.__dict__  # what is computed for one is there for the other
+    return closed

@@ -1,0 +1,149 @@
+"""Sec. III: the design of the law with chance constraints."""
+
+import numpy as np
+
+from marsedl.methods.covariance_steering.chance import chance_factor
+from marsedl.papers.stochastic_entry.claims.measures import FEASIBLE, PARTITION, Corrections, correlation_of
+from marsedl.papers.stochastic_entry.inputs import Design, Guidance
+from marsedl.papers.stochastic_entry.records import (
+    DENSITY,
+    DOWNRANGE,
+    FLIGHT_PATH_ANGLE,
+    STATES,
+    VELOCITY,
+    Certificates,
+    FlightEnsemble,
+    Gains,
+    Linearization,
+)
+from marsedl.replication.claiming import Fails, claim, holds, measure, measured
+from marsedl.replication.counterexamples import scaled, shifted
+from marsedl.replication.thresholds import NEARLY_EXACT, NEGLIGIBLE, ROUNDING
+
+EXAMPLE_LIMIT, EXAMPLE_PROBABILITY = 5e3, 0.01  # of Sec. III.C, which nothing uses
+
+
+@claim(by_construction="both the trials and the linear model draw the density from this variance")
+def initial_density_variance(linearization: Linearization, apollo_time: FlightEnsemble):
+    design, entry, trials = linearization.initial_covariance, apollo_time.covariance[0], apollo_time.count
+    ratio, sampling = entry[DENSITY, DENSITY] / design[DENSITY, DENSITY], np.sqrt(2.0 / (trials - 1))
+    return holds(
+        f"variance of the density at entry {ratio:.4f} of zeta rho^2 in {trials:,} trials",
+        measure("relative error of that variance", abs(ratio - 1.0), error=sampling) < NEARLY_EXACT,
+        trials=trials,
+    )
+
+
+@claim(by_construction="density and state are drawn from streams of their own, and the linear model has zeros there")
+def initial_density_uncorrelated(linearization: Linearization, apollo_time: FlightEnsemble):
+    design, entry, trials = linearization.initial_covariance, apollo_time.covariance[0], apollo_time.count
+    correlations = [abs(correlation_of(entry, state, DENSITY)) for state in (VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE)]
+    return holds(
+        measure("correlation with the vehicle's state, by magnitude", correlations, error=1 / np.sqrt(trials))
+        < NEARLY_EXACT,
+        measure("covariance with it in the linear model, by magnitude", np.abs(design[DENSITY, :DENSITY])) <= 0,
+        trials=trials,
+    )
+
+
+@claim()
+def example_constraint():
+    deviation = EXAMPLE_LIMIT / chance_factor(1.0 - EXAMPLE_PROBABILITY)
+    return measured(
+        [EXAMPLE_LIMIT / 1e3, EXAMPLE_PROBABILITY],
+        evidence=f"an illustration that no result uses: a standard deviation of {deviation / 1e3:.2f} km",
+    )
+
+
+def _optimal(gains, certificates):
+    """Tests that the law keeps its limits at the least cost, and that Eq. 55 gives it."""
+    excess = np.concatenate([gains.control_ratio.ravel(), gains.final_ratio.ravel()]) - 1.0
+    return (
+        measure(
+            "difference of the gains from those of Eq. 55 with the multipliers as weights, relative",
+            certificates.weights_gain_error,
+        )
+        < ROUNDING,
+        measure("excess of a standard deviation over its limit, relative", excess) < FEASIBLE,
+        measure("cost above the lower bound, relative", np.abs(gains.gap)) < ROUNDING,
+    )
+
+
+@claim("With the inverse in Eq. 55a.", errata="E3", counterexample=scaled("gains.final_ratio"))
+def theorem_lqg(gains: Gains, certificates: Certificates):
+    return holds(
+        *_optimal(gains, certificates),
+        measure("change of the Lagrangian by perturbed gains, relative", certificates.perturbed_cost) > -ROUNDING,
+    )
+
+
+@claim(
+    """The paper's route is a search over all weights at once. It depends on its start: {astray} of {runs} runs go
+    astray.""",
+    withheld="the start of the search",
+    counterexample=scaled("certificates.search_ratio"),
+)
+def corollary_lqg(design: Design, gains: Gains, certificates: Certificates):
+    # The paper's own route: of the searches that keep the limits, the best for each trigger.
+    kept = certificates.search_worst <= 1.0 + FEASIBLE
+    best = np.where(kept, certificates.search_ratio, np.inf).min(axis=1)
+    astray = int((~kept | (certificates.search_ratio > (1.0 + NEARLY_EXACT).at(1.0))).sum())
+    cone = np.abs(certificates.cone_ratio - 1.0)
+    return holds(
+        "ascent of the dual is a search over final and control weights with the gains of Eq. 55",
+        *_optimal(gains, certificates),
+        measure(
+            f"difference of its cost from a cone program's on intervals of {design.coarse_interval:g} s, relative", cone
+        )
+        < FEASIBLE,
+        measure(
+            f"cost over the optimum by quadratic programming over all weights, for both triggers from the best of "
+            f"{kept.shape[1]} starts",
+            best,
+        )
+        < 1.0 + NEARLY_EXACT,
+        f"{best[0]:.5f} (time) and {best[1]:.5f} (velocity); {astray} of its {kept.size} runs go astray",
+        astray=astray,
+        runs=kept.size,
+    )
+
+
+@claim()
+def decision_dimension_gains(gains: Gains):
+    return measured(gains.stochastic_gain.shape[-1])
+
+
+@claim(by_construction="an identity: the formula counts the weights that the design has")
+def decision_dimension_weights(gains: Gains):
+    intervals = len(gains.partition_start)
+    by_formula, entries = STATES * (STATES + 1) // 2 + intervals, STATES * intervals
+    weights = measure(
+        f"numbers that replace the {entries:,} gains on {intervals} intervals",
+        len(np.triu_indices(STATES)[0]) + gains.control_multiplier.shape[1],
+    )
+    return holds(
+        weights >= by_formula,
+        weights <= by_formula,
+        weights < entries,
+        f"the formula with {STATES} states gives {by_formula}",
+    )
+
+
+@claim(
+    """We look at the flight before the drag exceeds the least at which the Apollo law corrects. Three sigma of the
+    correction are up to {largest:.1f} % of the control limit there. With `partition_24` they are up to
+    {partition_24[largest]:.0f} %.""",
+    withheld=PARTITION,
+    counterexample=shifted("gains.stochastic_control_variance"),
+)
+def lqg_no_feedback_low_q(guidance: Guidance, design: Design, corrections: Corrections):
+    thin = corrections.drag < guidance.apollo_least_drag
+    thin &= np.arange(len(thin)) < np.argmax(corrections.pressure)
+    if not thin.any():
+        raise Fails(f"the drag exceeds {guidance.apollo_least_drag:g} m/s^2 from entry on")
+    subject = f"three sigma of the correction before the drag exceeds {guidance.apollo_least_drag:g} m/s^2"
+    share = 100 * corrections.stochastic[:, thin] / design.control_limit
+    return holds(
+        measure(f"{subject}, in per cent of the control limit", share) < 100 * NEGLIGIBLE,
+        largest=share.max(),
+    )

@@ -1,0 +1,642 @@
+"""What a paper's claim functions are written with, and how they are run.
+
+A claim is one function in `papers/<slug>/claims/`, named by its id. Its signature says what it measures from: sections
+of the inputs, artifacts by the names of their stages or Monte Carlo cases, and measures that claims share. Its
+decorator says what is fixed beforehand, what it returns says what was measured and tested:
+
+    @claim(errata="E10")
+    def mc_mass_above_prior(nominal: Nominal, closed_loop: Largest[FlightEnsemble]):
+        mass = FinalMoments(closed_loop, MASS)
+        error = mean_standard_error(mass.variance, mass.count)
+        return holds(measure("mean minus prior mass", mass.mean - nominal.mass[-1], "kg") > 3 * error)
+
+- A sampled measure carries its standard error, `measure(name, value, unit, error=...)`: within three of them of its
+  limit it is undetermined. A limit of words (`VISIBLE`, `1.0 - MUCH`, see `thresholds`) is varied by a factor of two.
+- `counterexample` names the change of a record or input that turns the verdict, see `counterexamples`.
+- A claim is not evaluated in a reading that lacks an artifact of its signature; a parameter with a default may lack.
+- `Largest[...]` takes the case `<name>_large` where the reading has it.
+- A measure that claims share is a function of the same folder with the class that it returns as its annotation; a
+  parameter of this class asks for it, and it is computed once for a reading.
+- `raise Fails("no law")` fails all claims that depend on it.
+- Several claims can be one function under several decorators; their further arguments are its keyword-only parameters.
+"""
+
+import inspect
+import operator
+import pkgutil
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from marsedl.replication.artifacts import first_trials, trials_of
+from marsedl.replication.claims import (
+    BY_CONSTRUCTION,
+    COUNTED_VERDICTS,
+    UNDECIDED,
+    Close,
+    Declaration,
+    Evaluation,
+    PublishedClaim,
+    is_finite,
+    judge,
+)
+from marsedl.replication.counterexamples import LARGE, Counterexample, turning_point
+from marsedl.replication.errors import InputError
+from marsedl.replication.sections import Inputs, Section, by_section
+from marsedl.replication.stated import stated_value
+from marsedl.replication.thresholds import SIGMAS, Limit
+
+_Record = typing.TypeVar("_Record")
+_LARGEST = "the largest ensemble"
+Largest = typing.Annotated[_Record, _LARGEST]
+_DIGITS = 4  # that evidence shows, and more where a value and its limit would look equal
+
+
+class Fails(Exception):
+    """Raised where what a claim speaks of does not exist: its message is the evidence."""
+
+    def __init__(self, message: str, trials: int | None = None):
+        """Take the evidence, and the number of trials that it is seen in."""
+        super().__init__(message)
+        self.trials = trials
+
+
+# ---------------------------------------------------------------------------------------------------------- decorators
+
+
+@dataclass(frozen=True)
+class _Claim:
+    """One claim of a function."""
+
+    id: str
+    function: Callable
+    declaration: Declaration
+    options: Mapping[str, object]
+    counterexample: Counterexample | None = None
+
+
+def claim(
+    reason: str = "",
+    *,
+    errata: str = "",
+    withheld: str | tuple[str, ...] = (),
+    close: Close | None = None,
+    by_construction: str = "",
+    counterexample: Counterexample | None = None,
+    name: str | None = None,
+    **options: object,
+) -> Callable:
+    """Mark a function as a claim.
+
+    Args:
+        reason: why the claim differs or fails, with numbers to fill in, see `Declaration`; line breaks do not count.
+        errata: ids of errata, with blanks between them.
+        withheld: what the paper does not give, in words.
+        close: a tolerance that is stated beforehand.
+        by_construction: why the claim cannot fail, in words; it is then listed and not counted.
+        counterexample: the change of a record or input that turns the verdict; every counted claim has one.
+        name: id of the claim, if it is not the function's name.
+        options: values of the function's keyword-only parameters.
+
+    """
+    withheld = (withheld,) if isinstance(withheld, str) else withheld
+    declaration = Declaration(" ".join(reason.split()), tuple(errata.split()), withheld, close, by_construction)
+
+    def mark(function: Callable) -> Callable:
+        marked = _Claim(name or function.__name__, function, declaration, options, counterexample)
+        function.claims = [marked, *getattr(function, "claims", [])]
+        return function
+
+    return mark
+
+
+# --------------------------------------------------------------------------------------------------- what is returned
+
+
+def measured(
+    value: object,
+    standard_error: object = None,
+    trials: int | None = None,
+    evidence: str = "",
+    *,
+    by_construction: str = "",
+    **numbers: object,
+) -> Evaluation:
+    """Return what a reading gives for a printed number; `numbers` may be quoted by the claim's reason.
+
+    by_construction: why the number cannot be another one in this reading, if so.
+    """
+    return Evaluation(value, standard_error, trials, evidence, numbers, by_construction=by_construction)
+
+
+def holds(*parts: "Test | str", trials: int | None = None, by_construction: str = "", **numbers: object) -> Evaluation:
+    """Return what a reading gives for a statement: it is true if all of its tests pass.
+
+    Args:
+        parts: tests, and sentences that only tell; the evidence is written from them in this order.
+        trials: that were flown for it.
+        by_construction: why the statement cannot fail in this reading, if so.
+        numbers: that the claim's reason may quote.
+
+    Raises:
+        InputError: no part is a test.
+
+    """
+    tests = [part for part in parts if not isinstance(part, str)]
+    if not tests:
+        raise InputError("a statement needs a test: compare a measure with its limit")
+    sentences: list[str] = []
+    before = None
+    for part in parts:
+        if not isinstance(part, str) and not part.sentence:
+            continue
+        if isinstance(part, Test) and before is not None and part.measure is before.measure is not None:
+            # One measure with two limits: one sentence, with the digits that tell it apart from both.
+            digits = sorted((before.number, part.number), key=len)
+            if before.measure.value.size == 1 or before.number == part.number:
+                start = sentences[-1][:-1].replace(f": {before.number}", f": {digits[-1]}")
+                sentences[-1] = f"{start} and {part.relation})"
+                continue
+        sentences.append(part if isinstance(part, str) else part.sentence)
+        before = None if isinstance(part, str) else part
+    value = all(test.passed for test in tests)
+    # One test that fails for certain decides, whatever the others are.
+    certain = any(not test.passed and not test.doubt for test in tests)
+    doubts = [] if certain else [test.in_words(trials) for test in tests if test.doubt]
+    return Evaluation(
+        value,
+        None,
+        trials,
+        "; ".join(sentences),
+        numbers,
+        undetermined="; ".join(doubts),
+        margin=_deciding(tests, value),
+        by_construction=by_construction,
+    )
+
+
+def _deciding(tests: "Sequence[Test]", value: bool) -> Mapping | None:
+    """The margin of the test that decides: of those passed the nearest, of those failed the furthest."""
+    margins = [test.margin for test in tests if test.margin is not None and test.passed == value]
+    if not margins:
+        return None
+    return (min if value else max)(margins, key=lambda margin: margin["distance"])
+
+
+@dataclass(frozen=True)
+class Test:
+    """One comparison with a limit, and the words for it."""
+
+    passed: bool
+    sentence: str
+    relation: str = ""  # how the measure's value lies to its limit
+    measure: "Measure | None" = None
+    number: str = ""  # the value, as the sentence has it
+    doubt: str = ""  # why it could as well be the other way
+    more: float = 1.0  # so many times the trials would decide
+    margin: Mapping | None = None  # measure, value, limit and unit of the entry that decides, and its distance
+
+    def __bool__(self):
+        """Refuse `a < measure < b`, of which Python would drop a half."""
+        raise TypeError("a test has no truth value: pass it to holds(...)")
+
+    def __or__(self, other: "Test") -> "Test":
+        """Return the test that passes if either does."""
+        sure = [test for test in (self, other) if test.passed and not test.doubt]
+        better = next(iter(sure), self if self.passed or not other.passed else other)
+        doubt = "" if sure else self.doubt or other.doubt
+        return Test(
+            self.passed or other.passed,
+            f"{self.sentence}, or {other.sentence}",
+            doubt=doubt,
+            more=max(self.more, other.more),
+            margin=better.margin,
+        )
+
+    def in_words(self, trials: int | None) -> str:
+        """Return why the test is in doubt, and how many trials would settle it if noise is the reason."""
+        if self.more <= 1.0 or not trials:
+            return self.doubt
+        return f"{self.doubt}; about {_rounded(self.more * trials):,} trials would settle it"
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """What a statement is judged by: a number, or an array of which all entries have to pass."""
+
+    name: str
+    value: np.ndarray
+    unit: str
+    error: np.ndarray | float = 0.0  # standard error of a sampled value
+
+    __array_ufunc__ = None  # so that arrays leave comparisons to this class
+
+    def __lt__(self, limit):
+        """Test that it is below a limit."""
+        return _test(self, operator.lt, limit)
+
+    def __le__(self, limit):
+        """Test that it is at most a limit."""
+        return _test(self, operator.le, limit)
+
+    def __gt__(self, limit):
+        """Test that it is above a limit."""
+        return _test(self, operator.gt, limit)
+
+    def __ge__(self, limit):
+        """Test that it is at least a limit."""
+        return _test(self, operator.ge, limit)
+
+
+def measure(name: str, value: object, unit: str = "", *, error: object = 0.0) -> Measure:
+    """Return what a statement is judged by.
+
+    Args:
+        name: what it is, as the subject of a sentence.
+        value: a number or an array.
+        unit: of the value and of its limit; none for plain numbers.
+        error: standard error of a sampled value, of its shape or one for all.
+
+    Raises:
+        InputError: there is no value at all, so that no test could fail.
+
+    """
+    value = np.asarray(value)
+    if value.size == 0:
+        raise InputError(f"{name}: there is nothing to measure")
+    return Measure(name, value, unit, np.asarray(error, dtype=float))
+
+
+def check(sentence: str, passed: object) -> Test:
+    """Return the test of what is true or false and no number; of an array, all entries have to be true."""
+    passed = np.asarray(passed)
+    if passed.size == 0:
+        raise InputError(f"{sentence}: there is nothing to test")
+    return Test(bool(passed.all()), f"{sentence}: {'yes' if passed.all() else 'no'}")
+
+
+def provided(sentence: str, passed: object) -> Test:
+    """Return the test of a condition that goes without saying: the evidence names it only where it is not met."""
+    test = check(sentence, passed)
+    return Test(True, "") if test.passed else test
+
+
+def listed(values: object, form: str = ".3f") -> str:
+    """Return a number, or numbers with commas between them, for a sentence; "none" stands for what is not finite."""
+    return ", ".join(f"{value:{form}}" if np.isfinite(value) else "none" for value in np.atleast_1d(values))
+
+
+_WORDS = {operator.lt: "below", operator.le: "at most", operator.gt: "above", operator.ge: "at least"}
+
+
+def _test(measure: Measure, compare: Callable, limit: object) -> Test:
+    upper = compare in (operator.lt, operator.le)
+    limit = limit if isinstance(limit, Limit) else Limit(None, np.asarray(limit))
+    value, limits, error = np.broadcast_arrays(measure.value, np.asarray(limit.at(1.0)), measure.error)
+    passed = compare(value, limits)
+    room = (limits - value) if upper else (value - limits)
+    room = np.where(np.isnan(room.astype(float)), -np.inf, room)
+    # With one limit for all, the entry nearest to it is the largest or the smallest.
+    at = np.unravel_index(np.argmin(room), room.shape)
+    number, bound = _texts(value[at], limits[at])
+    which = ""
+    if value.size > 1:
+        own = np.ptp(limits.astype(float)) > 0
+        which = "nearest to its limit " if own else ("at most " if upper else "at least ")
+    unit = f" {measure.unit}" if measure.unit else ""
+    spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
+    relation = f"{'' if passed.all() else 'not '}{_WORDS[compare]} {bound}{unit}"
+    doubt, more = _doubt(measure, compare, limit, passed, room, error)
+    return Test(
+        bool(passed.all()),
+        f"{measure.name}: {which}{number}{spread}{unit} ({relation})",
+        relation,
+        measure,
+        number,
+        doubt,
+        more,
+        _margin(measure, passed, room, value, limits, error),
+    )
+
+
+def _doubt(measure, compare, limit, passed, room, error) -> tuple[str, float]:
+    """Why a test could be the other way, and how many times the trials would decide it; none if it could not."""
+    by_noise = np.isfinite(room) & (error > 0) & (np.abs(room) <= SIGMAS * error)
+    by_words = np.zeros(room.shape, dtype=bool)
+    if limit.soft is not None:
+        varied = [np.broadcast_to(compare(measure.value, limit.at(factor)), room.shape) for factor in (0.5, 2.0)]
+        by_words = (varied[0] != passed) | (varied[1] != passed)
+    if np.any(~passed & ~by_noise & ~by_words):  # one entry fails for certain
+        return "", 1.0
+    if by_words.any():
+        return f"half or twice the threshold would turn the test of '{measure.name}'", 1.0
+    if by_noise.any():
+        near = np.maximum(np.abs(room[by_noise]), 1e-3 * error[by_noise])  # nearer is as good as on the limit
+        more = float(np.max((SIGMAS * error[by_noise] / near) ** 2))
+        return f"'{measure.name}' lies within three standard errors of its limit", more
+    return "", 1.0
+
+
+def _margin(measure, passed, room, value, limits, error) -> Mapping | None:
+    """How far the entry that decides is from its limit, in standard errors or in shares of the limit."""
+    limits, value = limits.astype(float), value.astype(float)
+    scale = np.where(error > 0, error, np.where(limits != 0, np.abs(limits), np.abs(value)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.abs(room) / scale
+    distance = np.where(np.isfinite(distance) & (passed == passed.all()), distance, np.nan)
+    if np.isnan(distance).all():
+        return None
+    at = np.unravel_index(np.nanargmin(distance) if passed.all() else np.nanargmax(distance), distance.shape)
+    return {
+        "measure": measure.name,
+        "value": float(value[at]),
+        "limit": float(limits[at]),
+        "unit": measure.unit,
+        "distance": float(distance[at]),
+        "in": "standard errors" if error[at] > 0 else "limits" if limits[at] else "values",
+    }
+
+
+def _rounded(number: float) -> int:
+    """A number of trials, with two digits."""
+    return int(float(f"{number:.2g}"))
+
+
+def _texts(value: object, limit: object) -> tuple[str, str]:
+    """A number and its limit, with as many digits as it takes to tell them apart."""
+    if np.issubdtype(np.asarray(value).dtype, np.integer):
+        return f"{value:,}", f"{limit:,}" if float(limit).is_integer() else f"{limit:.{_DIGITS}g}"
+    for digits in range(_DIGITS, 18):
+        texts = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+        if texts[0] != texts[1] or value == limit:
+            break
+    return texts
+
+
+# -------------------------------------------------------------------------------------------------- a paper's claims
+
+
+class Claims:
+    """The claim functions of a paper and the measures that they share."""
+
+    def __init__(self, package: str, model: type[Inputs]):
+        """Take the package with the paper's claims, and the paper's inputs.
+
+        Raises:
+            InputError: two functions have claims of one id, or return one class of measure.
+
+        """
+        self._model = model
+        self.claims: dict[str, _Claim] = {}
+        self._providers: dict[type, Callable] = {}
+        folder = import_module(package)
+        modules = [import_module(f"{package}.{module.name}") for module in pkgutil.iter_modules(folder.__path__)]
+        for module in modules:
+            own = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
+            for function in filter(inspect.isfunction, own):
+                for marked in getattr(function, "claims", ()):
+                    self._add(self.claims, marked.id, marked)
+                kind = typing.get_type_hints(function).get("return")
+                if isinstance(kind, type) and kind.__module__.startswith(package):
+                    self._add(self._providers, kind, function)
+
+    @property
+    def declarations(self) -> dict[str, Declaration]:
+        """What is stated about each claim besides its value, by id."""
+        return {name: marked.declaration for name, marked in self.claims.items()}
+
+    def evaluate(
+        self,
+        values: Mapping[str, object],
+        artifact: Callable,
+        published: Mapping[str, PublishedClaim],
+        **others: object,
+    ) -> dict[str, Evaluation | None]:
+        """Evaluate all claims in one reading.
+
+        Args:
+            values: all inputs as plain values by "section.name".
+            artifact: function of an artifact's name and type, that returns it, or None for one that there is not.
+            published: the paper's printed claims by id; what fails takes the shape of what is printed.
+            others: further arguments, used by functions that have parameters of these names.
+
+        Returns:
+            Evaluations by claim id; None for a claim that lacks an artifact.
+
+        """
+        reading = self._reading(values, artifact, published, others)
+        stated = {name: printed for name, printed in published.items() if printed.input is not None}
+        if twice := stated.keys() & self.claims.keys():
+            raise InputError(f"claim {min(twice)} has an input in data/published and a function too; drop one of them")
+        return {
+            **{name: stated_value(printed, values, self._model) for name, printed in stated.items()},
+            **{name: reading.evaluation(marked, published.get(name)) for name, marked in self.claims.items()},
+        }
+
+    def of_readings(
+        self,
+        readings: Mapping[str, tuple[Mapping, Callable]],
+        published: Mapping[str, PublishedClaim],
+        **others: object,
+    ) -> tuple[dict[str, dict], dict[str, dict]]:
+        """Evaluate all claims in several readings.
+
+        Args:
+            readings: the arguments `values` and `artifact` of `evaluate` by reading.
+            published, others: as in `evaluate`.
+
+        Returns:
+            The evaluations by reading; and once more those of the readings that have more trials of a case than another
+            reading, from as many as that has, so that readings can be compared. What is stored of all trials alone
+            (moments over time, say) stays that of all.
+
+        """
+        trials: dict[str, dict[str, int]] = {}  # by case and reading
+
+        def note(case: str, kind: type, reading: str, artifact: Callable) -> object:
+            record = artifact(case, kind)
+            if record is not None and not case.endswith(LARGE) and (number := trials_of(record)):
+                trials.setdefault(case, {})[reading] = number
+            larger.update({reading} if case.endswith(LARGE) and record is not None else ())
+            return record
+
+        def fewer(case: str, kind: type, artifact: Callable) -> object:
+            record = None if case.endswith(LARGE) else artifact(case, kind)
+            return first_trials(record, min(trials[case].values())) if case in trials else record
+
+        larger: set[str] = set()
+        evaluations = {
+            name: self.evaluate(values, partial(note, reading=name, artifact=artifact), published, **others)
+            for name, (values, artifact) in readings.items()
+        }
+        larger |= {name for of in trials.values() for name, number in of.items() if number > min(of.values())}
+        smaller = {
+            name: self.evaluate(values, partial(fewer, artifact=artifact), published, **others)
+            for name, (values, artifact) in readings.items()
+            if name in larger
+        }
+        return evaluations, smaller
+
+    def evaluate_one(
+        self,
+        name: str,
+        values: Mapping[str, object],
+        artifact: Callable,
+        published: Mapping[str, PublishedClaim],
+        **others: object,
+    ) -> Evaluation | None:
+        """Evaluate one claim that is a function; arguments as in `evaluate`."""
+        return self._reading(values, artifact, published, others).evaluation(self.claims[name], published.get(name))
+
+    def turned(
+        self,
+        rows: Iterable[Mapping[str, Any]],
+        values: Mapping[str, object],
+        artifact: Callable,
+        published: Mapping[str, PublishedClaim],
+        **others: object,
+    ) -> dict[str, dict[str, Any] | None]:
+        """Turn every counted claim by its counterexample.
+
+        Args:
+            rows: the claims with the verdicts of all readings.
+            values: all inputs of the reading whose verdicts count; artifact, published, others: as in `evaluate`.
+
+        Returns:
+            What was changed, by how much, and the verdict after it, by claim; None for one that was not turned. See
+            `counterexamples.turning_point`. A claim that another reading turns is left out where that is not built.
+
+        """
+
+        def is_built(row: Mapping[str, Any]) -> bool:
+            marked = self.claims.get(row["id"])
+            elsewhere = marked and marked.counterexample and marked.counterexample.change == "in_reading"
+            return not elsewhere or marked.counterexample.target in row["readings"]
+
+        def turn(row: Mapping[str, Any]) -> dict[str, Any] | None:
+            name = row["id"]
+            marked = self.claims.get(name)
+            counterexample = marked and marked.counterexample
+            if not counterexample:
+                return None
+            if counterexample.change == "in_reading":
+                verdict = row["readings"][counterexample.target]["verdict"]
+                other = verdict not in (None, BY_CONSTRUCTION, row["verdict"])
+                return (
+                    {"change": "in_reading", "of": counterexample.target, "amount": None, "to": verdict}
+                    if other
+                    else None
+                )
+
+            def judged(values, artifact, others):
+                evaluation = self.evaluate_one(name, values, artifact, published, **others)
+                if evaluation is None or evaluation.failed or not is_finite(evaluation.value):
+                    raise ValueError(f"{name}: nothing to judge")
+                judgement = judge(published[name], evaluation, marked.declaration)
+                return judgement.verdict, judgement.components
+
+            try:
+                return turning_point(counterexample, judged, values, artifact, others)
+            except ValueError:
+                return None  # the claim fails as a whole in this reading
+
+        counted = [row for row in rows if row["verdict"] in COUNTED_VERDICTS and row["kind"] != UNDECIDED]
+        return {row["id"]: turn(row) for row in counted if is_built(row)}
+
+    def _reading(self, values, artifact, published, others) -> "_Reading":
+        return _Reading(self._providers, values, artifact, others | {"published": published})
+
+    @staticmethod
+    def _add(known: dict, key: object, value: object) -> None:
+        if key in known:
+            raise InputError(f"{getattr(key, '__name__', key)}: two functions of claims give it; rename one")
+        known[key] = value
+
+
+@cache
+def claims_of(slug: str) -> Claims:
+    """Return the claims of a paper."""
+    model = import_module(f"marsedl.papers.{slug}.inputs").MODEL
+    return Claims(f"marsedl.papers.{slug}.claims", model)
+
+
+class _Missing(Exception):
+    """A reading lacks an artifact."""
+
+
+@dataclass
+class _Reading:
+    """What the claims of one reading are evaluated from."""
+
+    providers: Mapping[type, Callable]
+    values: Mapping[str, object]
+    artifact: Callable
+    others: Mapping[str, object]
+    known: dict[object, object] = field(default_factory=dict)  # what was asked for before
+
+    def evaluation(self, marked: _Claim, printed: PublishedClaim | None) -> Evaluation | None:
+        try:
+            return marked.function(**self._arguments(marked.function), **marked.options)
+        except _Missing:
+            return None
+        except Fails as failure:
+            value = printed.printed if printed else None
+            failed = (not value) if isinstance(value, bool) else np.full(np.shape(value), np.nan)
+            errors = None if isinstance(value, bool) or failure.trials is None else failed
+            return Evaluation(failed, errors, failure.trials, str(failure), failed=True)
+
+    def _arguments(self, function: Callable) -> dict[str, object]:
+        arguments = {}
+        for name, kind, optional in _parameters(function):
+            value = self._once((name, kind), lambda name=name, kind=kind: self._value(name, kind))
+            if value is not None:
+                arguments[name] = value
+            elif not optional:
+                raise _Missing
+        return arguments
+
+    def _value(self, name: str, kind: object) -> object:
+        plain, *marks = typing.get_args(kind) if typing.get_origin(kind) is typing.Annotated else (kind,)
+        if name in self.others:
+            return self.others[name]
+        if plain in self.providers:
+            return self.providers[plain](**self._arguments(self.providers[plain]))
+        if isinstance(plain, type) and issubclass(plain, Section):
+            sections = self._once("sections", lambda: by_section(self.values))
+            return plain.given(sections[name])
+        if isinstance(plain, type) and issubclass(plain, Inputs):
+            return plain.given(self.values)
+        if _LARGEST in marks and (large := self.artifact(name + LARGE, plain)) is not None:
+            return large
+        return self.artifact(name, plain)
+
+    def _once(self, key: object, compute: Callable[[], object]) -> object:
+        """What a function returns or raises, which is called once."""
+        if key not in self.known:
+            try:
+                self.known[key] = compute()
+            except (_Missing, Fails) as error:
+                self.known[key] = error
+        if isinstance(value := self.known[key], Exception):
+            raise value
+        return value
+
+
+@cache
+def _parameters(function: Callable) -> tuple[tuple[str, object, bool], ...]:
+    """Name, type and whether it may be left out of each parameter that is given by what a reading has."""
+    hints = typing.get_type_hints(function, include_extras=True)
+    parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.KEYWORD_ONLY]
+    return tuple((p.name, _without_none(hints.get(p.name)), p.default is not p.empty) for p in parameters)
+
+
+def _without_none(kind: object) -> object:
+    """The type of an annotation that may allow None."""
+    if typing.get_origin(kind) is typing.Annotated:
+        return kind
+    return next((of for of in typing.get_args(kind) if of is not type(None)), kind)

@@ -1,0 +1,71 @@
+"""Text with formulas and code as HTML: `$...$` is LaTeX and becomes MathML, what stands in backticks is code."""
+
+from __future__ import annotations
+
+import functools
+import html
+import re
+
+from marsedl.replication.errors import InputError, shown
+
+_PIECES = re.compile(r"`([^`]+)`|\$([^$]*)\$|(\$)")
+# What the converter passes through or writes in names that no browser knows.
+_REFUSED = {
+    r"\!": "no browser has negative space; leave it out",
+    r"\mathrm{": r"it takes words apart; write \text{...}",
+    "&": "there are no tables here; write it in words",
+}
+
+
+@functools.cache
+def mathml(latex: str) -> str:
+    r"""Convert a formula to MathML.
+
+    Args:
+        latex: the formula without its dollar signs, such as `p_\text{f} = 0.1`. Words stand in `\text{...}`.
+
+    Returns:
+        A `<math>` element that needs no namespace in HTML.
+
+    Raises:
+        InputError: LaTeX that is not understood as a whole; the message shows it.
+
+    """
+    from latex2mathml.converter import convert  # only needed where a page is written
+
+    for piece, remedy in _REFUSED.items():
+        if piece in latex:
+            raise InputError(f"formula {shown(latex)}: {piece} cannot be used: {remedy}")
+    try:
+        element = convert(latex) if latex.strip() and latex.count("{") == latex.count("}") else "\\"
+    except Exception as error:  # its errors have no base of their own
+        raise InputError(f"formula {shown(latex)}: it is not complete ({type(error).__name__})") from error
+    if "\\" in element:  # an unknown command is passed through as it stands
+        raise InputError(f"formula {shown(latex)}: an unknown command, or braces that do not match")
+    return element.replace(' xmlns="http://www.w3.org/1998/Math/MathML" display="inline"', "")
+
+
+def with_formulas(text: str) -> str:
+    """Return a text as HTML: formulas as MathML, what stands between backticks as code, all else escaped.
+
+    Raises:
+        InputError: a formula that is not understood, or a dollar sign without its other one.
+
+    """
+
+    def piece(match: re.Match) -> str:
+        code, latex, alone = match.groups()
+        if alone:
+            raise InputError(f"text {shown(text)}: a dollar sign without its other one; formulas stand between two")
+        return f"<code>{html.escape(code)}</code>" if code is not None else mathml(latex)
+
+    start, parts = 0, []
+    for match in _PIECES.finditer(text):
+        parts += [html.escape(text[start : match.start()]), piece(match)]
+        start = match.end()
+    return "".join([*parts, html.escape(text[start:])])
+
+
+def without_markup(text: str) -> str:
+    """Return a text for places that hold no HTML, such as a search index: formulas as their signs, code as it is."""
+    return html.unescape(re.sub(r"<[^>]*>", "", with_formulas(text)))

@@ -1,0 +1,93 @@
+"""What the README says of the papers and of words: written from the committed verdicts, never typed."""
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from marsedl.replication.badge import badge
+from marsedl.replication.catalogue import Paper
+from marsedl.replication.claims import (
+    DEFAULT_READING,
+    NUMBERS,
+    STANDING_VERDICTS,
+    load_published,
+    summary,
+    write_text,
+)
+from marsedl.replication.verification import committed_verdicts
+from marsedl.replication.words import words
+
+README, BADGE = Path("README.md"), Path("docs/images/badge.svg")
+_BLOCK = re.compile(r"(?ms)^(<!-- (answers|words): written by `marsedl readme` -->\n).*?^(<!-- end -->)$")
+_COUNTS = re.compile(r"\d+ of \d+ printed numbers; \d+ of \d+ statements")
+
+
+def committed_rows(root: Path, slug: str) -> list[dict[str, Any]]:
+    """Return the claims of a paper with their committed verdicts, as rows that `claims.summary` counts.
+
+    Args:
+        root: the project's folder.
+        slug: the paper.
+
+    Returns:
+        Of each claim `kind`, `verdict` (None if none is committed) and `headline`, in the order of the printed claims.
+
+    """
+    verdicts = committed_verdicts(root, slug)
+    return [
+        {
+            "kind": claim.kind,
+            "verdict": verdicts.get(claim.id, {}).get(DEFAULT_READING),
+            "headline": claim.headline,
+        }
+        for claim in load_published(root / "data" / "published" / f"{slug}.yaml")
+    ]
+
+
+def answer(paper: Paper, rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return what came out of one paper, as an item of a list in Markdown.
+
+    Args:
+        paper: its catalogue, with the numbers of its texts.
+        rows: its claims, as `committed_rows` gives them.
+
+    """
+    rows = list(rows)
+    headline = [row["verdict"] for row in rows if row["headline"] is not None]
+    numbers = summary(rows)[NUMBERS]
+    standing = sum(verdict in STANDING_VERDICTS for verdict in headline)
+    counts = (
+        f"**{standing} of {len(headline)}** headline claims stand; "
+        f"{numbers['reproduced']} of {sum(numbers.values())} printed numbers reproduce."
+    )
+    name = f"**[{paper.slug}](docs/papers/{paper.slug}.md)** ({paper.authors})."
+    return " ".join(filter(None, [f"- {name}", paper.question or f"{paper.title}.", *paper.in_short[:1], counts]))
+
+
+def filled(text: str, root: Path, papers: Iterable[Paper]) -> str:
+    """Return the text of the README, or of the badge, with what came out of each paper and what words mean.
+
+    Args:
+        text: as it stands; comments mark the two blocks that are written into the README.
+        root: the project's folder.
+        papers: catalogues of all papers, with the numbers of their texts.
+
+    """
+    papers = list(papers)
+    rows = {paper.slug: committed_rows(root, paper.slug) for paper in papers}
+    blocks = {
+        "answers": "".join(f"{answer(paper, rows[paper.slug])}\n" for paper in papers),
+        "words": "".join(f"- **{word[0].upper()}{word[1:]}**: {meaning}\n" for word, meaning in words().items()),
+    }
+    text = _COUNTS.sub(badge([row for of_paper in rows.values() for row in of_paper])["message"], text)
+    return _BLOCK.sub(lambda block: f"{block[1]}{blocks[block[2]]}{block[3]}", text)
+
+
+def write(root: Path, papers: Iterable[Paper]) -> list[Path]:
+    """Write what came out of each paper into the README and its badge; arguments as for `filled`; returns the files."""
+    papers, paths = list(papers), [root / README, root / BADGE]
+    texts = [filled(path.read_text(encoding="utf-8"), root, papers) for path in paths]
+    for path, text in zip(paths, texts, strict=True):
+        write_text(path, text)
+    return paths

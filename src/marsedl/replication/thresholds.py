@@ -1,0 +1,77 @@
+"""What the words of a paper ask for, what counts as beyond sampling error, and what counts as equal.
+
+A statement without a number is judged by a threshold, and the paper's word chooses it from the table below; the page
+docs/verdicts.md shows the same table. A verdict that would change at half or at twice its threshold is undetermined.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SIGMAS = 3.0  # standard errors; more is beyond sampling error
+CONFIDENCE = 0.9973  # of intervals of a binomial probability: the share of a normal distribution within SIGMAS
+ROUNDING = 1e-6  # relative; closer than this is equal
+THIN = 10.0  # standard errors, or limits: a verdict further than this from its limit could hardly be another
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A limit of which a part is a matter of words: `1.0 + VISIBLE`, `0.1 * VISIBLE`, `VISIBLE * scale + error`.
+
+    `hard` is what is certain, `soft` what half and twice the threshold change, if anything.
+    """
+
+    soft: np.ndarray | float | None
+    hard: np.ndarray | float = 0.0
+    words: str = ""
+
+    __array_ufunc__ = None  # so that arrays leave arithmetic to this class
+
+    def at(self, factor: float) -> np.ndarray | float:
+        """Return the limit with its threshold times a factor."""
+        return self.hard if self.soft is None else self.hard + factor * self.soft
+
+    def __mul__(self, scale):
+        """Scale the limit."""
+        return Limit(self.soft * scale, self.hard * scale, self.words)
+
+    __rmul__ = __mul__
+
+    def __add__(self, hard):
+        """Move the limit by what is certain."""
+        return Limit(self.soft, self.hard + hard, self.words)
+
+    __radd__ = __add__
+
+    def __neg__(self):
+        """Turn the limit's sign."""
+        return self * -1.0
+
+    def __sub__(self, hard):
+        """Move the limit down by what is certain."""
+        return self + -hard
+
+    def __rsub__(self, hard):
+        """Return what the threshold leaves of what is certain: `1.0 - VISIBLE`."""
+        return -self + hard
+
+    def __format__(self, form: str) -> str:
+        """Write the limit as a number."""
+        return format(self.at(1.0), form)
+
+
+# The words of the papers, and what each asks for. Fixed for all papers before it was applied to any of them.
+# "About half" is judged as half, "about".
+NEARLY_EXACT = Limit(0.01, words="nearly exact, almost exactly, nearly constant")  # relative difference
+CLOSE = Limit(0.05, words="close to, almost the same, approximately equal")  # relative difference
+ABOUT = Limit(0.1, words="about, approximately, roughly (a number); met, steered to (a target)")  # relative difference
+SIMILAR = Limit(0.25, words="similar, comparable, reasonably predicted")  # relative difference
+SMALL = Limit(0.1, words="small, minor, slight, a little")  # at most this share of what it is small against
+NEGLIGIBLE = Limit(0.05, words="negligible, almost zero, nulled")  # at most this share
+VISIBLE = Limit(0.1, words="visible, noticeable, clear, to some extent")  # at least this share
+MUCH = Limit(0.5, words="much, far, significantly, greatly, drastically")  # the smaller is at most this of the larger
+MOST = Limit(1 / 3, words="most, mainly, typically")  # the rest is at most this share
+STRONG = Limit(0.3, words="strongly correlated")  # what a correlation's magnitude lacks of one, at most
+WEAK = Limit(0.3, words="uncorrelated")  # a correlation's magnitude, at most
+
+WORDS = {name: limit for name, limit in list(globals().items()) if isinstance(limit, Limit)}  # the table above, by name

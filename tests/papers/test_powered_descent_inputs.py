@@ -1,0 +1,78 @@
+"""Inputs of the powered-descent paper that belong together: one clear message names all of them, and the remedy."""
+
+from pathlib import Path
+
+import pytest
+
+from marsedl.papers.powered_descent.inputs import MODEL
+from marsedl.replication.errors import InputError
+from marsedl.replication.inputs import load_study
+
+CONFIG = Path(__file__).parents[2] / "configs" / "powered_descent.yaml"
+
+
+def reading_of(based_on="corrected", **inputs):
+    """A user's own reading; inputs: values by section and name, with two underscores between them."""
+    mine = {"based_on": based_on}
+    for name, value in inputs.items():
+        section, _, key = name.partition("__")
+        mine.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
+    overlay = {"readings": {"mine": mine}}
+    return load_study("powered_descent", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
+
+
+@pytest.mark.parametrize(
+    ("based_on", "inputs", "fragments"),
+    [
+        ("corrected", {"vehicle__maximum_thrust": 17000.0}, ["thrust_unit is 18000 N", "17000 N", "'other'"]),
+        ("corrected", {"noise__thrust_unit": 1.0}, ["thrust_unit is 1 N", "'maximum_thrust'", "18000"]),
+        ("mars_weight_noise", {"planet__gravity": 3.7}, ["5565", "vehicle.wet_mass times planet.gravity", "5550"]),
+        ("acceleration_noise", {"vehicle__wet_mass": 1400.0}, ["coefficient_unit 'acceleration'", "1400"]),
+        (
+            "corrected",
+            {"simulation__command_interval": 0.05},
+            ["command_interval (0.05 s)", "time_step (0.1 s)"],
+        ),
+        ("corrected", {"simulation__command_interval": 16.0}, ["command_interval", "longer than a segment"]),
+        ("corrected", {"studies__density_range": [100.0, 20.0]}, ["density_range must increase", "100", "20"]),
+        ("corrected", {"studies__choice_steps": [0.02, 0.05]}, ["choice_steps", "whole multiples of the first"]),
+        ("corrected", {"studies__choice_steps": [0.02, 0.2]}, ["choice_command_intervals (0.1 s)", "choice_steps"]),
+        ("corrected", {"studies__choice_passes": 1}, ["choice_passes", "greater than or equal to 2"]),
+        ("corrected", {"design__mass_profile": "second_pass"}, ["mass_profile", "first_pass_without_feedback"]),
+    ],
+)
+def test_inputs_that_do_not_fit_together_are_refused(based_on, inputs, fragments):
+    with pytest.raises(InputError) as error:
+        reading_of(based_on, **inputs)
+    message = str(error.value)
+    assert message.startswith("mine.yaml") and "\n" not in message
+    for fragment in fragments:
+        assert fragment in message
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"vehicle__maximum_thrust": 17000.0, "noise__thrust_unit": 17000.0},
+        {"vehicle__maximum_thrust": 17000.0, "noise__coefficient_unit": "other"},
+        {"simulation__command_interval": 0.1},
+        {"simulation__command_interval": 0.25},
+    ],
+)
+def test_inputs_that_fit_together_are_accepted(inputs):
+    assert reading_of(**inputs).inputs
+
+
+def test_the_reading_of_each_unit_names_it():
+    readings = load_study("powered_descent", MODEL, CONFIG).readings
+    units = {name: reading.inputs.noise.coefficient_unit for name, reading in readings.items()}
+    assert units["printed"] == units["newton_noise"] == "newton"
+    assert units["corrected"] == units["target4"] == units["euler"] == "maximum_thrust"
+    assert len(set(units.values())) == 6 and "other" not in units.values()
+
+
+def test_readings_fly_equal_numbers_of_trials():
+    readings = load_study("powered_descent", MODEL, CONFIG).readings
+    trials = {name: reading.inputs.ensemble.large_trials for name, reading in readings.items()}
+    assert {trials.pop("printed"), trials.pop("printed_eq46")} == {0}  # frozen
+    assert set(trials.values()) == {100_000}

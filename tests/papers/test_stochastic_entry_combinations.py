@@ -1,0 +1,127 @@
+"""The study of combinations: it flies what the readings fly, and its table counts what the readings' claims count."""
+
+import numpy as np
+import pytest
+
+from marsedl.papers.stochastic_entry.claims import measures
+from marsedl.papers.stochastic_entry.records import CASES, DOWNRANGE, LEVELS
+from marsedl.replication.claims import judge
+from marsedl.replication.tables import csv_text
+
+TRIALS = 300  # of the study in the tests
+
+
+@pytest.fixture(scope="module")
+def study(entry):
+    return {combination.choices: combination.tails for combination in measures.combined(entry.combinations())}
+
+
+# A reading, a case of it, and the combination that has to fly the same.
+SAME = [
+    ("corrected", "apollo_time", ("five_state", "time", 1.0, "opposite")),
+    ("corrected", "stochastic_velocity", ("drag", "time", 1.0, "opposite")),
+    ("same_sign", "stochastic_time", ("drag", "time", 1.0, "same")),
+    ("drag_form", "apollo_velocity", ("drag", "time", 12.0, "opposite")),
+    ("velocity_adjoint", "apollo_time", ("five_state", "velocity", 1.0, "opposite")),
+    ("partition_24", "stochastic_velocity", ("five_state", "time", 10.0, "opposite")),
+    ("partition_20", "stochastic_time", ("five_state", "time", 12.0, "opposite")),
+    ("density_blind_same_sign", "apollo_velocity", ("density_blind", "velocity", 1.0, "same")),
+]
+
+
+@pytest.mark.parametrize(("reading", "case", "choices"), SAME)
+def test_a_combination_flies_what_its_reading_flies(entry, study, reading, case, choices):
+    tails = measures.final_percentiles(entry.ensemble(reading, case, TRIALS))
+    for state, (values, deviations) in tails.items():
+        np.testing.assert_array_equal(study[choices][case][state][0], values)
+        np.testing.assert_array_equal(study[choices][case][state][1], deviations)
+
+
+def test_all_combinations_are_flown_and_differ(entry, study):
+    assert len(study) == 3 * 2 * 3 * 3
+    assert entry.combinations().trials == TRIALS
+    ranges = {tails["apollo_velocity"][DOWNRANGE][0].tobytes() for tails in study.values()}
+    assert len(ranges) == 3 * 3  # the adjoint of the fixed time and the partition are not Apollo's at the trigger
+    ranges = {tails["stochastic_time"][DOWNRANGE][0].tobytes() for tails in study.values()}
+    assert len(ranges) == 3 * 3
+
+
+def test_without_aerodynamic_errors_every_vehicle_is_the_mean_one(entry):
+    plain = entry.ensemble("corrected", "stochastic_time", TRIALS, lift_dispersion=0.0, drag_dispersion=0.0)
+    index = list(entry.combinations().aerodynamic_errors).index("none")
+    values = entry.combinations().stochastic[0, index, 0, DOWNRANGE]
+    expected = np.quantile(plain.final_state[:, DOWNRANGE] - plain.nominal_final[DOWNRANGE], LEVELS)
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
+
+
+def test_cells_are_counted_as_claims_judge_them(entry, entry_published):
+    made = entry.artifacts("corrected")
+    tails = {case: measures.final_percentiles(made[case]) for case in CASES}
+    evaluations = entry.evaluate("corrected", made)
+    cells = [f"tab4_{row[1]}_{case}" for row in measures.ROWS for case in CASES]
+    counted = [name for name in cells if entry_published[name].kind == "monte_carlo"]
+    verdicts = [judge(entry_published[name], evaluations[name])[0] for name in counted]
+    trials = dict.fromkeys(CASES, 2000)
+    assert len(counted) == 14
+    assert measures.reproduced_cells(entry_published, tails, trials) == verdicts.count("reproduced") > 0
+    printed = {}
+    for case in CASES:
+        printed[case] = {}
+        for state, name, factor, _ in measures.ROWS:
+            values = np.array(entry_published[f"tab4_{name}_{case}"].printed) / factor
+            printed[case][state] = values, np.zeros(2)
+    assert measures.reproduced_cells(entry_published, printed, trials) == 14
+
+
+def test_mirrored_percentiles_are_those_of_the_error_with_its_other_sign(entry):
+    ensemble = entry.ensemble("corrected", "stochastic_velocity")
+    error = ensemble.final_state[:, DOWNRANGE] - ensemble.nominal_final[DOWNRANGE]
+    values, deviations = measures.mirrored(measures.final_percentiles(ensemble)[DOWNRANGE])
+    np.testing.assert_allclose(values, np.quantile(-error, LEVELS), rtol=1e-12)
+    assert (deviations > 0).all() and values[0] < values[1]
+
+
+def test_the_sign_of_the_range_error_changes_the_range_and_no_flight(entry, entry_published):
+    made = entry.artifacts("corrected")
+    long, short = entry.evaluate("corrected", made), entry.evaluate("short_positive", made)
+    for case in CASES:
+        name = f"tab4_downrange_{case}"
+        np.testing.assert_array_equal(short[name].value, -np.array(long[name].value)[::-1])
+        for other in ("altitude", "gamma"):
+            np.testing.assert_array_equal(short[f"tab4_{other}_{case}"].value, long[f"tab4_{other}_{case}"].value)
+    assert short["halved_velocity_p1"].numbers["ratio"] == long["halved_velocity_p99"].numbers["ratio"]
+    assert short["headline_range_reduction"].value == pytest.approx(long["headline_range_reduction"].value, rel=1e-12)
+    for reading, evaluations in (("corrected", long), ("short_positive", short)):
+        rows = entry.product("tables", "tab04", reading, made, published=entry_published)
+        value = evaluations["tab4_downrange_apollo_time"].value[0]
+        assert rows["all trials"][0] == pytest.approx(value, rel=1e-12)
+
+
+def test_table_of_combinations(entry, entry_published, study):
+    rows = entry.product(
+        "tables", "combinations", "corrected", {"combinations": entry.combinations()}, published=entry_published
+    )
+    assert csv_text(rows) and len(rows) == len(study)
+    names = zip(*(rows[head] for head in ("feedback", "adjoint", "partition (s)", "signs")), strict=True)
+    assert {(form.replace(" ", "_"), *rest) for form, *rest in names} == set(study)
+    row, tails = rows.iloc[0], study["five_state", "time", 1.0, "opposite"]
+    assert tuple(row)[:4] == ("five state", "time", 1.0, "opposite")
+    stochastic, apollo = (tails[case][DOWNRANGE][0] for case in ("stochastic_velocity", "apollo_velocity"))
+    ratios = row[["ratio of the 1st percentiles", "ratio of the 99th percentiles"]].to_numpy(float)
+    np.testing.assert_allclose(ratios, stochastic / apollo, rtol=1e-12)
+    narrower = 100 * (1 - np.ptp(stochastic) / np.ptp(apollo))
+    assert row["velocity trigger: narrower by (%)"] == pytest.approx(narrower, rel=1e-9)
+    assert row["velocity trigger: narrower by: standard error (%)"] > 0.0
+
+
+def test_the_covariance_of_the_apollo_law_is_that_of_the_reading(entry):
+    """Eqs. 42, 45 and 50 alone make the bounds similar and the correlation positive; the flights are the same."""
+    made = entry.artifacts("corrected")
+    effective, timed = entry.evaluate("corrected", made), entry.evaluate("timed_covariance", made)
+    for name, of_effective in (
+        ("fig8_apollo_similar", False),
+        ("fig8_more_aggressive", False),
+        ("fig13_apollo_negative", True),
+    ):
+        assert (effective[name].value, timed[name].value) == (of_effective, not of_effective), name
+    assert timed["tab4_downrange_apollo_time"].value == effective["tab4_downrange_apollo_time"].value

@@ -1,0 +1,274 @@
+"""What a build holds, as data frames and datasets: from a small build that is made up here."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from marsedl import results
+from marsedl.papers.powered_descent.records import FlightEnsemble, Gains
+from marsedl.replication import artifacts
+from marsedl.replication.errors import ArtifactError, InputError
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "results.md"
+SIZES = {"trials": 500, "time": 3, "kept": 2, "bins": 4, "edges": 3, "segments": 2}
+COVARIANCE = np.diag([4.0, 1.0, 0.09, 0.04, 2.0]) + 0.01
+
+
+def made_up(kind, **fields):
+    """A record of ones, but for the fields that are given."""
+    values = {}
+    for name, declared in artifacts.quantities(kind).items():
+        shape = tuple(SIZES[extent] if isinstance(extent, str) else extent for extent in declared.dims)
+        values[name] = fields.get(name, np.ones(shape, "int64" if declared.dtype.startswith("int") else declared.dtype))
+    return kind(**values)
+
+
+def flights():
+    random = np.random.default_rng(3)
+    final = random.multivariate_normal([100.0, 50.0, 0.0, 0.0, 1349.0], COVARIANCE, SIZES["trials"])
+    mean, covariance = final.mean(axis=0), np.cov(final.T)
+    return made_up(
+        FlightEnsemble,
+        time=np.array([0.0, 20.5, 41.0]),
+        final_state=final,
+        mean=np.tile(mean, (3, 1)),
+        covariance=np.tile(covariance, (3, 1, 1)),
+        outcome=np.zeros(SIZES["trials"], "int8"),
+    )
+
+
+def claim(name, printed, readings, kind="monte_carlo"):
+    texts = dict.fromkeys(("where", "quantity", "unit", "verdict", "reading", "reason"), "-")
+    rows = {
+        reading: {
+            "value": value,
+            "standard_error": error,
+            "trials": trials,
+            "verdict": "close",
+            "evidence": "",
+            "z": None,
+        }
+        for reading, (value, error, trials) in readings.items()
+    }
+    lists = {"errata": [], "withheld": [], "close": None, "note": "", "size": "full"}
+    row = {"paper": "powered_descent", "id": name, "kind": kind, "printed": printed, "resolution": None, "trials": None}
+    return row | texts | lists | {"readings": rows}
+
+
+CLAIMS = [
+    claim(
+        "mc_final_mean",
+        [100.1, 49.8],
+        {"corrected": ([100.0, 50.0], [0.01, 0.02], 2000), "printed": ([100.2, None], [0.05, None], 500)},
+    ),
+    claim("hover", True, {"corrected": (True, None, None), "printed": (None, None, None)}, "qualitative"),
+    claim("matrix", [[1, 2], [3, 4]], {"corrected": (None, None, None)}, "input"),
+]
+
+
+@pytest.fixture
+def build(tmp_path):
+    """A folder with two readings, one of which shares its gains with a third."""
+    cache = tmp_path / "data" / "cache" / "powered_descent"
+    for reading, level in (("corrected", 1.0), ("target4", 2.0), ("mine", 3.0)):
+        mean = np.full((3, 4), level)
+        record = made_up(Gains, time=np.array([0.0, 20.5, 41.0]), mean=mean)
+        path = cache / reading / "gains.h5"
+        artifacts.save(path, record, paper="powered_descent", reading=reading, provenance={})
+    path = cache / "corrected" / "montecarlo.closed_loop.h5"
+    artifacts.save(path, flights(), paper="powered_descent", reading="corrected", provenance={})
+    for folder, first in (("figures", 1e-9), ("other/figures", 2e-9)):
+        for place in ("powered_descent", "powered_descent/printed"):
+            tables = tmp_path / folder / place
+            tables.mkdir(parents=True, exist_ok=True)
+            (tables / "certificates.csv").write_text(f"segment,error,iterations,status\n1,{first},12,ok\n2,,,ok\n")
+    (tmp_path / "figures" / "powered_descent" / "eq54.csv").write_text("value\n1.0\n2\n")
+    (tmp_path / "figures" / "comparison").mkdir()
+    (tmp_path / "figures" / "comparison" / "costs.csv").write_text("paper,cost\na,1\n")
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "claims.json").write_text(json.dumps(CLAIMS))
+    return tmp_path
+
+
+def test_claims_have_a_row_for_every_component_and_reading(build):
+    frame = results.claims(build)
+    assert [*frame] == [
+        *("paper", "claim", "component", "reading", "value", "standard_error", "printed", "verdict", "claim_verdict"),
+        *("trials", "unit"),
+    ]
+    mean = frame[frame["claim"] == "mc_final_mean"].set_index(["reading", "component"])
+    assert mean["value"].to_list()[:3] == [100.0, 50.0, 100.2]
+    assert np.isnan(mean.loc["printed", "[2]"]["value"])
+    assert mean.loc[("corrected", "[2]"), "standard_error"] == 0.02
+    assert mean["printed"].to_list() == [100.1, 49.8] * 2
+    assert mean["trials"].to_list() == [2000, 2000, 500, 500]
+
+
+def test_claims_are_numbers_even_where_something_is_missing(build):
+    frame = results.claims(build).set_index("claim")
+    assert frame.dtypes[["value", "standard_error", "printed", "trials"]].astype(str).to_list() == [
+        *["float64"] * 3,
+        "Int64",
+    ]
+    assert frame.loc["hover", "value"].iloc[0] == 1.0
+    assert frame.loc["hover", "component"].isna().all()
+    assert frame.loc["hover", "trials"].isna().all()
+    assert frame.loc["matrix", "component"].to_list() == ["[1,1]", "[1,2]", "[2,1]", "[2,2]"]
+    assert frame.loc["matrix", "printed"].to_list() == [1, 2, 3, 4]
+
+
+def test_whole_numbers_of_a_table_stay_whole_where_some_are_missing(build):
+    frame = results.table("powered_descent", "certificates", reading="printed", build=build)
+    assert frame.dtypes.astype(str).to_dict() | {"status": ""} == {
+        "segment": "int64",
+        "error": "float64",
+        "iterations": "Int64",
+        "status": "",
+    }
+    assert frame["iterations"][1] is pd.NA
+    assert results.table("powered_descent", "eq54", build=build)["value"].dtype == float
+    assert results.table("comparison", "costs", build=build)["cost"].to_list() == [1]
+
+
+def test_an_artifact_has_named_dimensions_units_and_meaning(build):
+    gains = results.artifact("powered_descent", "gains", build=build)
+    assert gains["covariance"].dims == ("time", "motion", "motion_2")
+    assert gains["mean"].sel(motion="altitude", time=41.0) == 1.0
+    assert gains["mean"].attrs["meaning"] == "mean state"
+    assert gains["motion_unit"].sel(motion="vertical_velocity") == "m/s"
+
+
+def test_a_shared_artifact_is_read_from_its_owner(build):
+    gains = results.artifact("powered_descent", "gains", reading="euler", build=build)
+    assert gains.attrs["reading"] == "target4"
+    assert (gains["mean"] == 2.0).all()
+
+
+def test_a_reading_that_no_configuration_at_hand_has_is_read_from_its_folder(build):
+    assert (results.artifact("powered_descent", "gains", reading="mine", build=build)["mean"] == 3.0).all()
+
+
+def test_an_ensemble_is_read_when_it_is_used(build):
+    with results.ensemble("powered_descent", "closed_loop", build=build) as trials:
+        assert not trials["final_state"].variable._in_memory
+        assert trials["final_state"].sel(state="mass").mean() == pytest.approx(1349.0, abs=0.5)
+    same = results.artifact("powered_descent", "montecarlo", case="closed_loop", build=build)
+    assert same["final_state"].variable._in_memory
+
+
+def test_an_ensemble_can_be_opened_again_while_it_is_open(build):
+    """As a notebook does whose cell is run twice."""
+    first, second = (results.ensemble("powered_descent", "closed_loop", build=build) for _ in range(2))
+    assert (first["final_state"] == second["final_state"]).all()
+
+
+def test_verdicts_have_a_row_for_every_claim_with_its_margin_and_counterexample(build):
+    path = build / "report" / "claims.json"
+    rows = json.loads(path.read_text("utf-8"))
+    rows[0]["reading"], rows[0]["errata"] = "corrected", ["E1", "E2"]
+    rows[0]["readings"]["corrected"]["margin"] = dict(
+        measure="difference", value=1.0, limit=2.0, unit="m", distance=0.5, **{"in": "standard errors"}
+    )
+    rows[0]["counterexample"] = {"change": "scaled", "of": "gains.mean", "amount": 1.1, "to": "differs"}
+    path.write_text(json.dumps(rows), encoding="utf-8")
+    frame = results.verdicts(build).set_index("claim")
+    assert frame.index.to_list() == ["mc_final_mean", "hover", "matrix"]
+    first = frame.loc["mc_final_mean"]
+    assert first[["distance", "distance_in", "of", "amount"]].to_list() == [0.5, "standard errors", "gains.mean", 1.1]
+    assert first[["verdict", "reading", "errata"]].to_list() == [rows[0]["verdict"], "corrected", ["E1", "E2"]]
+    assert frame.loc["hover", ["measure", "distance", "change", "to"]].isna().all()
+
+
+def test_inputs_have_units_sources_and_meanings():
+    frame = results.inputs("powered_descent", "printed").set_index("name")
+    assert frame.loc["planet.gravity", "unit"] == "m/s^2"
+    assert frame.loc["mission.final_mean", "value"] == [100.0, 50.0, 0.0, 0.0]
+    assert frame["source"].str.len().min() > 0
+    assert frame["meaning"].str.len().min() > 0
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda b: results.table("powered", "eq54", build=b), "no paper 'powered'; did you mean 'powered_descent'"),
+        (
+            lambda b: results.table("powered_descent", "eq5", build=b),
+            "no table 'eq5'; did you mean 'eq54'.*certificates, eq54",
+        ),
+        (lambda b: results.table("powered_descent", "eq54", "euler", b), "euler holds no tables; run 'snakemake fig"),
+        (lambda b: results.artifact("powered_descent", "gain", build=b), "no artifact 'gain'; did you mean 'gains'"),
+        (lambda b: results.artifact("powered_descent", "montecarlo", build=b), "There are: .*montecarlo.closed_loop"),
+        (lambda b: results.ensemble("powered_descent", "closed", build=b), "did you mean 'montecarlo.closed_loop'"),
+        (lambda b: results.artifact("powered_descent", "nominal", build=b), "not built; run .*Built beside it: gains"),
+        (lambda b: results.artifact("powered_descent", "gains", "print", build=b), "did you mean 'printed'"),
+        (lambda b: results.inputs("powered_descent", "print", b), "no reading 'print'; did you mean 'printed'"),
+        (lambda b: results.claims(b / "nowhere"), "nowhere: there is no such folder"),
+    ],
+)
+def test_errors_name_what_exists(build, call, message):
+    with pytest.raises(InputError, match=f"(?s){message}"):
+        call(build)
+
+
+def test_a_damaged_or_older_artifact_is_refused(build, monkeypatch):
+    path = build / "data" / "cache" / "powered_descent" / "corrected" / "gains.h5"
+    monkeypatch.setattr("marsedl.results.artifacts.FORMAT", 3)
+    with pytest.raises(ArtifactError, match="written by another version"):
+        results.artifact("powered_descent", "gains", build=build)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ArtifactError, match=r"gains\.h5"):
+        results.artifact("powered_descent", "gains", build=build)
+
+
+def test_a_build_of_another_size_takes_the_projects_configuration(build, tmp_path_factory):
+    project = tmp_path_factory.mktemp("project")
+    (project / "configs").symlink_to(ROOT / "configs")
+    (project / "data").symlink_to(ROOT / "data")
+    (project / "build").mkdir()
+    (project / "build" / "smoke").symlink_to(build)
+    small, full = (
+        results.inputs("powered_descent", build=folder).set_index("name").loc["ensemble.trials", "value"]
+        for folder in (project / "build" / "smoke", project)
+    )
+    assert small < full
+    gains = results.artifact("powered_descent", "gains", build=project / "build" / "smoke")
+    assert (gains["mean"] == 1.0).all()
+
+
+def test_the_examples_of_the_page_run(build, monkeypatch):
+    """A claim over readings, a scatter with its ellipse, a table with that of another build."""
+    import matplotlib.pyplot as plt
+
+    monkeypatch.chdir(build)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    blocks = re.findall(r"(?ms)^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"))
+    names = {}
+    for block in blocks:
+        exec(block, names)
+    plt.close("all")
+    distance = names["mean"].set_index(["reading", "component"])["distance"]
+    assert distance["corrected", "[2]"] == pytest.approx(10.0)
+    assert (build / "final_velocity.png").stat().st_size > 10_000
+    inside = names["final"] - names["centre"]
+    inside = np.einsum("ti,ij,tj->t", inside, np.linalg.inv(names["covariance"]), inside)
+    assert np.mean(inside < 9.0) == pytest.approx(1.0 - np.exp(-4.5), abs=0.02)
+    around = np.einsum("it,ij,jt->t", names["ellipse"], np.linalg.inv(names["covariance"]), names["ellipse"])
+    np.testing.assert_allclose(around, 9.0)
+    assert names["both"][["error here", "error there"]].iloc[0].to_list() == [1e-9, 2e-9]
+
+
+@pytest.mark.parametrize("page", ["formats", "using"])
+def test_the_examples_of_other_pages_run_in_a_build(build, page, monkeypatch):
+    monkeypatch.chdir(build)
+    (example,) = re.findall(
+        r"^```python\n(.*?)^```$", (ROOT / "docs" / f"{page}.md").read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
+    names = {}
+    exec(compile(example, page, "exec"), names)
+    if page == "using":
+        assert names["altitude"].values.tolist() == [1.0, 1.0, 1.0]

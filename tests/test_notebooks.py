@@ -1,0 +1,89 @@
+"""The notebooks of the documentation: they run, and what they say of their results is so."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from marsedl import results
+from marsedl.replication.claims import read_claims, summary
+
+NOTEBOOKS = Path(__file__).parents[1] / "docs" / "notebooks"
+ALL = sorted({path.stem for path in NOTEBOOKS.glob("*.md")} - {"index"})
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """A function that runs the cells of a notebook one after the other and returns the names that they define."""
+    import matplotlib.pyplot as plt
+
+    def run_cells(name, build=None):
+        if build is not None:
+            monkeypatch.setenv("MARSEDL_BUILD", str(build))
+        text, names = (NOTEBOOKS / f"{name}.md").read_text(encoding="utf-8"), {}
+        for cell in re.findall(r"(?ms)^```\{code-cell\}\n(.*?)^```$", text):
+            exec(compile(cell, name, "exec"), names)
+        return names
+
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    yield run_cells
+    plt.close("all")
+
+
+def test_every_notebook_is_run_here_and_has_its_run_time_in_the_list():
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert [name for name in ALL if f'run("{name}"' in here] == ALL
+    listed = re.findall(r"(?m)^\| \[.*?\]\((\w+)\.md\) \|.*\| \d+ s \|$", (NOTEBOOKS / "index.md").read_text("utf-8"))
+    assert sorted(listed) == ALL
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_text_is_a_notebook_without_outputs(name):
+    _, head, text = (NOTEBOOKS / f"{name}.md").read_text(encoding="utf-8").split("---\n", 2)
+    assert yaml.safe_load(head)["file_format"] == "mystnb"
+    assert text.count("```{code-cell}\n") * 2 == text.count("```")
+
+
+@pytest.mark.workflow
+def test_verdicts_as_data_counts_what_the_build_counts(run, tree):
+    names = run("verdicts_as_data", tree.build)
+    rows = read_claims(tree.build / "report" / "claims.json")
+    assert names["counted"]["verdict"].value_counts().to_dict() == {
+        verdict: count for verdict, count in summary(rows)["counted"].items() if count
+    }
+    verdicts = {(row["paper"], row["id"]): row for row in rows}
+    assert len(names["moved"]) > 10
+    for _, change in names["moved"].iterrows():
+        readings = verdicts[change["paper"], change["claim"]]["readings"]
+        assert readings[change["reading"]]["verdict"] == change["here"] != readings["corrected"]["verdict"]
+    assert names["margins"]["distance"].is_monotonic_increasing
+    assert set(names["margins"]["distance_in"]) <= {"standard errors", "limits", "values"}
+    assert (names["turned"]["to"] != names["turned"]["verdict"]).sum() > 0.9 * len(names["turned"]) > 0
+
+
+@pytest.mark.workflow
+def test_an_ensemble_is_known_better_flight_by_flight(run, tree):
+    names = run("an_ensemble", tree.build)
+    first, second, difference = (names[name] for name in ("first", "second", "difference"))
+    assert difference.var() < 0.7 * (first.var() + second.var())
+    flights = results.ensemble("stochastic_entry", "stochastic_velocity", build=tree.build)["final_state"]
+    worst = second.idxmax()
+    ends = names["ends"]["stochastic"]
+    assert ends.loc[worst, "altitude (km)"] * 1e3 == pytest.approx(float(flights.sel(final="altitude")[worst]))
+    shares = pd.DataFrame(names["shares"])
+    assert (shares.loc["from (%)"] < shares.loc["good (%)"]).all()
+    assert (shares.loc["good (%)"] < shares.loc["to (%)"]).all()
+
+
+def test_linear_theory_predicts_the_flights_of_an_own_vehicle(run):
+    names = run("an_own_vehicle")
+    rows = pd.DataFrame(names["rows"])
+    np.testing.assert_allclose(rows.loc["predicted (km)"], rows.loc["flown (km)"], rtol=0.1)
+    assert rows.loc["flown (km)", "Apollo"] < 0.1 * rows.loc["flown (km)", "none"]
+    deviation = {name: history[:, 3].std(axis=1, ddof=1) for name, history in names["flown"].items()}
+    predicted = {name: np.sqrt(names["predicted"][name].covariance[:, 3, 3]) for name in deviation}
+    for name, flown in deviation.items():  # along the whole flight, as the figure shows
+        np.testing.assert_allclose(predicted[name], flown[:: names["SUBSTEPS"]], rtol=0.1, atol=50.0)
