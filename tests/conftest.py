@@ -25,11 +25,16 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hypothesis import settings
 
 from marsedl.papers import SLUGS, input_model
 from marsedl.replication.digests import digest
 from marsedl.replication.sizes import build_folder, size_of
 from marsedl.replication.verification import PRODUCTS, copy_tree, snakemake
+
+# The same examples in every run, so that chance decides nothing; `pytest --hypothesis-profile=default` draws new ones.
+settings.register_profile("repeatable", derandomize=True, database=None)
+settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
 BUILD = Path(__file__).parent / "workflow" / "build.py"
