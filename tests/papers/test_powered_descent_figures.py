@@ -175,7 +175,7 @@ def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node
     assert third[at_20] == pytest.approx(expected, abs=1e-9)
     expected = ensemble.mean[at_20, 4] - made.mass[node(made, 20.0)]
     assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
-    assert "2,000 trials" in mean.get_label()
+    assert "2,000 flights" in mean.get_label()
 
 
 def test_fig05_marks_the_printed_final_masses(pipeline, published):
@@ -204,7 +204,7 @@ def test_fig06b_is_ordered_and_below_the_limit(draw, pipeline):
     )
     assert (mean < percentile).all() and (percentile < largest).all() and largest.max() < 1
     np.testing.assert_allclose(mean, pipeline.ensemble().observed_mean[:, 0] / 18_000.0, rtol=1e-12)
-    assert "2,000 trials" in axes.get_title()
+    assert "2,000 flights" in axes.get_title()
 
 
 def test_fig07_shows_prediction_measurement_and_band(draw, pipeline, node):

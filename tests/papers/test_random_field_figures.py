@@ -348,7 +348,7 @@ def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field
             for values, (least, largest) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
                 assert least < values.min() and values.max() < largest
     assert figure.axes[0].get_title() == "open loop" and figure.axes[1].get_title() == "closed loop"
-    assert "99.73 % ellipse, 2,000 trials" in labels(figure)
+    assert "99.73 % ellipse, 2,000 flights" in labels(figure)
 
 
 def test_fig05_counts_trials_that_are_not_finite(draw, random_field):
@@ -792,7 +792,7 @@ def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
     shown = labels(figure)
     assert any(label.endswith("cycling with period 2") for label in shown)
     assert "both branches: converged" in shown
-    assert any("stopped; 1 to 4 of 300 trials lost" in label for label in shown)
+    assert any("stopped; 1 to 4 of 300 flights lost" in label for label in shown)
 
 
 def test_convergence_without_a_percentile_says_so(inputs_of, history):

@@ -331,7 +331,7 @@ def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem,
     trigger = ("time", "velocity")[number]
     for column, (law, color) in zip(panels.T, LAWS, strict=True):
         ensemble = entry.ensemble("corrected", f"{law}_{trigger}")
-        assert column[0].get_title() == f"{'Apollo' if law == 'apollo' else law}, 2,000 trials"
+        assert column[0].get_title() == f"{'Apollo' if law == 'apollo' else law}, 2,000 flights"
         for axes, (name, component, unit) in zip(column, (*ROWS, ("crossrange", 5, 1e3)), strict=True):
             drawn = curves(axes, color, least=100)
             trials, bounds = drawn[:DRAWN], drawn[DRAWN:]

@@ -538,10 +538,15 @@ def test_a_close_verdict_says_why_its_tolerance_is_right():
     declared = {"mass": Declaration(close=Close("The step is not stated.", relative=0.02))}
     (row,) = collect([CLAIMS[0]], declared, {"corrected": {"mass": Evaluation(1355.0)}})
     assert row["verdict"] == "close"
-    assert (
-        row["reason"] == "Within the tolerance stated beforehand (0.02 of the printed value): The step is not stated."
-    )
+    assert row["reason"] == "Within the tolerance stated beforehand (2 % of the printed value): The step is not stated."
     assert row["close"] == {"relative": 0.02, "absolute": None, "reason": "The step is not stated."}
+
+
+def test_a_close_verdict_names_a_tolerance_of_every_entry():
+    declared = {"state": Declaration(close=Close("the step is not stated", absolute=(0.5, 0.25)))}
+    evaluations = {"corrected": {"state": Evaluation([1.2, 2.2])}}
+    (row,) = collect([claim(id="state", printed=[1.0, 2.0], resolution=0.01)], declared, evaluations)
+    assert row["reason"] == "Within the tolerance stated beforehand (0.5, 0.25 kg): the step is not stated."
 
 
 @pytest.mark.parametrize(

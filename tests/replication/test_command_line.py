@@ -95,9 +95,14 @@ def test_a_configuration_file_in_order_is_passed_on(tmp_path):
     check_configuration(["all", "--configfile", str(path)], SLUGS)
 
 
-def test_a_target_behind_the_option_is_told_from_a_file():
-    with pytest.raises(SystemExit, match=r"fig07.png: .* write targets before --configfile"):
-        check_configuration(["--configfile", "figures/powered_descent/fig07.png"], SLUGS)
+@pytest.mark.parametrize("built", [False, True])
+def test_a_target_behind_the_option_is_not_read_as_a_configuration(built, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if built:
+        Path("fig07.png").write_bytes(b"\x89PNG")
+    for target in ("fig07.png", "all"):
+        with pytest.raises(SystemExit, match=rf"{target}: .* write targets before --configfile"):
+            check_configuration(["--configfile", target], SLUGS)
 
 
 def test_a_target_behind_settings_is_told_from_one():

@@ -705,8 +705,12 @@ def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -
     text = ". ".join(part for part in ("; ".join(filter(None, parts)), text) if part)
     if verdict == "close":
         tolerance = declaration.close
-        bound = f"{tolerance.relative:.3g} of the printed value" if tolerance.relative else f"{tolerance.absolute}"
-        text = f"{text} Within the tolerance stated beforehand ({bound}): {tolerance.reason}".strip()
+        if tolerance.relative:
+            bound = f"{100 * tolerance.relative:.3g} % of the printed value"
+        else:
+            bound = ", ".join(f"{entry:g}" for entry in _flatten(_plain(tolerance.absolute)).values())
+            bound = f"{bound} {claim.unit}".removesuffix(" 1")
+        text = f"{text} Within the tolerance stated beforehand ({bound}): {tolerance.reason.rstrip('.')}.".strip()
     return text
 
 

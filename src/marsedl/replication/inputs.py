@@ -108,6 +108,9 @@ class _Place:
         return ": ".join([where, ".".join(self.keys)] if self.keys else [where])
 
 
+_PRODUCTS = (".png", ".pdf", ".csv", ".md", ".html", ".h5")  # what a target of the workflow ends in
+
+
 @dataclass(frozen=True)
 class _Written:
     """A reading as it stands in a file."""
@@ -122,8 +125,10 @@ def read_own_file(path: Path, keys: typing.Iterable[str]) -> dict:
     Snakemake reads such a file too, and would run code under `__use_yte__` in it. Every reader calls this first, so
     that all reject the same files with the same message.
     """
-    document = read_yaml(path, "check its path and permissions; write targets before --configfile, not after it")
-    name = printable(str(path))
+    name, order = printable(str(path)), "write targets before --configfile, not after it"
+    if path.suffix in _PRODUCTS:
+        raise InputError(f"{name}: is not a configuration; {order}")
+    document = read_yaml(path, f"check its path and permissions; {order}")
     if not isinstance(document, dict):
         what = "nothing" if document is None else shown(document)
         raise InputError(f"{name}: must be keys with values, not {what}; begin with one of {', '.join(keys)}")

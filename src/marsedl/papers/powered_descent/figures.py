@@ -117,9 +117,9 @@ def fig03(drawing: Drawing, gains: Gains, closed_loop: FlightEnsemble, open_loop
     sigma = drawing.ellipse_sigma
     size = f"{sigma:g}-sigma ellipses ({100 * probability_inside(sigma):.1f} %)"
     for color, label, marker in (
-        (BLUE, f"closed loop ({closed} trials)", ""),
-        (ORANGE, f"open loop ({opened} trials)", ""),
-        (BLACK, f"mean path; {size} and trials at the targets", "."),
+        (BLUE, f"closed loop ({closed} flights)", ""),
+        (ORANGE, f"open loop ({opened} flights)", ""),
+        (BLACK, f"mean path; {size} and flights at the targets", "."),
         (VERMILION, "the same in between", "."),
     ):
         legend_entry(panels["both"], label, color=color, marker=marker)
@@ -150,7 +150,7 @@ def fig05(mission: Mission, closed_loop: FlightEnsemble, nominal: Nominal, publi
     trials(masses, mass)
     plot(masses, prior, label="prior profile", **MEAN)
     trials(difference, mass.minus(prior, "mass minus prior profile"), label=None)
-    plot(difference, mean.minus(prior), color=VERMILION, label=f"mean of {closed_loop.count:,} trials")
+    plot(difference, mean.minus(prior), color=VERMILION, label=f"mean of {closed_loop.count:,} flights")
     plot(masses, mean, color=VERMILION)
     zero(difference, linewidth=0.9)
     mark(masses, difference, x=mission.segment_durations[0])
@@ -200,13 +200,13 @@ def fig06b(vehicle: Vehicle, mission: Mission, drawing: Drawing, closed_loop: Fl
     percentile, _ = histogram_percentile(closed_loop.histogram[:, THRUST], closed_loop.histogram_edges[THRUST], level)
     for thrust, color, label in (
         (mean, BLACK, "mean"),
-        (mean.of(percentile), BLUE, f"{100 * level:g} % of the trials below"),
+        (mean.of(percentile), BLUE, f"{100 * level:g} % of the flights below"),
         (largest, VERMILION, "maximum"),
     ):
         plot(axes, thrust.of(thrust.values / vehicle.maximum_thrust, name, "1"), color=color, label=label)
     mark(axes, y=1.0, linewidth=1.2, label="maximum thrust")
     mark(axes, x=mission.segment_durations[0])
-    axes.set(xlim=(0, closed_loop.time[-1]), title=f"{closed_loop.count:,} trials")
+    axes.set(xlim=(0, closed_loop.time[-1]), title=f"{closed_loop.count:,} flights")
     axes.set_ylim(bottom=0)
     axes.legend()
     return figure
@@ -296,7 +296,7 @@ def integrator_error(simulation: Simulation, integrator_error: IntegratorError) 
         axes.set_xscale("log")
         axes.set_xticks(integrator_error.step, [f"{step:.2g}" for step in integrator_error.step])
         axes.minorticks_off()
-    panels[0, 0].set_title(f"root mean square over {integrator_error.trials:,} trials")
+    panels[0, 0].set_title(f"root mean square over {integrator_error.trials:,} flights")
     panels[0, 1].set_title("|mean|, where it exceeds three standard errors")
     first = panels[0, 0]
     for component, color in colors.items():

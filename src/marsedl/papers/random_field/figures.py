@@ -79,7 +79,7 @@ ERRORS = (
 )
 INITIAL_GUESS = {"color": BLACK, "linestyle": "--"}
 TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
-SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all trials"}
+SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all flights"}
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
 LEAST_PROBABILITY = 1e-6  # of the axis of violations
@@ -251,9 +251,9 @@ def fig05(
     panels[0].set(ylim=(lowest[1] - margin[1], highest[1] + margin[1]))
     panels[-1].set_xlabel("position $r$")
     for color, width, style, label in (
-        (GREY, 1.8, "-", f"{100 * point_mass.ellipse_probability:g} % ellipse, {flights.count[0]:,} trials"),
+        (GREY, 1.8, "-", f"{100 * point_mass.ellipse_probability:g} % ellipse, {flights.count[0]:,} flights"),
         (BLACK, 1.0, "--", "the same by linear covariance"),
-        (SKY, 0.8, "-", f"{flights.kept_history.shape[1]} of the trials"),
+        (SKY, 0.8, "-", f"{flights.kept_history.shape[1]} of the flights"),
         (VERMILION, 1.2, "--", "state constraints"),
     ):
         legend_entry(panels[0], label, color=color, linewidth=width, linestyle=style)
@@ -823,7 +823,7 @@ def violations(
         (BLACK, "--", "", BLACK, "allotted"),
         (BLACK, "none", "_", BLACK, "linear covariance"),
         (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
-        (GREY, "none", "o", GREY, f"share of {sizes} trials, {100 * CONFIDENCE:g} % interval"),
+        (GREY, "none", "o", GREY, f"share of {sizes} flights, {100 * CONFIDENCE:g} % interval"),
         (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
         (GREY, "none", "v", "none", "no violation: upper end of the interval"),
     ):
@@ -848,7 +848,7 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
         losses = ""
         if lost.size and lost.max() > 0:
             losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
-            losses = f"; {losses} of {studies.study_trials:,} trials lost"
+            losses = f"; {losses} of {studies.study_trials:,} flights lost"
         reached, predicted, flights, error = (
             field(convergence, path, at={"variant": row}, unit=unit, name=shown)
             for path, unit, shown in (
@@ -908,7 +908,7 @@ def regularization(guidance: Guidance, studies: Studies, regularization: Regular
         ("worst_step", VERMILION, "at the worst step"),
         ("lost", BLACK, "lost"),
     ):
-        counts = field(study, path, **against, name=f"share of {trial_count:,} trials")
+        counts = field(study, path, **against, name=f"share of {trial_count:,} flights")
         share = counts.of(np.where(counts.values > 0, counts.values / trial_count, np.nan))
         plot(shares, share, color=color, label=label, **curve)
     allotted = 1.0 - guidance.control_probability
@@ -979,10 +979,10 @@ def field_study(air: Air, field_study: FieldStudy) -> Figure:
     axes.set(
         xlabel="standard deviation of the density variation at 45 km (%)",
         ylabel=r"99th percentile of $\Delta v$, open loop (m/s)",
-        title=f"{study.trials:,} trials each",
+        title=f"{study.trials:,} flights each",
     )
     if not np.isfinite(np.concatenate([study.percentile, study.variance_percentile])).any():
-        note(axes, "no 99th percentile: more than 1 % of the trials lost", 0.5)
+        note(axes, "no 99th percentile: more than 1 % of the flights lost", 0.5)
         axes.set_yticks([])
     figure.legend(loc="outside lower center", ncols=2)
     return figure
@@ -1075,7 +1075,7 @@ def _law(number):
 
 def _trials(ensemble, number):
     lost = int(flight_statistics.lost(ensemble)[number])
-    return f"{ensemble.outcome.shape[1]:,} trials" + (f", {lost:,} lost" if lost else "")
+    return f"{ensemble.outcome.shape[1]:,} flights" + (f", {lost:,} lost" if lost else "")
 
 
 def _grid(count, width, height, **shared):
@@ -1100,7 +1100,7 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
     _mark_below_remarks(axes, mean + ndtri(LEVEL) * deviation, shown, color=BLACK, linewidth=1.4)
     trial_count, captured = len(delta_v.values), delta_v.values[np.isfinite(delta_v.values)]
     lost, outside = trial_count - len(captured), int(((captured < shown[0]) | (captured > shown[1])).sum())
-    lines = [f"{trial_count:,} trials"]
+    lines = [f"{trial_count:,} flights"]
     lines += [f"{lost:,} lost"] if lost else []
     lines += [f"{outside:,} outside"] if outside else []
     reached = f"99 %: {percentile:.1f} $\\pm$ {error:.1f} m/s"
@@ -1162,7 +1162,7 @@ def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number)
     handles = [
         legend_entry(panels[0], label, color=color, linestyle=style, linewidth=width, marker=marker)
         for color, style, width, marker, label in (
-            (GREY, "-", 0.8, "", f"{kept} trials"),
+            (GREY, "-", 0.8, "", f"{kept} flights"),
             (BLUE, "--", 1.2, "", SAMPLED["label"]),
             (BLUE, "none", 0.0, "*", r"mean $\pm 3 \sigma$ of the command, before its limits"),
             (BLACK, "-", 1.0, "", r"mean $\pm 3 \sigma$, linear covariance (bars)"),

@@ -197,7 +197,7 @@ def fig04(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) ->
     variations = flown_variations(simulation.seed, atmosphere, np.arange(drawing.drawn_densities))
     _densities(axes, planet.atmosphere_altitude, atmosphere, variations, BLUE)
     axes.set(ylabel="altitude (km)", title="surrogate of Mars-GRAM samples (not Mars-GRAM)")
-    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"trials 0 to {drawing.drawn_densities - 1}")
+    axes.plot([], [], color=BLUE, linewidth=0.6, label=f"flights 0 to {drawing.drawn_densities - 1}")
     axes.plot([], [], color=BLACK, linestyle="--", label=r"$\pm 2 \sigma$")
     axes.legend(loc="lower right")
     return figure
@@ -364,11 +364,11 @@ def fig12(
                 mark(axes, y=spread * np.array([-1, 1]), color=BLACK, linewidth=1.0, linestyle="--")
             axes.set_xlim(window)
             _note_if_empty(axes, measured)
-        column[0].set_title(f"{LAW_NAME[law]}, {ended.sum():,} trials at the trigger")
+        column[0].set_title(f"{LAW_NAME[law]}, {ended.sum():,} flights at the trigger")
     for color, style, width, marker, label in (
-        (GREY, "-", 0.6, ".", "trials with their ends"),
+        (GREY, "-", 0.6, ".", "flights with their ends"),
         (BLACK, "-", 1.0, "", "nominal"),
-        (GREY, "-", 1.6, "", r"mean $\pm 3 \sigma$ at the trigger, all trials"),
+        (GREY, "-", 1.6, "", r"mean $\pm 3 \sigma$ at the trigger, all flights"),
         (BLACK, "--", 1.0, "", r"$\pm 3 \sigma$ at the trigger, linear covariance"),
     ):
         legend_entry(panels[0, 0], label, color=color, linestyle=style, linewidth=width, marker=marker)
@@ -496,7 +496,7 @@ def error_budget(error_budget: ErrorBudget) -> Figure:
     legend_entry(panels[0], "floor of the density's part", color=BLACK)
     legend_below(figure, panels, columns=4)
     panels[-1].set_xticks(places, names, fontsize=8)
-    panels[-1].set_xlabel(f"only source of uncertainty ({error_budget.trials:,} trials each)")
+    panels[-1].set_xlabel(f"only source of uncertainty ({error_budget.trials:,} flights each)")
     return figure
 
 
@@ -549,7 +549,7 @@ def floor(
         lost = np.count_nonzero(~np.isfinite(errors(ensemble)[:, DOWNRANGE]))
         if is_streamed(ensemble):
             lost = ensemble.excluded
-        name = f"{LAW_NAME[law]}, {trigger}\n{ensemble.count + ensemble.excluded:,} trials"
+        name = f"{LAW_NAME[law]}, {trigger}\n{ensemble.count + ensemble.excluded:,} flights"
         names.append(name + (f",\n{lost:,} not finite" if lost else ""))
     for label, style in (
         ("floor: density noise after the last control", {"color": "none", "edgecolor": BLACK}),
@@ -584,7 +584,7 @@ def reversals(
         range_error = _final_error(ensemble, "downrange", "km", "final range error")
         error = range_error.values
         finite = np.isfinite(error)
-        title = f"{case}: {finite.sum():,} trials"
+        title = f"{case}: {finite.sum():,} flights"
         if not finite.all():
             title += f", {np.count_nonzero(~finite):,} not finite"
         axes.set(title=title, xlabel=range_error.label)
@@ -674,11 +674,11 @@ def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger,
             axes.set_xlim(0, nominal.end_time)
             _note_if_empty(axes, measured[0].values)
         lost = f", {ensemble.excluded:,} not finite" if ensemble.excluded else ""
-        column[0].set_title(f"{LAW_NAME[law]}, {ensemble.count + ensemble.excluded:,} trials{lost}")
+        column[0].set_title(f"{LAW_NAME[law]}, {ensemble.count + ensemble.excluded:,} flights{lost}")
     mark(*panels.flat[1:], x=nominal.alignment_time)
     first = panels[0, 0]
-    legend_entry(first, f"{len(ensembles[0].kept_history)} trials", color=GREY, linewidth=0.6)
-    legend_entry(first, r"mean $\pm 3 \sigma$ of all trials", color=GREY, linewidth=1.8)
+    legend_entry(first, f"{len(ensembles[0].kept_history)} flights", color=GREY, linewidth=0.6)
+    legend_entry(first, r"mean $\pm 3 \sigma$ of all flights", color=GREY, linewidth=1.8)
     if some_ended:
         legend_entry(first, "the same of those still flying", color=GREY, **STILL_FLYING)
     legend_entry(first, r"$\pm 3 \sigma$, linear covariance", color=BLACK, linewidth=1.1, linestyle="--")
