@@ -268,3 +268,14 @@ def test_sentences_of_the_pages_of_the_report_are_short():
     # What is filled in counts as a word, what is repeated or chosen as an end.
     texts = [re.sub(r"(?s)\{%.*?%\}|\{#.*?#\}", "<p>", re.sub(r"(?s)\{\{.*?\}\}", "x", page)) for page in pages]
     assert too_long([text for page in texts for text in elements(page)]) == []
+
+
+@pytest.mark.workflow
+@pytest.mark.parametrize("page", ["index", *SLUGS])
+def test_no_word_of_the_report_stands_before_its_definition(page, copied):
+    """Above the definitions of a page, its main part uses none of the words."""
+    main = (copied.path("report") / f"{page}.html").read_text(encoding="utf-8").partition("<main")[2]
+    before, found, after = main.partition('<dl class="terms">')
+    assert found
+    assert [text for text in elements(before) if undefined(text, words())] == []
+    assert [word for word in words() if f"<dt>{word.capitalize()}</dt>" not in after] == []

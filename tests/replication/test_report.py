@@ -528,7 +528,7 @@ def test_verdicts_without_a_reason_are_named_on_every_page(tmp_path):
     build_site(tmp_path / "out", [replace(papers[0], claims=rows)], {"size": "full"})
     for name in ("index.html", "powered_descent.html", "about.html"):
         page = read(tmp_path / "out" / name)
-        assert "1 verdict is unexplained." in words(page)
+        assert "1 result is unexplained." in words(page)
         assert f"powered_descent.html#{row['id']}" in page.links
         assert "run of size" not in words(page)
 

@@ -319,9 +319,12 @@ def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]
     """Write out a claim's numbers, and what stands behind its verdict."""
     result = {"evidence": "", "doubt": "", "margin": None, "trials": None, "at_equal_trials": None, "z": None}
     result |= row["readings"].get(row["reading"]) or {}
+    # A verdict from fewer flights does not stand beside one from more.
+    compared = {name: other.get("at_equal_trials") or other for name, other in row["readings"].items()}
     others: dict[str, list[str]] = {}
-    for name, other in row["readings"].items():
+    for name, other in compared.items():
         others.setdefault(other["verdict"] or "not evaluated", []).append(name)
+    own = compared[row["reading"]]["verdict"] if row["readings"] else row["verdict"]
     statement = row["kind"] == "qualitative"
     meanings = {entry.name: entry.meaning for entry in paper.inputs}
     named = re.findall(r"\b\w+\.\w+\b", " ".join(row.get("withheld") or []))
@@ -334,7 +337,9 @@ def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]
         "unit": "" if row["unit"] == "1" or statement else row["unit"],
         "shown": effects.shown(row) if row["readings"] else "",
         "why": effects.why(row, titles, meanings),
-        "same": others.pop(row["verdict"], []),
+        "own": own,
+        "same": others.pop(own, []),
+        "equal_trials": any(other.get("at_equal_trials") for other in row["readings"].values()),
         "others": others,
         "components": _components(row),
         "dots": _dots(row),

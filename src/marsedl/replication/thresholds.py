@@ -65,7 +65,9 @@ class Limit:
 NEARLY_EXACT = Limit(0.01, words="nearly exact, almost exactly, nearly constant")  # relative difference
 CLOSE = Limit(0.05, words="close to, almost the same, approximately equal")  # relative difference
 ABOUT = Limit(0.1, words="about, approximately, roughly (a number); met, steered to (a target)")  # relative difference
-SIMILAR = Limit(0.25, words="similar, comparable, reasonably predicted")  # relative difference
+SIMILAR = Limit(
+    0.25, words="similar, comparable, reasonably predicted, not too far off, not excessive"
+)  # relative difference
 SMALL = Limit(0.1, words="small, minor, slight, a little")  # at most this share of what it is small against
 NEGLIGIBLE = Limit(0.05, words="negligible, almost zero, nulled")  # at most this share
 VISIBLE = Limit(0.1, words="visible, noticeable, clear, to some extent")  # at least this share

@@ -341,6 +341,11 @@ class Deviations(NamedTuple):
         """Mean square in the middle beyond what sampling gives."""
         return float((self.middle**2).mean() - self.sampling**2)
 
+    @property
+    def systematic_error(self) -> float:
+        """Standard error of `systematic` at most: as if all outputs had the same sampling error."""
+        return np.sqrt(2) * self.sampling**2 + 2 * np.sqrt(max(self.systematic, 0.0)) * self.sampling
+
 
 class OwnDeviations(Deviations):
     """Those of the flights whose mass flows."""
@@ -400,10 +405,12 @@ def var_midcourse_minor_deviation(figure: OwnDeviations):
 def midcourse_deviation_cause(figure: OwnDeviations, prior: PriorDeviations):
     # Either sampling is all that there is; or what is beyond it goes away with the mass profile.
     by_sampling = measure("largest mid-segment deviation", figure.middle.max() / figure.sampling, "sampling errors")
-    rest = prior.systematic / max(figure.systematic, 1e-300)
+    whole = max(figure.systematic, 1e-300)
+    rest = max(prior.systematic, 0.0) / whole
+    error = np.hypot(prior.systematic_error, rest * figure.systematic_error) / whole
     subject = "share of its mean square beyond sampling that remains when the plant flies the mass of the design"
     return holds(
-        (by_sampling < SIGMAS) | (measure(subject, max(rest, 0.0)) < MOST),
+        (by_sampling < SIGMAS) | (measure(subject, rest, error=error) < MOST),
         f"the largest deviation is then {prior.middle.max() / prior.sampling:.3g} sampling errors",
         trials=prior.trials,
     )

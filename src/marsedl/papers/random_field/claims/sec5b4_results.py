@@ -56,7 +56,8 @@ NAME = f"{100 * LEVEL:g}th percentile of delta-v"
 
 @claim(
     """We find {value:.1f} m/s. The number follows from choices that are not printed. Other nominal densities give
-    {jezero_2021[value]:.0f} to {doc_fit[value]:.1f} m/s, most that of `doc_fit`. The printed entry angle gives
+    {jezero_2021[value]:.0f} to {doc_fit[value]:.1f} m/s, most that of `doc_fit`, which misses the printed entry angle
+    and the printed time of largest dynamic pressure (E5). The printed entry angle gives
     {angle_printed[value]:.1f} m/s. Feedback of the deviation from the trajectory of the linearisation gives
     {reference_expansion[value]:.1f} m/s. The printed p_f gives {pf_printed[value]:.0f} m/s, delta-v in m/s gives
     {metres[value]:.0f} m/s. The next smaller and larger navigation errors of their study give {smaller:.0f} and
@@ -328,8 +329,9 @@ def _at_peak(nominal, laws):
 @claim(
     """In the interval that holds the peak the mean control is {lift:+.3f}, in the next it is {after:+.3f}. This depends
     on choices that are not printed. It is {metres[lift]:+.2f} with delta-v in m/s and {pf_printed[lift]:+.2f} with the
-    printed p_f. Other nominal densities give {doc_fit[lift]:+.2f} to {jezero_2021[lift]:+.2f}. In m/s it is
-    {metres_variance[lift]:+.2f} with the larger variance of a calibration.""",
+    printed p_f. Other nominal densities give {doc_fit[lift]:+.2f} to {jezero_2021[lift]:+.2f}. In the next interval
+    they give {doc_fit[after]:+.2f} to {jezero_2021[after]:+.2f}. In m/s it is {metres_variance[lift]:+.2f} with the
+    larger variance of a calibration.""",
     errata="E4 E6",
     withheld=(UNIT, DENSITY, VARIANCE),
     counterexample=scaled("gains.control", at=(-1, 4)),
