@@ -54,7 +54,6 @@ def reading_of(based_on="corrected", **inputs):
         ({"benchmark_slice": 26}, ["benchmark_slice"]),
         ({"studied_slices": [0.2, 1.0]}, ["studied_slices", "less than 1"]),
         ({"dubins_start": [0.0, 0.0]}, ["dubins_start"]),
-        ({"redraw_steps": 9}, ["guidance.fine_steps (240) is not a multiple of ensemble.redraw_steps (9)"]),
         ({"dubins_steps_per_slice": 7}, ["dubins_fine_steps (400) is not a multiple of dubins_steps_per_slice (7)"]),
         ({"fine_steps": 1}, ["fine_steps", "greater than or equal to 2"]),
         ({"initial_lengths_km": [0.15, 0.0, 0.25]}, ["initial_lengths", "greater than 0"]),
@@ -134,7 +133,7 @@ def test_the_size_smoke_is_a_valid_reading_too():
 
 
 @pytest.mark.parametrize("inputs", [{"steps_per_slice": 6}, {"steps_per_slice": 3}, {"steps_per_slice": 20},
-                                    {"fine_steps": 200, "redraw_steps": 10}])  # fmt: skip
+                                    {"fine_steps": 300}])  # fmt: skip
 def test_other_numbers_of_slices_need_no_other_inputs(inputs):
     mine = reading_of(**inputs).inputs
     stages = mine.guidance.fine_steps // mine.recursion.steps_per_slice

@@ -169,6 +169,8 @@ def test_disturbances_of_the_cases(made):
         np.testing.assert_allclose(np.linalg.norm(drawn, axis=-1), 1.0, rtol=1e-14)
     np.testing.assert_array_equal(redrawn[0], constant[0])
     assert len(np.unique(redrawn.reshape(-1, 2), axis=0)) == 6000
+    others = flight.disturbances(flight.Draws(inputs.seed, "redrawn", 9), loop, trials)  # of 240: after 10 instead
+    np.testing.assert_array_equal(others, redrawn[:24])
     # So both fly the same way until the second is drawn.
     flights = [flown(made, case).kept_history for case in ("constant", "redrawn")]
     np.testing.assert_array_equal(flights[0][:, :9], flights[1][:, :9])

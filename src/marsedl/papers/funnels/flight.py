@@ -136,7 +136,9 @@ def additive(draws: Draws, setting, trials):
 
 def _segments(draws, loop):
     """Parts of the flight with a disturbance of their own."""
-    return loop.steps // draws.redraw_steps if draws.case == "redrawn" else 1
+    if draws.case != "redrawn":
+        return 1
+    return loop.steps // environment.spacing_of(loop, loop.steps / draws.redraw_steps)
 
 
 def _combined(matrix, vectors):

@@ -228,7 +228,7 @@ class Ensemble(Trials):
 
     trials: Count = given("1", "flights with constant disturbance")
     redrawn_trials: Count = given("1", "flights whose disturbance is drawn again and again")
-    redraw_steps: Few = given("1", "fine steps after which it is")
+    redraw_steps: Few = given("1", "fine steps after which it is, or the nearest number that divides all of them")
     adversarial_trials: Count = given("1", "flights against the disturbance that raises V fastest")
     adversarial_directions: Annotated[int, Strict(), Field(ge=3, le=1000)] = given(
         "1", "directions among which that is chosen"
@@ -322,10 +322,9 @@ def check_banks(mission: Mission, guidance: Guidance) -> None:
     _check_inside("guidance.guess_bank", guidance.guess_bank, mission.bank_bounds)
 
 
-def check_steps(guidance: Guidance, recursion: Recursion, ensemble: Ensemble) -> None:
-    """Refuse stages, and times between two disturbances, that do not consist of whole fine steps."""
+def check_steps(guidance: Guidance, recursion: Recursion) -> None:
+    """Refuse stages that do not consist of whole fine steps."""
     _check_multiple("guidance.fine_steps", guidance.fine_steps, "recursion.steps_per_slice", recursion.steps_per_slice)
-    _check_multiple("guidance.fine_steps", guidance.fine_steps, "ensemble.redraw_steps", ensemble.redraw_steps)
 
 
 def check_slice(guidance: Guidance, recursion: Recursion, studies: Studies) -> None:
