@@ -56,8 +56,8 @@ NAME = f"{100 * LEVEL:g}th percentile of delta-v"
 
 @claim(
     """We find {value:.1f} m/s. The number follows from choices that are not printed. Other nominal densities give
-    {jezero_2021[value]:.0f} to {doc_fit[value]:.1f} m/s, most that of `doc_fit`, which misses the printed entry angle
-    and the printed time of largest dynamic pressure (E5). The printed entry angle gives
+    {jezero_2021[value]:.0f} to {doc_fit[value]:.1f} m/s, most that of `doc_fit`. It misses the printed entry angle and
+    the printed time of largest dynamic pressure (E5). The printed entry angle gives
     {angle_printed[value]:.1f} m/s. Feedback of the deviation from the trajectory of the linearisation gives
     {reference_expansion[value]:.1f} m/s. The printed p_f gives {pf_printed[value]:.0f} m/s, delta-v in m/s gives
     {metres[value]:.0f} m/s. The next smaller and larger navigation errors of their study give {smaller:.0f} and
