@@ -1,14 +1,16 @@
-"""Optimal control by direct collocation: a problem as a declaration, transcribed once, solved from many guesses.
+r"""Optimal control by direct collocation: a problem as a declaration, transcribed once, solved from many guesses.
 
-    minimise  integral running_cost dt + end_cost   subject to  x' = rates(x, u, parameters), bounds and conditions
+    $\text{minimise} \quad \int \text{running_cost} \, dt + \text{end_cost}$
+    $\text{subject to} \quad \dot{x} = \text{rates}(x, u, \text{parameters}), \quad \text{bounds and conditions}$
 
 Controls are constant on each interval, so that a solution can be flown as it is. The transcriptions differ in how the
-rates enter an interval of length h from x0 to x1 (f0, fm, f1: rates at its start, middle and end); the integral of the
-running cost is approximated in the same way:
+rates enter an interval of length $h$ from $x_0$ to $x_1$ ($f_0$, $f_\text{m}$, $f_1$: rates at its start, middle and
+end); the integral of the running cost is approximated in the same way:
 
-    midpoint          x1 - x0 = h f((x0 + x1) / 2)                                            order 2
-    trapezoid         x1 - x0 = h (f0 + f1) / 2                                               order 2
-    hermite_simpson   x1 - x0 = h (f0 + 4 fm + f1) / 6,   xm = (x0 + x1) / 2 + h (f0 - f1) / 8   order 4
+    $\text{midpoint:} \quad x_1 - x_0 = h f\left( \frac{x_0 + x_1}{2} \right) \quad \text{(order 2)}$
+    $\text{trapezoid:} \quad x_1 - x_0 = \frac{h}{2} (f_0 + f_1) \quad \text{(order 2)}$
+    $\text{hermite_simpson:} \quad x_1 - x_0 = \frac{h}{6} (f_0 + 4 f_\text{m} + f_1), \quad x_\text{m} =
+      \frac{x_0 + x_1}{2} + \frac{h}{8} (f_0 - f_1) \quad \text{(order 4)}$
 """
 
 from collections.abc import Callable, Iterable, Mapping

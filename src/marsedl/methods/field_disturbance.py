@@ -36,9 +36,9 @@ class Interval(NamedTuple):
 
 
 def discretize_interval(state_matrix, control_matrix, field_matrix, step):
-    """Integrate x' = A x + B u + G Psi + c over one interval of held control (random field, Eqs. 22 and 24).
+    r"""Integrate $\dot{x} = A x + B u + G \Psi + c$ over one interval of held control (random field, Eqs. 22 and 24).
 
-        A_k = Phi(t_{k+1}, t_k),   B_k = int Phi(t_{k+1}, t) B dt,   F(t) = Phi(t_{k+1}, t) G(t)
+        $A_k = \Phi(t_{k+1}, t_k), \quad B_k = \int \Phi(t_{k+1}, t) B \, dt, \quad F(t) = \Phi(t_{k+1}, t) G(t)$
 
     Classical Runge-Kutta of order 4. The samples belong to this interval alone, so that a control which jumps at its
     bounds enters both neighbours with its own value.
@@ -149,11 +149,11 @@ def gauss_legendre(order, start, end):
 
 
 def disturbance_mean(field_effects, weights, field_mean):
-    """Mean of the disturbances (random field, Eq. 25).
+    r"""Mean of the disturbances (random field, Eq. 25).
 
-        E(w_k) = int F(t) mu(t) dt = sum_j weight_j F(t_j) mu(t_j)
+        $\text{E}(w_k) = \int F(t) \mu(t) \, dt = \sum_j \text{weight}_j F(t_j) \mu(t_j)$
 
-    The nominal trajectory contains it: there c_k = x_{k+1} - A_k x_k - B_k u_k - E(w_k).
+    The nominal trajectory contains it: there $c_k = x_{k+1} - A_k x_k - B_k u_k - \text{E}(w_k)$.
 
     Args:
         field_effects: F at the nodes of every interval, list of N arrays (nodes, n).
@@ -161,7 +161,7 @@ def disturbance_mean(field_effects, weights, field_mean):
         field_mean: mean of the field at the nominal position there, list of N arrays (nodes,).
 
     Returns:
-        E(w_k), (N, n).
+        $\text{E}(w_k)$, (N, n).
 
     Raises:
         ValueError: if shapes do not fit.
@@ -183,12 +183,12 @@ def disturbance_mean(field_effects, weights, field_mean):
 
 
 def disturbance_covariance(field_effects, weights, field_covariance):
-    """Covariance of all disturbances, each with each (random field, Eq. 26).
+    r"""Covariance of all disturbances, each with each (random field, Eq. 26).
 
-        Cov(w_k, w_l) = int int F_k(t) Sigma(t, tau) F_l(tau)' dtau dt
-                      = sum_ij weight_i weight_j F_k(t_i) Sigma_ij F_l(t_j)'
+        $\text{Cov}(w_k, w_l) = \int \int F_k(t) \Sigma(t, \tau) F_l(\tau)^\top \, d\tau \, dt = \sum_{ij}
+          \text{weight}_i \, \text{weight}_j F_k(t_i) \Sigma_{ij} F_l(t_j)^\top$
 
-    Positive semidefinite up to rounding, whatever the weights, if Sigma is.
+    Positive semidefinite up to rounding, whatever the weights, if $\Sigma$ is.
 
     Args:
         field_effects: F at the nodes of every interval, list of N arrays (nodes, n).
@@ -197,7 +197,7 @@ def disturbance_covariance(field_effects, weights, field_covariance):
             (J, J). With nodes at the ends of the intervals, the common end of two neighbours stands there twice.
 
     Returns:
-        Cov(W), (N n, N n), symmetric to the last bit.
+        $\text{Cov}(W)$, (N n, N n), symmetric to the last bit.
 
     Raises:
         ValueError: if shapes do not fit, or the field covariance is not finite and symmetric.

@@ -103,11 +103,11 @@ def linearize(rates, states, controls, parameters=()):
 
 
 def linearize_intervals(rates, states, controls, step, scheme, parameters=()):
-    """Linearize equations of motion where a scheme of the collocation evaluates them (`sensitivity.POINTS`).
+    r"""Linearize equations of motion where a scheme of the collocation evaluates them (`sensitivity.POINTS`).
 
-        midpoint           (x_0 + x_1)/2
-        trapezoid          x_0, x_1
-        Hermite-Simpson    x_0, (x_0 + x_1)/2 + h/8 (f_0 - f_1), x_1
+        $\text{midpoint:} \quad \frac{x_0 + x_1}{2}$
+        $\text{trapezoid:} \quad x_0, \quad x_1$
+        $\text{Hermite-Simpson:} \quad x_0, \quad \frac{x_0 + x_1}{2} + \frac{h}{8} (f_0 - f_1), \quad x_1$
 
     Args:
         rates, parameters: as of `linearize`.

@@ -1,10 +1,11 @@
-"""Sensitivities along a trajectory that is held on intervals (desensitized, Sec. 4.2).
+r"""Sensitivities along a trajectory that is held on intervals (desensitized, Sec. 4.2).
 
-    S' = A S + F,   A = df/dx + df/du K,   F = df/dp
+    $\dot{S} = A S + F, \quad A = \frac{\partial f}{\partial x} + \frac{\partial f}{\partial u} K, \quad F =
+      \frac{\partial f}{\partial p}$
 
-By the implicit midpoint rule, with A_k and F_k in the middle of interval k:
+By the implicit midpoint rule, with $A_k$ and $F_k$ in the middle of interval $k$:
 
-    S_{k+1} - S_k = h A_k (S_k + S_{k+1})/2 + h F_k
+    $S_{k+1} - S_k = h A_k \frac{S_k + S_{k+1}}{2} + h F_k$
 
 Other schemes of the collocation evaluate the equations at other points of an interval (`POINTS`). Of a flow that obeys
 the scheme itself these sensitivities are the exact derivatives; of the continuous flow they have the scheme's order.
@@ -30,18 +31,19 @@ POINTS = {"midpoint": 1, "trapezoid": 2, "hermite_simpson": 3}
 
 
 def midpoint_transitions(state_matrix, step):
-    """Sensitivity of the end of every interval to its start (desensitized, Sec. 4.2).
+    r"""Sensitivity of the end of every interval to its start (desensitized, Sec. 4.2).
 
-        Phi_k = (I - h/2 A_k)^-1 (I + h/2 A_k) = I + (I - h/2 A_k)^-1 h A_k
+        $\Phi_k = \left( I - \frac{h}{2} A_k \right)^{-1} \left( I + \frac{h}{2} A_k \right) = I + \left( I -
+          \frac{h}{2} A_k \right)^{-1} h A_k$
 
-    The second form keeps the column of a state that enters no rate a column of I to the last bit.
+    The second form keeps the column of a state that enters no rate a column of $I$ to the last bit.
 
     Args:
         state_matrix: A in the middle of the intervals, (N, n, n), 1/s in the units of the states.
         step: lengths of the intervals, (N,) or one for all, s.
 
     Returns:
-        Phi, (N, n, n).
+        $\Phi$, (N, n, n).
 
     Raises:
         ValueError: if shapes do not fit, a value is not finite, a step is not positive, or 2/h is an eigenvalue of A.
@@ -51,11 +53,12 @@ def midpoint_transitions(state_matrix, step):
 
 
 def midpoint_responses(state_matrix, forcing, step):
-    """Effect at the end of every interval of a forcing that is constant on it.
+    r"""Effect at the end of every interval of a forcing that is constant on it.
 
-        R_k = (I - h/2 A_k)^-1 h F_k
+        $R_k = \left( I - \frac{h}{2} A_k \right)^{-1} h F_k$
 
-    With F = df/dp these drive the sensitivity to a constant parameter; with F = df/du they are the effect of a control.
+    With $F = \partial f / \partial p$ these drive the sensitivity to a constant parameter; with
+    $F = \partial f / \partial u$ they are the effect of a control.
 
     Args:
         state_matrix, step: as in `midpoint_transitions`.
@@ -88,11 +91,11 @@ def scheme_change(scheme, matrices, step):
 
 
 def scheme_transitions(scheme, matrices, step):
-    """Sensitivity of the end of every interval to its start, by any scheme of the collocation.
+    r"""Sensitivity of the end of every interval to its start, by any scheme of the collocation.
 
-        trapezoid          S_1 - S_0 = h/2 (A_0 S_0 + A_1 S_1)
-        Hermite-Simpson    S_1 - S_0 = h/6 (A_0 S_0 + 4 A_m S_m + A_1 S_1),
-                           S_m = (S_0 + S_1)/2 + h/8 (A_0 S_0 - A_1 S_1)
+        $\text{trapezoid:} \quad S_1 - S_0 = \frac{h}{2} (A_0 S_0 + A_1 S_1)$
+        $\text{Hermite-Simpson:} \quad S_1 - S_0 = \frac{h}{6} (A_0 S_0 + 4 A_\text{m} S_\text{m} + A_1 S_1),$
+        $S_\text{m} = \frac{S_0 + S_1}{2} + \frac{h}{8} (A_0 S_0 - A_1 S_1)$
 
     Args:
         scheme: a key of `POINTS`.
@@ -100,7 +103,7 @@ def scheme_transitions(scheme, matrices, step):
         step: lengths of the intervals, (N,) or one for all, s.
 
     Returns:
-        Phi, (N, n, n); differences from I keep the column of a state that enters no rate to the last bit.
+        $\Phi$, (N, n, n); differences from I keep the column of a state that enters no rate to the last bit.
 
     Raises:
         ValueError: for another scheme, or as `midpoint_transitions`.

@@ -52,11 +52,11 @@ _DIMENSIONS = {
 
 @dataclass(frozen=True, eq=False)
 class GainProblem:
-    """What the gains are to reduce: a linear model along the nominal, perturbations, outputs and measured states.
+    r"""What the gains are to reduce: a linear model along the nominal, perturbations, outputs and measured states.
 
-    The feedback to control a is, with dimensionless gains k of m controls and f measured states,
+    The feedback to control $a$ is, with dimensionless gains $k$ of $m$ controls and $f$ measured states,
 
-        delta u_a = control_scale_a * sum_i k_ai delta x_i / state_scale_i
+        $\delta u_a = \text{control_scale}_a \sum_i k_{ai} \frac{\delta x_i}{\text{state_scale}_i}$
 
     Matrices are those in the middle of the intervals, as the midpoint rule has it. By another scheme they have a second
     dimension, its points (`sensitivity.POINTS`): (N, points, n, n) and so on.
@@ -183,14 +183,16 @@ def final_errors(problem, k):
 
 
 def jacobian(problem, k):
-    """Exact derivative of the final errors with respect to the gains.
+    r"""Exact derivative of the final errors with respect to the gains.
 
-    A gain acts as a forcing B_a x_i at the points of the scheme, for the midpoint rule on the mean (S_k + S_{k+1})/2:
+    A gain acts as a forcing $B_a x_i$ at the points of the scheme, for the midpoint rule on the mean
+    $(S_k + S_{k+1}) / 2$:
 
-        dE/dk_ai = sum_k L_{k+1} R_k,a (S_k + S_{k+1})_i / 2 * control_scale_a / state_scale_i
+        $\frac{dE}{dk_{ai}} = \sum_k L_{k+1} R_{k,a} \frac{(S_k + S_{k+1})_i}{2} \cdot
+          \frac{\text{control_scale}_a}{\text{state_scale}_i}$
 
-    with the adjoint rows L of the outputs and the responses R of the closed loop to the controls. For other schemes the
-    sum goes over their points as well.
+    with the adjoint rows $L$ of the outputs and the responses $R$ of the closed loop to the controls. For other schemes
+    the sum goes over their points as well.
 
     Args:
         problem: `GainProblem`.

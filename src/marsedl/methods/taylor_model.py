@@ -90,12 +90,12 @@ class Monomials:
         return int(self.degree[-1])
 
     def degree_bounds(self, coefficients):
-        """Bounds of the homogeneous parts of a polynomial, by total degree (order + 1,).
+        r"""Bounds of the homogeneous parts of a polynomial, by total degree (order + 1,).
 
-        For equal degrees d_1, d_2, ... in the balls, the squares of the monomials with their multinomial weights add
-        up to norm(z_1)^(2 d_1) norm(z_2)^(2 d_2) ... <= 1, so that by Cauchy-Schwarz
+        For equal degrees $d_1, d_2, \ldots$ in the balls, the squares of the monomials with their multinomial weights
+        add up to $\left\| z_1 \right\|^{2 d_1} \left\| z_2 \right\|^{2 d_2} \cdots \le 1$, so that by Cauchy-Schwarz
 
-            |sum of c_a z^a| <= sqrt(sum of c_a^2 / multinomial(a))
+            $\left| \sum_a c_a z^a \right| \le \sqrt{\sum_a \frac{c_a^2}{\text{multinomial}(a)}}$
         """
         squares = np.add.reduceat(coefficients * coefficients / self.multinomial, self.block_starts)
         return np.bincount(self.block_degree, np.sqrt(squares), minlength=self.order + 1) * (1.0 + _ROUNDING)

@@ -17,16 +17,17 @@ class Regulator(NamedTuple):
 def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight, terminal_weight):
     r"""Feedback that minimises a quadratic cost of a linear time-varying system (robust entry funnels, Sec. 4).
 
-    On every step A and B are constant and the control is held, x_{k+1} = A_k x_k + B_k u_k with
+    On every step $A$ and $B$ are constant and the control is held, $x_{k+1} = A_k x_k + B_k u_k$ with
 
-        [A_k B_k; 0 I] = exp(h [A B; 0 0])
+        $\left[ A_k, \, B_k; \; 0, \, I \right] = \exp\left( h \left[ A, \, B; \; 0, \, 0 \right] \right)$
 
-    and the cost is J = 1/2 x_n'Q_f x_n + 1/2 sum of h (x_k'Q x_k + u_k'R u_k). Backwards from P_n = Q_f, S = P_{k+1}:
+    and the cost is $J = \frac{1}{2} x_n^\top Q_f x_n + \frac{1}{2} \sum_k h (x_k^\top Q x_k + u_k^\top R u_k)$.
+    Backwards from $P_n = Q_f$, $S = P_{k+1}$:
 
         $K_k = -(h R + B_k^\top S B_k)^{-1} B_k^\top S A_k$
         $P_k = h Q + h K_k^\top R K_k + (A_k + B_k K_k)^\top S (A_k + B_k K_k)$
 
-    This form of P_k is a sum of squares: it stays positive whatever the rounding of the gain.
+    This form of $P_k$ is a sum of squares: it stays positive whatever the rounding of the gain.
 
     Args:
         state_matrices: A in the middle of the steps, (n, nx, nx), 1/s in the units of the states.
@@ -34,7 +35,7 @@ def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight,
         steps: lengths h, (n,), s.
         state_weight: Q, (nx, nx), per second; positive semidefinite.
         control_weight: R, (nu, nu), per second; positive definite.
-        terminal_weight: Q_f, (nx, nx); positive semidefinite.
+        terminal_weight: $Q_f$, (nx, nx); positive semidefinite.
 
     Returns:
         `Regulator`.

@@ -62,9 +62,10 @@ _UPPER_DENSITY, _UPPER_SCALE_HEIGHT = 5.25e-2, 7.295e3
 
 @jitable
 def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
-    """Logarithm of the density as a parabola of altitude, continued upwards along its last tangent.
+    r"""Logarithm of the density as a parabola of altitude, continued upwards along its last tangent.
 
-        ln rho = quadratic x^2 + linear x + constant,   x = altitude / 10 km,   altitude <= upper_altitude
+        $\ln\rho = \text{quadratic} \cdot x^2 + \text{linear} \cdot x + \text{constant},$
+        $x = \text{altitude} / 10 \, \text{km}, \quad \text{altitude} \le \text{upper_altitude}$
 
     Above, the slope stays that of upper_altitude. The curve is C1; its second derivative drops to zero there.
 
@@ -74,7 +75,7 @@ def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
         upper_altitude: last altitude of the parabola, m.
 
     Returns:
-        Tuple of ln rho, d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2).
+        Tuple of $\ln\rho$, $d \ln\rho / dh$ (1/m), $d^2 \ln\rho / dh^2$ (1/m^2).
     """
     x = altitude / _TEN_KILOMETRES
     inside = np.minimum(altitude, upper_altitude) / _TEN_KILOMETRES
@@ -86,19 +87,19 @@ def log_quadratic(altitude, quadratic, linear, constant, upper_altitude):
 
 @jitable
 def temperature_pressure(altitude, temperature, surface_pressure, pressure_decay, gas_constant):
-    """Density from a cubic temperature and an exponential pressure (desensitized landing, Eq. 4).
+    r"""Density from a cubic temperature and an exponential pressure (desensitized landing, Eq. 4).
 
-        T = T0 + T1 h + T2 h^2 + T3 h^3,   p = p0 exp(-k h),   rho = p / (R T)
+        $T = T_0 + T_1 h + T_2 h^2 + T_3 h^3, \quad p = p_0 \, \exp(-k h), \quad \rho = \frac{p}{R T}$
 
     Args:
         altitude: h, m.
-        temperature: T0 to T3, K, K/m, K/m^2, K/m^3.
-        surface_pressure: p0, Pa.
+        temperature: $T_0$ to $T_3$, K, K/m, K/m^2, K/m^3.
+        surface_pressure: $p_0$, Pa.
         pressure_decay: k, 1/m.
         gas_constant: R, J/(kg K).
 
     Returns:
-        Tuple of ln rho (kg/m^3), d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2).
+        Tuple of $\ln\rho$ (kg/m^3), $d \ln\rho / dh$ (1/m), $d^2 \ln\rho / dh^2$ (1/m^2).
     """
     t0, t1, t2, t3 = temperature
     decay = pressure_decay
@@ -134,9 +135,10 @@ def temperature_pressure_fit(altitude):
 
 @jitable
 def two_exponential(altitude):
-    """Two isothermal layers (Gallais, Atmospheric Re-Entry Vehicle Mechanics, p. 29).
+    r"""Two isothermal layers (Gallais, Atmospheric Re-Entry Vehicle Mechanics, p. 29).
 
-        rho = 1.59e-2 exp(-h / 11.049 km) below 25 km,   5.25e-2 exp(-h / 7.295 km) from 25 km on
+        $\rho = 1.59 \cdot 10^{-2} \, \exp\left( -\frac{h}{11.049 \, \text{km}} \right) \text{ below 25 km},$
+        $\rho = 5.25 \cdot 10^{-2} \, \exp\left( -\frac{h}{7.295 \, \text{km}} \right) \text{ from 25 km on}$
 
     Not even continuous: with the printed constants the density jumps up by 3.1 % at 25 km, and the scale height changes
     there by a third. The derivatives are those of the layers; do not linearize across the change.
@@ -145,7 +147,7 @@ def two_exponential(altitude):
         altitude: h, m.
 
     Returns:
-        Tuple of ln rho (kg/m^3), d ln rho / dh (1/m), d2 ln rho / dh2 (1/m^2), the last one zero.
+        Tuple of $\ln\rho$ (kg/m^3), $d \ln\rho / dh$ (1/m), $d^2 \ln\rho / dh^2$ (1/m^2), the last one zero.
     """
     lower = 1.0 * (altitude < _CHANGE_ALTITUDE)
     upper = 1.0 - lower
@@ -272,12 +274,12 @@ def uniform_nodes(profile, lowest=-10e3, highest=300e3, spacing=1e3):
 
 
 def uniform_cells(log_density, slope, spacing):
-    """Cubics of ln rho between equidistant nodes, continued by a line at each end.
+    r"""Cubics of $\ln\rho$ between equidistant nodes, continued by a line at each end.
 
-        ln rho = c0 + c1 x + c2 x^2 + c3 x^3,   x in cells from the lower end of the cell
+        $\ln\rho = c_0 + c_1 x + c_2 x^2 + c_3 x^3, \quad x \text{ in cells from the lower end of the cell}$
 
     The curve is C1. Row i is the cell that begins at node i - 1. Row 0 begins one spacing below the first node and is
-    for everything below that node (x may be negative), the last row for everything above the last (x may exceed 1).
+    for everything below that node ($x$ may be negative), the last row for everything above the last ($x$ may exceed 1).
 
     Args:
         log_density: of kg/m^3 at the nodes, (n,).
@@ -285,7 +287,7 @@ def uniform_cells(log_density, slope, spacing):
         spacing: between nodes, m.
 
     Returns:
-        Coefficients c0 to c3, (n + 1, 4).
+        Coefficients $c_0$ to $c_3$, (n + 1, 4).
 
     Raises:
         ValueError: if there are fewer than 2 nodes, shapes differ, a number is not finite or spacing is not positive.

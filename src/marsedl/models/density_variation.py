@@ -32,9 +32,10 @@ __all__ = [
 
 @jitable
 def exponential_variance(altitude, variance, upper_altitude, growth_length):
-    """Variance of the relative density that grows exponentially up to an altitude and is constant above.
+    r"""Variance of the relative density that grows exponentially up to an altitude and is constant above.
 
-        zeta = variance exp((min(h, upper_altitude) - upper_altitude) / growth_length)
+        $\zeta = \text{variance} \cdot \exp\left(
+          \frac{\min(h, \text{upper_altitude}) - \text{upper_altitude}}{\text{growth_length}} \right)$
 
     Args:
         altitude: h, m.
@@ -43,7 +44,7 @@ def exponential_variance(altitude, variance, upper_altitude, growth_length):
         growth_length: altitude over which the variance grows by e, m.
 
     Returns:
-        Tuple of zeta (1) and d zeta / dh (1/m), the latter zero from upper_altitude on.
+        Tuple of $\zeta$ (1) and $d\zeta / dh$ (1/m), the latter zero from upper_altitude on.
     """
     zeta = variance * np.exp((np.minimum(altitude, upper_altitude) - upper_altitude) / growth_length)
     return zeta, zeta / growth_length * (altitude < upper_altitude)
@@ -51,9 +52,11 @@ def exponential_variance(altitude, variance, upper_altitude, growth_length):
 
 @jitable
 def mars_gram_2010_deviation(altitude):
-    """One-sigma dispersion of the density, relative to the mean, of Mars-GRAM 2010 itself.
+    r"""One-sigma dispersion of the density, relative to the mean, of Mars-GRAM 2010 itself.
 
-        2 % near the surface, 30 % exp((h - 100 km) / 35 km) up to 100 km, then 0.5 % per km up to 45 % at 130 km
+        $2 \, \% \text{ near the surface},$
+        $30 \, \% \cdot \exp\left( \frac{h - 100 \, \text{km}}{35 \, \text{km}} \right) \text{ up to 100 km},$
+        $\text{then } 0.5 \, \% \text{ per km up to } 45 \, \% \text{ at 130 km}$
 
     Args:
         altitude: h, m.
@@ -188,16 +191,17 @@ def retention(altitudes, decay):
 
 
 def innovation_variance(altitudes, decay, diffusion):
-    """Variance that the noise adds between a node and the one above it (stochastic entry guidance, Eq. 8).
+    r"""Variance that the noise adds between a node and the one above it (stochastic entry guidance, Eq. 8).
 
-        phi (1 - a^2) / (2 lambda),   phi and lambda the means of both nodes, a = retention
+        $\frac{\varphi (1 - a^2)}{2 \lambda}, \quad \varphi \text{ and } \lambda \text{ the means of both nodes}, \quad
+          a = \text{retention}$
 
-    Exact for constant coefficients, of second order in the spacing otherwise; phi dh where lambda is zero.
+    Exact for constant coefficients, of second order in the spacing otherwise; $\varphi \, dh$ where $\lambda$ is zero.
 
     Args:
         altitudes: ascending nodes, m, (n,).
-        decay: lambda at the nodes, 1/m, (n,) or a scalar.
-        diffusion: phi at the nodes, 1/m, (n,) or a scalar.
+        decay: $\lambda$ at the nodes, 1/m, (n,) or a scalar.
+        diffusion: $\varphi$ at the nodes, 1/m, (n,) or a scalar.
 
     Returns:
         Variance, 1, (n - 1,); its square root is the `innovation_deviation` of `sample_process`.
@@ -214,17 +218,18 @@ def innovation_variance(altitudes, decay, diffusion):
 
 
 def process_variance(altitude_grid, decay, diffusion, initial_variance):
-    """Variance of the process of Eq. 8 of the stochastic entry guidance, marched down from the last node.
+    r"""Variance of the process of Eq. 8 of the stochastic entry guidance, marched down from the last node.
 
-        d Var / ds = -2 lambda Var + phi:   Var_i = a_i^2 Var_(i+1) + innovation variance
+        $\frac{d \, \text{Var}}{ds} = -2 \lambda \, \text{Var} + \varphi \text{:} \quad \text{Var}_i = a_i^2 \,
+          \text{Var}_{i+1} + \text{innovation variance}$
 
     This is the variance of `sample_process` on the same grid, to rounding.
 
     Args:
         altitude_grid: ascending nodes, m, (n,).
-        decay: lambda at the nodes, 1/m, (n,) or a scalar.
-        diffusion: phi at the nodes, 1/m, (n,) or a scalar.
-        initial_variance: zeta_0 of Eq. 9, at the last (highest) node, 1.
+        decay: $\lambda$ at the nodes, 1/m, (n,) or a scalar.
+        diffusion: $\varphi$ at the nodes, 1/m, (n,) or a scalar.
+        initial_variance: $\zeta_0$ of Eq. 9, at the last (highest) node, 1.
 
     Returns:
         Variance at the nodes, 1, (n,).
@@ -244,9 +249,10 @@ def process_variance(altitude_grid, decay, diffusion, initial_variance):
 
 
 def sample_process(normals, retention, innovation_deviation, initial_deviation):
-    """Samples of a Gaussian Markov process on ascending nodes, marched down from the last one.
+    r"""Samples of a Gaussian Markov process on ascending nodes, marched down from the last one.
 
-        y_(n-1) = initial_deviation z_(n-1),   y_i = a_i y_(i+1) + innovation_deviation_i z_i
+        $y_{n-1} = \text{initial_deviation} \cdot z_{n-1}, \quad y_i = a_i y_{i+1} + \text{innovation_deviation}_i \cdot
+          z_i$
 
     With the square root of `innovation_variance` this is the process of Eq. 8 of the stochastic entry guidance.
 
@@ -276,9 +282,10 @@ def sample_process(normals, retention, innovation_deviation, initial_deviation):
 
 
 def sample_exact(normals, retention, deviation):
-    """Samples with exactly the given deviation: a unit-variance Ornstein-Uhlenbeck process, scaled node by node.
+    r"""Samples with exactly the given deviation: a unit-variance Ornstein-Uhlenbeck process, scaled node by node.
 
-        variation = deviation y,   y_i = a_i y_(i+1) + sqrt(1 - a_i^2) z_i,   y_(n-1) = z_(n-1)
+        $\text{variation} = \text{deviation} \cdot y, \quad y_i = a_i y_{i+1} + \sqrt{1 - a_i^2} \, z_i, \quad y_{n-1} =
+          z_{n-1}$
 
     Unlike Eq. 8 with the diffusion of Eq. 11 (stochastic entry guidance) this has no bias where the variance varies.
 
@@ -320,9 +327,9 @@ def is_floored(variation, floor=0.0):
 
 @jitable
 def density_factor(variation, floor=0.0):
-    """Ratio of the density to its mean (stochastic entry guidance, Eq. 5; random field, Eq. 72), kept above a floor.
+    r"""Ratio of the density to its mean (stochastic entry guidance, Eq. 5; random field, Eq. 72), kept above a floor.
 
-        rho / rho_bar = max(1 + variation, floor)
+        $\rho / \bar{\rho} = \max(1 + \text{variation}, \, \text{floor})$
 
     Args:
         variation: relative density variation, 1. NaN stays NaN.

@@ -39,14 +39,14 @@ def _energy_terms(radius, velocity, gravitational_parameter):
 
 
 def semi_major_axis(radius, velocity, gravitational_parameter):
-    """Semi-major axis of the orbit through a point (random field, Eq. 63).
+    r"""Semi-major axis of the orbit through a point (random field, Eq. 63).
 
-        a = mu / (2 mu / r - v^2)
+        $a = \frac{\mu}{2 \mu / r - v^2}$
 
     Args:
         radius: r, m.
         velocity: v, inertial, m/s.
-        gravitational_parameter: mu, m^3/s^2.
+        gravitational_parameter: $\mu$, m^3/s^2.
 
     Returns:
         a, m; negative for a hyperbola, infinite for a parabola.
@@ -57,21 +57,22 @@ def semi_major_axis(radius, velocity, gravitational_parameter):
 
 
 def apoapsis_radius(radius, velocity, flight_path_angle, gravitational_parameter):
-    """Apoapsis radius of the orbit through a point (random field, Eq. 62).
+    r"""Apoapsis radius of the orbit through a point (random field, Eq. 62).
 
-        r_a = a (1 + e),   e^2 = 1 - r^2 v^2 cos^2(gamma) / (mu a) = (lambda - 1)^2 cos^2(gamma) + sin^2(gamma)
+        $r_\text{a} = a (1 + e), \quad e^2 = 1 - \frac{r^2 v^2 \, \cos^2\gamma}{\mu a} = (\lambda - 1)^2 \, \cos^2\gamma
+          + \sin^2\gamma$
 
-    with lambda = r v^2 / mu. The second form of e^2, a sum of squares, cannot become negative by rounding. The
+    with $\lambda = r v^2 / \mu$. The second form of $e^2$, a sum of squares, cannot become negative by rounding. The
     derivative does not exist for a circular orbit.
 
     Args:
         radius: r, m.
         velocity: v, inertial, m/s.
-        flight_path_angle: gamma, rad.
-        gravitational_parameter: mu, m^3/s^2.
+        flight_path_angle: $\gamma$, rad.
+        gravitational_parameter: $\mu$, m^3/s^2.
 
     Returns:
-        r_a, m; infinite for a parabola or hyperbola (not captured).
+        $r_\text{a}$, m; infinite for a parabola or hyperbola (not captured).
     """
     energy_ratio, binding = _energy_terms(radius, velocity, gravitational_parameter)
     tangential = (energy_ratio - 1.0) * np.cos(flight_path_angle)
@@ -87,19 +88,22 @@ def _apsis_velocity(here, opposite, gravitational_parameter):
 
 
 def burns(radius, velocity, flight_path_angle, target_apoapsis, target_periapsis, gravitational_parameter):
-    """Impulses at the exit apoapsis and at the target periapsis (random field, Eqs. 64-69).
+    r"""Impulses at the exit apoapsis and at the target periapsis (random field, Eqs. 64-69).
 
-        Delta v_1 = v_a+ - v_a-,   v_a- = r v cos(gamma) / r_a,   v_a+ = sqrt(2 mu (1/r_a - 1/(r_a + r_p,targ)))
-        v_p+ - v_p-,   v_p = sqrt(2 mu (1/r_p,targ - 1/(r + r_p,targ))) for r = r_a,targ (+) and r = r_a (-)
+        $\Delta v_1 = v_\text{a}^+ - v_\text{a}^-, \quad v_\text{a}^- = \frac{r v \, \cos\gamma}{r_\text{a}}, \quad
+          v_\text{a}^+ = \sqrt{2 \mu \left( \frac{1}{r_\text{a}} - \frac{1}{r_\text{a} + r_\text{p,targ}} \right)}$
+        $v_\text{p}^+ - v_\text{p}^-, \quad v_\text{p} =
+          \sqrt{2 \mu \left( \frac{1}{r_\text{p,targ}} - \frac{1}{r + r_\text{p,targ}} \right)} \text{ for } r =
+          r_\text{a,targ} \text{ (+) and } r = r_\text{a} \text{ (-)}$
 
-    v_a- is that of Eq. 64, by angular momentum instead of energy, which is less prone to rounding.
+    $v_\text{a}^-$ is that of Eq. 64, by angular momentum instead of energy, which is less prone to rounding.
 
     Args:
         radius: r at atmospheric exit, m.
         velocity: v, inertial, m/s.
-        flight_path_angle: gamma, rad, within a right angle of the horizontal.
-        target_apoapsis, target_periapsis: r_a,targ, r_p,targ, m.
-        gravitational_parameter: mu, m^3/s^2.
+        flight_path_angle: $\gamma$, rad, within a right angle of the horizontal.
+        target_apoapsis, target_periapsis: $r_\text{a,targ}$, $r_\text{p,targ}$, m.
+        gravitational_parameter: $\mu$, m^3/s^2.
 
     Returns:
         `Burns`, m/s; NaN where the orbit is not captured.
@@ -125,25 +129,26 @@ def burns(radius, velocity, flight_path_angle, target_apoapsis, target_periapsis
 def total_delta_v(
     radius, velocity, flight_path_angle, target_apoapsis, target_periapsis, gravitational_parameter, branch=None
 ):
-    """Velocity change of both impulses (random field, Eq. 70), or a smooth branch of it.
+    r"""Velocity change of both impulses (random field, Eq. 70), or a smooth branch of it.
 
-        Delta v = Delta v_1 + |v_p+ - v_p-|,   on a branch s:   Delta v_1 + s (v_p+ - v_p-)
+        $\Delta v = \Delta v_1 + \left| v_\text{p}^+ - v_\text{p}^- \right|, \quad \text{on a branch } s \text{:} \quad
+          \Delta v_1 + s (v_\text{p}^+ - v_\text{p}^-)$
 
-    The modulus has a kink where the exit apoapsis is the target. Delta v is the larger one of the branches +1 and -1,
-    whose gradients differ there; branch 0 has their mean.
+    The modulus has a kink where the exit apoapsis is the target. $\Delta v$ is the larger one of the branches +1 and
+    -1, whose gradients differ there; branch 0 has their mean.
 
     Args:
         radius: r at atmospheric exit, m.
         velocity: v, inertial, m/s.
-        flight_path_angle: gamma, rad, within a right angle of the horizontal.
-        target_apoapsis, target_periapsis: r_a,targ, r_p,targ, m.
-        gravitational_parameter: mu, m^3/s^2.
+        flight_path_angle: $\gamma$, rad, within a right angle of the horizontal.
+        target_apoapsis, target_periapsis: $r_\text{a,targ}$, $r_\text{p,targ}$, m.
+        gravitational_parameter: $\mu$, m^3/s^2.
         branch: s: +1 undershoot (exit apoapsis below the target), -1 overshoot, 0 the periapsis raise alone, None for
             the modulus. For gradients near the kink name the branch (`branch_of`): that of the modulus is then decided
             by rounding.
 
     Returns:
-        Delta v, m/s; NaN where the orbit is not captured.
+        $\Delta v$, m/s; NaN where the orbit is not captured.
 
     Raises:
         ValueError: if the branch is not one of these, or the targets are not 0 < target_periapsis <= target_apoapsis.
@@ -159,13 +164,14 @@ def total_delta_v(
 
 
 def branch_of(apoapsis, target_apoapsis, tolerance=1e-6):
-    """Branch of the velocity change that holds for an exit apoapsis, the s of `total_delta_v`.
+    r"""Branch of the velocity change that holds for an exit apoapsis, the $s$ of `total_delta_v`.
 
-        s = sign(r_a,targ - r_a),   0 for |r_a / r_a,targ - 1| <= tolerance
+        $s = \text{sign}(r_\text{a,targ} - r_\text{a}), \quad 0 \text{ for } \left| r_\text{a} / r_\text{a,targ} - 1
+          \right| \le \text{tolerance}$
 
     Args:
-        apoapsis: r_a, m; infinite if not captured, which is an overshoot.
-        target_apoapsis: r_a,targ, m.
+        apoapsis: $r_\text{a}$, m; infinite if not captured, which is an overshoot.
+        target_apoapsis: $r_\text{a,targ}$, m.
         tolerance: half-width of the kink, 1.
 
     Returns:
@@ -181,9 +187,10 @@ def branch_of(apoapsis, target_apoapsis, tolerance=1e-6):
 
 
 def gradient(function, state):
-    """Gradient of a scalar function of the exit state, by a complex step.
+    r"""Gradient of a scalar function of the exit state, by a complex step.
 
-        df/dx_i = Im f(x + i h e_i) / h,   exact to rounding for an analytic f
+        $\frac{df}{dx_i} = \frac{\text{Im} \, f(x + \text{i} h e_i)}{h}, \quad \text{exact to rounding for an analytic }
+          f$
 
     For instance `gradient(lambda r, v, gamma: apoapsis_radius(r, v, gamma, mu), state)`.
 

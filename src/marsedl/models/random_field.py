@@ -40,9 +40,9 @@ _MARKOV_COLUMNS = 13
 
 
 def squared_exponential(first, second, variance, length):
-    """Smooth stationary field on a line or, as a product over the components, in d dimensions.
+    r"""Smooth stationary field on a line or, as a product over the components, in d dimensions.
 
-        Sigma = variance exp(-sum_j (z_j - z'_j)^2 / (2 length_j^2))
+        $\Sigma = \text{variance} \cdot \exp\left( -\sum_j \frac{(z_j - z_j^\prime)^2}{2 \, \text{length}_j^2} \right)$
 
     Args:
         first, second: coordinates, broadcastable; with d components along the last axis if length has d entries.
@@ -69,12 +69,14 @@ def squared_exponential(first, second, variance, length):
 
 
 def locally_periodic(first, second, variance, period, periodic_length, length):
-    """Field on a line that repeats itself with slowly changing shape (random field, Eq. 59).
+    r"""Field on a line that repeats itself with slowly changing shape (random field, Eq. 59).
 
-        Sigma = variance exp(-2 sin^2(pi |r - r'| / period) / periodic_length^2) exp(-(r - r')^2 / (2 length^2))
+        $\Sigma = \text{variance} \cdot \exp\left(
+          -\frac{2 \sin^2(\pi \left| r - r^\prime \right| / \text{period})}{\text{periodic_length}^2} \right) \exp\left(
+          -\frac{(r - r^\prime)^2}{2 \, \text{length}^2} \right)$
 
     Args:
-        first, second: coordinates r and r', broadcastable.
+        first, second: coordinates $r$ and $r^\prime$, broadcastable.
         variance: in the unit of the field squared.
         period: in the unit of the coordinates.
         periodic_length: 1; small values make sharp features within a period.
@@ -102,26 +104,28 @@ def altitude_exponential(
     growth_sign=1,
     correlation_altitude="lower",
 ):
-    """Relative density variation whose variance grows exponentially with altitude (random field, Eqs. 73-74).
+    r"""Relative density variation whose variance grows exponentially with altitude (random field, Eqs. 73-74).
 
-        Sigma = exp(-|h - h'| / correlation_length) b(min(h, h')),
-        b(h) = variance exp(growth_sign (min(h, upper_altitude) - upper_altitude) / growth_length)
+        $\Sigma = \exp\left( -\frac{\left| h - h^\prime \right|}{\text{correlation_length}} \right) b(\min(h,
+          h^\prime)),$
+        $b(h) = \text{variance} \cdot \exp\left( \text{growth_sign} \cdot
+          \frac{\min(h, \text{upper_altitude}) - \text{upper_altitude}}{\text{growth_length}} \right)$
 
-    Eq. 74 prints growth_sign = -1, with which the variance falls with altitude, to its least at upper_altitude. That
-    is a covariance as well, so only its values tell. With 1, b is `density_variation.exponential_variance`.
+    Eq. 74 prints growth_sign = -1, with which the variance falls with altitude, to its least at upper_altitude. That is
+    a covariance as well, so only its values tell. With 1, $b$ is `density_variation.exponential_variance`.
 
     Args:
-        first, second: altitudes h and h', m, broadcastable.
+        first, second: altitudes $h$ and $h^\prime$, m, broadcastable.
         variance: value at and above upper_altitude, 1.
         upper_altitude: m.
         growth_length: altitude over which the variance changes by e, m.
         correlation_length: m; may be infinite.
         growth_sign: 1, or -1 as printed.
         correlation_altitude: which altitude's variance scales the covariance: "lower" as printed, "upper" for
-            b(max(h, h')), "both" for sqrt(b(h) b(h')). The last with an infinite correlation_length is the fully
-            correlated field sqrt(b(h)) xi of one normal number xi; with the others a changing b alone decorrelates. A
-            field exists for "upper" and growth_sign 1 only if correlation_length <= 2 growth_length, and likewise for
-            "lower" and -1.
+            $b(\max(h, h^\prime))$, "both" for $\sqrt{b(h) b(h^\prime)}$. The last with an infinite correlation_length
+            is the fully correlated field $\sqrt{b(h)} \, \xi$ of one normal number $\xi$; with the others a changing
+            $b$ alone decorrelates. A field exists for "upper" and growth_sign 1 only if
+            $\text{correlation_length} \le 2 \, \text{growth_length}$, and likewise for "lower" and -1.
 
     Returns:
         Covariance, 1, broadcast shape of first and second.
@@ -148,14 +152,14 @@ def altitude_exponential(
 
 
 def covariance_matrix(kernel, points, others=None):
-    """Covariance of the field between all pairs of points (random field, Eq. 3; along a trajectory Eq. 16c).
+    r"""Covariance of the field between all pairs of points (random field, Eq. 3; along a trajectory Eq. 16c).
 
-        C_ij = Sigma(z_i, z'_j)
+        $C_{ij} = \Sigma(z_i, z_j^\prime)$
 
     Args:
         kernel: function of two arrays of coordinates.
         points: z, (k,) on a line or (k, d).
-        others: z', (m,) or (m, d); the same points if None.
+        others: $z^\prime$, (m,) or (m, d); the same points if None.
 
     Returns:
         C, unit of the field squared, (k, m).
@@ -229,13 +233,13 @@ def sample(normals, root):
 
 
 def condition(kernel, points, measured_points, values, noise_variance, mean=0.0):
-    """Mean and covariance of the field given measurements y = Psi(z) + noise (random field, Figs. 1-2).
+    r"""Mean and covariance of the field given measurements $y = \Psi(z) + \text{noise}$ (random field, Figs. 1-2).
 
-        mean + K*z (Kzz + R)^-1 (y - mean),     K** - K*z (Kzz + R)^-1 Kz*
+        $\text{mean} + K_{*z} (K_{zz} + R)^{-1} (y - \text{mean}), \quad K_{**} - K_{*z} (K_{zz} + R)^{-1} K_{z*}$
 
     Measurements without noise are allowed: noise below 1e-10 of the largest prior variance is raised to that, without
-    which Kzz would be singular for neighbouring points. Where the field is predictable from the other measurements the
-    values are then met to about 1e-5 prior deviations at worst, elsewhere to 1e-10.
+    which $K_{zz}$ would be singular for neighbouring points. Where the field is predictable from the other measurements
+    the values are then met to about 1e-5 prior deviations at worst, elsewhere to 1e-10.
 
     Args:
         kernel: covariance function of the prior.
@@ -261,9 +265,10 @@ def condition(kernel, points, measured_points, values, noise_variance, mean=0.0)
 
 
 def condition_samples(kernel, points, measured_points, values, noise_variance, samples, noise_normals=None):
-    """Samples of the field given measurements, each the correction of a sample without them (Matheron's rule).
+    r"""Samples of the field given measurements, each the correction of a sample without them (Matheron's rule).
 
-        x* + K*z (Kzz + R)^-1 (y - x_z - e),   (x*, x_z) a joint sample of the prior, e a sample of the noise
+        $x_* + K_{*z} (K_{zz} + R)^{-1} (y - x_z - e),$
+        $(x_*, x_z) \text{ a joint sample of the prior}, \quad e \text{ a sample of the noise}$
 
     They have the mean and covariance of `condition`, and far from all measurements they equal the samples given.
 
@@ -313,20 +318,22 @@ class Markov(NamedTuple):
 
 
 def markov(kernel, altitudes):
-    """Coefficients of the recursion whose samples have exactly the covariance of a Markov kernel, in O(n).
+    r"""Coefficients of the recursion whose samples have exactly the covariance of a Markov kernel, in O(n).
 
-        a_i = Sigma(h_i, h_(i+1)) / Sigma(h_(i+1), h_(i+1)),   s_i^2 = Sigma(h_i, h_i) - a_i Sigma(h_i, h_(i+1))
+        $a_i = \frac{\Sigma(h_i, h_{i+1})}{\Sigma(h_{i+1}, h_{i+1})}, \quad s_i^2 = \Sigma(h_i, h_i) - a_i \Sigma(h_i,
+          h_{i+1})$
 
-    A kernel is Markov on the nodes if Sigma(h_i, h_j) Sigma(h_m, h_m) = Sigma(h_i, h_m) Sigma(h_m, h_j) whenever
-    i < m < j; then the inverse of the covariance matrix is tridiagonal. Random field, Eqs. 73-74 are: a function of the
-    lower altitude times one of the upper. Checked for m = i + 1 and all i, with j = i + 2 and j on a coarse subset.
+    A kernel is Markov on the nodes if $\Sigma(h_i, h_j) \Sigma(h_m, h_m) = \Sigma(h_i, h_m) \Sigma(h_m, h_j)$ whenever
+    $i < m < j$; then the inverse of the covariance matrix is tridiagonal. Random field, Eqs. 73-74 are: a function of
+    the lower altitude times one of the upper. Checked for $m = i + 1$ and all $i$, with $j = i + 2$ and $j$ on a coarse
+    subset.
 
     Args:
         kernel: covariance function of two altitudes.
         altitudes: ascending nodes, m, (n,).
 
     Returns:
-        `Markov`; a_i = 0 where the node above has no variance.
+        `Markov`; $a_i = 0$ where the node above has no variance.
 
     Raises:
         ValueError: if the altitudes do not ascend, or the kernel is not a covariance or is not Markov on them.

@@ -15,25 +15,27 @@ def bank_propellant(
     specific_impulse,
     standard_gravity,
 ):
-    """Propellant of a bank manoeuvre with pairs of thrusters about the roll and the yaw axis.
+    r"""Propellant of a bank manoeuvre with pairs of thrusters about the roll and the yaw axis.
 
-        m = (I_roll / l_roll + |sin(alpha)| I_yaw / l_yaw) / (g0 Isp) * integral |u| dt
+        $m =
+          \frac{I_\text{roll} / l_\text{roll} + \left| \sin\alpha \right| I_\text{yaw} / l_\text{yaw}}{g_0 I_\text{sp}}
+          \int \left| u \right| \, dt$
 
     The paper never states it. It is identified from Table 3 of desensitized landing, where fuel is a constant times the
-    cumulative bank rate, integral |u| dt: 0.039433 to 0.039439 kg s/deg within rounding. The vehicle of Table 1 has
-    0.039429 here, which gives five of the six fuels to the last digit and the sixth a unit of it less.
+    cumulative bank rate, $\int \left| u \right| \, dt$: 0.039433 to 0.039439 kg s/deg within rounding. The vehicle of
+    Table 1 has 0.039429 here, which gives five of the six fuels to the last digit and the sixth a unit of it less.
 
     To bank is to turn about the velocity. The roll axis is the angle of attack away from it, so that the yaw axis takes
-    part with the sine of that angle. A rigid body would roll with its cosine, but cos(alpha) + sin(alpha) is 1.6 %
-    below the table, and 1 + tan(alpha) 0.3 % above.
+    part with the sine of that angle. A rigid body would roll with its cosine, but $\cos\alpha + \sin\alpha$ is 1.6 %
+    below the table, and $1 + \tan\alpha$ 0.3 % above.
 
     Args:
-        cumulative_bank_acceleration: integral of |u| over time, rad/s, any shape.
-        angle_of_attack: alpha, rad.
-        roll_inertia, yaw_inertia: I_roll, I_yaw, kg m^2.
-        roll_arm, yaw_arm: l_roll, l_yaw, of the thrusters, m.
-        specific_impulse: Isp, s.
-        standard_gravity: g0, m/s^2.
+        cumulative_bank_acceleration: integral of $\left| u \right|$ over time, rad/s, any shape.
+        angle_of_attack: $\alpha$, rad.
+        roll_inertia, yaw_inertia: $I_\text{roll}$, $I_\text{yaw}$, kg m^2.
+        roll_arm, yaw_arm: $l_\text{roll}$, $l_\text{yaw}$, of the thrusters, m.
+        specific_impulse: $I_\text{sp}$, s.
+        standard_gravity: $g_0$, m/s^2.
 
     Returns:
         m, kg, shape of cumulative_bank_acceleration.

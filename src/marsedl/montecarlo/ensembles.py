@@ -75,7 +75,7 @@ class Brownian(NamedTuple):
 
 
 def propagator(scheme, drift, observe):
-    """Compile the inner loop of a model; a paper does so once, at the top of its module.
+    r"""Compile the inner loop of a model; a paper does so once, at the top of its module.
 
     scheme: one of `integrators`. drift: see `integrators`. observe: a function
     `observe(half_index, state, parameters, out)` that writes the observed quantities, out (n_observed, LANES).
@@ -85,12 +85,13 @@ def propagator(scheme, drift, observe):
         propagate(parameters, segment, brownian, state, history, observed, observed_maximum)
 
     which carries one group of LANES consecutive trials over one segment; it is called once per segment. The Brownian
-    increment of component j over step k is
+    increment of component $j$ over step $k$ is
 
-        sqrt(h / q) sum_{i < q} z[(first_increment + q k + i) m + j],   q = increments_per_step, m = size,
+        $\sqrt{\frac{h}{q}} \sum_{i < q} z\left[ (\text{first_increment} + q k + i) m + j \right], \quad q =
+          \text{increments_per_step}, \quad m = \text{size},$
 
-    with z the normals of (seed, stream, trial). A coarse run with step q h and q fine increments per step therefore
-    follows the Brownian path of the run with step h. The drift receives increment / step. Arguments:
+    with $z$ the normals of (seed, stream, trial). A coarse run with step $q h$ and $q$ fine increments per step
+    therefore follows the Brownian path of the run with step $h$. The drift receives increment / step. Arguments:
 
     parameters: passed on; its tables must reach half index 2 steps (not checked here).
     segment: `Segment`. brownian: `Brownian`.

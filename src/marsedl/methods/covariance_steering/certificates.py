@@ -36,17 +36,18 @@ class HeldCovariance(NamedTuple):
 
 
 def mean_certificate(problem, intervals):
-    """Steer the mean with a held control: a least-norm problem of linear algebra.
+    r"""Steer the mean with a held control: a least-norm problem of linear algebra.
 
-        minimize  sum_k h_k |u_k|^2    subject to    sum_k W_k u_k = Phi(0,T) (xT - ctil(T)) - x0
-        W_k = int over interval k of Phi(0,s) B(s) ds
+        $\text{minimize} \quad \sum_k h_k \left| u_k \right|^2 \quad \text{subject to} \quad \sum_k W_k u_k = \Phi(0,T)
+          \left( x_T - \tilde{c}(T) \right) - x_0$
+        $W_k = \int_{\text{interval } k} \Phi(0,s) B(s) \, ds$
 
     Args:
         problem: `SteeringProblem`.
         intervals: N, intervals of equal length.
 
     Returns:
-        `HeldMean`; its cost exceeds the mean cost of `steer` by a fraction that falls like N^-2.
+        `HeldMean`; its cost exceeds the mean cost of `steer` by a fraction that falls like $N^{-2}$.
 
     Raises:
         ValueError: if N < 1, or if N held controls cannot reach the target.
@@ -69,20 +70,22 @@ def mean_certificate(problem, intervals):
 
 
 def covariance_certificate(problem, intervals):
-    """Steer the covariance with a held linear feedback: a semidefinite program whose relaxation is lossless.
+    r"""Steer the covariance with a held linear feedback: a semidefinite program whose relaxation is lossless.
 
-        minimize  sum_k h_k tr Y_k    subject to    Z_k = [Sigma_k, U_k'; U_k, Y_k] >= 0,
-        Sigma_{k+1} = [A_k, B_k] Z_k [A_k, B_k]' + W_k,   Sigma_0 = S0,   Sigma_N = ST
+        $\text{minimize} \quad \sum_k h_k \, \text{tr} \, Y_k \quad \text{subject to} \quad Z_k = \left[ \Sigma_k, \,
+          U_k^\top; \; U_k, \, Y_k \right] \succeq 0,$
+        $\Sigma_{k+1} = \left[ A_k, \, B_k \right] Z_k \left[ A_k, \, B_k \right]^\top + W_k, \quad \Sigma_0 = S_0,
+          \quad \Sigma_N = S_T$
 
-    U = -K Sigma and Y stands for K Sigma K'; (A_k, B_k, W_k) is the exact discretization of dynamics and noise. Solved
-    with Clarabel in units in which states and controls are of order one.
+    $U = -K \Sigma$ and $Y$ stands for $K \Sigma K^\top$; $(A_k, B_k, W_k)$ is the exact discretization of dynamics and
+    noise. Solved with Clarabel in units in which states and controls are of order one.
 
     Args:
         problem: `SteeringProblem`.
         intervals: N, intervals of equal length.
 
     Returns:
-        `HeldCovariance`; its cost exceeds the covariance cost of `steer` by a fraction that falls like N^-1.
+        `HeldCovariance`; its cost exceeds the covariance cost of `steer` by a fraction that falls like $N^{-1}$.
 
     Raises:
         ValueError: if N < 1.

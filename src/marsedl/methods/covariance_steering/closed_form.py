@@ -180,15 +180,18 @@ class Steering(NamedTuple):
 
 
 def steer(problem, root=-1):
-    """Optimal steering of mean and covariance in closed form (Eqs. 21 to 48 without iteration or integration).
+    r"""Optimal steering of mean and covariance in closed form (Eqs. 21 to 48 without iteration or integration).
 
-        p0 = N(T)^-1 [Phi(0,T) (xT - ctil(T)) - x0],    p(t) = Phi(0,t)' p0,    ctil(t) = int_0^t Phi(t,s) c ds
-        mean(t) = Phi(t,0) (x0 + N(t) p0) + ctil(t),    feedforward = B' p
-        Lambda(t) = Phi(0,t)' Lambda(0) R(t)^-1 Phi(0,t),    R(t) = I - N(t) Lambda(0),    K = B' Lambda
-        int tr(K Sigma K') dt = tr(Lambda(0) S0) - tr(Lambda(T) Sigma(T)) - G^2 log det R(T)
+        $p_0 = N(T)^{-1} \left[ \Phi(0,T) \left( x_T - \tilde{c}(T) \right) - x_0 \right], \quad p(t) = \Phi(0,t)^\top
+          p_0, \quad \tilde{c}(t) = \int_0^t \Phi(t,s) c \, ds$
+        $\text{mean}(t) = \Phi(t,0) \left( x_0 + N(t) p_0 \right) + \tilde{c}(t), \quad \text{feedforward} = B^\top p$
+        $\Lambda(t) = \Phi(0,t)^\top \Lambda(0) R(t)^{-1} \Phi(0,t), \quad R(t) = I - N(t) \Lambda(0), \quad K = B^\top
+          \Lambda$
+        $\int \text{tr}(K \Sigma K^\top) \, dt = \text{tr}(\Lambda(0) S_0) - \text{tr}(\Lambda(T) \Sigma(T)) - G^2 \,
+          \log \det R(T)$
 
-    (the last by Eqs. 21 and 40, and tr(Lambda B B') = -d/dt log det R). `riccati_initial` gives Lambda(0),
-    `predicted_covariance` Sigma(t).
+    (the last by Eqs. 21 and 40, and $\text{tr}(\Lambda B B^\top) = -\frac{d}{dt} \log \det R$). `riccati_initial` gives
+    $\Lambda(0)$, `predicted_covariance` $\Sigma(t)$.
 
     Args:
         problem: `SteeringProblem`.
@@ -198,7 +201,7 @@ def steer(problem, root=-1):
         `Steering`.
 
     Raises:
-        SteeringError: if Lambda(t) does not exist on the whole interval (finite escape).
+        SteeringError: if $\Lambda(t)$ does not exist on the whole interval (finite escape).
     """
     lambda_0 = riccati_initial(problem, root)
     margin = escape_margin(problem, lambda_0)
@@ -239,21 +242,22 @@ def steer(problem, root=-1):
 
 
 def riccati_initial(problem, root=-1):
-    """Lambda(0) that steers the covariance from S0 to ST; replaces Algorithm 1.
+    r"""$\Lambda(0)$ that steers the covariance from $S_0$ to $S_T$; replaces Algorithm 1.
 
-        Lambda(0) = (G^2/2) S0^-1 + N^-1 -+ S0^-1/2 [(G^4/4) I + S0^1/2 Y S0^1/2]^1/2 S0^-1/2
-        Y = N^-1 Phi^-1 ST Phi^-T N^-1,   N = N(T),   Phi = Phi(T,0)
+        $\Lambda(0) = \frac{G^2}{2} S_0^{-1} + N^{-1} \mp S_0^{-1/2} \left[ \frac{G^4}{4} I + S_0^{1/2} Y S_0^{1/2}
+          \right]^{1/2} S_0^{-1/2}$
+        $Y = N^{-1} \Phi^{-1} S_T \Phi^{-\top} N^{-1}, \quad N = N(T), \quad \Phi = \Phi(T,0)$
 
-    It is the root of Y = Z S0 Z + G^2 Z with Z = N^-1 - Lambda(0). The minus sign makes Z positive definite; then
-    N(t)^-1 - Lambda(0) >= Z is too, and R(t) is invertible on [0, T]. With the plus sign Z is negative definite, and
-    R(t) becomes singular on the way.
+    It is the root of $Y = Z S_0 Z + G^2 Z$ with $Z = N^{-1} - \Lambda(0)$. The minus sign makes $Z$ positive definite;
+    then $N(t)^{-1} - \Lambda(0) \succeq Z$ is too, and $R(t)$ is invertible on $[0, T]$. With the plus sign $Z$ is
+    negative definite, and $R(t)$ becomes singular on the way.
 
     Args:
         problem: `SteeringProblem`.
         root: -1 (the solution) or +1 (meets both boundary conditions, but escapes in between).
 
     Returns:
-        Lambda(0), symmetric, (n, n).
+        $\Lambda(0)$, symmetric, (n, n).
 
     Raises:
         SteeringError: if root is neither -1 nor +1.
@@ -289,18 +293,19 @@ def escape_margin(problem, riccati_initial):
 
 
 def predicted_covariance(problem, riccati_initial, plant_noise_density, initial_covariance):
-    """Covariance under the feedback of Lambda(0), for any noise and start covariance of the plant (solves Eq. 40).
+    r"""Covariance under the feedback of $\Lambda(0)$, for any noise and start covariance of the plant (solves Eq. 40).
 
-        Sigma(t) = Theta S Theta' + Gp^2 Phi [N - N Lambda(0) N] Phi',   Theta(t,0) = Phi(t,0) (I - N(t) Lambda(0))
+        $\Sigma(t) = \Theta S \Theta^\top + G_\text{p}^2 \Phi \left[ N - N \Lambda(0) N \right] \Phi^\top, \quad
+          \Theta(t,0) = \Phi(t,0) \left( I - N(t) \Lambda(0) \right)$
 
     Args:
         problem: `SteeringProblem`; only its model is used.
-        riccati_initial: Lambda(0) of the design, (n, n).
-        plant_noise_density: Gp, control unit times sqrt(s).
+        riccati_initial: $\Lambda(0)$ of the design, (n, n).
+        plant_noise_density: $G_\text{p}$, control unit times sqrt(s).
         initial_covariance: S, (n, n).
 
     Returns:
-        Sigma(t), (k, n, n).
+        $\Sigma(t)$, (k, n, n).
     """
     phi, gramian = problem.transition, problem.gramian
     r = np.eye(len(riccati_initial)) - gramian @ riccati_initial
@@ -309,17 +314,19 @@ def predicted_covariance(problem, riccati_initial, plant_noise_density, initial_
 
 
 def equivalent_squared_noise_density(noise_density, control_unit=1.0, boundary="corrected"):
-    """Squared noise density whose correct design is the fixed point of a printed boundary condition.
+    r"""Squared noise density whose correct design is the fixed point of a printed boundary condition.
 
-        corrected: gamma^2 U^2,     algorithm_1: U^2 / gamma,     eq_46: U^2 / gamma^2
+        $\text{corrected:} \quad \gamma^2 U^2$
+        $\text{algorithm_1:} \quad U^2 / \gamma$
+        $\text{eq_46:} \quad U^2 / \gamma^2$
 
     Args:
-        noise_density: gamma, in units of U sqrt(s).
+        noise_density: $\gamma$, in units of U sqrt(s).
         control_unit: U, caller's unit of control (N).
         boundary: "corrected", "algorithm_1" or "eq_46".
 
     Returns:
-        G^2, squared unit of control times s (N^2 s).
+        $G^2$, squared unit of control times s (N^2 s).
     """
     power = {"corrected": 2, "algorithm_1": -1, "eq_46": -2}[boundary]
     return noise_density**power * control_unit**2

@@ -47,28 +47,29 @@ def fixed_point(
     tolerance_kind="relative",
     maximum_iterations=1_000_000,
 ):
-    """Algorithm 1: iterate on Q(0) = Lambda(0)^-1 and P(0) = H(0)^-1, from I and I.
+    r"""Algorithm 1: iterate on $Q(0) = \Lambda(0)^{-1}$ and $P(0) = H(0)^{-1}$, from I and I.
 
-        P(T) = Phi P(0) Phi' + M,                Q(T) = (W_T - P(T)^-1)^-1
-        Q(0) = Phi^-1 (Q(T) + M) Phi^-T,         P(0) = (W_0 - Q(0)^-1)^-1
+        $P(T) = \Phi P(0) \Phi^\top + M, \quad Q(T) = \left( W_T - P(T)^{-1} \right)^{-1}$
+        $Q(0) = \Phi^{-1} \left( Q(T) + M \right) \Phi^{-\top}, \quad P(0) = \left( W_0 - Q(0)^{-1} \right)^{-1}$
 
-    The weights W stand for the boundary condition P^-1 + Q^-1 = W at both ends: gamma^2 Sigma^-1 ("corrected", follows
-    from Eq. 43), (gamma Sigma)^-1 ("algorithm_1", lines 7 and 9) or gamma^-2 Sigma^-1 ("eq_46").
+    The weights $W$ stand for the boundary condition $P^{-1} + Q^{-1} = W$ at both ends: $\gamma^2 \Sigma^{-1}$
+    ("corrected", follows from Eq. 43), $(\gamma \Sigma)^{-1}$ ("algorithm_1", lines 7 and 9) or
+    $\gamma^{-2} \Sigma^{-1}$ ("eq_46").
 
     Args:
-        transition: Phi(T,0), (n, n).
-        gramian: M(T,0) of Eq. 48 with the control in the caller's unit (SI), (n, n).
-        covariances: S0 and ST, (n, n) each.
-        noise_density: gamma, in units of U sqrt(s).
+        transition: $\Phi(T,0)$, (n, n).
+        gramian: $M(T,0)$ of Eq. 48 with the control in the caller's unit (SI), (n, n).
+        covariances: $S_0$ and $S_T$, (n, n) each.
+        noise_density: $\gamma$, in units of U sqrt(s).
         control_unit: U, caller's unit of control per unit of the iteration (18000 N: fractions of full thrust).
         boundary: "corrected", "algorithm_1" or "eq_46".
-        order: "gauss_seidel" uses the new Q(0) for P(0); "jacobi" the old one, as printed.
+        order: "gauss_seidel" uses the new $Q(0)$ for $P(0)$; "jacobi" the old one, as printed.
         tolerance: stop when both changes are below it.
         tolerance_kind: "relative" or "absolute" Frobenius norms; the paper's is absolute, so it depends on units.
         maximum_iterations: limit.
 
     Returns:
-        `FixedPoint`; that it stopped does not prove that it converged to a solution, so check Sigma(T).
+        `FixedPoint`; that it stopped does not prove that it converged to a solution, so check $\Sigma(T)$.
 
     Raises:
         ValueError: for an unknown option, or matrices that are not of one square shape.

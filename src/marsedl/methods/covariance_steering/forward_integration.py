@@ -56,20 +56,21 @@ class ModifiedIndex(NamedTuple):
 
 
 def integrate_forward(motion, riccati_initial, final_mean, *, times=None, relative_tolerance=1e-11):
-    """Integrate Eqs. 21, 22, 27, 28, 31, 38, 40 and 42 forward from Lambda(0) (Algorithm 2).
+    r"""Integrate Eqs. 21, 22, 27, 28, 31, 38, 40 and 42 forward from $\Lambda(0)$ (Algorithm 2).
 
-    c1 and c2 (Eqs. 35, 36) and the integral of Eq. 37 are integrated along with them, written as differential equations
-    in their upper limit. lambda(0) is then
+    $c_1$ and $c_2$ (Eqs. 35, 36) and the integral of Eq. 37 are integrated along with them, written as differential
+    equations in their upper limit. $\lambda(0)$ is then
 
-        Eq. 37: [int Theta(T,s) B B' Theta(0,s)' ds]^-1 (xT - Theta(T,0) x0 - c1 - c2)
-        Eq. 39: Theta(T,0)' M~^-1 (xT - Theta(T,0) x0 - c1 - c2)
+        $\text{Eq. 37:} \quad \left[ \int \Theta(T,s) B B^\top \Theta(0,s)^\top \, ds \right]^{-1} \left( x_T -
+          \Theta(T,0) x_0 - c_1 - c_2 \right)$
+        $\text{Eq. 39:} \quad \Theta(T,0)^\top \widetilde{M}^{-1} \left( x_T - \Theta(T,0) x_0 - c_1 - c_2 \right)$
 
-    and lambda(t) and the mean follow from it in a second pass.
+    and $\lambda(t)$ and the mean follow from it in a second pass.
 
     Args:
         motion: `LinearMotion`.
-        riccati_initial: Lambda(0), (n, n).
-        final_mean: xT, (n,).
+        riccati_initial: $\Lambda(0)$, (n, n).
+        final_mean: $x_T$, (n,).
         times: times of the answer within [0, T], (k,), s; 0 and T if absent.
         relative_tolerance: of the eighth-order Runge-Kutta method (DOP853).
 
@@ -77,7 +78,7 @@ def integrate_forward(motion, riccati_initial, final_mean, *, times=None, relati
         `ForwardIntegration`.
 
     Raises:
-        RuntimeError: if the integration fails, as it does when Lambda escapes in finite time.
+        RuntimeError: if the integration fails, as it does when $\Lambda$ escapes in finite time.
     """
     state_matrix, control_matrix, affine, duration, initial_mean, initial_covariance, noise_density = motion
     n = len(initial_mean)

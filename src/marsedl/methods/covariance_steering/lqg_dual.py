@@ -105,20 +105,22 @@ class WeightSearch(NamedTuple):
 
 
 def lqg_gains(system, final_weight, control_weight):
-    """Feedback that minimizes tr(Q P_N) + sum_k R_k Var(u_k) (stochastic entry guidance, Problem 2 and Eq. 55).
+    r"""Feedback of least quadratic cost (stochastic entry guidance, Problem 2 and Eq. 55).
 
-        K_k = -(B'SB + R_k)^-1 B'SA,    S_k = (A + B K_k)' S_{k+1} (A + B K_k) + R_k K_k'K_k,    S_N = Q
+        $\text{minimize} \quad \text{tr}(Q P_N) + \sum_k R_k \, \text{Var}(u_k)$
+        $K_k = -\left( B^\top S B + R_k \right)^{-1} B^\top S A, \quad S_N = Q$
+        $S_k = \left( A + B K_k \right)^\top S_{k+1} \left( A + B K_k \right) + R_k K_k^\top K_k$
 
-    Eq. 55a lacks the inverse. The sum of squares (Joseph form) equals Eq. 55b, but keeps S positive semidefinite in
+    Eq. 55a lacks the inverse. The sum of squares (Joseph form) equals Eq. 55b, but keeps $S$ positive semidefinite in
     rounded arithmetic.
 
     Args:
         system: `DiscreteSystem`.
         final_weight: Q, symmetric positive semidefinite, (n, n).
-        control_weight: R_k, positive, (N,).
+        control_weight: $R_k$, positive, (N,).
 
     Returns:
-        Gains K_k (N, n), zero where B_k = 0, and value matrices S_k (N + 1, n, n).
+        Gains $K_k$ (N, n), zero where $B_k = 0$, and value matrices $S_k$ (N + 1, n, n).
 
     Raises:
         ValueError: if shapes do not fit.
@@ -129,17 +131,18 @@ def lqg_gains(system, final_weight, control_weight):
 
 
 def lqg_gains_as_printed(system, final_weight, control_weight):
-    """The recursion of Eq. 55 (stochastic entry guidance) literally, without the inverse: it grows beyond all bounds.
+    r"""The recursion of Eq. 55 (stochastic entry guidance) literally, without the inverse: it grows beyond all bounds.
 
-        K_k = -(B'SB + R_k) B'SA,    S_k = A'SA - K_k' (R_k + B'SB) K_k,    S_N = Q
+        $K_k = -\left( B^\top S B + R_k \right) B^\top S A, \quad S_k = A^\top S A - K_k^\top \left( R_k + B^\top S B
+          \right) K_k, \quad S_N = Q$
 
     Args:
         system: `DiscreteSystem`.
         final_weight: Q, (n, n).
-        control_weight: R_k, (N,).
+        control_weight: $R_k$, (N,).
 
     Returns:
-        Gains (N, n) and matrices S_k (N + 1, n, n); infinite or nan from where they exceed the range of numbers.
+        Gains (N, n) and matrices $S_k$ (N + 1, n, n); infinite or nan from where they exceed the range of numbers.
 
     Raises:
         ValueError: if shapes do not fit.
@@ -158,9 +161,10 @@ def lqg_gains_as_printed(system, final_weight, control_weight):
 
 
 def noise_floor(system, objective):
-    """Variance of the objective from the noise of the intervals at the end on which the control has no effect.
+    r"""Variance of the objective from the noise of the intervals at the end on which the control has no effect.
 
-        sum of a' Phi(N, k+1) G_k G_k' Phi(N, k+1)' a    over the k after the last one with B_k != 0
+        $\sum_k a^\top \Phi(N, k + 1) G_k G_k^\top \Phi(N, k + 1)^\top a \quad \text{over the } k
+          \text{ after the last one with } B_k \ne 0$
 
     No feedback can lower it, so no cost of Problem 1 is smaller.
 
@@ -169,7 +173,7 @@ def noise_floor(system, objective):
         objective: a, (n,).
 
     Returns:
-        Variance in the unit of (a'x)^2; 0 if the last control has an effect.
+        Variance in the unit of $(a^\top x)^2$; 0 if the last control has an effect.
     """
     adjoint, variance = np.array(objective, dtype=float), 0.0
     for transition, control, noise in zip(*(field[::-1] for field in system), strict=True):
@@ -181,20 +185,22 @@ def noise_floor(system, objective):
 
 
 def solve(problem, tolerance=1e-8):
-    """Solve Problem 1 by its Lagrange dual (stochastic entry guidance, Theorem III.1 and Eqs. 85 to 90).
+    r"""Solve Problem 1 by its Lagrange dual (stochastic entry guidance, Theorem III.1 and Eqs. 85 to 90).
 
-        maximize over xi >= 0:   sum_k tr(S_{k+1} G_k G_k') + tr(S_0 P_0) - sum_i xi_i D_i^2 - sum_k xi_k U_k^2
+        $\text{maximize over } \xi \ge 0 \text{:} \quad \sum_k \text{tr}\left( S_{k+1} G_k G_k^\top \right) +
+          \text{tr}(S_0 P_0) - \sum_i \xi_i D_i^2 - \sum_k \xi_k U_k^2$
 
-    where S solves Eq. 55 with the weights Q = a a' + sum_i xi_i d_i d_i' and R_k + xi_k, which also give the gains. The
-    derivative by a multiplier is the excess of its variance; the KKT points are the fixed points of
-    xi <- xi (variance / limit^2)^q. Every multiplier has its own q, which grows while the excess keeps its sign and is
-    halved when it changes: the ascent does not depend on units, and little on the size of R_k.
+    where $S$ solves Eq. 55 with the weights $Q = a a^\top + \sum_i \xi_i d_i d_i^\top$ and $R_k + \xi_k$, which also
+    give the gains. The derivative by a multiplier is the excess of its variance; the KKT points are the fixed points of
+    $\xi \leftarrow \xi \left( \text{variance} / \text{limit}^2 \right)^q$. Every multiplier has its own $q$, which
+    grows while the excess keeps its sign and is halved when it changes: the ascent does not depend on units, and little
+    on the size of $R_k$.
 
     Args:
         problem: `ChanceConstrainedProblem`.
-        tolerance: largest excess of a variance over its squared limit, relative; and largest sum of |multiplier *
-            (limit^2 - variance)|, relative to the cost above the noise floor, or 1e-13 of the whole cost if that is
-            larger.
+        tolerance: largest excess of a variance over its squared limit, relative; and largest sum of
+            $\left| \text{multiplier} \cdot (\text{limit}^2 - \text{variance}) \right|$, relative to the cost above the
+            noise floor, or 1e-13 of the whole cost if that is larger.
 
     Returns:
         `Solution`; its status is "optimal" if the tolerance was reached. It may miss it where a limit equals the least
@@ -239,16 +245,19 @@ def solve(problem, tolerance=1e-8):
 
 
 def solve_cone_program(problem, reference):
-    """Solve Problem 1 as a semidefinite program with Clarabel, without any Riccati equation.
+    r"""Solve Problem 1 as a semidefinite program with Clarabel, without any Riccati equation.
 
-        minimize  a'P_N a + sum_k R_k z_k    subject to    [P_k, Y_k'; Y_k, z_k] >= 0,   z_k <= U_k^2,
-        P_{k+1} = A P_k A' + A Y_k' B' + B Y_k A' + B z_k B' + G G',   d_i'P_N d_i <= D_i^2
+        $\text{minimize} \quad a^\top P_N a + \sum_k R_k z_k \quad \text{subject to} \quad \left[ P_k, \, Y_k^\top; \;
+          Y_k, \, z_k \right] \succeq 0, \quad z_k \le U_k^2,$
+        $P_{k+1} = A P_k A^\top + A Y_k^\top B^\top + B Y_k A^\top + B z_k B^\top + G G^\top, \quad d_i^\top P_N d_i \le
+          D_i^2$
 
-    Y = K P, and z bounds K P K'; the relaxation is lossless. A singular P_0 = L L' leaves Y_0 = q'L', z_0 >= q'q.
+    $Y = K P$, and $z$ bounds $K P K^\top$; the relaxation is lossless. A singular $P_0 = L L^\top$ leaves
+    $Y_0 = q^\top L^\top$, $z_0 \ge q^\top q$.
 
     Args:
         problem: `ChanceConstrainedProblem` of some dozens of intervals.
-        reference: `Solution` of the same problem, used only for units: the deviations of P_k, and the cost.
+        reference: `Solution` of the same problem, used only for units: the deviations of $P_k$, and the cost.
 
     Returns:
         `ConeProgram`; its status may be "optimal_inaccurate".

@@ -1,9 +1,9 @@
-"""What a chance-constrained covariance steering program consists of (random field, Eq. 56), checked; and its law.
+r"""What a chance-constrained covariance steering program consists of (random field, Eq. 56), checked; and its law.
 
-    x_{k+1} = A_k x_k + B_k u_k + c_k + w_k,    u_k = v_k + sum_{l <= k} K_kl (x_l - xbar_l)
+    $x_{k+1} = A_k x_k + B_k u_k + c_k + w_k, \quad u_k = v_k + \sum_{l \le k} K_{kl} (x_l - \bar{x}_l)$
 
-The disturbances are Gaussian with mean zero (a mean belongs to c_k) and correlated over time, so the feedback is of the
-whole history of states. Nothing here is scaled: choose units in which typical deviations are of order one.
+The disturbances are Gaussian with mean zero (a mean belongs to $c_k$) and correlated over time, so the feedback is of
+the whole history of states. Nothing here is scaled: choose units in which typical deviations are of order one.
 """
 
 from dataclasses import dataclass
@@ -127,9 +127,10 @@ class TrustRegion:
 
 @dataclass(frozen=True, eq=False)
 class SteeringProgram:
-    """Everything that Eq. 56 (random field) is made of; N intervals, n states, m controls.
+    r"""Everything that Eq. 56 (random field) is made of; N intervals, n states, m controls.
 
-        minimize  sum_{k<N} E[(x_k - x^d_k)' Q_k (x_k - x^d_k) + u~_k' R_k u~_k] + v_k' Rbar_k v_k  +  eta max_i gamma_i
+        $\text{minimize} \quad \sum_{k < N} \left\{ \text{E}\left[ (x_k - x_k^\text{d})^\top Q_k (x_k - x_k^\text{d}) +
+          \tilde{u}_k^\top R_k \tilde{u}_k \right] + v_k^\top \bar{R}_k v_k \right\} + \eta \max_i \gamma_i$
 
     Raises:
         ValueError: naming the field, if a shape does not fit, a value is not finite, a step lies outside the program,
@@ -254,9 +255,9 @@ class Margin(NamedTuple):
 
 
 def upper_quantile(probability):
-    """The number of standard deviations that a Gaussian exceeds with a given probability.
+    r"""The number of standard deviations that a Gaussian exceeds with a given probability.
 
-        cdfn^-1(1 - p)    (random field, Eqs. 44, 45 and 52)
+        $\text{cdfn}^{-1}(1 - p) \quad \text{(random field, Eqs. 44, 45 and 52)}$
 
     Args:
         probability: p in (0, 1), scalar or array.
@@ -270,11 +271,11 @@ def upper_quantile(probability):
 
 
 def stacked(system):
-    """Stack the system over its intervals (random field, Eqs. 29 and 30).
+    r"""Stack the system over its intervals (random field, Eqs. 29 and 30).
 
-        X = A x_0 + B U + C + G W,    block k of C: A_{k-1} C_{k-1} + c_{k-1}
+        $X = A x_0 + B U + C + G W, \quad \text{block } k \text{ of } C \text{:} \quad A_{k-1} C_{k-1} + c_{k-1}$
 
-    Eq. 29 prints A_1 c_1 as the third block of C; the recursion gives A_1 c_0 + c_1.
+    Eq. 29 prints $A_1 c_1$ as the third block of $C$; the recursion gives $A_1 c_0 + c_1$.
 
     Args:
         system: `BlockSystem`.
@@ -300,15 +301,16 @@ def stacked(system):
 
 
 def closed_loop(system, gain, disturbance_covariance=None):
-    """Covariances under any feedback of the history (random field, Eqs. 34, 40 to 42).
+    r"""Covariances under any feedback of the history (random field, Eqs. 34, 40 to 42).
 
-        P_X = (I - B K)^-1 S (I - B K)^-T,    P_U = K P_X K',    S = A P_0 A' + G Cov(W) G'
+        $P_X = (I - B K)^{-1} S (I - B K)^{-\top}, \quad P_U = K P_X K^\top, \quad S = A P_0 A^\top + G \, \text{Cov}(W)
+          \, G^\top$
 
     Args:
         system: `BlockSystem`.
-        gain: K_kl, (N, N + 1, m, n); blocks with l > k must be zero.
-        disturbance_covariance: Cov(W) to use instead of the system's, for instance without the noise that a design
-            added to it, (N n, N n).
+        gain: $K_{kl}$, (N, N + 1, m, n); blocks with $l > k$ must be zero.
+        disturbance_covariance: $\text{Cov}(W)$ to use instead of the system's, for instance without the noise that a
+            design added to it, (N n, N n).
 
     Returns:
         `ClosedLoop`.

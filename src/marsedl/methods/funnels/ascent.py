@@ -13,14 +13,15 @@ _DIFFERENCE = 2e-4  # step of the differences: rounding of second differences an
 
 
 def maximize(function, dimensions, seed, full_ball=None, starts=1500, polished=10, iterations=12):
-    """Local maxima of a function on a product of unit spheres and balls by multi-start Newton ascent, and their best.
+    r"""Local maxima of a function on a product of unit spheres and balls by multi-start Newton ascent, and their best.
 
-        d = sum_i u_i (u_i'g) / max(|lambda_i|, delta),   H = P (D2f - r) P = sum_i lambda_i u_i u_i'
+        $d = \sum_i u_i \frac{u_i^\top g}{\max\left( \left| \lambda_i \right|, \delta \right)}, \quad H = P \left( D^2 f
+          - r \right) P = \sum_i \lambda_i u_i u_i^\top$
 
-    g = P Df and H are gradient and Hessian along the set (P projects on its tangent space, r holds y'Df for each sphere
-    and for each ball on whose boundary the function still rises outwards); d rises at saddles too, and near a maximum
-    it is Newton's step. Of several fractions of d, taken back to the set, the best is kept if it is better than the
-    point. Derivatives are central differences, all points of all starts in one call.
+    $g = P \, Df$ and $H$ are gradient and Hessian along the set ($P$ projects on its tangent space, $r$ holds
+    $y^\top Df$ for each sphere and for each ball on whose boundary the function still rises outwards); $d$ rises at
+    saddles too, and near a maximum it is Newton's step. Of several fractions of $d$, taken back to the set, the best is
+    kept if it is better than the point. Derivatives are central differences, all points of all starts in one call.
 
     Args:
         function: maps points (m, v) to values (m,), defined near the set too.

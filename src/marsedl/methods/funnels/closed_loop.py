@@ -105,13 +105,13 @@ class ClosedLoop:
         return feedback
 
     def error_rates(self, half_index, deviation, disturbance, additive=None):
-        """Rate of the deviation from the reference (robust entry funnels, Eq. 22 and App. A).
+        r"""Rate of the deviation from the reference (robust entry funnels, Eq. 22 and App. A).
 
-            xb' = f(x* + xb, u* + K xb, w) + a - f(x*, u*, 0)
+            $\dot{\bar{x}} = f(x^* + \bar{x}, u^* + K \bar{x}, w) + a - f(x^*, u^*, 0)$
 
         Args:
             half_index: index of the half-step grid.
-            deviation: xb, nx components.
+            deviation: $\bar{x}$, nx components.
             disturbance: w, nw components.
             additive: a, nx components in the units of the rates, or None for zero.
 

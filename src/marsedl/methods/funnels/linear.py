@@ -39,17 +39,19 @@ def slice_jacobians(loop, slices):
 
 
 def whitened_step(transition, response, shape, next_shape):
-    """Write a linear step in the coordinates in which both slices are balls of radius sqrt(rho).
+    r"""Write a linear step in the coordinates in which both slices are balls of radius $\sqrt{\rho}$.
 
-        A = L_{k+1}' Phi L_k^-T,   B = L_{k+1}' Gamma / sqrt 2,   V_{k+1} = |sqrt(rho_k) A y + B w|^2
+        $A = L_{k+1}^\top \Phi L_k^{-\top}, \quad B = \frac{L_{k+1}^\top \Gamma}{\sqrt{2}}, \quad V_{k+1} = \left|
+          \sqrt{\rho_k} A y + B w \right|^2$
 
-    with P = L L', |y| = 1 on the boundary of the slice and |w| <= 1 (robust entry funnels, Eqs. 15, 18 and 28).
+    with $P = L L^\top$, $\left| y \right| = 1$ on the boundary of the slice and $\left| w \right| \le 1$ (robust entry
+    funnels, Eqs. 15, 18 and 28).
 
     Args:
-        transition: Phi, (nx, nx).
-        response: Gamma, (nx, nw).
-        shape: P_k, (nx, nx).
-        next_shape: P_{k+1}, (nx, nx).
+        transition: $\Phi$, (nx, nx).
+        response: $\Gamma$, (nx, nw).
+        shape: $P_k$, (nx, nx).
+        next_shape: $P_{k+1}$, (nx, nx).
 
     Returns:
         A (nx, nx) and B (nx, nw).
@@ -65,23 +67,24 @@ def whitened_step(transition, response, shape, next_shape):
 
 
 def linear_exact(transitions, responses, shapes, initial_level):
-    """Recursion of the level that is exact for linear dynamics; the least that any bound on V_{k+1} can give.
+    r"""Recursion of the level that is exact for linear dynamics; the least that any bound on $V_{k+1}$ can give.
 
-        rho_{k+1} = max over |y| = |w| = 1 of |sqrt(rho_k) A y + B w|^2
-                  = min over q > 0 of the largest eigenvalue of (1 + q) rho_k A A' + (1 + 1/q) B B'
+        $\rho_{k+1} = \max_{\left| y \right| = \left| w \right| = 1} \left| \sqrt{\rho_k} A y + B w \right|^2$
+        $\rho_{k+1} = \min_{q > 0} \left\{ \text{largest eigenvalue of } (1 + q) \rho_k A A^\top + (1 + 1 / q) B B^\top
+          \right\}$
 
-    The minimum is the Lagrange dual, and equal: a semidefinite program with the two equations |y| = |w| = 1 has a
-    solution of rank one. It is convex in ln q, and every q gives an upper bound. For the dynamics themselves the level
-    is not a bound: their nonlinear terms are left out.
+    The minimum is the Lagrange dual, and equal: a semidefinite program with the two equations
+    $\left| y \right| = \left| w \right| = 1$ has a solution of rank one. It is convex in $\ln q$, and every $q$ gives
+    an upper bound. For the dynamics themselves the level is not a bound: their nonlinear terms are left out.
 
     Args:
-        transitions: Phi between slices, (N - 1, nx, nx).
-        responses: Gamma between slices, (N - 1, nx, nw); nw may be 0.
-        shapes: P_k, (N, nx, nx).
-        initial_level: rho_1.
+        transitions: $\Phi$ between slices, (N - 1, nx, nx).
+        responses: $\Gamma$ between slices, (N - 1, nx, nw); nw may be 0.
+        shapes: $P_k$, (N, nx, nx).
+        initial_level: $\rho_1$.
 
     Returns:
-        rho_k, (N,).
+        $\rho_k$, (N,).
 
     Raises:
         ValueError: if a shape is not positive definite or the lengths do not fit.
@@ -90,9 +93,9 @@ def linear_exact(transitions, responses, shapes, initial_level):
 
 
 def linear_triangle(transitions, responses, shapes, initial_level):
-    """Recursion of the level by the triangle inequality; sound for linear dynamics, and loose.
+    r"""Recursion of the level by the triangle inequality; sound for linear dynamics, and loose.
 
-        sqrt(rho_{k+1}) = |A| sqrt(rho_k) + |B|   (spectral norms)
+        $\sqrt{\rho_{k+1}} = \left| A \right| \sqrt{\rho_k} + \left| B \right| \quad \text{(spectral norms)}$
 
     Args and Returns as for `linear_exact`, which is never larger.
     """
@@ -102,24 +105,26 @@ def linear_triangle(transitions, responses, shapes, initial_level):
 
 
 def joint_ellipsoid(transitions, responses, initial_set):
-    """Image of the joint ball of initial deviation and constant disturbance under linear dynamics.
+    r"""Image of the joint ball of initial deviation and constant disturbance under linear dynamics.
 
-        E_1 = 2 M_1^-1,   H_1 = 0
-        E_{k+1} = Phi E Phi' + Phi H Gamma' + Gamma H' Phi' + Gamma Gamma',   H_{k+1} = Phi H + Gamma
+        $E_1 = 2 M_1^{-1}, \quad H_1 = 0$
+        $E_{k+1} = \Phi E \Phi^\top + \Phi H \Gamma^\top + \Gamma H^\top \Phi^\top + \Gamma \Gamma^\top, \quad H_{k+1} =
+          \Phi H + \Gamma$
 
-    E_k is the ellipsoid {xb' E^-1 xb <= 1} reached from xb_1'M_1 xb_1 / 2 + w'w <= 1: half of the set that a funnel
-    allows, where both may lie on their boundaries at once. So it is a comparison, not a bound.
+    $E_k$ is the ellipsoid $\left\{ \bar{x}^\top E^{-1} \bar{x} \le 1 \right\}$ reached from
+    $\bar{x}_1^\top M_1 \bar{x}_1 / 2 + w^\top w \le 1$: half of the set that a funnel allows, where both may lie on
+    their boundaries at once. So it is a comparison, not a bound.
 
     Args:
-        transitions: Phi, (n, nx, nx).
-        responses: Gamma to the constant disturbance, (n, nx, nw).
-        initial_set: M_1 of the initial set {xb'M_1 xb / 2 <= 1}, (nx, nx).
+        transitions: $\Phi$, (n, nx, nx).
+        responses: $\Gamma$ to the constant disturbance, (n, nx, nw).
+        initial_set: $M_1$ of the initial set $\left\{ \bar{x}^\top M_1 \bar{x} / 2 \le 1 \right\}$, (nx, nx).
 
     Returns:
         E, (n + 1, nx, nx), squares of the units of the states.
 
     Raises:
-        ValueError: if M_1 is not positive definite.
+        ValueError: if $M_1$ is not positive definite.
     """
     transitions, responses = np.asarray(transitions), np.asarray(responses)
     ellipsoids = [2 * _inverse(initial_set, "the matrix of the initial set")]
@@ -132,25 +137,27 @@ def joint_ellipsoid(transitions, responses, initial_set):
 
 
 def minkowski_shape(transitions, responses, initial_set, scales):
-    """Shapes P_k that follow the set which linear dynamics reach under a disturbance free at every step.
+    r"""Shapes $P_k$ that follow the set which linear dynamics reach under a disturbance free at every step.
 
-        S_{k+1} = (1 + p) Phi S Phi' + (1 + 1/p) Gamma Gamma',   S_1 = 2 M_1^-1,   P_k = 2 S_k^-1
+        $S_{k+1} = (1 + p) \Phi S \Phi^\top + (1 + 1 / p) \Gamma \Gamma^\top, \quad S_1 = 2 M_1^{-1}, \quad P_k = 2
+          S_k^{-1}$
 
-    contains the Minkowski sum of the image of S_k and of the disturbances for every p > 0; the p used makes the sum of
-    the squared semi-axes of S_{k+1} in the scaled states least, p^2 = tr(T Gamma Gamma' T) / tr(T Phi S Phi' T). With
-    linear dynamics the level stays at or below rho = 1.
+    contains the Minkowski sum of the image of $S_k$ and of the disturbances for every $p > 0$; the $p$ used makes the
+    sum of the squared semi-axes of $S_{k+1}$ in the scaled states least,
+    $p^2 = \text{tr}(T \Gamma \Gamma^\top T) / \text{tr}(T \Phi S \Phi^\top T)$. With linear dynamics the level stays at
+    or below $\rho = 1$.
 
     Args:
-        transitions: Phi, (n, nx, nx).
-        responses: Gamma, (n, nx, nw); nw may be 0.
-        initial_set: M_1 of the initial set {xb'M_1 xb / 2 <= 1}, (nx, nx).
-        scales: deviations of the states that count as equal, T = diag(1/scales), (nx,).
+        transitions: $\Phi$, (n, nx, nx).
+        responses: $\Gamma$, (n, nx, nw); nw may be 0.
+        initial_set: $M_1$ of the initial set $\left\{ \bar{x}^\top M_1 \bar{x} / 2 \le 1 \right\}$, (nx, nx).
+        scales: deviations of the states that count as equal, $T = \text{diag}(1 / \text{scales})$, (nx,).
 
     Returns:
         P, (n + 1, nx, nx).
 
     Raises:
-        ValueError: if M_1 is not positive definite, or a scale is not positive.
+        ValueError: if $M_1$ is not positive definite, or a scale is not positive.
     """
     scales = np.asarray(scales, dtype=float)
     if not (scales > 0).all():
@@ -166,21 +173,22 @@ def minkowski_shape(transitions, responses, initial_set, scales):
 
 
 def additive_growth(responses, next_shapes, amplitudes):
-    """Largest V that a disturbance added to the rates, constant over a step, causes by itself.
+    r"""Largest V that a disturbance added to the rates, constant over a step, causes by itself.
 
-        beta_k = 1/2 |L_{k+1}' Gamma_k diag(amplitudes)|^2   (spectral norm)
+        $\beta_k = \frac{1}{2} \left| L_{k+1}^\top \Gamma_k \, \text{diag}(\text{amplitudes}) \right|^2 \quad
+          \text{(spectral norm)}$
 
-    of the set sum((a_i / amplitude_i)^2) <= 1. Where it acts beside what a stage bounds by s rho_k, the triangle
-    inequality in sqrt(V) gives sqrt(rho_{k+1}) = sqrt(s rho_k) + sqrt(beta_k), but for products of a with the
-    deviation and with w.
+    of the set $\sum_i (a_i / \text{amplitude}_i)^2 \le 1$. Where it acts beside what a stage bounds by $s \rho_k$, the
+    triangle inequality in $\sqrt{V}$ gives $\sqrt{\rho_{k+1}} = \sqrt{s \rho_k} + \sqrt{\beta_k}$, but for products of
+    $a$ with the deviation and with $w$.
 
     Args:
-        responses: Gamma_k of the deviation to a constant addition to the rates, (N - 1, nx, nx).
-        next_shapes: P_{k+1}, (N - 1, nx, nx).
+        responses: $\Gamma_k$ of the deviation to a constant addition to the rates, (N - 1, nx, nx).
+        next_shapes: $P_{k+1}$, (N - 1, nx, nx).
         amplitudes: largest additions, (nx,), unit of the state per second.
 
     Returns:
-        beta, (N - 1,).
+        $\beta$, (N - 1,).
 
     Raises:
         ValueError: if a shape is not positive definite or the lengths do not fit.

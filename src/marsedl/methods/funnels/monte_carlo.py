@@ -28,22 +28,22 @@ def uniform_directions(generator, count, dimension):
 
 
 def boundary_deviations(value_matrix, level, directions):
-    """Points of the boundary {x'P x / 2 = rho} of an ellipsoid (robust entry funnels, Eqs. 26 and 27).
+    r"""Points of the boundary $x^\top P x / 2 = \rho$ of an ellipsoid (robust entry funnels, Eqs. 26 and 27).
 
-        x = sqrt(2 rho) L^-T y,   P = L L'
+        $x = \sqrt{2 \rho} L^{-\top} y, \quad P = L L^\top$
 
-    The paper leaves out P and rho, which puts the points on the ellipsoid of P = I, rho = 1 only.
+    The paper leaves out $P$ and $\rho$, which puts the points on the ellipsoid of $P = I$, $\rho = 1$ only.
 
     Args:
         value_matrix: P, (nx, nx), symmetric and positive definite.
-        level: rho, 1.
+        level: $\rho$, 1.
         directions: y, (m, nx), of norm 1 for points on the boundary.
 
     Returns:
         x, (m, nx).
 
     Raises:
-        ValueError: if P is not positive definite, or rho is negative.
+        ValueError: if P is not positive definite, or $\rho$ is negative.
     """
     from scipy.linalg import solve_triangular
 
@@ -94,9 +94,10 @@ def greedy_disturbance(directions):
 
 
 def greedy_additive(amplitudes):
-    """Adversary that raises V fastest with an additive input from an ellipsoid, anew in every fine step.
+    r"""Adversary that raises $V$ fastest with an additive input from an ellipsoid, anew in every fine step.
 
-        max x'P a over sum of (a_i / c_i)^2 <= 1:   a = c o (c o P x) / norm(c o P x)
+        $\max x^\top P a \text{ over } \sum_i (a_i / c_i)^2 \le 1 \text{:} \quad a =
+          \frac{c \circ (c \circ P x)}{\left\| c \circ P x \right\|}$
 
     Args:
         amplitudes: semi-axes c, (nx,), units of the rates.

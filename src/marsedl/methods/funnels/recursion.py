@@ -70,9 +70,9 @@ class Funnel:
 
     @cached_property
     def log_volumes(self):
-        """Natural logarithm of the volumes of the slices, (N,).
+        r"""Natural logarithm of the volumes of the slices, (N,).
 
-            log(c_n (2 rho)^(n/2) det(P)^(-1/2)),   c_n = pi^(n/2) / Gamma(n/2 + 1)
+            $\log\left( c_n (2 \rho)^{n/2} \det(P)^{-1/2} \right), \quad c_n = \frac{\pi^{n/2}}{\Gamma(n/2 + 1)}$
 
         Eq. 19 has the square of it, which changes no optimum.
         """
@@ -94,16 +94,17 @@ class Funnel:
 
 
 def initial_level(shape, initial_set):
-    """Least level whose slice contains the initial set {1/2 xb'M_1 xb <= 1} (robust entry funnels, Eq. 20).
+    r"""Least level whose slice contains the initial set (robust entry funnels, Eq. 20).
 
-        rho_1 = largest eigenvalue of M_1^-1/2 P_1 M_1^-1/2,   M_1 - P_1/rho_1 >= 0 and singular
+        $\rho_1 = \text{largest eigenvalue of } M_1^{-1/2} P_1 M_1^{-1/2}, \quad M_1 - P_1 / \rho_1 \succeq 0
+          \text{ and singular}$
 
     Args:
-        shape: P_1, (nx, nx).
-        initial_set: M_1, (nx, nx).
+        shape: $P_1$, (nx, nx).
+        initial_set: $M_1$ of the initial set $\left\{ \frac{1}{2} \bar{x}^\top M_1 \bar{x} \le 1 \right\}$, (nx, nx).
 
     Returns:
-        rho_1.
+        $\rho_1$.
 
     Raises:
         ValueError: if a matrix is not positive definite.
@@ -155,21 +156,22 @@ class StageRule:
 
 
 def forward(loop, shapes, slices, first_level, design, rule=None, *, additive=None, limit=1e3, progress=None):
-    """Propagate the level of a funnel from its first slice to its last (robust entry funnels, Algorithm 1, Eq. 36).
+    r"""Propagate the level of a funnel from its first slice to its last (robust entry funnels, Algorithm 1, Eq. 36).
 
-        rho_{k+1} = s_k rho_k,   s_k = min {s: s - b_k is a sum of squares on the spheres}
+        $\rho_{k+1} = s_k \rho_k, \quad s_k = \min \left\{ s \text{: } s - b_k
+          \text{ is a sum of squares on the spheres} \right\}$
 
-    As long as s_k rho_k does not decrease when rho_k grows, nothing is lost by taking one stage after the other: with
-    fixed P_k every level is the least one, and the levels also solve Eq. 25.
+    As long as $s_k \rho_k$ does not decrease when $\rho_k$ grows, nothing is lost by taking one stage after the other:
+    with fixed $P_k$ every level is the least one, and the levels also solve Eq. 25.
 
     Args:
         loop: `ClosedLoop` of n fine steps.
-        shapes: P_k, (N, nx, nx).
+        shapes: $P_k$, (N, nx, nx).
         slices: fine steps at which the slices lie, (N,), increasing.
-        first_level: rho_1, see `initial_level`.
-        design: well chosen samples (robust entry funnels, Eq. 24), of basis degree d with 2 d >= order + 1.
+        first_level: $\rho_1$, see `initial_level`.
+        design: well chosen samples (robust entry funnels, Eq. 24), of basis degree $d$ with $2 d \ge \text{order} + 1$.
         rule: `StageRule`; None: the one with all defaults.
-        additive: None, or beta_k of `linear.additive_growth`, (N - 1,).
+        additive: None, or $\beta_k$ of `linear.additive_growth`, (N - 1,).
         limit: level above which the funnel counts as diverged.
         progress: None, or a function of slice number and level, called after each stage.
 
@@ -198,16 +200,16 @@ def forward(loop, shapes, slices, first_level, design, rule=None, *, additive=No
 
 
 def backward(loop, shapes, slices, last_level, design, rule=None, *, additive=None, tolerance=1e-6):
-    """Largest slices from which the last one is reached, from the last to the first (robust entry funnels, Sec. 5).
+    r"""Largest slices from which the last one is reached, from the last to the first (robust entry funnels, Sec. 5).
 
-        largest rho_k with rho_k s_k(rho_k) <= rho_{k+1}
+        $\text{largest } \rho_k \text{ with } \rho_k s_k(\rho_k) \le \rho_{k+1}$
 
-    The samples depend on the unknown, so this is not a single program: ln rho_k is found by the secant rule within a
+    The samples depend on the unknown, so this is not a single program: $\ln\rho_k$ is found by the secant rule within a
     bracket, and a level is taken only if it satisfies the inequality.
 
     Args:
-        last_level: rho_N.
-        tolerance: how far rho_k s_k may stay below rho_{k+1}, relative.
+        last_level: $\rho_N$.
+        tolerance: how far $\rho_k s_k$ may stay below $\rho_{k+1}$, relative.
         loop, shapes, slices, design, rule, additive: as for `forward`.
 
     Returns:

@@ -65,11 +65,13 @@ class ProvenStage:
 
 @dataclass(frozen=True, eq=False)
 class EnclosedGrowth:
-    """V / rho_k at a node after slice k, for all deviations and disturbances: a polynomial and bounds of the rest.
+    r"""V / rho_k at a node after slice k, for all deviations and disturbances: a polynomial and bounds of the rest.
 
-    In whitened coordinates g = L'phi / sqrt(2 rho_k), of which norm(y) <= 1 is the slice and norm(w) <= 1,
+    In whitened coordinates $g = L^\top \phi / \sqrt{2 \rho_k}$, of which $\left\| y \right\| \le 1$ is the slice and
+    $\left\| w \right\| \le 1$,
 
-        V(phi) / rho_k = norm(g)^2 = b + (polynomial terms of degree > order + 1) + e,   |e| <= r
+        $V(\phi) / \rho_k = \left\| g \right\|^2 = b + \text{(polynomial terms of degree > order + 1)} + e, \quad \left|
+          e \right| \le r$
 
     Args:
         monomials: of b, of degree 0 ... order + 1 in (y, w).
@@ -178,29 +180,32 @@ def enclosed_growths(loop, first, nodes, shape, next_shapes, rho, order=3, model
 def proven_bound(
     loop, first, last, shape, next_shape, rho, polynomial_bound, order=3, model_order=None, on_disturbance_ball=False
 ):
-    """Bound of V_{k+1}(phi(xb, w)) / rho_k in which nothing is left out (robust entry funnels, Eq. 22).
+    r"""Bound of $V_{k+1}(\phi(\bar{x}, w)) / \rho_k$ in which nothing is left out (robust entry funnels, Eq. 22).
 
-    With b, truncation and remainder of `enclosed_growths`. If the second derivative of b along one direction of y is
-    nowhere below -kappa_y, then every y lies on a chord of that direction on which b + kappa_y distance^2 / 2 is
-    convex, and b is larger inside than at the better end of the chord by kappa_y / 2 at most; likewise for w:
+    With $b$, truncation and remainder of `enclosed_growths`. If the second derivative of $b$ along one direction of $y$
+    is nowhere below $-\kappa_y$, then every $y$ lies on a chord of that direction on which
+    $b + \kappa_y \, \text{distance}^2 / 2$ is convex, and $b$ is larger inside than at the better end of the chord by
+    $\kappa_y / 2$ at most; likewise for $w$:
 
-        V_{k+1}(phi) / rho_k <= polynomial_bound + truncation + remainder + (kappa_y + kappa_w) / 2
+        $V_{k+1}(\phi) / \rho_k \le \text{polynomial_bound} + \text{truncation} + \text{remainder} +
+          \frac{\kappa_y + \kappa_w}{2}$
 
-    for all norm(y) <= 1 and norm(w) <= 1. As b is nearly norm(y)^2, kappa_y is zero unless the slice is very large.
-    `polynomial_bound` must allow for the defects of its floating-point certificate (residual, least eigenvalue of the
-    Gram matrix: `Certificate.safe_bound`). Reference and gains are exact as they are stored. That 1e-9 of the bound,
-    which is part of the remainder, covers the rounding of the whitening and of b at the samples of the program is taken
-    for granted.
+    for all $\left\| y \right\| \le 1$ and $\left\| w \right\| \le 1$. As $b$ is nearly $\left\| y \right\|^2$,
+    $\kappa_y$ is zero unless the slice is very large. `polynomial_bound` must allow for the defects of its
+    floating-point certificate (residual, least eigenvalue of the Gram matrix: `Certificate.safe_bound`). Reference and
+    gains are exact as they are stored. That 1e-9 of the bound, which is part of the remainder, covers the rounding of
+    the whitening and of $b$ at the samples of the program is taken for granted.
 
     Args:
         loop: `ClosedLoop`.
         first, last: nodes of the fine grid.
-        shape, next_shape: P_k, P_{k+1}, (nx, nx), of V = 1/2 xb'P xb.
-        rho: rho_k.
-        polynomial_bound: bound of b on the spheres.
-        order: degree of the Taylor polynomial of phi in b.
+        shape, next_shape: $P_k, P_{k+1}$, (nx, nx), of $V = \frac{1}{2} \bar{x}^\top P \bar{x}$.
+        rho: $\rho_k$.
+        polynomial_bound: bound of $b$ on the spheres.
+        order: degree of the Taylor polynomial of $\phi$ in $b$.
         model_order: degree of the Taylor models, at least `order`; `order` + 2 by default.
-        on_disturbance_ball: whether `polynomial_bound` bounds b for norm(w) <= 1 already; then kappa_w is not added.
+        on_disturbance_ball: whether `polynomial_bound` bounds $b$ for $\left\| w \right\| \le 1$ already; then
+            $\kappa_w$ is not added.
 
     Returns:
         `ProvenBound`.

@@ -15,36 +15,37 @@ _CONDITIONS = ("flow", "euler")
 
 @dataclass(frozen=True, eq=False)
 class FunnelStage:
-    """Stage condition between two slices of a funnel (robust entry funnels, Eqs. 18, 22, 23, 26 and 28).
+    r"""Stage condition between two slices of a funnel (robust entry funnels, Eqs. 18, 22, 23, 26 and 28).
 
-    A point is (y, w), and stands for the deviation
+    A point is $(y, w)$, and stands for the deviation
 
-        xb = sqrt(2 rho_k) L_k^-T y,   P_k = L_k L_k'
+        $\bar{x} = \sqrt{2 \rho_k} L_k^{-\top} y, \quad P_k = L_k L_k^\top$
 
-    so that |y| = 1 is the boundary of the slice, 1/2 xb'P_k xb = rho_k; |w| = 1 is the boundary of the disturbances.
-    The stage asks for the least s with s >= b(y, w) on both spheres; then rho_{k+1} = s rho_k. With c_i the part of
-    degree i of the Taylor polynomial in (xb, w) of the flow of the error over the stage, and f_i that of the error
-    rate at its beginning,
+    so that $\left| y \right| = 1$ is the boundary of the slice, $\frac{1}{2} \bar{x}^\top P_k \bar{x} = \rho_k$;
+    $\left| w \right| = 1$ is the boundary of the disturbances. The stage asks for the least $s$ with $s \ge b(y, w)$ on
+    both spheres; then $\rho_{k+1} = s \rho_k$. With $c_i$ the part of degree $i$ of the Taylor polynomial in
+    $(\bar{x}, w)$ of the flow of the error over the stage, and $f_i$ that of the error rate at its beginning,
 
-        "flow":   b = 1/rho_k sum over i + j <= order + 1 of 1/2 c_i'P_{k+1} c_j
-        "euler":  b = 1/rho_k (1/2 xb'P_{k+1} xb + (t_{k+1} - t_k) (sum over i <= order of f_i)'P_k xb)
+        $\text{"flow":} \quad b = \frac{1}{\rho_k} \sum_{i + j \le \text{order} + 1} \frac{1}{2} c_i^\top P_{k+1} c_j$
+        $\text{"euler":} \quad b = \frac{1}{\rho_k} \left( \frac{1}{2} \bar{x}^\top P_{k+1} \bar{x} + (t_{k+1} - t_k)
+          \left( \sum_{i \le \text{order}} f_i \right)^\top P_k \bar{x} \right)$
 
     Both are polynomials of degree order + 1. "euler" is Eq. 22; it drops terms of second order in the step, so it does
     not bound the step. "flow" bounds what the integrated equations of motion do, up to the terms left out.
 
-    Eq. 26, read literally, draws points x'x = 2 that know neither P_k nor rho_k: xb = sqrt(2) scale y, of which
-    |y| = 1 is not the boundary of the slice. `raw_scale` asks for it, in the units that it gives; s rho_k does not
-    depend on rho_k then.
+    Eq. 26, read literally, draws points $x^\top x = 2$ that know neither $P_k$ nor $\rho_k$:
+    $\bar{x} = \sqrt{2} \, \text{scale} \, y$, of which $\left| y \right| = 1$ is not the boundary of the slice.
+    `raw_scale` asks for it, in the units that it gives; $s \rho_k$ does not depend on $\rho_k$ then.
 
     Args:
         loop: the closed loop about its reference.
         first, last: fine steps at which the stage begins and ends.
-        shape: P_k, (nx, nx).
-        next_shape: P_{k+1}, (nx, nx).
-        rho: rho_k.
+        shape: $P_k$, (nx, nx).
+        next_shape: $P_{k+1}$, (nx, nx).
+        rho: $\rho_k$.
         order: order of the Taylor polynomial, 1 or more.
         condition: "flow" or "euler".
-        raw_scale: None, or the units of the components of x in Eq. 26, (nx,).
+        raw_scale: None, or the units of the components of $x$ in Eq. 26, (nx,).
 
     Raises:
         ValueError: if a shape is not positive definite, or another argument is out of range.
@@ -162,20 +163,21 @@ class FunnelStage:
 
 
 def lyapunov_rate(loop, half_index, shape, shape_rate, deviations, disturbances):
-    """Rate of the Lyapunov function along the closed loop (robust entry funnels, Eqs. 15, 29 and Fig. 4).
+    r"""Rate of the Lyapunov function along the closed loop (robust entry funnels, Eqs. 15, 29 and Fig. 4).
 
-        V' = xb'P (f(x* + xb, u* + K xb, w) - f(x*, u*, 0)) + 1/2 xb'P' xb
+        $\dot{V} = \bar{x}^\top P \left( f(x^* + \bar{x}, u^* + K \bar{x}, w) - f(x^*, u^*, 0) \right) + \frac{1}{2}
+          \bar{x}^\top \dot{P} \bar{x}$
 
     Args:
         loop: the closed loop about its reference.
         half_index: index of the half-step grid, 0 ... 2 n.
         shape: P, (nx, nx).
-        shape_rate: its rate P', (nx, nx).
-        deviations: xb, (m, nx).
+        shape_rate: its rate $\dot{P}$, (nx, nx).
+        deviations: $\bar{x}$, (m, nx).
         disturbances: w, (m, nw).
 
     Returns:
-        V', (m,), 1/s in the units of V.
+        $\dot{V}$, (m,), 1/s in the units of V.
     """
     deviations, disturbances = np.asarray(deviations), np.asarray(disturbances)
     rates = loop.error_rates(half_index, list(deviations.T), list(disturbances.T))

@@ -96,19 +96,19 @@ def drag_form(gain, density, drag, scale_height, velocity, flight_path_angle):
 
 
 def density_slaved_matrix(state_matrix, inverse_scale_height, density):
-    """State matrix of radius, velocity, flight path angle and downrange alone, density being one of altitude.
+    r"""State matrix of radius, velocity, flight path angle and downrange alone, density being one of altitude.
 
-        A4 = A[:4, :4] + A[:4, rho] (d rho/dr) e_r',    d rho/dr = -rho/H
+        $A_4 = A_{1:4,1:4} + A_{1:4,\rho} \frac{d\rho}{dr} e_r^\top, \quad \frac{d\rho}{dr} = -\frac{\rho}{H}$
 
     (the model of the original derivation, stochastic entry guidance, Sec. III.B: no density state).
 
     Args:
         state_matrix: A of the five-state model, 1/s in the units of the states, (k, 5, 5).
         inverse_scale_height: 1/H, 1/m, (k,).
-        density: rho of the reference, kg/m^3, (k,).
+        density: $\rho$ of the reference, kg/m^3, (k,).
 
     Returns:
-        A4, (k, 4, 4).
+        $A_4$, (k, 4, 4).
 
     Raises:
         ValueError: if the shape of the matrix is another one.

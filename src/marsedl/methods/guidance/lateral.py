@@ -43,16 +43,17 @@ def deadband(time, start_time, start_width, end_time, end_width):
 
 @jitable
 def bank_direction(direction, crossrange, width):
-    """New bank direction: reversed when the crossrange has grown beyond the deadband (Eq. 57).
+    r"""New bank direction: reversed when the crossrange has grown beyond the deadband (Eq. 57).
 
-        b = -b if b eps > eps_max
+        $b \leftarrow -b \quad \text{if} \quad b \epsilon > \epsilon_\text{max}$
 
-    Banking in direction +1 turns right and lets eps grow, so eps is tested on the side to which it grows only.
+    Banking in direction +1 turns right and lets $\epsilon$ grow, so $\epsilon$ is tested on the side to which it grows
+    only.
 
     Args:
         direction: b, +1 or -1.
-        crossrange: eps, positive while the target is to the left, m or rad.
-        width: eps_max, in the unit of the crossrange.
+        crossrange: $\epsilon$, positive while the target is to the left, m or rad.
+        width: $\epsilon_\text{max}$, in the unit of the crossrange.
 
     Returns:
         Direction of the next bank command, +1 or -1.
@@ -62,23 +63,23 @@ def bank_direction(direction, crossrange, width):
 
 @jitable
 def heading_alignment(downrange_angle, crossrange_angle, gain, limit, form):
-    """Bank command that points the heading at the target, within +-limit (Eq. 58).
+    r"""Bank command that points the heading at the target, within +-limit (Eq. 58).
 
-        CORRECTED   sigma = -K atan(eps / delta_go)
-        SIGN_ONLY   sigma = -K atan(delta_go / eps)
-        PRINTED     sigma = +K atan(delta_go / eps)
+        $\text{CORRECTED:} \quad \sigma = -K \, \arctan(\epsilon / \delta_\text{go})$
+        $\text{SIGN_ONLY:} \quad \sigma = -K \, \arctan(\delta_\text{go} / \epsilon)$
+        $\text{PRINTED:} \quad \sigma = +K \, \arctan(\delta_\text{go} / \epsilon)$
 
-    A positive bank turns right and lets eps grow, so K needs the minus. With the printed ratio the arctangent is near
-    +-90 degrees all the time, and the command is at one of its limits.
+    A positive bank turns right and lets $\epsilon$ grow, so $K$ needs the minus. With the printed ratio the arctangent
+    is near +-90 degrees all the time, and the command is at one of its limits.
 
     Args:
-        downrange_angle, crossrange_angle: delta_go, eps of `targeting.targeting`, rad.
+        downrange_angle, crossrange_angle: $\delta_\text{go}$, $\epsilon$ of `targeting.targeting`, rad.
         gain: K, 1.
         limit: largest bank, rad.
         form: CORRECTED, SIGN_ONLY or PRINTED.
 
     Returns:
-        sigma, rad.
+        $\sigma$, rad.
     """
     angle = np.arctan2(*heading_alignment_ratio(downrange_angle, crossrange_angle, form))
     return limited_heading_alignment(angle, gain, limit, form)
@@ -118,38 +119,39 @@ def heading_alignment_limit(velocity, change_velocity, high, low):
 
 @jitable
 def rate_limited_bank(command, flown, largest_change):
-    """Bank to be flown: the command, as far as it can be reached from the bank flown before (Eq. 71, corrected).
+    r"""Bank to be flown: the command, as far as it can be reached from the bank flown before (Eq. 71, corrected).
 
-        sigma = clip(sigma_cmd, sigma_flown - L dt, sigma_flown + L dt)
+        $\sigma = \text{clip}(\sigma_\text{cmd}, \; \sigma_\text{flown} - L \, dt, \; \sigma_\text{flown} + L \, dt)$
 
     Args:
-        command: sigma_cmd, rad.
-        flown: sigma_flown, rad.
-        largest_change: L dt, rad.
+        command: $\sigma_\text{cmd}$, rad.
+        flown: $\sigma_\text{flown}$, rad.
+        largest_change: $L \, dt$, rad.
 
     Returns:
-        sigma, rad.
+        $\sigma$, rad.
     """
     return np.minimum(np.maximum(command, flown - largest_change), flown + largest_change)
 
 
 @jitable
 def rate_limited_bank_as_printed(command, previous_command, largest_change):
-    """Bank to be flown, literally by Eq. 71.
+    r"""Bank to be flown, literally by Eq. 71.
 
-        sigma = sigma_prev + L dt   if sigma_cmd - sigma_prev >= L dt
-                sigma_prev - L dt   if sigma_prev - sigma_cmd <= -L dt
-                sigma_cmd           otherwise
+        $\sigma = \sigma_\text{prev} + L \, dt \quad \text{if} \quad \sigma_\text{cmd} - \sigma_\text{prev} \ge L \, dt$
+        $\sigma = \sigma_\text{prev} - L \, dt \quad \text{if} \quad \sigma_\text{prev} - \sigma_\text{cmd} \le -L \,
+          dt$
+        $\sigma = \sigma_\text{cmd} \quad \text{otherwise}$
 
-    The second condition is the first one again: a bank to the left is not limited, and as sigma_prev is the command,
-    not the bank flown, one to the right is limited for a single step only.
+    The second condition is the first one again: a bank to the left is not limited, and as $\sigma_\text{prev}$ is the
+    command, not the bank flown, one to the right is limited for a single step only.
 
     Args:
-        command: sigma_cmd, rad.
-        previous_command: sigma_prev, the command before, rad.
-        largest_change: L dt, rad.
+        command: $\sigma_\text{cmd}$, rad.
+        previous_command: $\sigma_\text{prev}$, the command before, rad.
+        largest_change: $L \, dt$, rad.
 
     Returns:
-        sigma, rad.
+        $\sigma$, rad.
     """
     return np.minimum(command, previous_command + largest_change)

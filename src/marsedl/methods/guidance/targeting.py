@@ -19,15 +19,17 @@ def targeting(
     target_longitude,
     target_latitude,
 ):
-    """Angles of the target along and across the orbit plane (stochastic entry guidance, Eqs. 93 to 99).
+    r"""Angles of the target along and across the orbit plane (stochastic entry guidance, Eqs. 93 to 99).
 
-        delta_go = angle(r, r_t),     eps = asin(r_t . h / |h|),     h = r x (V + Omega x r)
+        $\delta_\text{go} = \text{angle}(r, r_t), \quad \epsilon = \arcsin\left( \frac{r_t \cdot h}{\left| h \right|}
+          \right), \quad h = r \times (V + \Omega \times r)$
 
-    The target is taken where it is now (t_f,est = t). Then the planet's rotation angle cancels and the frame of the
-    vehicle (up, east, north) serves, in which r = (1, 0, 0) and h = (0, -v_north, v_east):
+    The target is taken where it is now ($t_\text{f,est} = t$). Then the planet's rotation angle cancels and the frame
+    of the vehicle (up, east, north) serves, in which $r = (1, 0, 0)$ and $h = (0, -v_\text{north}, v_\text{east})$:
 
-        r_t = (cos(phi) cos(phi_t) cos(d) + sin(phi) sin(phi_t), cos(phi_t) sin(d),
-               cos(phi) sin(phi_t) - sin(phi) cos(phi_t) cos(d)),    d = theta_t - theta
+        $r_t = \left( \cos\phi \, \cos\phi_t \, \cos d + \sin\phi \, \sin\phi_t, \; \cos\phi_t \, \sin d, \; \cos\phi \,
+          \sin\phi_t - \sin\phi \, \cos\phi_t \, \cos d \right),$
+        $d = \theta_t - \theta$
 
     Both angles come from arctangents of two components: the arccosine of Eq. 98 loses half the digits near zero.
 
@@ -36,7 +38,7 @@ def targeting(
         radius: m.
         velocity: planet-relative, m/s.
         flight_path_angle, azimuth: planet-relative, the azimuth clockwise from north, rad.
-        rotation_rate: Omega, rad/s.
+        rotation_rate: $\Omega$, rad/s.
         target_longitude, target_latitude: rad.
 
     Returns:

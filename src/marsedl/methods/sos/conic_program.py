@@ -11,14 +11,15 @@ _MOST_ITERATIONS = 20_000  # of SCS
 
 
 class ConicProgram:
-    """The sampled program for one basis, compiled once for any values.
+    r"""The sampled program for one basis, compiled once for any values.
 
-        minimise s    subject to    s - b_i = n_i'Q n_i,   i = 1 ... M,   Q positive semidefinite
+        $\text{minimise} \quad s \quad \text{subject to} \quad s - b_i = n_i^\top Q n_i, \quad i = 1 \ldots M, \quad Q
+          \text{ positive semidefinite}$
 
-    Each equation holds all of Q: the block of p (p + 1)/2 columns is dense, and that makes this form slow.
+    Each equation holds all of $Q$: the block of $p (p + 1) / 2$ columns is dense, and that makes this form slow.
 
     Args:
-        basis: n at the samples, (M, p).
+        basis: $n$ at the samples, (M, p).
         solver: "CLARABEL" or "SCS".
         tolerance: of the solver, relative to the range of the values.
 

@@ -1,13 +1,16 @@
-"""Bound of a polynomial on spheres by matching coefficients, with multipliers: the form that samples replace.
+r"""Bound of a polynomial on spheres by matching coefficients, with multipliers: the form that samples replace.
 
-On unit spheres, with x_j the coordinates of sphere j, z all monomials of half the degree of b and q_j free polynomials:
+On unit spheres, with $x_j$ the coordinates of sphere $j$, $z$ all monomials of half the degree of $b$ and $q_j$ free
+polynomials:
 
-    minimise s    subject to    s - b = z'Q z + sum_j q_j (x_j'x_j - 1),   Q positive semidefinite
+    $\text{minimise} \quad s \quad \text{subject to} \quad s - b = z^\top Q z + \sum_j q_j (x_j^\top x_j - 1), \quad Q
+      \text{ positive semidefinite}$
 
-an identity between polynomials, one equation for every coefficient (robust entry funnels, before Eq. 24). To bound b in
-the whole ball of a sphere, its free multiplier gives way to a sum of squares times what is positive there:
+an identity between polynomials, one equation for every coefficient (robust entry funnels, before Eq. 24). To bound $b$
+in the whole ball of a sphere, its free multiplier gives way to a sum of squares times what is positive there:
 
-    z_1'R_j z_1 (1 - x_j'x_j),   z_1 the monomials of a degree less by one,   R_j positive semidefinite
+    $z_1^\top R_j z_1 (1 - x_j^\top x_j), \quad z_1 \text{ the monomials of a degree less by one}, \quad R_j
+      \text{ positive semidefinite}$
 """
 
 from dataclasses import dataclass
@@ -132,14 +135,16 @@ class MultiplierProgram:
         )
 
     def proven_bound(self, coefficients, bound, gram, multipliers, ball_grams):
-        """A bound that holds for the given coefficients, near a numerical one; no rounding error is left out.
+        r"""A bound that holds for the given coefficients, near a numerical one; no rounding error is left out.
 
-        The coefficients r of s - b - (right-hand side) go into the Gram matrix, each spread over the products of
-        monomials that it belongs to. What is left after rounding, r', is summed without error, and no monomial exceeds
-        1 in magnitude on the set. With c the multinomial coefficients, sum c_i z_i^2 = (1 + x'x)^d <= (1 + J)^d =: m
-        for J spheres, so that, with the same margins t_j for R_j,
+        The coefficients $r$ of $s - b - \text{(right-hand side)}$ go into the Gram matrix, each spread over the
+        products of monomials that it belongs to. What is left after rounding, $r^\prime$, is summed without error, and
+        no monomial exceeds 1 in magnitude on the set. With $c$ the multinomial coefficients,
+        $\sum_i c_i z_i^2 = (1 + x^\top x)^d \le (1 + J)^d =: m$ for $J$ spheres, so that, with the same margins $t_j$
+        for $R_j$,
 
-            b <= s + t m + sum_j t_j (1 + J)^(d - 1) + sum |r'|    if    Q + t diag(c) is positive semidefinite
+            $b \le s + t m + \sum_j t_j (1 + J)^{d-1} + \sum \left| r^\prime \right| \quad \text{if} \quad Q + t \,
+              \text{diag}(c) \text{ is positive semidefinite}$
 
         and that is proven by a Cholesky factorisation in floating point which succeeds after the diagonal was lowered
         by more than its rounding can amount to.
@@ -148,8 +153,8 @@ class MultiplierProgram:
             coefficients: of b, (n,).
             bound: s.
             gram: Q, (p, p).
-            multipliers: of the free q_j.
-            ball_grams: R_j.
+            multipliers: of the free $q_j$.
+            ball_grams: $R_j$.
 
         Returns:
             Bound, at least s.
