@@ -655,12 +655,12 @@ def test_continuation_says_where_a_branch_folds(right_well):
     with pytest.raises(BranchEndError, match=r"the branch ends between tilt = 0\.38") as caught:
         program.follow(start, "tilt", [0.2, 0.5], same_branch=near, on_step=seen.append)
     end = caught.value
-    assert end.reached < FOLD < end.wanted
-    assert end.wanted - end.reached < 2e-3 * (0.5 - 0.2)
+    assert end.reached < FOLD < end.target
+    assert end.target - end.reached < 2e-3 * (0.5 - 0.2)
     assert end.solution is seen[-1]
     assert end.solution.given["tilt"] == end.reached
     assert end.solution.free["place"] > 1 / np.sqrt(3)  # where it folds
-    assert end.beyond.given["tilt"] == end.wanted
+    assert end.beyond.given["tilt"] == end.target
     assert end.beyond.free["place"] < -1.0  # in the other well
 
 
@@ -674,8 +674,8 @@ def test_continuation_says_where_there_is_nothing_any_more():
     assert start.free["place"] == pytest.approx(1.0)
     with pytest.raises(BranchEndError) as caught:
         program.follow(start, "tilt", [0.6, 1.4], smallest_step=1e-2)
-    assert caught.value.reached <= 1 + 1e-7 < caught.value.wanted
-    assert caught.value.wanted - caught.value.reached <= 0.02 * 0.8
+    assert caught.value.reached <= 1 + 1e-7 < caught.value.target
+    assert caught.value.target - caught.value.reached <= 0.02 * 0.8
     assert caught.value.beyond is None
     assert caught.value.solution.given["tilt"] == caught.value.reached
 

@@ -116,7 +116,7 @@ def test_schemes_agree_on_fine_meshes(refined):
 def test_flights_of_the_meshes_agree_with_an_adaptive_integration(refined):
     inputs, runs = refined
     solution = runs["midpoint"][100]
-    miss, error = inputs.call(module.flown, entry_problem.of_solution(solution))
+    miss, error = inputs.call(module.flight_errors, entry_problem.of_solution(solution))
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
     # The flights look the density up in cubics of 1 km, which leave 1.3e-5 m; their steps leave 1e-5 m here.
@@ -366,7 +366,7 @@ def test_flights_agree_with_another_integrator(inputs, best, perturbed, law, fac
     air = inputs.call(environment.surroundings)
     gain = perturbed.gain[further.LAWS.index(law)]
     deviations = deviation * np.eye(8)[:1]
-    found = inputs.changed(substeps=20).call(further.flown, air, along, gain, deviations, np.array([factor]))[0]
+    found = inputs.changed(substeps=20).call(further.flight_errors, air, along, gain, deviations, np.array([factor]))[0]
     assert found == pytest.approx(flown_by_adaptive_steps(inputs, along, gain, factor, deviation), abs=2e-3)
 
 
@@ -467,7 +467,7 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
     air = inputs.call(environment.surroundings)
     deviations = np.zeros((2, 8))
     deviations[1, 3] = -1500.0  # straight down
-    found = inputs.call(further.flown, air, along, np.zeros(8), deviations, np.ones(2))
+    found = inputs.call(further.flight_errors, air, along, np.zeros(8), deviations, np.ones(2))
     assert (found[0] == 0.0).all() and np.isnan(found[1]).all()
     vacuum = inputs.changed(density_error=0.5)
     assert np.isnan(

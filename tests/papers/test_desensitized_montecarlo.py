@@ -349,7 +349,7 @@ def test_lost_flights_are_told(desensitized):
     assert lost[law, 2, 0] and not lost[:2].any()
     inputs = desensitized.stage_inputs("corrected", "responses", drawn_errors=np.array([200.0, 1000.0, 1000.0]))
     size = np.full((3, 1), 1000.0)
-    one = inputs.call(responses.flown, *flown_law(desensitized.gains(), law), size, size)
+    one = inputs.call(responses.responses_of_law, *flown_law(desensitized.gains(), law), size, size)
     gone = np.isnan(one["state"][2]).any(axis=1)
     first = np.flatnonzero(gone)[0]
     assert 50 < first < 100 and gone[first:].all() and not gone[:first].any()
