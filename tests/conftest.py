@@ -80,8 +80,8 @@ class Plan:
     def of(self, slug: str) -> "Plan":
         """The part of one paper, without what is made for all of them."""
         mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self._of_papers().items()}
-        changed = {rule for rule in self.params_changed if mine.get(rule)}
-        return Plan({rule: paths for rule, paths in mine.items() if paths}, changed)
+        changed_rules = {rule for rule in self.params_changed if mine.get(rule)}
+        return Plan({rule: paths for rule, paths in mine.items() if paths}, changed_rules)
 
     @property
     def papers(self) -> set[str]:

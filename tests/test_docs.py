@@ -82,8 +82,8 @@ IN_CODE = re.compile(r"\^|_\{(?!\{)|\bsqrt\(|\bint [A-Z]|\w'[A-Z ]")  # of no la
 def ascii_formulas(text):
     """What looks like a formula in the text of a page and is none, outside of blocks of code."""
     text = re.sub(r"(?ms)^```.*?^```$|\$\$.*?\$\$|\$[^$]+\$", "", text)
-    found = ASCII_FORMULA.findall(re.sub(r"`[^`]*`", "", text))
-    return found + [code for code in re.findall(r"`([^`]+)`", text) if IN_CODE.search(code)]
+    formulas = ASCII_FORMULA.findall(re.sub(r"`[^`]*`", "", text))
+    return formulas + [code for code in re.findall(r"`([^`]+)`", text) if IN_CODE.search(code)]
 
 
 @pytest.mark.parametrize(

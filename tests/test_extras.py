@@ -44,12 +44,12 @@ def named(requirements):
 
 def with_what_they_need(packages):
     """Packages and all that they require, as they are installed."""
-    needed, asked = set(), set(packages)
-    while asked:
-        needed |= asked
-        texts = [text for name in asked for text in requires(name) or ()]
+    needed, pending = set(), set(packages)
+    while pending:
+        needed |= pending
+        texts = [text for name in pending for text in requires(name) or ()]
         required = [need for need in map(Requirement, texts) if not need.marker or need.marker.evaluate({"extra": ""})]
-        asked = {canonicalize_name(need.name) for need in required} - needed
+        pending = {canonicalize_name(need.name) for need in required} - needed
     return needed
 
 

@@ -51,10 +51,10 @@ def test_every_step_of_the_installation_is_announced_and_shown(tmp_path, install
 
 
 def test_quick_selects_the_tests_that_compute_no_stage():
-    asked = {"cwd": ROOT, "env": without_make(), "capture_output": True, "text": True, "check": True}
-    recipe = subprocess.run(["make", "-n", "quick"], **asked)
+    options = {"cwd": ROOT, "env": without_make(), "capture_output": True, "text": True, "check": True}
+    recipe = subprocess.run(["make", "-n", "quick"], **options)
     (selection,) = re.findall(r'pytest .* -m "(.+)"', recipe.stdout)
     files = ["tests/test_makefile.py", "tests/workflow/test_reruns.py", "tests/papers/test_powered_descent_design.py"]
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:xdist", "-m", selection, *files]
-    collected = subprocess.run(command, **asked).stdout
+    collected = subprocess.run(command, **options).stdout
     assert set(re.findall(r"(?m)^(tests/\S+\.py)", collected)) == {"tests/test_makefile.py"}

@@ -85,5 +85,5 @@ def test_linear_theory_predicts_the_flights_of_an_own_vehicle(run):
     assert rows.loc["flown (km)", "Apollo"] < 0.1 * rows.loc["flown (km)", "none"]
     deviation = {name: history[:, 3].std(axis=1, ddof=1) for name, history in names["flown"].items()}
     predicted = {name: np.sqrt(names["predicted"][name].covariance[:, 3, 3]) for name in deviation}
-    for name, flown in deviation.items():  # along the whole flight, as the figure shows
-        np.testing.assert_allclose(predicted[name], flown[:: names["SUBSTEPS"]], rtol=0.1, atol=50.0)
+    for name, sampled in deviation.items():  # along the whole flight, as the figure shows
+        np.testing.assert_allclose(predicted[name], sampled[:: names["SUBSTEPS"]], rtol=0.1, atol=50.0)

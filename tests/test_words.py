@@ -66,11 +66,11 @@ def paragraphs(markdown):
 
 def too_long(texts):
     """The sentences that are too long, and the mean length if that is."""
-    found = {sentence: length(sentence) for text in texts for sentence in sentences(text)}
-    assert found
-    problems = [f"{count} words: {sentence}" for sentence, count in found.items() if count > LONGEST]
-    if len(found) > 1 and mean(found.values()) >= MEAN:
-        problems.append(f"{mean(found.values()):.1f} words on average")
+    length_of_sentence = {sentence: length(sentence) for text in texts for sentence in sentences(text)}
+    assert length_of_sentence
+    problems = [f"{count} words: {sentence}" for sentence, count in length_of_sentence.items() if count > LONGEST]
+    if len(length_of_sentence) > 1 and mean(length_of_sentence.values()) >= MEAN:
+        problems.append(f"{mean(length_of_sentence.values()):.1f} words on average")
     return problems
 
 
@@ -131,21 +131,21 @@ def help_texts():
 def undefined(text, defined):
     """The words that stand in a text before they are defined; a definition is a word in bold, as `**word**`."""
     prose = re.sub(r"`[^`]*`", "X", text)
-    found = []
+    undefined_words = []
     for word in defined:
         plural = re.sub("um$", "(?:um|a)", word) + "s?"
         first = re.search(rf"(?i)(\*\*)?\b{plural}\b(\*\*)?", prose)
         if first and not (first[1] and first[2]):
-            found.append(word)
-    return found
+            undefined_words.append(word)
+    return undefined_words
 
 
 def typed_numbers(text, known=()):
     """The numbers of a text that are no quotes, none of `NOT_OURS` and not known, with what stands around them."""
     for pattern in NOT_OURS:
         text = re.sub(pattern, lambda match: "_" * len(match[0]), text)
-    found = [match for match in NUMBER.finditer(text) if not match[0].startswith("_")]
-    return [text[max(0, m.start() - 25) : m.end() + 15].strip() for m in found if value(m[0]) not in known]
+    matches = [match for match in NUMBER.finditer(text) if not match[0].startswith("_")]
+    return [text[max(0, m.start() - 25) : m.end() + 15].strip() for m in matches if value(m[0]) not in known]
 
 
 def value(number):
@@ -248,10 +248,10 @@ def elements(page):
     """The text of every paragraph, item, cell and caption of a page."""
     page = re.sub(r"(?s)<(script|style|pre|svg|template)\b.*?</\1>", " ", page)
     page = re.sub(r"(?s)<code\b[^>]*>.*?</code>|<math\b.*?</math>", "X", page)
-    found = re.split(
+    pieces = re.split(
         r"</?(?:p|div|section|d[ltd]|ul|ol|li|h\d|t[rdh]|figcaption|caption|summary|small|details)\b[^>]*>", page
     )
-    texts = (" ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)).split()) for text in found)
+    texts = (" ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)).split()) for text in pieces)
     return [text for text in texts if text]
 
 

@@ -59,8 +59,8 @@ class Descent:
 
     def model(self, segment):
         """A(t), B(t), c(t) as functions of time."""
-        mass, held = CubicSpline(self.grids[segment], self.masses[segment]), np.eye(4, 2, k=-2)
-        return lambda t: self.state_matrix, lambda t: held / mass(t), lambda t: self.affine
+        mass, input_matrix = CubicSpline(self.grids[segment], self.masses[segment]), np.eye(4, 2, k=-2)
+        return lambda t: self.state_matrix, lambda t: input_matrix / mass(t), lambda t: self.affine
 
     def iterate_mass(self, passes, initial_mean=None):
         """Algorithm 3 along the mean control, m' = -alpha |feedforward|; returns the final mass of each pass."""

@@ -117,11 +117,11 @@ def test_adjoint_predicts_the_final_error_of_a_held_control():
     transition, control, final_adjoint, random = random_system()
     gains = adjoint_gains(transition, control, final_adjoint, 1.0)
     for first in range(len(control)):
-        deviation, held = random.standard_normal(4), random.standard_normal()
+        deviation, constant_control = random.standard_normal(4), random.standard_normal()
         state = deviation
         for k in range(first, len(control)):
-            state = transition[k] @ state + control[k] * held
-        predicted = gains.adjoint[first] @ deviation + gains.control_adjoint[first] * held
+            state = transition[k] @ state + control[k] * constant_control
+        predicted = gains.adjoint[first] @ deviation + gains.control_adjoint[first] * constant_control
         assert final_adjoint @ state == pytest.approx(predicted, rel=1e-11)
 
 
@@ -130,9 +130,9 @@ def test_control_of_the_gain_held_to_the_end_cancels_the_final_error():
     gains = adjoint_gains(transition, control, final_adjoint, 1.0)
     for first in range(len(control)):
         state = random.standard_normal(4)
-        held, size = gains.gain[first] @ state, np.abs(gains.adjoint[first] * state).sum()
+        constant_control, size = gains.gain[first] @ state, np.abs(gains.adjoint[first] * state).sum()
         for k in range(first, len(control)):
-            state = transition[k] @ state + control[k] * held
+            state = transition[k] @ state + control[k] * constant_control
         assert abs(final_adjoint @ state) < 1e-12 * size
     np.testing.assert_allclose(adjoint_gains(transition, control, final_adjoint, 5.0).gain, 5 * gains.gain, rtol=1e-15)
 

@@ -622,45 +622,45 @@ def near(before, after):
 
 def test_continuation_reaches_the_values_in_their_order(right_well):
     program, start = right_well
-    values, seen = [0.3, 0.1, 0.1, -0.7, 0.35], []
-    solutions = program.follow(start, "tilt", values, same_branch=near, on_step=seen.append)
+    values, steps_taken = [0.3, 0.1, 0.1, -0.7, 0.35], []
+    solutions = program.follow(start, "tilt", values, same_branch=near, on_step=steps_taken.append)
     assert [solution.given["tilt"] for solution in solutions] == values
     for solution in solutions:
         z = max(np.roots([1, 0, -1, solution.given["tilt"]]).real)
         assert solution.free["place"] == pytest.approx(z, abs=1e-7)
-    steps = [solution.given["tilt"] for solution in seen]
+    steps = [solution.given["tilt"] for solution in steps_taken]
     assert [v for v in steps if v in values] == [0.3, 0.1, -0.7, 0.35]  # staying takes no step
-    assert set(map(id, solutions)) <= set(map(id, seen))
+    assert set(map(id, solutions)) <= set(map(id, steps_taken))
 
 
 def test_continuation_shortens_a_step_that_is_too_large(right_well):
     program, start = right_well
-    seen = []
+    steps_taken = []
     allowed = 0.05
 
     def close(before, after):
         return abs(after.free["place"] - before.free["place"]) < allowed
 
-    (end,) = program.follow(start, "tilt", [0.37], same_branch=close, on_step=seen.append)
+    (end,) = program.follow(start, "tilt", [0.37], same_branch=close, on_step=steps_taken.append)
     assert end.given["tilt"] == 0.37
-    assert len(seen) > 4
-    places = [start.free["place"], *(solution.free["place"] for solution in seen)]
+    assert len(steps_taken) > 4
+    places = [start.free["place"], *(solution.free["place"] for solution in steps_taken)]
     assert np.abs(np.diff(places)).max() < allowed
-    assert (np.diff([solution.given["tilt"] for solution in seen]) > 0).all()
+    assert (np.diff([solution.given["tilt"] for solution in steps_taken]) > 0).all()
 
 
 def test_continuation_says_where_a_branch_folds(right_well):
     program, start = right_well
-    seen = []
+    steps_taken = []
     with pytest.raises(BranchEndError, match=r"the branch ends between tilt = 0\.38") as caught:
-        program.follow(start, "tilt", [0.2, 0.5], same_branch=near, on_step=seen.append)
+        program.follow(start, "tilt", [0.2, 0.5], same_branch=near, on_step=steps_taken.append)
     end = caught.value
-    assert end.reached < FOLD < end.wanted
-    assert end.wanted - end.reached < 2e-3 * (0.5 - 0.2)
-    assert end.solution is seen[-1]
+    assert end.reached < FOLD < end.target
+    assert end.target - end.reached < 2e-3 * (0.5 - 0.2)
+    assert end.solution is steps_taken[-1]
     assert end.solution.given["tilt"] == end.reached
     assert end.solution.free["place"] > 1 / np.sqrt(3)  # where it folds
-    assert end.beyond.given["tilt"] == end.wanted
+    assert end.beyond.given["tilt"] == end.target
     assert end.beyond.free["place"] < -1.0  # in the other well
 
 
@@ -674,8 +674,8 @@ def test_continuation_says_where_there_is_nothing_any_more():
     assert start.free["place"] == pytest.approx(1.0)
     with pytest.raises(BranchEndError) as caught:
         program.follow(start, "tilt", [0.6, 1.4], smallest_step=1e-2)
-    assert caught.value.reached <= 1 + 1e-7 < caught.value.wanted
-    assert caught.value.wanted - caught.value.reached <= 0.02 * 0.8
+    assert caught.value.reached <= 1 + 1e-7 < caught.value.target
+    assert caught.value.target - caught.value.reached <= 0.02 * 0.8
     assert caught.value.beyond is None
     assert caught.value.solution.given["tilt"] == caught.value.reached
 

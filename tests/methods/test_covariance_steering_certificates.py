@@ -16,15 +16,15 @@ INTERVALS = (25, 50, 100)
 )
 def test_held_mean_control_costs_more_by_order_two(descent, steerings, segment, excess, largest_distance):
     problem, steering = descent.problem(segment), steerings[segment]
-    held = [mean_certificate(problem, intervals) for intervals in INTERVALS]
-    ratios = np.array([program.cost for program in held]) / steering.mean_cost - 1
+    certificates = [mean_certificate(problem, intervals) for intervals in INTERVALS]
+    ratios = np.array([program.cost for program in certificates]) / steering.mean_cost - 1
     np.testing.assert_allclose(ratios, excess, rtol=0.02)  # two digits
     np.testing.assert_allclose(np.log2(ratios[:-1] / ratios[1:]), 2, atol=0.02)
-    np.testing.assert_allclose(held[-1].mean[[0, -1]], [problem.initial_mean, problem.final_mean], atol=1e-9)
-    difference = held[-1].mean - CubicSpline(steering.time, steering.mean)(held[-1].time)
+    np.testing.assert_allclose(certificates[-1].mean[[0, -1]], [problem.initial_mean, problem.final_mean], atol=1e-9)
+    difference = certificates[-1].mean - CubicSpline(steering.time, steering.mean)(certificates[-1].time)
     assert np.linalg.norm(difference[:, :2], axis=1).max() < largest_distance
     step = descent.durations[segment] / 100
-    assert held[-1].cost == pytest.approx(step * np.sum(held[-1].control ** 2), rel=1e-12)
+    assert certificates[-1].cost == pytest.approx(step * np.sum(certificates[-1].control ** 2), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -34,14 +34,14 @@ def test_held_mean_control_costs_more_by_order_two(descent, steerings, segment, 
 def test_held_feedback_costs_more_by_order_one(descent, segment, excess, variance):
     problem = descent.axis(segment, 1)
     steering = steer(problem)
-    held = [covariance_certificate(problem, intervals) for intervals in INTERVALS]
-    ratios = np.array([program.cost for program in held]) / steering.covariance_cost - 1
+    certificates = [covariance_certificate(problem, intervals) for intervals in INTERVALS]
+    ratios = np.array([program.cost for program in certificates]) / steering.covariance_cost - 1
     np.testing.assert_allclose(ratios, excess, rtol=0.015)  # two digits
     orders = np.log2(ratios[:-1] / ratios[1:])
     assert ((orders > 0.95) & (orders < 1.25)).all()
-    assert max(program.lossless_gap for program in held) < 1e-5  # of the solver: the relaxation is tight
-    assert {program.status for program in held} == {"optimal"}
-    finest = held[-1]
+    assert max(program.lossless_gap for program in certificates) < 1e-5  # of the solver: the relaxation is tight
+    assert {program.status for program in certificates} == {"optimal"}
+    finest = certificates[-1]
     assert finest.covariance[50, 0, 0] == pytest.approx(variance, abs=6e-3)
     np.testing.assert_allclose(finest.covariance[0], problem.initial_covariance, rtol=1e-6, atol=1e-6)
     gain = CubicSpline(steering.time, steering.gain)(finest.time[:-1])

@@ -66,16 +66,16 @@ def test_cycles_are_found_after_two_periods(period):
 
 
 def test_all_iterations_are_made_and_handed_on():
-    seen = []
+    controls = []
 
     def step(control):
-        seen.append(control)
-        return Step(control / 2, np.array([control[0] / 2]), len(seen))
+        controls.append(control)
+        return Step(control / 2, np.array([control[0] / 2]), len(controls))
 
     run = successive_convexification(step, [8.0], iterations=6, tolerances=0.6, stop=False)
     assert isinstance(run, Run) and run.results == [1, 2, 3, 4, 5, 6]
     np.testing.assert_array_equal(run.control[:, 0], [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125])
-    np.testing.assert_array_equal(np.ravel(seen), run.control[:-1, 0])  # every step starts from the last control
+    np.testing.assert_array_equal(np.ravel(controls), run.control[:-1, 0])  # every step starts from the last control
     np.testing.assert_array_equal(run.monitored[:, 0], run.control[1:, 0])
     assert (run.outcome, run.period) == ("converged", 1)
     early = successive_convexification(step, [8.0], iterations=6, tolerances=0.6)

@@ -61,7 +61,7 @@ def flat(intervals=7):
     return Guess(states, np.full((intervals, 2), 0.2), 1.5, {"trim": 0.0})
 
 
-def held(gains, values):
+def fixed_gains(gains, values):
     """Gains that are held at values."""
     return tuple(replace(g, lower=v, upper=v) for g, v in zip(gains, values, strict=True))
 
@@ -131,7 +131,7 @@ def derivative_of_the_discrete_flow(scheme, solution, perturbation, gain):
 def test_columns_are_the_derivatives_of_the_discrete_flow(scheme, gains, base):
     values = VALUES[: len(gains)]
     perturbations = (PUSH, AIR, MIXED)
-    extended = Desensitized(base, perturbations, {"speed": 0.5, "range": 2.0}, held(gains, values))
+    extended = Desensitized(base, perturbations, {"speed": 0.5, "range": 2.0}, fixed_gains(gains, values))
     solution = Program(extended.problem, MESH, scheme).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
     columns = extended.columns(solution)
     assert columns.shape == (8, 4, 3)
@@ -171,7 +171,7 @@ def recursion(base, solution, perturbations, gain):
 
 def test_columns_of_the_midpoint_rule_are_those_of_its_recursion(base):
     perturbations, gain = (PUSH, AIR, MIXED), matrix(GAINS, VALUES)
-    extended = Desensitized(base, perturbations, gains=held(GAINS, VALUES))
+    extended = Desensitized(base, perturbations, gains=fixed_gains(GAINS, VALUES))
     solution = Program(extended.problem, MESH).solve(extended.guess(flat(), GIVEN), GIVEN, tolerance=1e-11)
     columns = extended.columns(solution)
     expected, transitions = recursion(base, solution, perturbations, gain)
@@ -185,7 +185,7 @@ def test_columns_of_the_midpoint_rule_are_those_of_its_recursion(base):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_columns_approach_those_of_the_continuous_flow_with_the_order_of_the_scheme(scheme, base):
     # The rates that are flown hold those of the sensitivities, so that all can be flown.
-    extended = Desensitized(base, (PUSH, AIR), gains=held(GAINS, VALUES))
+    extended = Desensitized(base, (PUSH, AIR), gains=fixed_gains(GAINS, VALUES))
     misses = []
     for intervals in (10, 20):
         guess = extended.guess(flat(intervals), GIVEN)

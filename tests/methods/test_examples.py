@@ -106,12 +106,12 @@ def fly_sled(solution, gain, drag):
     """Where the sled ends with another drag, m: the nominal's thrust, and feedback of the difference in speed."""
     state = np.zeros(4)  # position and speed, then those of the nominal
 
-    def rates(_, state, held):
+    def rates(_, state, thrust):
         _, speed, _, nominal = state
-        return [speed, held + gain * (speed - nominal) - drag * speed**2, nominal, held - 0.02 * nominal**2]
+        return [speed, thrust + gain * (speed - nominal) - drag * speed**2, nominal, thrust - 0.02 * nominal**2]
 
-    for held, *span in zip(solution.controls[:, 0], solution.time[:-1], solution.time[1:], strict=True):
-        state = solve_ivp(rates, span, state, args=(held,), rtol=1e-9, atol=1e-9).y[:, -1]
+    for thrust, *span in zip(solution.controls[:, 0], solution.time[:-1], solution.time[1:], strict=True):
+        state = solve_ivp(rates, span, state, args=(thrust,), rtol=1e-9, atol=1e-9).y[:, -1]
     return state[0]
 
 

@@ -104,9 +104,13 @@ def test_linear_flow_is_the_runge_kutta_polynomial_of_the_matrix():
     for h in np.diff(loop.time):
         z = h * closed
         # 1 + z + z^2/2 + z^3/6 + z^4/24, and the same less its first term over z for a held input.
-        held = h * (np.eye(3) + z @ (np.eye(3) + z @ (np.eye(3) + z / 4) / 3) / 2)
-        across = np.eye(3) + held @ closed
-        transition, response, added = across @ transition, across @ response + held @ forcing, across @ added + held
+        integral = h * (np.eye(3) + z @ (np.eye(3) + z @ (np.eye(3) + z / 4) / 3) / 2)
+        across = np.eye(3) + integral @ closed
+        transition, response, added = (
+            across @ transition,
+            across @ response + integral @ forcing,
+            across @ added + integral,
+        )
     for value, expected in zip(loop.flow_jacobians(0, loop.steps), (transition, response, added), strict=True):
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
     deviation, disturbance, additive = (np.random.default_rng(3).standard_normal(n) for n in (3, 2, 3))

@@ -220,10 +220,10 @@ def test_an_observer_sees_every_node():
     loop, matrices = car(steps=20)
     start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 4, 3))
     wind = uniform_directions(generator(2), 4 * 5, 2).reshape(5, 4, 2)
-    seen = []
-    values = fly(loop, matrices, start, wind, observer=lambda *arguments: seen.append(arguments))
-    assert [node for node, _, _ in seen] == list(range(21))
-    for node, deviation, disturbance in seen:
+    observations = []
+    values = fly(loop, matrices, start, wind, observer=lambda *arguments: observations.append(arguments))
+    assert [node for node, _, _ in observations] == list(range(21))
+    for node, deviation, disturbance in observations:
         np.testing.assert_array_equal(quadratic_values(matrices[node], deviation), values[node])
         np.testing.assert_array_equal(disturbance.T, wind[min(node, 19) // 4])
 

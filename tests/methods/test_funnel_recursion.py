@@ -314,17 +314,17 @@ def test_generic_solvers_give_the_same_levels(windy, windy_funnel, solver):
 
 def test_verification_is_asked_of_every_stage_and_carried(calm):
     loop, shapes, slices = calm
-    asked = []
+    margins = []
 
     def verify(design, certificate, polynomial):
-        asked.append(np.max(certificate.safe_bound - polynomial(design.points)))
-        return len(asked)
+        margins.append(np.max(certificate.safe_bound - polynomial(design.points)))
+        return len(margins)
 
     levels = []
     report = lambda number, level: levels.append((number, level))  # noqa: E731
     funnel = forward(loop, shapes[:4], slices[:4], 0.15, CALM, StageRule(verify=verify), progress=report)
     assert funnel.verifications == (1, 2, 3)
-    assert min(asked) >= 0
+    assert min(margins) >= 0
     assert levels == [(k + 1, funnel.rho[k]) for k in (1, 2, 3)]
     returned = backward(loop, shapes[:4], slices[:4], funnel.rho[-1], CALM, StageRule(verify=verify))
     assert returned.verifications == (6, 5, 4)

@@ -124,8 +124,10 @@ class Pipeline:
     def inputs(self, reading, names=None, **changes):
         """The inputs "section.name", all unless given, and no others; what is not among them is not changed."""
         values = self.study.readings[reading].slice(names or self.model.names())
-        changed = REDUCED[self.paper.slug] | changes
-        return Given(self.model, {name: changed.get(name.partition(".")[2], value) for name, value in values.items()})
+        sizes_and_changes = REDUCED[self.paper.slug] | changes
+        return Given(
+            self.model, {name: sizes_and_changes.get(name.partition(".")[2], value) for name, value in values.items()}
+        )
 
     def stage_inputs(self, reading, stage, **changes):
         """What a stage reads."""
@@ -204,15 +206,15 @@ class Pipeline:
 
     def artifacts(self, reading, large=False):
         """Everything that claims, figures and tables of a reading are made from, at reduced size."""
-        made = {}
+        records = {}
         for name, stage in self.paper.stages.items():
             if not name.startswith("montecarlo") and reading in (stage.claimed_in or [reading]):
-                made[name] = self.stage(name, reading)
+                records[name] = self.stage(name, reading)
         for case, size in self.model.CASES.items():
             paper_size = size.endswith(".trials")
             if paper_size or large:
-                made[case] = self.ensemble(reading, case, TRIALS if paper_size else LARGE_TRIALS)
-        return made
+                records[case] = self.ensemble(reading, case, TRIALS if paper_size else LARGE_TRIALS)
+        return records
 
     def all_inputs(self, reading, **changes):
         """All inputs of a reading, as the evaluation of claims gets them."""
@@ -230,8 +232,8 @@ class Pipeline:
     def of_readings(self, kind, artifacts):
         """What a table over readings is made from, as its job gives it: inputs and artifacts by reading."""
         return {
-            name: (self.all_inputs(name), kind(**{f.name: made[f.name] for f in fields(kind) if f.name in made}))
-            for name, made in artifacts.items()
+            name: (self.all_inputs(name), kind(**{f.name: records[f.name] for f in fields(kind) if f.name in records}))
+            for name, records in artifacts.items()
         }
 
     def product(self, kind, stem, reading, artifacts, **others):

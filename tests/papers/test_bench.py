@@ -47,11 +47,11 @@ def test_powered_descent(bench, rows):
 
 def test_stochastic_entry(bench, rows):
     module = bench("stochastic_entry")
-    made = module.designed("stochastic_entry")
+    design = module.designed("stochastic_entry")
     for case in module.CASES:
-        module.compare_flights(rows, made, case)
+        module.compare_flights(rows, design, case)
         assert f"speed of the kernel over strict C, {TRIALS} flights of {case} with outputs" in rows.quantities
-    posed, options = module.problem(made, "stochastic_time", TRIALS)
+    posed, options = module.problem(design, "stochastic_time", TRIALS)
     in_c = module.fly_c(module.compiled.library("stochastic_entry"), *posed, **options)
     module.same_bits(in_c, module.flight.fly(*posed, **options))
 

@@ -25,9 +25,9 @@ def closeup_data(function, **artifacts):
 
 def test_the_scatter_holds_the_trials_and_both_covariances():
     covariance = np.stack([np.eye(5), np.diag([4.0, 3.0, 2.0, 1.0, 0.5])])
-    flown = made_up(final_state=np.arange(15.0).reshape(3, 5), mean=np.ones((2, 5)), covariance=covariance)
+    ensemble = made_up(final_state=np.arange(15.0).reshape(3, 5), mean=np.ones((2, 5)), covariance=covariance)
     gains = made_up(mean=np.zeros((2, 4)), covariance=covariance[:, :4, :4] * 2)
-    closed, opened = closeup_data(final_states, gains=gains, closed_loop=flown, open_loop=flown)["cases"]
+    closed, opened = closeup_data(final_states, gains=gains, closed_loop=ensemble, open_loop=ensemble)["cases"]
     assert closed["points"] == [[0.0, 1.0, 2.0, 3.0], [5.0, 6.0, 7.0, 8.0], [10.0, 11.0, 12.0, 13.0]]
     assert [ellipse["covariance"][0][0] for ellipse in closed["ellipses"]] == [8.0, 4.0]
     assert [ellipse["mean"][0] for ellipse in closed["ellipses"]] == [0.0, 1.0]

@@ -47,7 +47,7 @@ def path(desensitized):
 
 
 @pytest.fixture(scope="module")
-def found(desensitized):
+def branches(desensitized):
     return desensitized.branches("corrected", **SMALL)
 
 
@@ -57,7 +57,7 @@ def catalogue(inputs, nominal, path):
 
 
 @pytest.fixture(scope="module")
-def held(inputs):
+def error_problem(inputs):
     return inputs.call(stage.error_program)
 
 
@@ -90,14 +90,14 @@ def stationarity(program, guess, given):
 # ---- local minima ----------------------------------------------------------------------------------------------------
 
 
-def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(found, nominal):
-    assert found.name[found.nominal] == nominal.branch == "2 reversals"
-    assert found.effort[found.nominal] == pytest.approx(nominal.effort, rel=1e-7)
-    assert list(found.name) == ["1 reversal", "2 reversals", "360 deg roll", "720 deg roll"]
-    assert (np.diff(found.effort) > 0.0).all()
-    assert found.effort[0] < 0.5 * nominal.effort
-    assert list(found.rolls) == [0, 0, 1, 2]
-    assert found.found.sum() + found.failed_starts == found.starts == 3
+def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(branches, nominal):
+    assert branches.name[branches.nominal] == nominal.branch == "2 reversals"
+    assert branches.effort[branches.nominal] == pytest.approx(nominal.effort, rel=1e-7)
+    assert list(branches.name) == ["1 reversal", "2 reversals", "360 deg roll", "720 deg roll"]
+    assert (np.diff(branches.effort) > 0.0).all()
+    assert branches.effort[0] < 0.5 * nominal.effort
+    assert list(branches.rolls) == [0, 0, 1, 2]
+    assert branches.found.sum() + branches.failed_starts == branches.starts == 3
 
 
 def test_every_solution_is_stationary_and_a_minimum(inputs, catalogue):
@@ -168,11 +168,11 @@ def test_the_descent_ends_at_deployment_and_agrees_with_flown_controls(inputs):
     for intervals in (100, 200):
         finer = inputs.changed(intervals=intervals)
         declared = finer.call(entry_problem.problem)
-        flown = finer.call(entry_problem.profile_guess, declared, banks, times, guess.final_time)
-        apart.append(np.abs(flown.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
+        simulated = finer.call(entry_problem.profile_guess, declared, banks, times, guess.final_time)
+        apart.append(np.abs(simulated.states[-1, :6] - guess.states[-1, :6]) / [1e5, 0.1, 0.1, 1e3, 1e3, 1e3])
         same = inputs.call(stage.descent, banks, times, intervals)
-        np.testing.assert_allclose(same.controls, flown.controls, atol=1e-5 * np.abs(flown.controls).max())
-        np.testing.assert_allclose(same.states[:, BANK], flown.states[:, BANK], atol=3e-3)
+        np.testing.assert_allclose(same.controls, simulated.controls, atol=1e-5 * np.abs(simulated.controls).max())
+        np.testing.assert_allclose(same.states[:, BANK], simulated.states[:, BANK], atol=3e-3)
     # Held controls fly the profile up to the square of the interval.
     assert apart[0].max() < 2e-2
     assert np.linalg.norm(apart[0]) / np.linalg.norm(apart[1]) == pytest.approx(4.0, rel=0.15)
@@ -201,73 +201,75 @@ def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
 # ---- conditions on the bank ------------------------------------------------------------------------------------------
 
 
-def test_a_further_condition_costs(found, nominal):
-    own = found.set_fixed.tolist().index([False, True, False, False])
-    assert found.set_effort[own] == pytest.approx(nominal.effort, rel=1e-7)
-    assert found.set_cumulative[own] == pytest.approx(nominal.cumulative, rel=1e-5)
-    assert len({tuple(choice) for choice in found.set_fixed.tolist()}) == 16
+def test_a_further_condition_costs(branches, nominal):
+    own = branches.set_fixed.tolist().index([False, True, False, False])
+    assert branches.set_effort[own] == pytest.approx(nominal.effort, rel=1e-7)
+    assert branches.set_cumulative[own] == pytest.approx(nominal.cumulative, rel=1e-5)
+    assert len({tuple(choice) for choice in branches.set_fixed.tolist()}) == 16
     compared = 0
-    for a, looser in enumerate(found.set_fixed):
-        for b, tighter in enumerate(found.set_fixed):
-            if (looser <= tighter).all() and a != b and found.set_reversals[a] == found.set_reversals[b]:
-                assert found.set_effort[a] <= found.set_effort[b] * (1.0 + 1e-7)
+    for a, looser in enumerate(branches.set_fixed):
+        for b, tighter in enumerate(branches.set_fixed):
+            if (looser <= tighter).all() and a != b and branches.set_reversals[a] == branches.set_reversals[b]:
+                assert branches.set_effort[a] <= branches.set_effort[b] * (1.0 + 1e-7)
                 compared += 1
     assert compared > 20
 
 
 def test_conditions_are_at_the_values_given(inputs, nominal):
     fixed = inputs.changed(initial_bank=float(nominal.state[0, BANK]))
-    found = fixed.call(stage.bank_conditions, nominal)
-    same = found["set_fixed"].tolist().index([True, True, False, False])
-    assert found["set_effort"][same] == pytest.approx(nominal.effort, rel=1e-6)
+    fields = fixed.call(stage.bank_conditions, nominal)
+    same = fields["set_fixed"].tolist().index([True, True, False, False])
+    assert fields["set_effort"][same] == pytest.approx(nominal.effort, rel=1e-6)
 
 
 # ---- through the fold ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def beside_the_fold(inputs, held, catalogue, found):
+def beside_the_fold(inputs, error_problem, catalogue, branches):
     """Points of the curve well before its fold and at its end."""
-    first = inputs.call(stage.held_at_own_error, held, catalogue.solutions[catalogue.nominal])
-    errors = np.array([found.curve_error[5], found.fold_error, found.curve_error[-1]])
-    points = inputs.call(stage.followed, held.program, first, "norm", errors / inputs.tabulated_error)
+    first = inputs.call(stage.held_at_own_error, error_problem, catalogue.solutions[catalogue.nominal])
+    errors = np.array([branches.curve_error[5], branches.fold_error, branches.curve_error[-1]])
+    points = inputs.call(stage.followed, error_problem.program, first, "norm", errors / inputs.tabulated_error)
     assert inputs.call(stage.given_error, points[-1]) == pytest.approx(errors[-1])
     return min(points, key=lambda point: abs(inputs.call(stage.given_error, point) - errors[0])), points[-1]
 
 
-def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(found, path):
+def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(branches, path):
     before, beyond = path.fold_weight[0]
-    assert before <= found.fold_weight <= beyond
-    assert found.curve_weight.max() == found.fold_weight
+    assert before <= branches.fold_weight <= beyond
+    assert branches.curve_weight.max() == branches.fold_weight
     # The top of a parabola through points around it.
-    near = np.abs(found.curve_error - found.fold_error) < 15.0
-    a, b, c = np.polyfit(found.curve_error[near] - found.fold_error, found.curve_weight[near], 2)
+    near = np.abs(branches.curve_error - branches.fold_error) < 15.0
+    a, b, c = np.polyfit(branches.curve_error[near] - branches.fold_error, branches.curve_weight[near], 2)
     assert np.count_nonzero(near) >= 5
     assert -b / (2.0 * a) == pytest.approx(0.0, abs=2.0)
-    assert c - b * b / (4.0 * a) == pytest.approx(found.fold_weight, rel=2e-4)
-    assert found.curve_error[-1] < found.fold_error - 10.0  # it goes on beyond
-    assert found.curve_weight[-1] < 0.95 * found.fold_weight
+    assert c - b * b / (4.0 * a) == pytest.approx(branches.fold_weight, rel=2e-4)
+    assert branches.curve_error[-1] < branches.fold_error - 10.0  # it goes on beyond
+    assert branches.curve_weight[-1] < 0.95 * branches.fold_weight
 
 
-def test_the_weight_is_the_slope_of_the_curve(found, inputs):
-    norm = found.curve_error / inputs.tabulated_error
+def test_the_weight_is_the_slope_of_the_curve(branches, inputs):
+    norm = branches.curve_error / inputs.tabulated_error
     assert (np.diff(norm) < 0.0).all()
-    mean = (found.curve_weight[1:] + found.curve_weight[:-1]) / 2.0
-    np.testing.assert_allclose(np.diff(found.curve_effort)[:9], -(mean * np.diff(norm))[:9], rtol=0.02)
-    assert found.curve_weight[0] == pytest.approx(0.0, abs=1e-6)
+    mean = (branches.curve_weight[1:] + branches.curve_weight[:-1]) / 2.0
+    np.testing.assert_allclose(np.diff(branches.curve_effort)[:9], -(mean * np.diff(norm))[:9], rtol=0.02)
+    assert branches.curve_weight[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_path_over_the_weight_lies_on_the_curve(found, path, inputs):
-    errors, order = np.linalg.norm(path.path_error, axis=1), np.argsort(found.curve_error)
+def test_the_path_over_the_weight_lies_on_the_curve(branches, path, inputs):
+    errors, order = np.linalg.norm(path.path_error, axis=1), np.argsort(branches.curve_error)
     curve = CubicHermiteSpline(
-        found.curve_error[order], found.curve_effort[order], -found.curve_weight[order] / inputs.tabulated_error
+        branches.curve_error[order],
+        branches.curve_effort[order],
+        -branches.curve_weight[order] / inputs.tabulated_error,
     )
     there = path.path_branch == 0
     assert np.count_nonzero(there) > 4
     np.testing.assert_allclose(curve(errors[there]), path.path_effort[there], rtol=2e-5)
 
 
-def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, found):
+def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, branches):
     """Each point is stationary for its weight; before the fold it is a minimum of that sum, beyond it a saddle."""
     _, weighted = inputs.call(tradeoff.prepared)
     width = len(weighted.problem.states)
@@ -279,21 +281,21 @@ def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, found
         assert rest < 1e-5
         signs.append(np.sign(curvature))
     before, beyond = (inputs.call(stage.given_error, point) for point in beside_the_fold)
-    assert before > found.fold_error + 10.0 > found.fold_error - 10.0 > beyond
+    assert before > branches.fold_error + 10.0 > branches.fold_error - 10.0 > beyond
     assert signs == [1.0, -1.0]
 
 
-def test_points_on_both_sides_of_the_fold_are_minima_at_their_error(held, beside_the_fold):
+def test_points_on_both_sides_of_the_fold_are_minima_at_their_error(error_problem, beside_the_fold):
     for point in beside_the_fold:
-        assert stationarity(held.program, point.guess(), point.given)[1] > 0.0
+        assert stationarity(error_problem.program, point.guess(), point.given)[1] > 0.0
 
 
-def test_a_curve_without_a_fold_has_none(inputs, held):
+def test_a_curve_without_a_fold_has_none(inputs, error_problem):
     points = [
         SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
         for norm in (8.0, 7.9, 7.8)
     ]
-    kept, top = inputs.call(stage.with_fold, held, points)
+    kept, top = inputs.call(stage.with_fold, error_problem, points)
     assert np.isnan(top).all()
     assert len(kept) == 3
 
@@ -301,39 +303,39 @@ def test_a_curve_without_a_fold_has_none(inputs, held):
 # ---- other branches, comparison --------------------------------------------------------------------------------------
 
 
-def test_continued_branches_trade_energy_for_error(found, path, inputs):
-    for number in set(found.continued_solution):
-        here = found.continued_solution == number
-        error = np.linalg.norm(found.continued_error[here], axis=1)
-        assert found.continued_effort[here][0] == pytest.approx(found.effort[number], rel=1e-6)
-        assert error[0] == pytest.approx(np.linalg.norm(found.error[number]), rel=1e-6)
-        assert (np.diff(found.continued_weight[here]) > 0.0).all()
-        assert (np.diff(found.continued_effort[here]) > -1e-9).all()
+def test_continued_branches_trade_energy_for_error(branches, path, inputs):
+    for number in set(branches.continued_solution):
+        here = branches.continued_solution == number
+        error = np.linalg.norm(branches.continued_error[here], axis=1)
+        assert branches.continued_effort[here][0] == pytest.approx(branches.effort[number], rel=1e-6)
+        assert error[0] == pytest.approx(np.linalg.norm(branches.error[number]), rel=1e-6)
+        assert (np.diff(branches.continued_weight[here]) > 0.0).all()
+        assert (np.diff(branches.continued_effort[here]) > -1e-9).all()
         assert (np.diff(error) < 0.0).all()
-        assert found.continued_weight[here][-1] == pytest.approx(40.0)
-    assert found.nominal not in found.continued_solution
+        assert branches.continued_weight[here][-1] == pytest.approx(40.0)
+    assert branches.nominal not in branches.continued_solution
     # Beyond the fold the path over the weight is on the branch of one reversal.
-    last = np.flatnonzero(found.continued_solution == 0)[-1]
-    assert found.continued_effort[last] == pytest.approx(path.effort[4], rel=1e-6)
+    last = np.flatnonzero(branches.continued_solution == 0)[-1]
+    assert branches.continued_effort[last] == pytest.approx(path.effort[4], rel=1e-6)
 
 
-def test_the_least_energy_at_a_rows_error_by_an_inequality(inputs, found, catalogue):
+def test_the_least_energy_at_a_rows_error_by_an_inequality(inputs, branches, catalogue):
     """The same by J0 under a bound of the squared error, which is another program."""
     extended = inputs.call(entry_problem.desensitized, [inputs.call(entry_problem.position_error, "radius")])
-    dominated = np.flatnonzero(found.least_solution >= 0)
+    dominated = np.flatnonzero(branches.least_solution >= 0)
     assert list(dominated) == [0, 1, 4]
-    assert list(found.name[found.least_solution[dominated]]) == ["1 reversal", "1 reversal", "360 deg roll"]
+    assert list(branches.name[branches.least_solution[dominated]]) == ["1 reversal", "1 reversal", "360 deg roll"]
     for row in dominated[:2]:
-        most = (found.row_error[row] / inputs.tabulated_error) ** 2
+        most = (branches.row_error[row] / inputs.tabulated_error) ** 2
         bound = Condition("square", lambda start, end: inputs.call(stage.radius_norm, end) ** 2, -np.inf, most)
         declared = replace(extended.problem, boundary=(*extended.problem.boundary, bound))
         program = inputs.call(entry_problem.program, declared)
-        guess = extended.guess(catalogue.solutions[found.least_solution[row]])
+        guess = extended.guess(catalogue.solutions[branches.least_solution[row]])
         least = inputs.call(stage.attempt, program, guess, barrier=WARM)
         assert least.status == SOLVED
-        assert found.least_effort[row] == pytest.approx(tradeoff.effort(least), rel=1e-5)
-    assert found.least_effort[4] == pytest.approx(found.effort[2], rel=1e-6)  # the roll has it without any weight
-    np.testing.assert_array_equal(found.least_effort[2:4], found.row_effort[2:4])
+        assert branches.least_effort[row] == pytest.approx(tradeoff.effort(least), rel=1e-5)
+    assert branches.least_effort[4] == pytest.approx(branches.effort[2], rel=1e-6)  # the roll has it without any weight
+    np.testing.assert_array_equal(branches.least_effort[2:4], branches.row_effort[2:4])
 
 
 def test_dominance_needs_less_energy_at_no_larger_error():
@@ -349,8 +351,8 @@ def test_dominance_needs_less_energy_at_no_larger_error():
     assert list(fields["row_weight"]) == [0.0, 1.0]
 
 
-def test_the_artifact_can_be_stored(found, tmp_path):
-    artifacts.save(tmp_path / "branches.h5", found, paper="desensitized", reading="corrected", provenance={})
+def test_the_artifact_can_be_stored(branches, tmp_path):
+    artifacts.save(tmp_path / "branches.h5", branches, paper="desensitized", reading="corrected", provenance={})
 
 
 # ---- least fuel ------------------------------------------------------------------------------------------------------
@@ -456,16 +458,16 @@ def test_finer_meshes_confirm_the_bursts(fuel_inputs, fuel_nominal, way):
         near = fuel_inputs.call(stage.attempt, program, guess, minimum_fuel.share(0.99), barrier=WARM)
         solutions.append(fuel_inputs.call(stage.attempt, program, near, minimum_fuel.share(1.0), barrier=1e-6))
         assert solutions[-1].status == SOLVED
-    found = [fuel_fields(fuel_inputs, solution) for solution in solutions]
-    assert [fields["bursts"] for fields in found] == [2, 2, 2]
-    assert [fields["reversals"] for fields in found] == [1, 1, 1]
+    solution_fields = [fuel_fields(fuel_inputs, solution) for solution in solutions]
+    assert [fields["bursts"] for fields in solution_fields] == [2, 2, 2]
+    assert [fields["reversals"] for fields in solution_fields] == [1, 1, 1]
     # The fuel converges with the square of the interval, as the midpoint rule does.
-    fuel, square = np.array([[f["cumulative"], 1.0 / len(f["bank_acceleration"]) ** 2] for f in found]).T
+    fuel, square = np.array([[f["cumulative"], 1.0 / len(f["bank_acceleration"]) ** 2] for f in solution_fields]).T
     slopes = np.diff(fuel) / np.diff(square)
     assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
     assert abs(slopes[0] * square[0]) < 0.01 * fuel[0]
     # Thrust is short of the bound at the ends of bursts only: less and less, the finer the mesh.
-    for fields in found:
+    for fields in solution_fields:
         between = 1.0 - fields["coasting"] - fields["at_bound"]
         assert between <= 2.0 * fields["bursts"] / len(fields["bank_acceleration"]) + 1e-9
     starts = []
@@ -499,28 +501,28 @@ def test_where_bursts_are_shorter_than_an_interval_none_comes_to_the_bound(desen
 def test_thrust_within_a_bound_below_the_nominals(inputs, nominal):
     bound = 0.8 * nominal.largest_bank_acceleration
     tight = inputs.changed(fuel_bounds=np.array([1.0, bound]))
-    found = tight.call(minimum_fuel.under_bound, nominal, bound)
-    assert np.abs(found["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
-    assert found["effort"][0] > nominal.effort
+    fields = tight.call(minimum_fuel.under_bound, nominal, bound)
+    assert np.abs(fields["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
+    assert fields["effort"][0] > nominal.effort
 
 
 def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     hopeless = inputs.changed(solver_iterations=2)
-    found = hopeless.call(minimum_fuel.compute, nominal)
-    assert set(found.status.ravel()) == {"Maximum_Iterations_Exceeded"}
-    assert np.isnan(found.cumulative).all()
-    assert (found.bursts == -1).all()
-    assert np.isnan(found.branch_share).all()
-    artifacts.save(tmp_path / "fuel.h5", found, paper="desensitized", reading="corrected", provenance={})
+    record = hopeless.call(minimum_fuel.compute, nominal)
+    assert set(record.status.ravel()) == {"Maximum_Iterations_Exceeded"}
+    assert np.isnan(record.cumulative).all()
+    assert (record.bursts == -1).all()
+    assert np.isnan(record.branch_share).all()
+    artifacts.save(tmp_path / "fuel.h5", record, paper="desensitized", reading="corrected", provenance={})
 
 
 def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
     monkeypatch.setattr(minimum_fuel, "STEP_ITERATIONS", 1)
-    found = inputs.call(minimum_fuel.under_bound, nominal, inputs.fuel_bounds[0])
-    assert found["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
-    assert np.isnan(found["cumulative"]).tolist() == [False, True, True]
-    assert np.isnan(found["switching_violation"])
-    assert found["branch_share"] == 0.0
+    fields = inputs.call(minimum_fuel.under_bound, nominal, inputs.fuel_bounds[0])
+    assert fields["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
+    assert np.isnan(fields["cumulative"]).tolist() == [False, True, True]
+    assert np.isnan(fields["switching_violation"])
+    assert fields["branch_share"] == 0.0
 
 
 def test_shares_of_the_intervals(inputs):

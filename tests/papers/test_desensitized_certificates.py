@@ -97,26 +97,28 @@ def refined(desensitized):
 def test_miss_and_sensitivity_converge_with_the_order_of_the_scheme(refined, scheme, order):
     inputs, runs = refined
     numbers = np.array([50, 100, 200])
-    found = inputs.call(module.meshes, runs[scheme], numbers)
-    assert (found["status"] == SOLVED).all()
-    assert module.orders(found["miss"], numbers) == pytest.approx(np.full(2, order), rel=0.05)
-    assert module.orders(found["error"] - found["flown_error"], numbers) == pytest.approx(np.full(2, order), rel=0.05)
-    assert found["bank_change"][1] == 0.0 < found["bank_change"].max() < 0.1
+    by_mesh = inputs.call(module.meshes, runs[scheme], numbers)
+    assert (by_mesh["status"] == SOLVED).all()
+    assert module.orders(by_mesh["miss"], numbers) == pytest.approx(np.full(2, order), rel=0.05)
+    assert module.orders(by_mesh["error"] - by_mesh["flown_error"], numbers) == pytest.approx(
+        np.full(2, order), rel=0.05
+    )
+    assert by_mesh["bank_change"][1] == 0.0 < by_mesh["bank_change"].max() < 0.1
 
 
 def test_schemes_agree_on_fine_meshes(refined):
     inputs, runs = refined
-    found = [inputs.call(module.meshes, runs[scheme], [200]) for scheme in SCHEMES]
-    error = np.array([run["error"][0] for run in found])
+    mesh_fields = [inputs.call(module.meshes, runs[scheme], [200]) for scheme in SCHEMES]
+    error = np.array([run["error"][0] for run in mesh_fields])
     assert np.linalg.norm(error - error[-1], axis=-1).max() < 1e-4 * np.linalg.norm(error[-1])
     # Controls that are constant on intervals cost more than the best ones: that much the schemes share.
-    assert np.ptp([run["effort"][0] for run in found]) < 2e-3 * found[-1]["effort"][0]
+    assert np.ptp([run["effort"][0] for run in mesh_fields]) < 2e-3 * mesh_fields[-1]["effort"][0]
 
 
 def test_flights_of_the_meshes_agree_with_an_adaptive_integration(refined):
     inputs, runs = refined
     solution = runs["midpoint"][100]
-    miss, error = inputs.call(module.flown, entry_problem.of_solution(solution))
+    miss, error = inputs.call(module.flight_errors, entry_problem.of_solution(solution))
     lengths = np.array([1.0, inputs.planet_radius, inputs.planet_radius])
     target = np.array([inputs.final_altitude, inputs.final_latitude, inputs.final_longitude])
     # The flights look the density up in cubics of 1 km, which leave 1.3e-5 m; their steps leave 1e-5 m here.
@@ -148,8 +150,8 @@ def test_numpy_has_the_rates_that_the_solver_traces(inputs, best, profile):
     states, control = best.state[:-1], best.bank_acceleration
     model = linearize(own.call(entry_problem.rates), states, control[:, np.newaxis], [0.0, 1.0])
     traced = np.einsum("kij,kj->ki", model.state_matrix, states) + model.control_matrix[:, :, 0] * control[:, None]
-    found = own.call(module.motion, states, control)
-    assert found == pytest.approx(traced + model.affine, rel=1e-9, abs=1e-9)
+    rates = own.call(module.motion, states, control)
+    assert rates == pytest.approx(traced + model.affine, rel=1e-9, abs=1e-9)
 
 
 def test_motion_takes_density_tables(inputs, best):
@@ -246,10 +248,10 @@ def test_the_weight_is_the_slope_of_the_curve(inputs, rows, certificates, monkey
 
 def test_other_derivatives_find_the_same_solution(certificates):
     exact, unexpanded, approximated = range(3)
-    iterations, found = certificates.variant_iterations, certificates.variant_effort
+    iterations, efforts = certificates.variant_iterations, certificates.variant_effort
     assert (certificates.variant_status[:, :2] == SOLVED).all()
-    assert found[:, unexpanded] == pytest.approx(found[:, exact], rel=1e-8)
-    assert found[:, approximated] == pytest.approx(found[:, exact], rel=1e-6)
+    assert efforts[:, unexpanded] == pytest.approx(efforts[:, exact], rel=1e-8)
+    assert efforts[:, approximated] == pytest.approx(efforts[:, exact], rel=1e-6)
     assert (iterations[:, approximated] > 2 * iterations[:, exact]).all()
     assert (certificates.variant_reversals == certificates.variant_reversals[:, :1]).all()
 
@@ -274,13 +276,13 @@ def test_flights_leave_the_linear_errors_with_the_second_power(inputs, best, cer
 def test_what_does_not_converge_is_stored(inputs, rows, certificates, tmp_path):
     hurried = inputs.changed(solver_iterations=1)
     run = hurried.call(module.refined, module.Case(0.0, module.row_guess(rows, LAST)), "midpoint")
-    found = hurried.call(module.meshes, run, [20, 40])
-    assert (found["status"] != SOLVED).all() and (found["iterations"] == 1).all()
+    by_mesh = hurried.call(module.meshes, run, [20, 40])
+    assert (by_mesh["status"] != SOLVED).all() and (by_mesh["iterations"] == 1).all()
     assert np.isnan(hurried.call(module.flow_deviation, run[40]))
     assert np.isnan(hurried.call(module.slopes, rows, [LAST])).all()
     unknown = {
         f"mesh_{name}": np.broadcast_to(values, getattr(certificates, f"mesh_{name}").shape)
-        for name, values in found.items()
+        for name, values in by_mesh.items()
         if name not in ("error", "flown_error", "miss")
     }
     assert np.isnan(saved(tmp_path, replace(certificates, **unknown)).mesh_effort).all()
@@ -294,7 +296,7 @@ def test_certificates_can_be_saved(certificates, tmp_path):
 
 
 def test_directions_are_the_derivatives_of_the_entry_state(inputs):
-    found = inputs.call(further.directions)
+    directions = inputs.call(further.directions)
     for number, (name, step) in enumerate((("entry_velocity", 1.0), ("entry_flight_path_angle", 1e-4)), start=1):
         both = [
             inputs.changed(entry_azimuth=1.2, **{name: getattr(inputs, name) + s}).call(entry_problem.entry_state)
@@ -303,7 +305,7 @@ def test_directions_are_the_derivatives_of_the_entry_state(inputs):
         expected = (both[0] - both[1]) / (2.0 * step)
         turned = inputs.changed(entry_azimuth=1.2).call(further.directions)
         assert turned[:, number] == pytest.approx(expected, rel=1e-7, abs=1e-7)
-    assert (found[:, records.DENSITY] == 0.0).all()
+    assert (directions[:, records.DENSITY] == 0.0).all()
 
 
 def test_linear_errors_are_those_of_the_solvers_columns(perturbed, rows):
@@ -328,7 +330,7 @@ def test_flown_errors_approach_the_linear_ones(inputs, best):
     odd = (part[:, 0] - part[:, 1]) * 5.0
     # The rest is the error of the midpoint rule on this mesh.
     assert (np.linalg.norm(odd - linear, axis=1) < 0.01 * np.linalg.norm(linear, axis=1)).all()
-    even = [np.linalg.norm(found[:4].sum(axis=1), axis=1) for found in (whole, part)]
+    even = [np.linalg.norm(errors[:4].sum(axis=1), axis=1) for errors in (whole, part)]
     assert even[0] / even[1] == pytest.approx(np.full(4, 100.0), rel=0.15)
 
 
@@ -366,8 +368,8 @@ def test_flights_agree_with_another_integrator(inputs, best, perturbed, law, fac
     air = inputs.call(environment.surroundings)
     gain = perturbed.gain[further.LAWS.index(law)]
     deviations = deviation * np.eye(8)[:1]
-    found = inputs.changed(substeps=20).call(further.flown, air, along, gain, deviations, np.array([factor]))[0]
-    assert found == pytest.approx(flown_by_adaptive_steps(inputs, along, gain, factor, deviation), abs=2e-3)
+    error = inputs.changed(substeps=20).call(further.flight_errors, air, along, gain, deviations, np.array([factor]))[0]
+    assert error == pytest.approx(flown_by_adaptive_steps(inputs, along, gain, factor, deviation), abs=2e-3)
 
 
 def test_without_feedback_the_laws_fly_as_the_nominal(perturbed):
@@ -396,8 +398,8 @@ def test_the_weight_on_density_is_the_slope_of_its_curve(inputs, best, perturbed
 
 
 def test_desensitizing_against_density_helps_in_flights(perturbed):
-    flown = np.linalg.norm(perturbed.design_flown_error[:, records.DENSITY], axis=-1)
-    assert (flown[1:] < flown[:-1]).all()
+    error_norm = np.linalg.norm(perturbed.design_flown_error[:, records.DENSITY], axis=-1)
+    assert (error_norm[1:] < error_norm[:-1]).all()
 
 
 def test_null_gains_null_in_the_linear_model_of_their_own(inputs, best, perturbed):
@@ -436,8 +438,8 @@ def test_tuned_gains_do_not_depend_on_their_start(inputs, best, perturbed, monke
     air = inputs.call(environment.surroundings)
     number = further.LAWS.index(further.BOTH_TUNED)
     assert perturbed.converged[number]
-    flown = np.linalg.norm(perturbed.density_flown_error, axis=-1)[:, 2:6]
-    assert (flown[number] < 0.5 * flown[0]).all()
+    error_norm = np.linalg.norm(perturbed.density_flown_error, axis=-1)[:, 2:6]
+    assert (error_norm[number] < 0.5 * error_norm[0]).all()
     original, other = sensitivity_gains.tune, np.array([0.1, -2.0, 0.5, 0.1, 1.0, -0.5])
     monkeypatch.setattr(
         sensitivity_gains,
@@ -467,8 +469,8 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
     air = inputs.call(environment.surroundings)
     deviations = np.zeros((2, 8))
     deviations[1, 3] = -1500.0  # straight down
-    found = inputs.call(further.flown, air, along, np.zeros(8), deviations, np.ones(2))
-    assert (found[0] == 0.0).all() and np.isnan(found[1]).all()
+    errors = inputs.call(further.flight_errors, air, along, np.zeros(8), deviations, np.ones(2))
+    assert (errors[0] == 0.0).all() and np.isnan(errors[1]).all()
     vacuum = inputs.changed(density_error=0.5)
     assert np.isnan(
         vacuum.call(
@@ -492,6 +494,6 @@ def test_density_errors_leave_some_air():
 
 
 def test_further_perturbations_can_be_saved(perturbed, tmp_path):
-    found = saved(tmp_path, perturbed)
-    assert found.row_flown_error.shape == (7, 6, 2, 3)
-    assert found.law.tolist() == list(further.LAWS)
+    loaded = saved(tmp_path, perturbed)
+    assert loaded.row_flown_error.shape == (7, 6, 2, 3)
+    assert loaded.law.tolist() == list(further.LAWS)

@@ -126,20 +126,20 @@ TYPES = {
 
 
 @pytest.fixture(scope="module")
-def flown(desensitized):
+def records(desensitized):
     """Everything that claims are made from in any reading."""
     names = ("nominal", "tradeoff", "linearization", "gains", "responses")
-    made = {name: desensitized.stage(name, "corrected", **SMALL) for name in names}
-    return made | {"entry_errors": desensitized.ensemble("corrected", trials=200, **SMALL)}
+    of_stages = {name: desensitized.stage(name, "corrected", **SMALL) for name in names}
+    return of_stages | {"entry_errors": desensitized.ensemble("corrected", trials=200, **SMALL)}
 
 
 @pytest.fixture(scope="module")
-def evaluate(desensitized, flown):
+def evaluate(desensitized, records):
     """Evaluation of a reading's inputs with the flights of `corrected`, some artifacts or inputs replaced."""
 
     def of(reading="corrected", inputs=None, **replaced):
         studies = stand_ins() if reading == "corrected" else {}
-        return desensitized.evaluate(reading, flown | studies | replaced, SMALL | (inputs or {}))
+        return desensitized.evaluate(reading, records | studies | replaced, SMALL | (inputs or {}))
 
     return of
 
@@ -152,20 +152,20 @@ def evaluations(desensitized, evaluate):
 @pytest.fixture(scope="module")
 def rows(desensitized_published, evaluations):
     known = {erratum.id for erratum in PAPER.errata}
-    made = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=known)
-    return {row["id"]: row for row in made}
+    claim_rows = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=known)
+    return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
 def test_every_printed_claim_is_evaluated_in_every_reading(desensitized_published, evaluations):
-    wanted = {name for name, claim in desensitized_published.items() if claim.kind != "context"}
-    assert len(wanted) == 103
+    claim_names = {name for name, claim in desensitized_published.items() if claim.kind != "context"}
+    assert len(claim_names) == 103
     assert len(evaluations) == 7
-    for name, found in evaluations.items():
-        assert set(found) == wanted, name
-        missing = {claim for claim, evaluation in found.items() if evaluation is None}
+    for name, of_reading in evaluations.items():
+        assert set(of_reading) == claim_names, name
+        missing = {claim for claim, evaluation in of_reading.items() if evaluation is None}
         assert missing == (set() if name == "corrected" else STUDIED), name
 
 
@@ -225,40 +225,40 @@ def test_inputs_are_used_as_stated_but_for_the_infinite_weight(rows, evaluate):
     assert evaluate(inputs={"temperature_cubic": 2e-13})["atm_temperature_poly"].value[0] == 2e-13
 
 
-def test_the_row_of_a_printed_weight_has_its_numbers(flown, evaluations):
-    tradeoff, found = flown["tradeoff"], evaluations["corrected"]
+def test_the_row_of_a_printed_weight_has_its_numbers(records, evaluations):
+    tradeoff, corrected = records["tradeoff"], evaluations["corrected"]
     for row, name in enumerate(("tab03_c0", "tab03_c0p001", "tab03_c0p01", "tab03_c0p1", "tab03_c1")):
-        effort, cumulative, fuel, error = found[name].value
+        effort, cumulative, fuel, error = corrected[name].value
         assert effort == tradeoff.effort[row]
         assert cumulative == pytest.approx(
             np.degrees(np.abs(tradeoff.bank_acceleration[row]) @ np.diff(tradeoff.time[row]))
         )
         assert fuel == pytest.approx(0.0394294 * cumulative, rel=1e-6)
-        assert error == pytest.approx(1000.0 * np.linalg.norm(flown["linearization"].final[row, :, RADIUS]), rel=1e-6)
-    assert found["tab03_cinf_error"].value == pytest.approx(np.linalg.norm(tradeoff.error[-1]))
-    assert found["tab03_cinf_effort"].value[0] == tradeoff.effort[-1]
+        assert error == pytest.approx(1000.0 * np.linalg.norm(records["linearization"].final[row, :, RADIUS]), rel=1e-6)
+    assert corrected["tab03_cinf_error"].value == pytest.approx(np.linalg.norm(tradeoff.error[-1]))
+    assert corrected["tab03_cinf_effort"].value[0] == tradeoff.effort[-1]
 
 
-def test_printed_numbers_would_be_reproduced(flown, evaluate, desensitized_published):
+def test_printed_numbers_would_be_reproduced(records, evaluate, desensitized_published):
     """Every row of Table 3 and what follows from it."""
     table = [desensitized_published[f"tab03_{row}"].printed for row in ("c0", "c0p001", "c0p01", "c0p1", "c1")]
     last = [*desensitized_published["tab03_cinf_effort"].printed, desensitized_published["tab03_cinf_error"].printed]
     effort, cumulative, fuel, error = np.array([*table, last, last], dtype=float).T
     direction = np.array([0.0, 0.0, 1.0])
-    made = replace(
-        flown["tradeoff"],
+    tradeoff = replace(
+        records["tradeoff"],
         effort=effort,
         cumulative=cumulative * DEGREE,
         propellant=fuel,
         error=error[:, np.newaxis] * direction,
     )
-    found = evaluate(tradeoff=made)
+    new_evaluations = evaluate(tradeoff=tradeoff)
     for name in (*CLOSE, *DIFFERS):
-        assert judge(desensitized_published[name], found[name])[0] == "reproduced", name
+        assert judge(desensitized_published[name], new_evaluations[name])[0] == "reproduced", name
     for name in ("error_decreases_with_c1", "fuel_increases_except_first_step", "nodoc_smallest_j0"):
-        assert found[name].value is True, name
-    assert found["fuel_ratio_cinf_to_nodoc"].value == pytest.approx(32.27, abs=0.01)
-    assert found["fuel_proportional_to_cumulative_rate"].value is True  # within rounding
+        assert new_evaluations[name].value is True, name
+    assert new_evaluations["fuel_ratio_cinf_to_nodoc"].value == pytest.approx(32.27, abs=0.01)
+    assert new_evaluations["fuel_proportional_to_cumulative_rate"].value is True  # within rounding
 
 
 def test_the_least_effort_is_open_by_what_the_radius_of_mars_changes(desensitized):
@@ -274,9 +274,11 @@ def test_the_least_effort_is_open_by_what_the_radius_of_mars_changes(desensitize
     assert entry_problem.cumulative(last.time, control) / base.cumulative == pytest.approx(1.013, abs=5e-4)
 
 
-def test_a_claim_about_a_lost_flight_or_unfinished_gains_is_not_met(flown, evaluate, desensitized_published, tmp_path):
+def test_a_claim_about_a_lost_flight_or_unfinished_gains_is_not_met(
+    records, evaluate, desensitized_published, tmp_path
+):
     """As in a reading whose gains crash: every evaluation is still one, and can be written."""
-    responses, gains = flown["responses"], flown["gains"]
+    responses, gains = records["responses"], records["gains"]
     lost = {
         name: np.full_like(getattr(responses, name), np.nan)
         for name in ("state", "error", "acceleration", "cumulative", "tabulated_error", "wide_error", "narrow_error")
@@ -284,30 +286,35 @@ def test_a_claim_about_a_lost_flight_or_unfinished_gains_is_not_met(flown, evalu
     unfinished = replace(gains, converged=np.zeros(6, bool), ended=np.full(6, "Maximum_Iterations_Exceeded"))
     crashed = {"responses": replace(responses, **lost)}
     for changes, words in ((crashed, "comes to its end: no"), ({"gains": unfinished}, "Exceeded): no")):
-        found = evaluate(**changes)
+        new_evaluations = evaluate(**changes)
         for name in (
             "feedback_radius_greatly_reduced",
             "fig06_1000m_more_than_halved",
             "fig10b_phase1_smaller_reversed",
         ):
-            assert found[name].value is False and words in found[name].evidence, name
-    found = evaluate(**crashed)
-    made = collect(
-        list(desensitized_published.values()), {}, {"corrected": found, "printed": found}, require_reasons=False
+            assert new_evaluations[name].value is False and words in new_evaluations[name].evidence, name
+    new_evaluations = evaluate(**crashed)
+    claim_rows = collect(
+        list(desensitized_published.values()),
+        {},
+        {"corrected": new_evaluations, "printed": new_evaluations},
+        require_reasons=False,
     )
-    write_claims(made, tmp_path / "claims.json")
+    write_claims(claim_rows, tmp_path / "claims.json")
     written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
     assert written["fig11_nofeedback_crossrange_1000m"]["verdict"] == "differs"
     assert written["fig11_nofeedback_crossrange_1000m"]["readings"]["printed"]["value"] is None
     assert written["fig04_fig05_same_trajectory"]["verdict"] == "holds"  # lost in both
 
 
-def test_a_reading_without_fold_or_with_other_branches_is_evaluated(flown, evaluate):
+def test_a_reading_without_fold_or_with_other_branches_is_evaluated(records, evaluate):
     none = np.zeros((0, 2))
-    tradeoff = replace(flown["tradeoff"], fold_weight=none, fold_effort=none, fold_error=none)
-    found = evaluate("one_reversal", tradeoff=tradeoff)
-    assert np.isnan(found["tab03_c0p001"].numbers["fold"]) and np.isnan(found["j0_increases_with_c1"].numbers["beyond"])
-    assert "where a branch ends" not in found["j0_increases_with_c1"].evidence
+    tradeoff = replace(records["tradeoff"], fold_weight=none, fold_effort=none, fold_error=none)
+    new_evaluations = evaluate("one_reversal", tradeoff=tradeoff)
+    assert np.isnan(new_evaluations["tab03_c0p001"].numbers["fold"]) and np.isnan(
+        new_evaluations["j0_increases_with_c1"].numbers["beyond"]
+    )
+    assert "where a branch ends" not in new_evaluations["j0_increases_with_c1"].evidence
 
 
 # --- measures ---------------------------------------------------------------------------------------------------------
@@ -321,15 +328,15 @@ def test_the_share_below_an_altitude_has_its_closed_form():
     assert sec4_1_table3.share_below(3.0 * time, 100.0 - 10.0 * time, 25.0) == pytest.approx(0.25, abs=0.002)
 
 
-def test_altitudes_are_judged_by_shares_of_flights_that_are_not_equally_long(evaluate, flown):
+def test_altitudes_are_judged_by_shares_of_flights_that_are_not_equally_long(evaluate, records):
     """A flight that is stretched in time is no lower for it; one that is lower is, at whatever length."""
     same = replace(
-        flown["tradeoff"],
-        state=np.repeat(flown["tradeoff"].state[:1], 7, axis=0),
-        time=np.repeat(flown["tradeoff"].time[:1], 7, axis=0) * np.linspace(1.0, 2.0, 7)[:, np.newaxis],
+        records["tradeoff"],
+        state=np.repeat(records["tradeoff"].state[:1], 7, axis=0),
+        time=np.repeat(records["tradeoff"].time[:1], 7, axis=0) * np.linspace(1.0, 2.0, 7)[:, np.newaxis],
     )
     assert evaluate(tradeoff=same)["lower_altitude_when_desensitized"].value is False
-    assert evaluate(**lower_rows(flown))["lower_altitude_when_desensitized"].value is True
+    assert evaluate(**lower_rows(records))["lower_altitude_when_desensitized"].value is True
 
 
 def test_the_printed_fuels_are_judged_by_the_formula(evaluate):
@@ -337,9 +344,9 @@ def test_the_printed_fuels_are_judged_by_the_formula(evaluate):
     assert evaluate(inputs={"roll_inertia": 6000.0})["fuel_proportional_to_cumulative_rate"].value is False
 
 
-def test_rows_that_are_not_chosen_for_their_energy_can_fail(evaluate, flown, desensitized_published):
+def test_rows_that_are_not_chosen_for_their_energy_can_fail(evaluate, records, desensitized_published):
     proportional = {"weight_rule": "proportional"}
-    lower = of("tradeoff", effort=lambda e: changed(e, 0.05, 1))(flown)
+    lower = of("tradeoff", effort=lambda e: with_value(e, 0.05, 1))(records)
     for name in ("desensitized_j0_larger", "nodoc_smallest_j0", "j0_increases_with_c1"):
         verdicts = [
             judge(desensitized_published[name], evaluate(inputs=inputs, **records)[name], DECLARATIONS[name])[0]
@@ -358,13 +365,16 @@ def test_fuel_is_judged_by_all_weights_that_stand_for_infinity(evaluate):
     assert unstudied.value is True and "does not study larger weights" in unstudied.undetermined
 
 
-def test_a_reading_without_a_row_of_the_table_says_so(evaluate, flown, desensitized_published):
-    t = flown["tradeoff"]
-    own = replace(t, printed_weight=changed(t.printed_weight, 0.02, 2))
-    found = evaluate(tradeoff=own)
-    assert found["tab03_c0p01"].failed and "no row of Table 3 has c1 = 0.01" in found["tab03_c0p01"].evidence
-    assert judge(desensitized_published["tab03_c0p01"], found["tab03_c0p01"])[0] == "differs"
-    assert np.isfinite(found["tab03_c0p1"].value).all()
+def test_a_reading_without_a_row_of_the_table_says_so(evaluate, records, desensitized_published):
+    t = records["tradeoff"]
+    own = replace(t, printed_weight=with_value(t.printed_weight, 0.02, 2))
+    new_evaluations = evaluate(tradeoff=own)
+    assert (
+        new_evaluations["tab03_c0p01"].failed
+        and "no row of Table 3 has c1 = 0.01" in new_evaluations["tab03_c0p01"].evidence
+    )
+    assert judge(desensitized_published["tab03_c0p01"], new_evaluations["tab03_c0p01"])[0] == "differs"
+    assert np.isfinite(new_evaluations["tab03_c0p1"].value).all()
 
 
 @pytest.mark.parametrize(("curvature", "expected"), [(1e-3, 850.0), (4e-3, 200.0), (0.0, 2000.0)])
@@ -391,7 +401,7 @@ def test_the_linear_domain_of_a_parabola(curvature, expected):
 # --- the tests of statements can fail ---------------------------------------------------------------------------------
 
 
-def changed(array, value, *index, add=False, times=False):
+def with_value(array, value, *index, add=False, times=False):
     array = np.array(array)
     array[index] = array[index] * value if times else array[index] + value if add else value
     return array
@@ -458,69 +468,77 @@ def lower_rows(a):
 RADIUS_LAW, CROSSRANGE_LAW, DOWNRANGE_LAW = LAW_OF
 ROW, LATE = slice(1, None), slice(-14, None)  # rows with a weight; the last minute
 BROKEN = {
-    "min_fuel_bang_coast_bang": of("minimum_fuel", at_bound=lambda b: changed(b, 0.02, 1, 1)),
-    "desensitized_j0_larger": of("tradeoff", effort=lambda e: changed(e, 0.05, 1)),
+    "min_fuel_bang_coast_bang": of("minimum_fuel", at_bound=lambda b: with_value(b, 0.02, 1, 1)),
+    "desensitized_j0_larger": of("tradeoff", effort=lambda e: with_value(e, 0.05, 1)),
     "nodoc_rate_within_bounds": of("nominal", largest_bank_rate=lambda _: 21.0 * DEGREE),
     "nodoc_accel_within_bounds": of("nominal", largest_bank_acceleration=lambda _: 5.1 * DEGREE),
-    "nodoc_smallest_j0": of("tradeoff", effort=lambda e: changed(e, 0.05, 3)),
-    "nodoc_largest_sensitivity": of("tradeoff", error=lambda e: changed(e, 1.1, 1, times=True)),
-    "error_decreases_with_c1": of("tradeoff", error=lambda e: changed(e, e[2], 3)),
-    "j0_increases_with_c1": of("tradeoff", effort=lambda e: changed(e, 6.0, 3)),
-    "fuel_increases_except_first_step": of("tradeoff", propellant=lambda p: changed(p, 0.21, 1)),
-    "more_fuel_when_desensitized": of("tradeoff", propellant=lambda p: changed(p, 0.1, 3)),
-    "lower_altitude_when_desensitized": of("tradeoff", state=lambda s: changed(s, -3e3, 0, slice(None), 0, add=True)),
-    "fig02_reshaping_evident": of("tradeoff", state=lambda s: changed(s, s[0] + 0.01, ROW)),
-    "reshaping_alone_insufficient": of("tradeoff", error=lambda e: changed(e, 0.1, 6, times=True)),
-    "radius_reducible_by_reshaping": of("tradeoff", error=lambda e: changed(e, 0.95 * e[0], ROW)),
-    "feedback_radius_greatly_reduced": of("gains", final=lambda f: changed(f, 7.0, RADIUS_LAW, 2, RADIUS)),
+    "nodoc_smallest_j0": of("tradeoff", effort=lambda e: with_value(e, 0.05, 3)),
+    "nodoc_largest_sensitivity": of("tradeoff", error=lambda e: with_value(e, 1.1, 1, times=True)),
+    "error_decreases_with_c1": of("tradeoff", error=lambda e: with_value(e, e[2], 3)),
+    "j0_increases_with_c1": of("tradeoff", effort=lambda e: with_value(e, 6.0, 3)),
+    "fuel_increases_except_first_step": of("tradeoff", propellant=lambda p: with_value(p, 0.21, 1)),
+    "more_fuel_when_desensitized": of("tradeoff", propellant=lambda p: with_value(p, 0.1, 3)),
+    "lower_altitude_when_desensitized": of(
+        "tradeoff", state=lambda s: with_value(s, -3e3, 0, slice(None), 0, add=True)
+    ),
+    "fig02_reshaping_evident": of("tradeoff", state=lambda s: with_value(s, s[0] + 0.01, ROW)),
+    "reshaping_alone_insufficient": of("tradeoff", error=lambda e: with_value(e, 0.1, 6, times=True)),
+    "radius_reducible_by_reshaping": of("tradeoff", error=lambda e: with_value(e, 0.95 * e[0], ROW)),
+    "feedback_radius_greatly_reduced": of("gains", final=lambda f: with_value(f, 7.0, RADIUS_LAW, 2, RADIUS)),
     "fig03_nofeedback_below_nodoc": of(
-        "responses", wide_error=lambda e: changed(e, 2.0, SHAPED, RADIUS, 1, times=True)
+        "responses", wide_error=lambda e: with_value(e, 2.0, SHAPED, RADIUS, 1, times=True)
     ),
-    "fig03a_feedback_smaller_linear_domain": of("responses", wide_error=lambda e: changed(e, 0.0, RADIUS_LAW, RADIUS)),
+    "fig03a_feedback_smaller_linear_domain": of(
+        "responses", wide_error=lambda e: with_value(e, 0.0, RADIUS_LAW, RADIUS)
+    ),
     "fig03b_feedback_best_small_errors": of(
-        "responses", narrow_error=lambda e: changed(e, e[SHAPED, RADIUS, 0], RADIUS_LAW, RADIUS, 0)
+        "responses", narrow_error=lambda e: with_value(e, e[SHAPED, RADIUS, 0], RADIUS_LAW, RADIUS, 0)
     ),
-    "fig04_nodoc_mainly_downrange": of("responses", error=lambda e: changed(e, 2900.0, PLAIN, RADIUS, -1, RADIUS)),
-    "fig04_ordering": of("responses", error=lambda e: changed(e, 0.1, SHAPED, RADIUS, -1, times=True)),
+    "fig04_nodoc_mainly_downrange": of("responses", error=lambda e: with_value(e, 2900.0, PLAIN, RADIUS, -1, RADIUS)),
+    "fig04_ordering": of("responses", error=lambda e: with_value(e, 0.1, SHAPED, RADIUS, -1, times=True)),
     "fig04_nofeedback_somewhat_below": of(
-        "responses", error=lambda e: changed(e, e[PLAIN, RADIUS, -1], SHAPED, RADIUS, -1)
+        "responses", error=lambda e: with_value(e, e[PLAIN, RADIUS, -1], SHAPED, RADIUS, -1)
     ),
     "fig04_phase2_position_effects": drifting(RADIUS, DOWNRANGE, 180.0, 900.0),
-    "fig05a_no_excessive_fuel": of("responses", cumulative=lambda c: changed(c, 1.8, RADIUS_LAW, times=True)),
-    "fig04_fig05_same_trajectory": of("responses", error=lambda e: changed(e, 1.0, RADIUS_LAW, RADIUS, 30, add=True)),
+    "fig05a_no_excessive_fuel": of("responses", cumulative=lambda c: with_value(c, 1.8, RADIUS_LAW, times=True)),
+    "fig04_fig05_same_trajectory": of(
+        "responses", error=lambda e: with_value(e, 1.0, RADIUS_LAW, RADIUS, 30, add=True)
+    ),
     "fig05b_phase1_more_reversed": deviating(RADIUS, (0.0, 40.0), 0.5),
     "fig05b_phase2_larger_positive": deviating(RADIUS, (120.0, 150.0), -1.0),
     "fig05b_phase3_smaller_reversed": deviating(RADIUS, (200.0, 240.0), -1.0),
     "fig04_phase1_position_effects": drifting(RADIUS, RADIUS, 60.0, 150.0),
     "fig05a_comparable_acceleration": of(
-        "responses", acceleration=lambda u: changed(u, 1.6, RADIUS_LAW, RADIUS, times=True)
+        "responses", acceleration=lambda u: with_value(u, 1.6, RADIUS_LAW, RADIUS, times=True)
     ),
-    "dfdy_third_column_zero": of("linearization", state_matrix=lambda m: changed(m, 1e-12, 5, 0, 3, 2)),
+    "dfdy_third_column_zero": of("linearization", state_matrix=lambda m: with_value(m, 1e-12, 5, 0, 3, 2)),
     "dr_column_independent_of_scheme_and_shape": of(
-        "certificates", mesh_longitude_deviation=lambda d: changed(d, 1e-6, 1, 2, 0)
+        "certificates", mesh_longitude_deviation=lambda d: with_value(d, 1e-6, 1, 2, 0)
     ),
-    "dr_needs_feedback": of("linearization", final=lambda f: changed(f, 0.9, 3, DOWNRANGE, DOWNRANGE)),
-    "dr_gain_on_longitude_nonzero": of("gains", scaled_gain=lambda k: changed(k, 0.0, DOWNRANGE_LAW, 2)),
-    "fig06_feedback_significantly_reduced": of("gains", final=lambda f: changed(f, 0.6, DOWNRANGE_LAW, 2, DOWNRANGE)),
+    "dr_needs_feedback": of("linearization", final=lambda f: with_value(f, 0.9, 3, DOWNRANGE, DOWNRANGE)),
+    "dr_gain_on_longitude_nonzero": of("gains", scaled_gain=lambda k: with_value(k, 0.0, DOWNRANGE_LAW, 2)),
+    "fig06_feedback_significantly_reduced": of(
+        "gains", final=lambda f: with_value(f, 0.6, DOWNRANGE_LAW, 2, DOWNRANGE)
+    ),
     "fig06_1000m_more_than_halved": of(
-        "responses", tabulated_error=lambda e: changed(e, 600.0, DOWNRANGE_LAW, DOWNRANGE, 1, 2)
+        "responses", tabulated_error=lambda e: with_value(e, 600.0, DOWNRANGE_LAW, DOWNRANGE, 1, 2)
     ),
     "fig06b_reduction_larger_for_small_errors": of(
-        "responses", narrow_error=lambda e: changed(e, 60.0, DOWNRANGE_LAW, DOWNRANGE, 0)
+        "responses", narrow_error=lambda e: with_value(e, 60.0, DOWNRANGE_LAW, DOWNRANGE, 0)
     ),
     "fig07b_phase1_more_reversed": deviating(DOWNRANGE, (0.0, 50.0), 0.5),
     "fig07b_phase2_more_positive": drifting(DOWNRANGE, CROSSRANGE, 250.0, 80.0),
     "fig07b_phase3_smaller_bank": drifting(DOWNRANGE, RADIUS, 250.0, -40.0),
     "fig08_crossrange_excursion_smaller_radius": drifting(DOWNRANGE, CROSSRANGE, 100.0, 10.0),
-    "cr_needs_feedback": of("linearization", final=lambda f: changed(f, 0.9, 3, CROSSRANGE, CROSSRANGE)),
+    "cr_needs_feedback": of("linearization", final=lambda f: with_value(f, 0.9, 3, CROSSRANGE, CROSSRANGE)),
     "fig09_feedback_significantly_reduced": of(
-        "responses", narrow_error=lambda e: changed(e, 150.0, CROSSRANGE_LAW, CROSSRANGE, 0)
+        "responses", narrow_error=lambda e: with_value(e, 150.0, CROSSRANGE_LAW, CROSSRANGE, 0)
     ),
     "fig09_reduction_larger_for_small_errors": of(
-        "responses", tabulated_error=lambda e: changed(e, 0.1, CROSSRANGE_LAW, CROSSRANGE, times=True)
+        "responses", tabulated_error=lambda e: with_value(e, 0.1, CROSSRANGE_LAW, CROSSRANGE, times=True)
     ),
     "fig11_nofeedback_only_crossrange": of(
-        "responses", error=lambda e: changed(e, 60.0, PLAIN, CROSSRANGE, -1, DOWNRANGE)
+        "responses", error=lambda e: with_value(e, 60.0, PLAIN, CROSSRANGE, -1, DOWNRANGE)
     ),
     "fig10b_phase1_smaller_reversed": deviating(CROSSRANGE, (0.0, 40.0), -0.5),
     "fig10b_phase2_larger_positive": deviating(CROSSRANGE, (100.0, 140.0), -0.5),
@@ -528,11 +546,11 @@ BROKEN = {
     "fig11_phase1_position_effects": drifting(CROSSRANGE, DOWNRANGE, 60.0, -1.0),
     "fig11_phase2_crossrange_drops": drifting(CROSSRANGE, CROSSRANGE, 150.0, 990.0),
     "fig11_phase3_position_effects": drifting(CROSSRANGE, RADIUS, 250.0, -100.0),
-    "gains_perturbation_specific": of("gains", final=lambda f: changed(f, 0.1, RADIUS_LAW, slice(None), CROSSRANGE)),
+    "gains_perturbation_specific": of("gains", final=lambda f: with_value(f, 0.1, RADIUS_LAW, slice(None), CROSSRANGE)),
     "nominal_fuel_below_msl": of("nominal", propellant=lambda _: 5.0),
 }
 MENDED = {
-    "more_reversals_when_desensitized": of("tradeoff", reversals=lambda r: changed(r, 3, slice(1, 7))),
+    "more_reversals_when_desensitized": of("tradeoff", reversals=lambda r: with_value(r, 3, slice(1, 7))),
     "fig04_phase2_crossrange_corrected": drifting(RADIUS, CROSSRANGE, 180.0, 50.0),
     "fig04_phase3_lift_and_drag": at_other_speed(RADIUS, 195.0, 0.98),
     "fig11_phase2_position_effects": drifting(CROSSRANGE, DOWNRANGE, 150.0, -50.0),
@@ -541,15 +559,15 @@ MENDED = {
 
 # Statements with several parts: each part alone.
 PARTS = [
-    ("fuel_increases_except_first_step", of("tradeoff", propellant=lambda p: changed(p, 0.5, 6))),
-    ("min_fuel_bang_coast_bang", of("minimum_fuel", coasting=lambda c: changed(c, 0.0, 1, 1))),
-    ("min_fuel_bang_coast_bang", of("minimum_fuel", bursts=lambda b: changed(b, 1, 1, 1))),
-    ("min_fuel_bang_coast_bang", of("minimum_fuel", switching_violation=lambda v: changed(v, 0.1, 0))),
+    ("fuel_increases_except_first_step", of("tradeoff", propellant=lambda p: with_value(p, 0.5, 6))),
+    ("min_fuel_bang_coast_bang", of("minimum_fuel", coasting=lambda c: with_value(c, 0.0, 1, 1))),
+    ("min_fuel_bang_coast_bang", of("minimum_fuel", bursts=lambda b: with_value(b, 1, 1, 1))),
+    ("min_fuel_bang_coast_bang", of("minimum_fuel", switching_violation=lambda v: with_value(v, 0.1, 0))),
     (
         "feedback_radius_greatly_reduced",
-        of("responses", error=lambda e: changed(e, 900.0, RADIUS_LAW, RADIUS, -1, DOWNRANGE)),
+        of("responses", error=lambda e: with_value(e, 900.0, RADIUS_LAW, RADIUS, -1, DOWNRANGE)),
     ),
-    ("fig04_ordering", of("responses", error=lambda e: changed(e, 900.0, RADIUS_LAW, RADIUS, -1, RADIUS))),
+    ("fig04_ordering", of("responses", error=lambda e: with_value(e, 900.0, RADIUS_LAW, RADIUS, -1, RADIUS))),
     ("fig04_phase1_position_effects", drifting(RADIUS, CROSSRANGE, 60.0, -300.0)),
     ("fig04_phase1_position_effects", drifting(RADIUS, DOWNRANGE, 60.0, 900.0)),
     ("fig04_phase1_position_effects", at_other_speed(RADIUS, 80.0, 0.98)),
@@ -557,13 +575,16 @@ PARTS = [
         "fig05b_phase3_smaller_reversed",  # the same deviation of a bank angle that is not reversed
         of(
             "responses",
-            nominal=lambda y: changed(y, 2.7, RADIUS_LAW, LATE, BANK, add=True),
-            state=lambda y: changed(y, 2.7, RADIUS_LAW, RADIUS, LATE, BANK, add=True),
+            nominal=lambda y: with_value(y, 2.7, RADIUS_LAW, LATE, BANK, add=True),
+            state=lambda y: with_value(y, 2.7, RADIUS_LAW, RADIUS, LATE, BANK, add=True),
         ),
     ),
-    ("fig05a_comparable_acceleration", of("responses", acceleration=lambda u: changed(u, 0.5, RADIUS_LAW, times=True))),
-    ("dr_needs_feedback", of("gains", final=lambda f: changed(f, 1.0, DOWNRANGE_LAW, 2, DOWNRANGE))),
-    ("dr_gain_on_longitude_nonzero", of("gains", scaled_gain=lambda k: changed(k, 0.0, DOWNRANGE_LAW))),
+    (
+        "fig05a_comparable_acceleration",
+        of("responses", acceleration=lambda u: with_value(u, 0.5, RADIUS_LAW, times=True)),
+    ),
+    ("dr_needs_feedback", of("gains", final=lambda f: with_value(f, 1.0, DOWNRANGE_LAW, 2, DOWNRANGE))),
+    ("dr_gain_on_longitude_nonzero", of("gains", scaled_gain=lambda k: with_value(k, 0.0, DOWNRANGE_LAW))),
     ("fig07b_phase2_more_positive", deviating(DOWNRANGE, (140.0, 200.0), -1.0)),
     ("fig07b_phase3_smaller_bank", deviating(DOWNRANGE, (200.0, 240.0), -1.0)),
     ("fig07b_phase3_smaller_bank", at_other_speed(DOWNRANGE, 195.0, 0.8)),
@@ -574,25 +595,25 @@ PARTS = [
     ("fig11_phase1_position_effects", drifting(CROSSRANGE, CROSSRANGE, 60.0, 995.0)),
     ("fig11_phase1_position_effects", at_other_speed(CROSSRANGE, 0.0, 0.9)),
     ("fig11_phase3_position_effects", drifting(CROSSRANGE, DOWNRANGE, 250.0, 100.0)),
-    ("gains_perturbation_specific", of("gains", final=lambda f: changed(f, 5.0, RADIUS_LAW, slice(None), RADIUS))),
+    ("gains_perturbation_specific", of("gains", final=lambda f: with_value(f, 5.0, RADIUS_LAW, slice(None), RADIUS))),
 ]
 
 
 @pytest.mark.parametrize(("name", "change"), PARTS)
-def test_every_part_of_a_statement_counts(evaluate, flown, name, change):
+def test_every_part_of_a_statement_counts(evaluate, records, name, change):
     assert evaluate()[name].value is True
-    found = evaluate(**change(flown | stand_ins()))
-    assert found[name].value is False, found[name].evidence
+    new_evaluations = evaluate(**change(records | stand_ins()))
+    assert new_evaluations[name].value is False, new_evaluations[name].evidence
 
 
 @pytest.mark.parametrize("name", [*BROKEN, *MENDED])
-def test_statements_are_decided_by_the_numbers(evaluate, evaluations, flown, name):
+def test_statements_are_decided_by_the_numbers(evaluate, evaluations, records, name):
     before = name in BROKEN
     assert evaluations["corrected"][name].value is before
     change = BROKEN.get(name) or MENDED[name]
-    found = evaluate(**change(flown | stand_ins()))
-    assert found[name].value is not before, found[name].evidence
-    assert found[name].evidence != evaluations["corrected"][name].evidence
+    new_evaluations = evaluate(**change(records | stand_ins()))
+    assert new_evaluations[name].value is not before, new_evaluations[name].evidence
+    assert new_evaluations[name].evidence != evaluations["corrected"][name].evidence
 
 
 def test_every_statement_has_a_counterexample(desensitized_published):
@@ -609,29 +630,29 @@ def test_every_counted_claim_names_its_counterexample(rows):
     assert not [name for name in judged if own[name].counterexample is None]
 
 
-def test_with_one_reversal_there_is_no_last_one(evaluate, flown):
+def test_with_one_reversal_there_is_no_last_one(evaluate, records):
     """The statements on Fig. 10 speak of what follows the last reversal of the nominal."""
-    responses = flown["responses"]
+    responses = records["responses"]
     nominal = np.array(responses.nominal)
     late = responses.time[0] > 150.0
     nominal[:, late, BANK] = np.abs(nominal[:, late, BANK]) + 0.1
-    found = evaluate(responses=replace(responses, nominal=nominal))
+    new_evaluations = evaluate(responses=replace(responses, nominal=nominal))
     for phase in ("fig10b_phase1_smaller_reversed", "fig11_phase3_position_effects"):
-        assert found[phase].value is False and "the statement needs two" in found[phase].evidence
+        assert new_evaluations[phase].value is False and "the statement needs two" in new_evaluations[phase].evidence
 
 
-def test_phase_times_are_those_of_the_flight(evaluate, flown):
+def test_phase_times_are_those_of_the_flight(evaluate, records):
     """A deviation less positive by an angle changes its sign later; the reversals are the nominal's."""
-    found = evaluate()
-    first, last = found["fig05b_phase_times"].value
-    assert last == pytest.approx(flown["nominal"].reversal_times[-1], abs=0.1)
+    new_evaluations = evaluate()
+    first, last = new_evaluations["fig05b_phase_times"].value
+    assert last == pytest.approx(records["nominal"].reversal_times[-1], abs=0.1)
     law = RADIUS_LAW
-    responses = flown["responses"]
+    responses = records["responses"]
     deviation = responses.state[law, RADIUS, :, BANK] - responses.nominal[law, :, BANK]
     assert deviation[responses.time[law] < first][1:].max() < 0.0 < deviation[responses.time[law] > first].min()
     moved = evaluate(
         responses=replace(
-            responses, state=changed(responses.state, -1.0 * DEGREE, law, RADIUS, slice(None), BANK, add=True)
+            responses, state=with_value(responses.state, -1.0 * DEGREE, law, RADIUS, slice(None), BANK, add=True)
         )
     )
     assert moved["fig05b_phase_times"].value[0] > first + 5.0

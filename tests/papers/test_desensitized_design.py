@@ -126,36 +126,36 @@ def at_weight(desensitized, weight, row, reading="corrected", **changes):
 
 
 def test_nominal_numbers(desensitized):
-    found = desensitized.nominal()
-    assert found.effort == pytest.approx(0.13777, abs=5.1e-6)
-    assert found.cumulative / DEGREE == pytest.approx(5.1808, abs=5.1e-5)
-    assert found.propellant == pytest.approx(0.2043, abs=5.1e-5)
-    assert found.time[-1] == pytest.approx(265.76, abs=5.1e-3)
-    assert found.reversals == 2 and found.branch == "2 reversals"
-    np.testing.assert_allclose(found.reversal_times, [86.0, 194.0], atol=0.51)
-    assert found.largest_bank_rate / DEGREE == pytest.approx(2.1, abs=0.051)
-    assert found.largest_bank_acceleration / DEGREE == pytest.approx(0.037, abs=5.1e-4)
-    np.testing.assert_allclose(found.miss, [-14.9, 24.1, 10.1], atol=0.051)
+    nominal = desensitized.nominal()
+    assert nominal.effort == pytest.approx(0.13777, abs=5.1e-6)
+    assert nominal.cumulative / DEGREE == pytest.approx(5.1808, abs=5.1e-5)
+    assert nominal.propellant == pytest.approx(0.2043, abs=5.1e-5)
+    assert nominal.time[-1] == pytest.approx(265.76, abs=5.1e-3)
+    assert nominal.reversals == 2 and nominal.branch == "2 reversals"
+    np.testing.assert_allclose(nominal.reversal_times, [86.0, 194.0], atol=0.51)
+    assert nominal.largest_bank_rate / DEGREE == pytest.approx(2.1, abs=0.051)
+    assert nominal.largest_bank_acceleration / DEGREE == pytest.approx(0.037, abs=5.1e-4)
+    np.testing.assert_allclose(nominal.miss, [-14.9, 24.1, 10.1], atol=0.051)
     bank = [-81.1, -72.6, -47.4, -8.9, 28.3, 47.8, 42.4, 13.0, -33.1, -86.8, -142.1]
-    np.testing.assert_allclose(found.state[::10, BANK] / DEGREE, bank, atol=0.051)
-    assert found.status == "Solve_Succeeded"
+    np.testing.assert_allclose(nominal.state[::10, BANK] / DEGREE, bank, atol=0.051)
+    assert nominal.status == "Solve_Succeeded"
 
 
 def test_the_solution_with_one_reversal_costs_less(desensitized):
-    found = desensitized.nominal("one_reversal")
-    assert found.effort == pytest.approx(0.0491, abs=5.1e-5)
-    assert found.cumulative / DEGREE == pytest.approx(2.988, abs=5.1e-4)
-    assert found.time[-1] == pytest.approx(265.28, abs=5.1e-3)
+    nominal = desensitized.nominal("one_reversal")
+    assert nominal.effort == pytest.approx(0.0491, abs=5.1e-5)
+    assert nominal.cumulative / DEGREE == pytest.approx(2.988, abs=5.1e-4)
+    assert nominal.time[-1] == pytest.approx(265.28, abs=5.1e-3)
     bank = [-75.6, -68.4, -46.8, -13.3, 20.6, 43.2, 53.1, 53.9, 49.7, 43.6, 37.1]
-    np.testing.assert_allclose(found.state[::10, BANK] / DEGREE, bank, atol=0.051)
-    assert found.reversals == 1 and len(found.reversal_times) == 1
+    np.testing.assert_allclose(nominal.state[::10, BANK] / DEGREE, bank, atol=0.051)
+    assert nominal.reversals == 1 and len(nominal.reversal_times) == 1
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
 def test_the_nominal_meets_its_conditions(desensitized, reading):
     """The equations between the nodes by the formulas of this file; the values of Table 2."""
-    found = desensitized.nominal(reading)
-    first, last = found.state[0], found.state[-1]
+    nominal = desensitized.nominal(reading)
+    first, last = nominal.state[0], nominal.state[-1]
     assert np.linalg.norm(first[3:6]) == pytest.approx(6750.0, rel=1e-12)
     assert np.arcsin(first[3] / 6750.0) / DEGREE == pytest.approx(-15.2, rel=1e-12)
     assert np.arctan2(first[5], first[4]) == pytest.approx(np.pi / 2, rel=1e-12)  # due east
@@ -164,32 +164,32 @@ def test_the_nominal_meets_its_conditions(desensitized, reading):
     np.testing.assert_allclose(last[:3] * [1.0, RADIUS, RADIUS], [10e3, 0.0, RADIUS * 12.2 * DEGREE], atol=1e-3)
     if reading == "corrected":
         assert first[BANK_RATE] == 0.0
-    middle = (found.state[1:] + found.state[:-1]) / 2
-    slopes = np.array([rates(y, u) for y, u in zip(middle, found.bank_acceleration, strict=True)])
-    defect = np.diff(found.state, axis=0) - np.diff(found.time)[:, np.newaxis] * slopes
+    middle = (nominal.state[1:] + nominal.state[:-1]) / 2
+    slopes = np.array([rates(y, u) for y, u in zip(middle, nominal.bank_acceleration, strict=True)])
+    defect = np.diff(nominal.state, axis=0) - np.diff(nominal.time)[:, np.newaxis] * slopes
     assert np.abs(defect / SCALES).max() < 1e-8
-    assert (found.state[:, 0] > 0.0).all()
-    assert np.abs(found.state[:, BANK_RATE]).max() == found.largest_bank_rate <= 20.0 * DEGREE
-    assert np.abs(found.bank_acceleration).max() == found.largest_bank_acceleration <= 5.0 * DEGREE
+    assert (nominal.state[:, 0] > 0.0).all()
+    assert np.abs(nominal.state[:, BANK_RATE]).max() == nominal.largest_bank_rate <= 20.0 * DEGREE
+    assert np.abs(nominal.bank_acceleration).max() == nominal.largest_bank_acceleration <= 5.0 * DEGREE
 
 
 def test_multipliers_are_those_of_the_minimum_principle(desensitized):
     """The discrete adjoint equations, the control law u = -costate / 2, and the free final time."""
-    found, linear = desensitized.nominal(), desensitized.linearization()
-    costate, step = found.costate, found.time[1]
+    nominal, linear = desensitized.nominal(), desensitized.linearization()
+    costate, step = nominal.costate, nominal.time[1]
     size = np.abs(costate * SCALES).max(axis=0)
     np.testing.assert_allclose(
-        found.bank_acceleration / DEGREE**2, -costate[:, BANK_RATE] / 2, rtol=0, atol=1e-6 / DEGREE**2
+        nominal.bank_acceleration / DEGREE**2, -costate[:, BANK_RATE] / 2, rtol=0, atol=1e-6 / DEGREE**2
     )
     before = costate - step / 2 * np.einsum("kij,ki->kj", linear.state_matrix[:, 0], costate)
     after = costate + step / 2 * np.einsum("kij,ki->kj", linear.state_matrix[:, 0], costate)
     assert (np.abs((before[:-1] - after[1:]) * SCALES).max(axis=0) < 1e-6 * size + 1e-9).all()
     # Free: bank at both ends, bank rate at the end; the final velocity has one multiplier for all its components.
     assert abs(after[0, BANK]) < 1e-6 * size[BANK] and np.abs(before[-1, [BANK, BANK_RATE]]).max() < 1e-6 * size[BANK]
-    ratio = before[-1, 3:6] / found.state[-1, 3:6]
+    ratio = before[-1, 3:6] / nominal.state[-1, 3:6]
     np.testing.assert_allclose(ratio[[0, 2]], ratio[0], rtol=1e-5)
-    moved = np.einsum("ki,ki->k", costate, np.diff(found.state, axis=0)) / step
-    cost = (found.bank_acceleration / DEGREE) ** 2
+    moved = np.einsum("ki,ki->k", costate, np.diff(nominal.state, axis=0)) / step
+    cost = (nominal.bank_acceleration / DEGREE) ** 2
     assert abs(np.mean(cost + moved)) < 1e-6 * np.abs(moved).mean()
 
 
@@ -197,11 +197,11 @@ def test_without_an_atmosphere_energy_and_angular_momentum_are_kept(desensitized
     inputs = desensitized.stage_inputs("corrected", "nominal", ballistic_coefficient=1e12)
     time = np.linspace(0.0, 60.0, 7)
     start = inputs.call(entry_problem.entry_state)
-    flown = simulate(inputs.call(entry_problem.problem), start, np.zeros((6, 1)), time, [0.0, 1.0])
-    radius, speed = RADIUS + flown[:, 0], np.linalg.norm(flown[:, 3:6], axis=1)
-    assert np.ptp(flown[:, 0]) > 80e3
+    states = simulate(inputs.call(entry_problem.problem), start, np.zeros((6, 1)), time, [0.0, 1.0])
+    radius, speed = RADIUS + states[:, 0], np.linalg.norm(states[:, 3:6], axis=1)
+    assert np.ptp(states[:, 0]) > 80e3
     np.testing.assert_allclose(speed**2 / 2 - MU / radius, speed[0] ** 2 / 2 - MU / radius[0], rtol=1e-9)
-    np.testing.assert_allclose(radius * flown[:, 5], radius[0] * flown[0, 5], rtol=1e-9)
+    np.testing.assert_allclose(radius * states[:, 5], radius[0] * states[0, 5], rtol=1e-9)
 
 
 def test_finer_meshes_and_other_schemes_lead_to_the_same_nominal(desensitized):
@@ -209,8 +209,8 @@ def test_finer_meshes_and_other_schemes_lead_to_the_same_nominal(desensitized):
     coarse, usual, fine = (desensitized.nominal("corrected", intervals=n) for n in (50, 100, 200))
     exact = desensitized.nominal("corrected", scheme="hermite_simpson")
     other = desensitized.nominal("corrected", scheme="trapezoid")
-    for found in (coarse, usual, fine, exact, other):
-        assert found.reversals == 2 and found.status == "Solve_Succeeded"
+    for nominal in (coarse, usual, fine, exact, other):
+        assert nominal.reversals == 2 and nominal.status == "Solve_Succeeded"
     assert 1.9 < np.log2((coarse.effort - usual.effort) / (usual.effort - fine.effort)) < 2.1
     for rough, better in ((coarse, usual), (usual, fine)):
         np.testing.assert_allclose(rough.miss / better.miss, 4.0, atol=0.15)
@@ -228,12 +228,12 @@ def test_the_mirror_image_and_a_turned_planet_are_solutions_as_well(desensitized
     mirrored = desensitized.nominal("corrected", guess_banks=-inputs.guess_banks, nominal_first_bank="positive")
     signs = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0])
     turned = desensitized.nominal("corrected", entry_longitude=2.0, final_longitude=inputs.final_longitude + 2.0)
-    for found, expected in (
+    for nominal, expected in (
         (mirrored, usual.state * signs),
         (turned, usual.state + 2.0 * (np.arange(8) == 2)),
     ):
-        assert found.effort == pytest.approx(usual.effort, rel=1e-7)
-        np.testing.assert_allclose(found.state / SCALES, expected / SCALES, rtol=0, atol=2e-5)
+        assert nominal.effort == pytest.approx(usual.effort, rel=1e-7)
+        np.testing.assert_allclose(nominal.state / SCALES, expected / SCALES, rtol=0, atol=2e-5)
     np.testing.assert_allclose(mirrored.miss, usual.miss * [1.0, -1.0, 1.0], atol=0.01)
 
 
@@ -248,9 +248,9 @@ def test_relaxing_a_bank_condition_never_raises_the_effort(desensitized):
         {"final_bank_rate": 0.0, "final_bank": last[BANK] + 0.2},
         {"final_bank_rate": 0.0, "final_bank": last[BANK] + 0.2, "initial_bank": first + 0.1},
     ):
-        found, bank = resolved(desensitized, **changes)
+        effort, bank = resolved(desensitized, **changes)
         assert np.abs(bank - usual.state[:, BANK]).max() < 90.0 * DEGREE
-        efforts.append(found)
+        efforts.append(effort)
     assert (np.diff(efforts) > 1e-3).all()
     for changes in ({"final_bank": last[BANK], "final_bank_rate": last[BANK_RATE]}, {"initial_bank": first}):
         assert resolved(desensitized, **changes)[0] == pytest.approx(usual.effort, rel=1e-7)
@@ -289,13 +289,13 @@ TABLE = {
 
 
 def test_the_first_row_is_the_nominal(desensitized):
-    found, nominal = desensitized.tradeoff(), desensitized.nominal()
-    assert found.weight[0] == found.path_weight[0] == 0.0
-    assert found.effort[0] == pytest.approx(nominal.effort, rel=1e-7)
-    np.testing.assert_allclose(found.state[0] / SCALES, nominal.state / SCALES, rtol=0, atol=1e-5)
-    assert np.linalg.norm(found.error[0]) == pytest.approx(8168.5, abs=0.051)
-    np.testing.assert_allclose(found.error[0], [525.4, -953.4, 8095.7], atol=0.051)
-    assert np.linalg.norm(found.norm[0]) == pytest.approx(8.1685, abs=5.1e-5)
+    front, nominal = desensitized.tradeoff(), desensitized.nominal()
+    assert front.weight[0] == front.path_weight[0] == 0.0
+    assert front.effort[0] == pytest.approx(nominal.effort, rel=1e-7)
+    np.testing.assert_allclose(front.state[0] / SCALES, nominal.state / SCALES, rtol=0, atol=1e-5)
+    assert np.linalg.norm(front.error[0]) == pytest.approx(8168.5, abs=0.051)
+    np.testing.assert_allclose(front.error[0], [525.4, -953.4, 8095.7], atol=0.051)
+    assert np.linalg.norm(front.norm[0]) == pytest.approx(8.1685, abs=5.1e-5)
     other = desensitized.stage_inputs("corrected", "tradeoff")
     extended, program = other.call(tradeoff.prepared)
     single = other.call(
@@ -322,77 +322,77 @@ def test_rows_of_the_table(desensitized, row):
     assert np.linalg.norm(error) == pytest.approx(size, abs=0.51 + 1e3 * share)
     assert solution.time[-1] == pytest.approx(final_time, abs=5.1e-3)
     np.testing.assert_allclose(solution.state("bank")[::10] / DEGREE, bank, atol=0.051 + 50 * share)
-    found = desensitized.tradeoff()
-    assert found.propellant[row] == pytest.approx(propellant, abs=5.1e-4)
-    assert found.weight[row] == pytest.approx(weight, rel=2e-3 if row > 1 else 0.02)  # 0.14 is not 0.1399
+    front = desensitized.tradeoff()
+    assert front.propellant[row] == pytest.approx(propellant, abs=5.1e-4)
+    assert front.weight[row] == pytest.approx(weight, rel=2e-3 if row > 1 else 0.02)  # 0.14 is not 0.1399
 
 
 def test_rows_have_the_printed_control_energy(desensitized):
-    found = desensitized.tradeoff()
-    np.testing.assert_allclose(found.effort[1:5], [0.14, 0.3078, 1.5603, 5.1812], rtol=1e-7)
-    np.testing.assert_array_equal(found.printed_weight, [0.0, 0.001, 0.01, 0.1, 1.0, np.nan, np.nan])
-    np.testing.assert_array_equal(found.reversals[:6], [2, 2, 2, 3, 2, 2])
-    np.testing.assert_array_equal(found.row_branch, [0, 0, 1, 1, 1, 1, 1])
-    np.testing.assert_allclose(found.propellant / (found.cumulative / DEGREE), 0.0394294, rtol=1e-6)
-    for k in range(len(found.weight)):
-        u, time = found.bank_acceleration[k] / DEGREE, found.time[k]
-        assert found.effort[k] == pytest.approx(np.diff(time) @ u**2)
-        assert found.cumulative[k] / DEGREE == pytest.approx(np.diff(time) @ np.abs(u))
-        assert found.largest_bank_acceleration[k] / DEGREE == np.abs(u).max() <= 5.0 + 1e-6
-        assert found.largest_bank_rate[k] == np.abs(found.state[k, :, BANK_RATE]).max() <= 20.0 * DEGREE * (1 + 1e-6)
-        assert (found.state[k, :, 0] > 0.0).all()
+    front = desensitized.tradeoff()
+    np.testing.assert_allclose(front.effort[1:5], [0.14, 0.3078, 1.5603, 5.1812], rtol=1e-7)
+    np.testing.assert_array_equal(front.printed_weight, [0.0, 0.001, 0.01, 0.1, 1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(front.reversals[:6], [2, 2, 2, 3, 2, 2])
+    np.testing.assert_array_equal(front.row_branch, [0, 0, 1, 1, 1, 1, 1])
+    np.testing.assert_allclose(front.propellant / (front.cumulative / DEGREE), 0.0394294, rtol=1e-6)
+    for k in range(len(front.weight)):
+        u, time = front.bank_acceleration[k] / DEGREE, front.time[k]
+        assert front.effort[k] == pytest.approx(np.diff(time) @ u**2)
+        assert front.cumulative[k] / DEGREE == pytest.approx(np.diff(time) @ np.abs(u))
+        assert front.largest_bank_acceleration[k] / DEGREE == np.abs(u).max() <= 5.0 + 1e-6
+        assert front.largest_bank_rate[k] == np.abs(front.state[k, :, BANK_RATE]).max() <= 20.0 * DEGREE * (1 + 1e-6)
+        assert (front.state[k, :, 0] > 0.0).all()
 
 
 def test_an_infinite_weight_fixes_the_error_only(desensitized):
     """Both bounds are reached; from ten times the weight comes more effort and no less error."""
-    found = desensitized.tradeoff()
+    front = desensitized.tradeoff()
     for row in (5, 6):
-        assert np.linalg.norm(found.error[row]) == pytest.approx(5963.5, abs=0.051)
-        np.testing.assert_allclose(found.error[row], [218, 45, 5959.3], atol=0.51)
-        assert found.largest_bank_acceleration[row] / DEGREE == pytest.approx(5.0, abs=1e-6)
-        assert found.largest_bank_rate[row] / DEGREE == pytest.approx(20.0, abs=1e-6)
+        assert np.linalg.norm(front.error[row]) == pytest.approx(5963.5, abs=0.051)
+        np.testing.assert_allclose(front.error[row], [218, 45, 5959.3], atol=0.51)
+        assert front.largest_bank_acceleration[row] / DEGREE == pytest.approx(5.0, abs=1e-6)
+        assert front.largest_bank_rate[row] / DEGREE == pytest.approx(20.0, abs=1e-6)
     bank = [0.2, 0.2, 0.3, 1.3, -120.0, 15.1, 9.0, 10.0, 19.3, 162.1, 175.4]
-    np.testing.assert_allclose(found.state[5, ::10, BANK] / DEGREE, bank, atol=0.5)  # along flat directions
-    assert found.effort[6] > 1.1 * found.effort[5] > 500.0
-    assert found.largest_bank_acceleration[4] / DEGREE == pytest.approx(0.5, abs=0.051)
+    np.testing.assert_allclose(front.state[5, ::10, BANK] / DEGREE, bank, atol=0.5)  # along flat directions
+    assert front.effort[6] > 1.1 * front.effort[5] > 500.0
+    assert front.largest_bank_acceleration[4] / DEGREE == pytest.approx(0.5, abs=0.051)
 
 
 def test_the_branch_with_two_reversals_ends(desensitized):
-    found = desensitized.tradeoff()
-    assert found.fold_weight.shape == found.fold_effort.shape == found.fold_error.shape == (1, 2)
-    last, first = found.fold_weight[0]
+    front = desensitized.tradeoff()
+    assert front.fold_weight.shape == front.fold_effort.shape == front.fold_error.shape == (1, 2)
+    last, first = front.fold_weight[0]
     assert 0.0362 < last < 0.0364 and last < first < last + 2e-4
-    np.testing.assert_allclose(found.fold_effort[0], [0.1412, 0.0509], atol=1e-4)
-    assert found.fold_error[0, 1] > found.fold_error[0, 0]  # the next branch is less effort for more error
-    assert list(found.branch) == ["2 reversals", "1 reversal"]
-    at = np.flatnonzero(np.diff(found.path_branch))[0]
-    np.testing.assert_array_equal(found.path_weight[at : at + 2], found.fold_weight[0])
+    np.testing.assert_allclose(front.fold_effort[0], [0.1412, 0.0509], atol=1e-4)
+    assert front.fold_error[0, 1] > front.fold_error[0, 0]  # the next branch is less effort for more error
+    assert list(front.branch) == ["2 reversals", "1 reversal"]
+    at = np.flatnonzero(np.diff(front.path_branch))[0]
+    np.testing.assert_array_equal(front.path_weight[at : at + 2], front.fold_weight[0])
 
 
-def assert_pareto(found, largest_weight=np.inf):
+def assert_pareto(front, largest_weight=np.inf):
     """Along a branch dJ0 = -weight d(norm), so that a chord's slope lies between the weights of its ends.
 
     Steps from or to a solution at the solver's acceptable level only are left out: it is near an optimum, not on it.
     """
-    assert (np.diff(found.path_weight) > 0.0).all()
-    solved = found.path_status == "Solve_Succeeded"
-    within = found.path_weight[1:] <= largest_weight
-    steps = (np.diff(found.path_branch) == 0) & solved[:-1] & solved[1:] & within
+    assert (np.diff(front.path_weight) > 0.0).all()
+    solved = front.path_status == "Solve_Succeeded"
+    within = front.path_weight[1:] <= largest_weight
+    steps = (np.diff(front.path_branch) == 0) & solved[:-1] & solved[1:] & within
     assert steps.sum() >= within.sum() - 2
-    change, shrunk = np.diff(found.path_effort)[steps], -np.diff(found.path_norm)[steps]
+    change, shrunk = np.diff(front.path_effort)[steps], -np.diff(front.path_norm)[steps]
     assert (change > 0.0).all() and (shrunk > 0.0).all()
     slack = 1.0 + 1e-3  # for the solver's tolerance where both changes are small
-    assert (change / shrunk > found.path_weight[:-1][steps] / slack).all()
-    assert (change / shrunk < found.path_weight[1:][steps] * slack).all()
+    assert (change / shrunk > front.path_weight[:-1][steps] / slack).all()
+    assert (change / shrunk < front.path_weight[1:][steps] * slack).all()
 
 
 def test_the_path_is_a_pareto_front_on_every_branch(desensitized):
-    found = desensitized.tradeoff()
-    assert_pareto(found)
-    jumped = np.diff(found.path_branch) != 0
-    assert jumped.sum() == 1 and np.diff(found.path_effort)[jumped] < 0.0 < np.diff(found.path_norm)[jumped]
-    assert set(found.path_status) <= {"Solve_Succeeded", "Solved_To_Acceptable_Level"}
-    np.testing.assert_allclose(found.path_norm, np.linalg.norm(found.path_error, axis=1) / 1000.0, rtol=1e-9)
+    front = desensitized.tradeoff()
+    assert_pareto(front)
+    jumped = np.diff(front.path_branch) != 0
+    assert jumped.sum() == 1 and np.diff(front.path_effort)[jumped] < 0.0 < np.diff(front.path_norm)[jumped]
+    assert set(front.path_status) <= {"Solve_Succeeded", "Solved_To_Acceptable_Level"}
+    np.testing.assert_allclose(front.path_norm, np.linalg.norm(front.path_error, axis=1) / 1000.0, rtol=1e-9)
 
 
 def saved(path, artifact, reading="corrected"):
@@ -434,10 +434,10 @@ def test_a_literal_objective_hardly_sees_the_printed_weights(desensitized, monke
 )
 def test_rows_of_a_single_weight(desensitized, row, effort, cumulative, error):
     weight = 57.3 * [0.001, 0.01, 0.1, 1.0][row - 1]
-    _, j0, total, found = at_weight(desensitized, weight, row, "single_weight")
+    _, j0, total, error_vector = at_weight(desensitized, weight, row, "single_weight")
     assert j0 == pytest.approx(effort, abs=5.1e-4)
     assert total == pytest.approx(cumulative, abs=5.1e-4)
-    assert np.linalg.norm(found) == pytest.approx(error, abs=0.51)
+    assert np.linalg.norm(error_vector) == pytest.approx(error, abs=0.51)
 
 
 # Weights over the printed ones, and the integral of |u|, at the printed control energies.
@@ -462,12 +462,12 @@ def test_rows_of_mixed_units(desensitized, row, ratio, cumulative):
     ids=lambda value: str(*value.values()) if isinstance(value, dict) else "",
 )
 def test_a_row_by_finer_meshes_and_other_schemes(desensitized, changes, effort, error, miss, near):
-    solution, j0, _, found = at_weight(desensitized, 44.97, 4, **changes)
+    solution, j0, _, error_vector = at_weight(desensitized, 44.97, 4, **changes)
     assert j0 == pytest.approx(effort, abs=5.1e-5)
-    assert np.linalg.norm(found) == pytest.approx(error, abs=0.051)
+    assert np.linalg.norm(error_vector) == pytest.approx(error, abs=0.051)
     if miss:
-        flown = resimulate(solution)[-1, :3] - [10e3, 0.0, 12.2 * DEGREE]
-        np.testing.assert_allclose(flown * LENGTHS, miss, rtol=0, atol=near)
+        resimulated_miss = resimulate(solution)[-1, :3] - [10e3, 0.0, 12.2 * DEGREE]
+        np.testing.assert_allclose(resimulated_miss * LENGTHS, miss, rtol=0, atol=near)
 
 
 # --- sensitivities ----------------------------------------------------------------------------------------------------
@@ -488,22 +488,22 @@ def test_sensitivities_are_derivatives_of_the_discrete_flow(desensitized):
 
 
 def test_metric_sensitivity_of_the_nominal(desensitized):
-    found = desensitized.linearization()
+    model = desensitized.linearization()
     expected = [[0.52536, 0.0, 0.0], [-0.95338, 0.977415, 0.0], [8.09568, 0.0, 1.0]]
     rows = desensitized.stage_inputs("corrected", "linearization").call(position_rows)
-    metric = rows @ found.sensitivity[-1]
+    metric = rows @ model.sensitivity[-1]
     np.testing.assert_allclose(metric, expected, rtol=0, atol=5.1e-6)
     assert np.linalg.norm(metric) == pytest.approx(8.287, abs=5.1e-4)
-    np.testing.assert_allclose(found.final[0], metric, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(model.final[0], metric, rtol=0, atol=1e-6)
 
 
 def test_without_feedback_two_columns_are_known(desensitized):
     """Longitude enters no rate; an initial latitude turns the flight about an axis 90 degrees away."""
-    found, rows = desensitized.linearization(), desensitized.tradeoff()
+    model, rows = desensitized.linearization(), desensitized.tradeoff()
     ignorable = np.zeros(8)
     ignorable[2] = 1.0 / RADIUS
-    np.testing.assert_array_equal(found.sensitivity[:, :, 2], np.tile(ignorable, (101, 1)))
-    for metric, error in zip(found.final, rows.error, strict=True):
+    np.testing.assert_array_equal(model.sensitivity[:, :, 2], np.tile(ignorable, (101, 1)))
+    for metric, error in zip(model.final, rows.error, strict=True):
         np.testing.assert_array_equal(metric[:, 2], [0.0, 0.0, 1.0])
         np.testing.assert_allclose(metric[:, 1], [0.0, np.cos(12.2 * DEGREE), 0.0], rtol=0, atol=1e-5)
         # The collocated column is the recursion's.
@@ -513,11 +513,11 @@ def test_without_feedback_two_columns_are_known(desensitized):
 
 
 def test_forward_and_adjoint_sensitivities_agree(desensitized):
-    found = desensitized.linearization()
-    products = found.adjoint @ found.sensitivity
+    model = desensitized.linearization()
+    products = model.adjoint @ model.sensitivity
     np.testing.assert_allclose(products, np.broadcast_to(products[-1], products.shape), rtol=0, atol=1e-12)
     rows = desensitized.tradeoff()
-    np.testing.assert_allclose(rows.column[0] * LENGTHS[0], found.sensitivity[:, :, 0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(rows.column[0] * LENGTHS[0], model.sensitivity[:, :, 0], rtol=0, atol=1e-6)
 
 
 # --- gains ------------------------------------------------------------------------------------------------------------
@@ -525,22 +525,22 @@ def test_forward_and_adjoint_sensitivities_agree(desensitized):
 
 def test_least_gains(desensitized):
     """Known to four digits, with their norms; each nulls its own column, none is on bank or its rate."""
-    found = desensitized.gains()
-    assert list(found.law) == ["no_doc", "reshaped", *CHANNELS, "all_columns"]
+    gains = desensitized.gains()
+    assert list(gains.law) == ["no_doc", "reshaped", *CHANNELS, "all_columns"]
     for number, (channel, norm) in enumerate(zip(CHANNELS, (0.416, 0.546, 0.871), strict=True)):
         law = 2 + number
-        np.testing.assert_allclose(found.scaled_gain[law], LEAST[channel], rtol=0, atol=5.1e-5)
-        assert np.linalg.norm(found.scaled_gain[law]) == pytest.approx(norm, abs=5.1e-4)
-        assert np.abs(found.final[law, :, number]).max() < 1e-8
-        assert found.converged[law] and found.iterations[law] <= 20
-        np.testing.assert_array_equal(found.bank_acceleration[law], found.bank_acceleration[0])
+        np.testing.assert_allclose(gains.scaled_gain[law], LEAST[channel], rtol=0, atol=5.1e-5)
+        assert np.linalg.norm(gains.scaled_gain[law]) == pytest.approx(norm, abs=5.1e-4)
+        assert np.abs(gains.final[law, :, number]).max() < 1e-8
+        assert gains.converged[law] and gains.iterations[law] <= 20
+        np.testing.assert_array_equal(gains.bank_acceleration[law], gains.bank_acceleration[0])
     speed = RADIUS / 20.0
     np.testing.assert_allclose(
-        found.gain[:, :6] * [RADIUS, 1.0, 1.0, speed, speed, speed], found.scaled_gain, rtol=1e-14
+        gains.gain[:, :6] * [RADIUS, 1.0, 1.0, speed, speed, speed], gains.scaled_gain, rtol=1e-14
     )
-    assert not found.gain[:, 6:].any() and not found.gain[:2].any()
-    np.testing.assert_allclose(found.final[:2], desensitized.linearization().final[[0, 4]], rtol=0, atol=1e-7)
-    assert found.effort[0] == pytest.approx(desensitized.nominal().effort, rel=1e-12)
+    assert not gains.gain[:, 6:].any() and not gains.gain[:2].any()
+    np.testing.assert_allclose(gains.final[:2], desensitized.linearization().final[[0, 4]], rtol=0, atol=1e-7)
+    assert gains.effort[0] == pytest.approx(desensitized.nominal().effort, rel=1e-12)
 
 
 def test_least_gains_are_the_smallest_nearby(desensitized):
@@ -570,19 +570,19 @@ def test_without_a_gain_on_longitude_downrange_errors_stay(desensitized):
         k = random.normal(size=6)
         k[2] = 0.0
         laws.append(design.Law(nominal.time, nominal.state, nominal.bank_acceleration, k))
-    found = inputs.call(design.described, laws)
-    np.testing.assert_array_equal(found.final[:, :, 2], np.tile([0.0, 0.0, 1.0], (6, 1)))
-    assert (np.abs(found.final[:, :, 0] - desensitized.gains().final[0, :, 0]).max(axis=1) > 0.1).all()
+    gains = inputs.call(design.described, laws)
+    np.testing.assert_array_equal(gains.final[:, :, 2], np.tile([0.0, 0.0, 1.0], (6, 1)))
+    assert (np.abs(gains.final[:, :, 0] - desensitized.gains().final[0, :, 0]).max(axis=1) > 0.1).all()
 
 
 def test_one_set_of_gains_for_all_columns(desensitized):
     """Hardly more effort than the nominal and a norm of a tenth: gains need not be for one perturbation each."""
-    found = desensitized.gains()
-    assert found.law[-1] == "all_columns" and found.converged[-1]
-    assert found.effort[-1] == pytest.approx(0.1406, abs=5.1e-5)
+    gains = desensitized.gains()
+    assert gains.law[-1] == "all_columns" and gains.converged[-1]
+    assert gains.effort[-1] == pytest.approx(0.1406, abs=5.1e-5)
     expected = [[-33, 98, 9], [-3, 10, 0], [-1, 2, 1]]
-    np.testing.assert_allclose(1000.0 * found.final[-1], expected, rtol=0, atol=0.51)
-    assert np.linalg.norm(found.final[-1]) == pytest.approx(0.105, abs=5.1e-4)
+    np.testing.assert_allclose(1000.0 * gains.final[-1], expected, rtol=0, atol=0.51)
+    assert np.linalg.norm(gains.final[-1]) == pytest.approx(0.105, abs=5.1e-4)
 
 
 def test_the_search_for_all_columns_does_not_depend_on_rounding(desensitized):
@@ -590,11 +590,11 @@ def test_the_search_for_all_columns_does_not_depend_on_rounding(desensitized):
     inputs = desensitized.stage_inputs("corrected", "gains", all_columns_regularization=np.array([0.1]))
     nominal, random = desensitized.nominal(), np.random.default_rng(0)
     moved = replace(nominal, state=nominal.state * (1.0 + 1e-8 * random.normal(size=nominal.state.shape)))
-    found = inputs.call(design.for_all_columns, moved, desensitized.linearization())
-    assert found.converged and found.iterations < 50
-    assert entry_problem.effort(found.time, found.bank_acceleration) == pytest.approx(0.1426, abs=5.1e-5)
-    assert np.linalg.norm(found.scaled_gain) == pytest.approx(0.60, abs=5.1e-3)
-    assert np.abs(found.state - nominal.state)[:, BANK].max() < 30.0 * DEGREE
+    law = inputs.call(design.for_all_columns, moved, desensitized.linearization())
+    assert law.converged and law.iterations < 50
+    assert entry_problem.effort(law.time, law.bank_acceleration) == pytest.approx(0.1426, abs=5.1e-5)
+    assert np.linalg.norm(law.scaled_gain) == pytest.approx(0.60, abs=5.1e-3)
+    assert np.abs(law.state - nominal.state)[:, BANK].max() < 30.0 * DEGREE
 
 
 def quick(desensitized, monkeypatch, reading, **changes):
@@ -614,98 +614,105 @@ def replaced(nominal):
 
 def test_tuned_gains_fly_better_than_the_least(desensitized, monkeypatch):
     """Few steps are enough to see it, though not to converge."""
-    found = quick(desensitized, monkeypatch, "feedback_tuned", gain_iterations=20)
+    tuned = quick(desensitized, monkeypatch, "feedback_tuned", gain_iterations=20)
     inputs = desensitized.stage_inputs("feedback_tuned", "gains")
     least = desensitized.gains()
     nominal = design.reference(replaced(desensitized.nominal()))
     for number in range(3):
         simulate = inputs.call(design.simulated_errors, nominal, number)
-        before, after = (np.linalg.norm(simulate(made.scaled_gain[2 + number])) for made in (least, found))
+        before, after = (np.linalg.norm(simulate(gains.scaled_gain[2 + number])) for gains in (least, tuned))
         assert after < 0.75 * before
-        assert "20 trial steps" in found.ended[2 + number] and not found.converged[2 + number]
+        assert "20 trial steps" in tuned.ended[2 + number] and not tuned.converged[2 + number]
 
 
 def test_where_no_start_of_the_tuning_flies_the_least_gains_stay(desensitized, monkeypatch):
     """Errors of hundreds of kilometres end every flight; the stage says so instead of failing."""
     far = {"tuning_errors": np.array([-4e5, 4e5]), "gain_iterations": 20}
-    found = quick(desensitized, monkeypatch, "feedback_tuned", **far)
-    np.testing.assert_array_equal(found.scaled_gain[2], desensitized.gains().scaled_gain[2])
-    assert not found.converged[2] and found.ended[2] == "no start of the tuning flies all errors to the end"
+    tuned = quick(desensitized, monkeypatch, "feedback_tuned", **far)
+    np.testing.assert_array_equal(tuned.scaled_gain[2], desensitized.gains().scaled_gain[2])
+    assert not tuned.converged[2] and tuned.ended[2] == "no start of the tuning flies all errors to the end"
 
 
 def test_trajectory_and_gains_together_are_cut_short(desensitized):
     """The paper's problem as it stands: what it came to after the iterations allowed is the result."""
     inputs = desensitized.stage_inputs("corrected", "gains", unregularized_iterations=4)
     for channel in ("radius", "downrange"):
-        found = inputs.call(design.together, desensitized.nominal(), channel)
-        assert not found.converged and found.ended == "Maximum_Iterations_Exceeded" and found.iterations == 4
-        assert np.abs(found.bank_acceleration).max() <= inputs.bank_acceleration_bound
-        assert found.state.shape == (101, 8) and np.isfinite(found.state).all() and found.scaled_gain.any()
+        law = inputs.call(design.together, desensitized.nominal(), channel)
+        assert not law.converged and law.ended == "Maximum_Iterations_Exceeded" and law.iterations == 4
+        assert np.abs(law.bank_acceleration).max() <= inputs.bank_acceleration_bound
+        assert law.state.shape == (101, 8) and np.isfinite(law.state).all() and law.scaled_gain.any()
 
 
 # --- other gains ------------------------------------------------------------------------------------------------------
 
 
-def candidates_of(found, number):
+def candidates_of(gain_study, number):
     """Rows of a channel, best first."""
-    rows = np.flatnonzero(found.channel == number)
-    return rows[np.argsort(found.rank[rows])]
+    rows = np.flatnonzero(gain_study.channel == number)
+    return rows[np.argsort(gain_study.rank[rows])]
 
 
 def test_candidates_are_ranked_by_their_flown_errors(desensitized):
-    found, gains = desensitized.gain_study(), desensitized.gains()
+    gain_study, gains = desensitized.gain_study(), desensitized.gains()
     for number in range(3):
-        rows = candidates_of(found, number)
-        np.testing.assert_array_equal(found.rank[rows], np.arange(len(rows)))
-        assert (np.diff(found.flown_norm[rows]) >= 0.0).all()
-        assert found.method[rows[0]] == "tuned to flown errors"
-        least = rows[found.method[rows] == "least gains"]
-        np.testing.assert_array_equal(found.scaled_gain[least[0]], gains.scaled_gain[2 + number])
+        rows = candidates_of(gain_study, number)
+        np.testing.assert_array_equal(gain_study.rank[rows], np.arange(len(rows)))
+        assert (np.diff(gain_study.flown_norm[rows]) >= 0.0).all()
+        assert gain_study.method[rows[0]] == "tuned to flown errors"
+        least = rows[gain_study.method[rows] == "least gains"]
+        np.testing.assert_array_equal(gain_study.scaled_gain[least[0]], gains.scaled_gain[2 + number])
         # Nothing is lost: the least gains, random starts that converged, the regularised and the tuned ones.
-        tuned = np.sum(found.method[rows] == "tuned to flown errors")
-        assert found.found[rows].sum() == 1 + found.least_starts[number] - found.least_failed[number] + 1 + tuned
-        flown = found.flown_error[rows] / np.abs(found.tuning_error)
-        lost = found.flown_norm[rows] == records.LOST
-        np.testing.assert_array_equal(np.isnan(flown).any(axis=1), lost)
-        rms = np.sqrt(np.mean(flown[~lost] ** 2, axis=1))
-        np.testing.assert_allclose(found.flown_norm[rows][~lost], rms, rtol=1e-9)
-        other = found.method[rows] == "tuned to flown errors"
-        assert np.abs(found.linear_error[rows[~other]]).max() < 1e-4 < np.abs(found.linear_error[rows[other]]).max()
+        tuned = np.sum(gain_study.method[rows] == "tuned to flown errors")
+        assert (
+            gain_study.found[rows].sum()
+            == 1 + gain_study.least_starts[number] - gain_study.least_failed[number] + 1 + tuned
+        )
+        relative_error = gain_study.flown_error[rows] / np.abs(gain_study.tuning_error)
+        lost = gain_study.flown_norm[rows] == records.LOST
+        np.testing.assert_array_equal(np.isnan(relative_error).any(axis=1), lost)
+        rms = np.sqrt(np.mean(relative_error[~lost] ** 2, axis=1))
+        np.testing.assert_allclose(gain_study.flown_norm[rows][~lost], rms, rtol=1e-9)
+        other = gain_study.method[rows] == "tuned to flown errors"
+        assert (
+            np.abs(gain_study.linear_error[rows[~other]]).max()
+            < 1e-4
+            < np.abs(gain_study.linear_error[rows[other]]).max()
+        )
 
 
 def test_tuned_gains(desensitized):
     """Known to four digits, but for how flat the least squares are at their minimum: the last steps are of 1e-3."""
-    found = desensitized.gain_study()
-    np.testing.assert_array_equal(found.tuning_error, [-1000.0, -200.0, 200.0, 1000.0])
-    radius, downrange = (candidates_of(found, number)[0] for number in (0, 2))
+    gain_study = desensitized.gain_study()
+    np.testing.assert_array_equal(gain_study.tuning_error, [-1000.0, -200.0, 200.0, 1000.0])
+    radius, downrange = (candidates_of(gain_study, number)[0] for number in (0, 2))
     np.testing.assert_allclose(
-        found.scaled_gain[downrange], [-1.977, 1.1337, -0.0281, -1.9856, 3.244, 5.9104], rtol=0, atol=1e-3
+        gain_study.scaled_gain[downrange], [-1.977, 1.1337, -0.0281, -1.9856, 3.244, 5.9104], rtol=0, atol=1e-3
     )
     np.testing.assert_allclose(
-        found.scaled_gain[radius], [-0.3175, 2.6577, -0.8921, 0.1128, -2.8176, 1.861], rtol=0, atol=1e-3
+        gain_study.scaled_gain[radius], [-0.3175, 2.6577, -0.8921, 0.1128, -2.8176, 1.861], rtol=0, atol=1e-3
     )
-    near, wide = found.flown_error[radius, 1:3], found.flown_error[radius, [0, 3]]
+    near, wide = gain_study.flown_error[radius, 1:3], gain_study.flown_error[radius, [0, 3]]
     assert 14.5 < near.min() < near.max() < 22.5 and 125.0 < wide.min() < wide.max() < 205.0
     # Flown with the digits as they are given; the tuned ones are better, but not by much.
     nominal = design.reference(replaced(desensitized.nominal()))
     simulate = desensitized.stage_inputs("corrected", "gains").call(design.simulated_errors, nominal, 2)
     errors = simulate(np.array([-1.977, 1.1337, -0.0281, -1.9856, 3.244, 5.9104]))
-    flown = np.linalg.norm(errors.reshape(4, 3), axis=1) * [1000.0, 200.0, 200.0, 1000.0]
-    np.testing.assert_allclose(flown, [1.4, 0.4, 0.4, 3.0], atol=0.051)
-    assert 0.9 < 2.0 * found.flown_norm[downrange] / np.linalg.norm(errors) < 1.0
-    assert np.linalg.norm(found.linear_error[radius]) == pytest.approx(0.06, abs=0.01)
+    error_norm = np.linalg.norm(errors.reshape(4, 3), axis=1) * [1000.0, 200.0, 200.0, 1000.0]
+    np.testing.assert_allclose(error_norm, [1.4, 0.4, 0.4, 3.0], atol=0.051)
+    assert 0.9 < 2.0 * gain_study.flown_norm[downrange] / np.linalg.norm(errors) < 1.0
+    assert np.linalg.norm(gain_study.linear_error[radius]) == pytest.approx(0.06, abs=0.01)
 
 
 def test_one_set_of_gains_is_flown_and_tuned(desensitized):
-    found, gains = desensitized.gain_study(), desensitized.gains()
-    np.testing.assert_array_equal(found.all_scaled_gain[0], gains.scaled_gain[-1])
-    np.testing.assert_array_equal(found.all_sizes, [-1000.0, -200.0, 200.0, 1000.0])
-    small = np.sqrt(np.sum(found.all_flown_error[:, :, 1:3] ** 2, axis=(1, 2)))
+    gain_study, gains = desensitized.gain_study(), desensitized.gains()
+    np.testing.assert_array_equal(gain_study.all_scaled_gain[0], gains.scaled_gain[-1])
+    np.testing.assert_array_equal(gain_study.all_sizes, [-1000.0, -200.0, 200.0, 1000.0])
+    small = np.sqrt(np.sum(gain_study.all_flown_error[:, :, 1:3] ** 2, axis=(1, 2)))
     assert small[1] < 0.5 * small[0]
     responses = desensitized.responses()
     law = list(responses.law).index("all_columns")
     known = np.linalg.norm(responses.tabulated_error[law], axis=-1)
-    np.testing.assert_array_equal(found.all_flown_error[0][:, [3, 0]], known)
+    np.testing.assert_array_equal(gain_study.all_flown_error[0][:, [3, 0]], known)
 
 
 def test_gains_that_are_alike_are_one_candidate():
@@ -786,12 +793,12 @@ def test_thin_air_is_where_the_dynamic_pressure_is_below_a_hundredth_of_the_larg
 def test_least_gains_of_another_start_are_those_of_the_study(desensitized):
     linear = desensitized.linearization()
     inputs = desensitized.stage_inputs("corrected", "gains")
-    found = [inputs.changed(gain_start=n).call(design.least_gains, linear, "radius") for n in range(4)]
-    assert found[0].converged
+    least_gains = [inputs.changed(gain_start=n).call(design.least_gains, linear, "radius") for n in range(4)]
+    assert least_gains[0].converged
     starts = inputs.call(design.random_starts, "radius")
-    assert len({gains.iterations for gains in found}) > 1  # other starts, whether they lead elsewhere or not
+    assert len({gains.iterations for gains in least_gains}) > 1  # other starts, whether they lead elsewhere or not
     assert np.abs(starts[:3] - inputs.changed(gain_start=3).call(design.random_starts, "radius")[:3]).max() == 0.0
-    for gains in found:
+    for gains in least_gains:
         assert not gains.converged or np.linalg.norm(gains.errors) < 1e-8
 
 

@@ -92,10 +92,10 @@ def gains():
 def responses():
     time = np.linspace(0.0, 200.0, 12) + np.arange(6)[:, np.newaxis]
     sweep = np.array([np.linspace(-size, size, 9) for size in (2000.0, 1000.0, 500.0)])
-    made = invented(Responses, {"law": 6, "points": 9}, law=np.array(LAWS), time=time, wide=sweep, narrow=0.1 * sweep)
-    bank = made.nominal.copy()
+    record = invented(Responses, {"law": 6, "points": 9}, law=np.array(LAWS), time=time, wide=sweep, narrow=0.1 * sweep)
+    bank = record.nominal.copy()
     bank[:, :, 6] = np.linspace(-1.0, 1.0, 12) + 0.1 * np.arange(6)[:, np.newaxis]
-    return replace(made, nominal=bank, drawn_error=np.array([200.0, 1000.0, 300.0]))
+    return replace(record, nominal=bank, drawn_error=np.array([200.0, 1000.0, 300.0]))
 
 
 @pytest.fixture(scope="module")
@@ -507,7 +507,7 @@ def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
     intervals = np.array([50, 100, 200, 400])
     falling = np.array([[[4.0], [2.0], [4.0]]]) * -np.log(intervals / 50.0)
     miss = np.exp(falling)[..., np.newaxis] * np.array([3.0, 4.0, 0.0]) * np.array([1.0, 2.0]).reshape(2, 1, 1, 1)
-    made = invented(
+    certificates = invented(
         Certificates,
         {"cases": 2, "scheme": 3, "meshes": 4},
         scheme=np.array(["midpoint", "trapezoid", "hermite_simpson"]),
@@ -515,14 +515,14 @@ def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
         mesh_miss=miss,
         weight=np.array([0.0, 45.0]),
     )
-    made.mesh_flown_error[1, 2, 3] = np.nan
-    figure = figures.discretisation(Solver.given({"intervals": 100}), ERRORS, made)
+    certificates.mesh_flown_error[1, 2, 3] = np.nan
+    figure = figures.discretisation(Solver.given({"intervals": 100}), ERRORS, certificates)
     missed, wrong = figure.axes
     lines = [line for line in curves(missed) if line.get_marker() == "o"]
     assert len(lines) == 6
     for number, line in enumerate(lines):
         np.testing.assert_allclose(line.get_ydata(), 5.0 * (1 + number // 3) * np.exp(falling[0, number % 3]))
-    apart = made.mesh_error - made.mesh_flown_error
+    apart = certificates.mesh_error - certificates.mesh_flown_error
     lines = [line for line in curves(wrong) if line.get_marker() == "o"]
     np.testing.assert_allclose(lines[5].get_ydata(), np.linalg.norm(apart[1, 2], axis=-1))
     slopes = [
@@ -534,34 +534,34 @@ def test_discretisation_lines_fall_beside_the_slopes(tradeoff):
 
 def test_minimum_fuel_shows_three_solutions_under_each_bound():
     time = np.linspace(0.0, 200.0, 12) + np.arange(6).reshape(2, 3, 1)
-    made = invented(
+    minimum_fuel = invented(
         MinimumFuel,
         {"bound": 2, "solution": 3},
         solution=np.array(SOLUTIONS),
         bound=np.array([5.0, 0.1]) * np.pi / 180,
         time=time,
     )
-    figure = figures.minimum_fuel(made)
+    figure = figures.minimum_fuel(minimum_fuel)
     panels = np.reshape(figure.axes, (3, 2))
     for bound, (acceleration, angle, switching) in enumerate(panels.T):
         for place, (stairs, line) in enumerate(zip(acceleration.patches, curves(angle), strict=True)):
             np.testing.assert_array_equal(stairs.get_data().edges, time[bound, place])
-            np.testing.assert_allclose(stairs.get_data().values, made.bank_acceleration[bound, place] / DEGREE)
-            np.testing.assert_allclose(line.get_ydata(), made.bank[bound, place] / DEGREE)
+            np.testing.assert_allclose(stairs.get_data().values, minimum_fuel.bank_acceleration[bound, place] / DEGREE)
+            np.testing.assert_allclose(line.get_ydata(), minimum_fuel.bank[bound, place] / DEGREE)
         (function,) = curves(switching)
-        np.testing.assert_array_equal(function.get_ydata(), made.switching[bound])
+        np.testing.assert_array_equal(function.get_ydata(), minimum_fuel.switching[bound])
         np.testing.assert_allclose(function.get_xdata(), (time[bound, 1, 1:] + time[bound, 1, :-1]) / 2)
         assert f"bound {(5, 0.1)[bound]:g} deg/s" in acceleration.get_title()
         masses = [text.get_text() for text in acceleration.get_legend().get_texts()]
-        assert masses == [f"{mass:.3g} kg" for mass in made.propellant[bound]]
+        assert masses == [f"{mass:.3g} kg" for mass in minimum_fuel.propellant[bound]]
 
 
 def test_minimum_fuel_that_was_not_found_is_left_out():
-    made = invented(MinimumFuel, {"bound": 2, "solution": 3}, solution=np.array(SOLUTIONS))
+    minimum_fuel = invented(MinimumFuel, {"bound": 2, "solution": 3}, solution=np.array(SOLUTIONS))
     for name in ("time", "bank", "bank_acceleration", "propellant"):
-        getattr(made, name)[:, 1:] = np.nan
-    made.switching[:] = np.nan
-    figure = figures.minimum_fuel(made)
+        getattr(minimum_fuel, name)[:, 1:] = np.nan
+    minimum_fuel.switching[:] = np.nan
+    figure = figures.minimum_fuel(minimum_fuel)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         figure.draw_without_rendering()
@@ -572,7 +572,7 @@ def test_minimum_fuel_that_was_not_found_is_left_out():
 
 def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
     laws = np.array(["no feedback", "density null", "density and radius null", "density tuned", "both tuned"])
-    made = invented(
+    further_perturbations = invented(
         FurtherPerturbations,
         {"rows": 7, "steps": 6, "branch": 2, "law": 5, "density_error": 4},
         perturbation=np.array(["density", "velocity", "flight path angle", *CHANNELS]),
@@ -581,17 +581,17 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
         converged=np.array([True, True, False, True, True]),
         density_error=np.array([0.01, -0.01, 0.05, -0.05]),
     )
-    made.density_flown_error[1, 2] = np.nan
-    figure = figures.further_perturbations(Studies.given({"density_error": 0.05}), tradeoff, made)
+    further_perturbations.density_flown_error[1, 2] = np.nan
+    figure = figures.further_perturbations(Studies.given({"density_error": 0.05}), tradeoff, further_perturbations)
     over_rows, energy, density, radius = figure.axes
-    norms = np.linalg.norm(made.row_linear_error, axis=-1)
+    norms = np.linalg.norm(further_perturbations.row_linear_error, axis=-1)
     for number, line in enumerate(curves(over_rows)):
         np.testing.assert_allclose(line.get_ydata(), norms[:, number] / norms[0, number])
-        assert line.get_label() == made.perturbation[number]
+        assert line.get_label() == further_perturbations.perturbation[number]
     assert [text.get_text() for text in over_rows.get_xticklabels()][:2] == ["0", "0.001"]
-    path = np.linalg.norm(made.path_error, axis=1)
+    path = np.linalg.norm(further_perturbations.path_error, axis=1)
     np.testing.assert_allclose(curves(energy, BLUE)[0].get_xdata(), path[3:])
-    np.testing.assert_array_equal(curves(energy, BLUE)[0].get_ydata(), made.path_effort[3:])
+    np.testing.assert_array_equal(curves(energy, BLUE)[0].get_ydata(), further_perturbations.path_effort[3:])
     (rows,) = curves(energy, VERMILION)
     np.testing.assert_allclose(rows.get_xdata(), norms[:, 0])
     np.testing.assert_array_equal(rows.get_ydata(), tradeoff.effort)
@@ -601,8 +601,8 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
     assert len(set(shown)) == 7 and shown[5].endswith("$c$ = $10^{6}$")
     for number, (_, line) in enumerate(sides(density)):
         np.testing.assert_allclose(line[:, 0], [-5.0, -1.0, 1.0, 5.0])
-        flown = np.linalg.norm(made.density_flown_error[number, [3, 1, 0, 2]], axis=-1) / 1e3
-        np.testing.assert_allclose(line[:, 1], flown)
+        error_norm = np.linalg.norm(further_perturbations.density_flown_error[number, [3, 1, 0, 2]], axis=-1) / 1e3
+        np.testing.assert_allclose(line[:, 1], error_norm)
     (lost,) = [line for line in density.lines if line.get_marker() == "x" and len(line.get_xdata())]
     np.testing.assert_allclose(lost.get_xdata(), [5.0])
     assert same_color(lost.get_color(), curves(density, least=2)[2].get_color())

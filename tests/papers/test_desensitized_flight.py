@@ -137,7 +137,7 @@ def pairs(initial):
 def oracle(initial, gain, bound, factor, substeps):
     """z at the ends of all intervals, (intervals + 1, 17, trials), by the same steps in plain numpy."""
     z, h = pairs(initial), STEP / substeps
-    found = [z]
+    states = [z]
     for u in REFERENCE.bank_acceleration:
         rates = partial(pair_rates, 0.0, nominal_control=u, gain=gain, bound=bound, factor=factor)
         for _ in range(substeps):
@@ -145,8 +145,8 @@ def oracle(initial, gain, bound, factor, substeps):
             k2 = rates(z + h / 2 * k1)
             k3 = rates(z + h / 2 * k2)
             z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(z + h * k3))
-        found.append(z)
-    return np.array(found)
+        states.append(z)
+    return np.array(states)
 
 
 # Relative to these, agreement of states and of the integral is asked.
@@ -159,38 +159,40 @@ SIZE = np.array([1e4, 0.01, 0.1, 100.0, 100.0, 100.0, 1.0, 0.01, 0.1])[:, np.new
 @pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
 def test_flights_are_those_of_plain_numpy(bound):
     initial, factor = perturbed(130), np.random.default_rng(1).uniform(0.9, 1.1, 130)
-    flown = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor)
+    trajectories = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor)
     expected = oracle(initial, GAIN, bound, factor, substeps=5)
-    np.testing.assert_allclose(flown.history / SIZE, expected[:, :9] / SIZE, rtol=0, atol=1e-11)
-    np.testing.assert_array_equal(flown.final_state, flown.history[-1])
+    np.testing.assert_allclose(trajectories.history / SIZE, expected[:, :9] / SIZE, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(trajectories.final_state, trajectories.history[-1])
     nominal = fly_nominal(inputs=with_bound(bound))
     np.testing.assert_allclose(nominal.T / SIZE[:8], expected[:, 9:, 0].T / SIZE[:8], rtol=0, atol=1e-11)
-    assert (flown.outcome == COMPLETED).all() and (flown.length == 101).all()
-    clipped = (flown.observed[:, components.COMMAND_MAGNITUDE] > bound).any(axis=0).mean()
+    assert (trajectories.outcome == COMPLETED).all() and (trajectories.length == 101).all()
+    clipped = (trajectories.observed[:, components.COMMAND_MAGNITUDE] > bound).any(axis=0).mean()
     assert (0.2 < clipped < 0.8) if bound == NARROW else clipped == 0.0
 
 
 def test_observed_are_the_command_and_what_is_flown_of_it():
     bound, initial = NARROW, perturbed(70, spread=10.0 * SPREAD)
-    flown = fly(initial, GAIN, inputs=with_bound(bound))
+    trajectories = fly(initial, GAIN, inputs=with_bound(bound))
     control = np.append(REFERENCE.bank_acceleration, REFERENCE.bank_acceleration[-1])
-    deviation = flown.history[:, :8] - fly_nominal(inputs=with_bound(bound))[..., np.newaxis]
+    deviation = trajectories.history[:, :8] - fly_nominal(inputs=with_bound(bound))[..., np.newaxis]
     command = control[:, np.newaxis] + np.tensordot(deviation, GAIN, (1, 0))
-    acceleration, magnitude = flown.observed.swapaxes(0, 1)
+    acceleration, magnitude = trajectories.observed.swapaxes(0, 1)
     np.testing.assert_allclose(acceleration, np.clip(command, -bound, bound), rtol=0, atol=1e-17)
     np.testing.assert_allclose(magnitude, np.abs(command), rtol=0, atol=1e-17)
-    assert (flown.observed_maximum >= flown.observed.max(axis=0)).all()
-    assert (flown.observed_maximum[components.COMMAND_MAGNITUDE] > flown.observed[:, 1].max(axis=0)).any()  # between
-    np.testing.assert_allclose(flown.observed_maximum, flown.observed.max(axis=0), rtol=0.02)
-    assert flown.observed_maximum[components.BANK_ACCELERATION].max() == bound < magnitude.max()
+    assert (trajectories.observed_maximum >= trajectories.observed.max(axis=0)).all()
+    assert (
+        trajectories.observed_maximum[components.COMMAND_MAGNITUDE] > trajectories.observed[:, 1].max(axis=0)
+    ).any()  # between
+    np.testing.assert_allclose(trajectories.observed_maximum, trajectories.observed.max(axis=0), rtol=0.02)
+    assert trajectories.observed_maximum[components.BANK_ACCELERATION].max() == bound < magnitude.max()
 
 
 @pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
 def test_flights_are_those_of_an_adaptive_method(bound):
     """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
     initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
-    flown = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
-    reached = flown.observed_maximum[components.COMMAND_MAGNITUDE] > bound
+    trajectories = fly(initial, GAIN, inputs=with_bound(bound), density_factor=factor, substeps=640)
+    reached = trajectories.observed_maximum[components.COMMAND_MAGNITUDE] > bound
     np.testing.assert_array_equal(reached, bound == NARROW)
     for trial in range(3):
         z = pairs(initial[trial : trial + 1])[:, 0]
@@ -198,13 +200,15 @@ def test_flights_are_those_of_an_adaptive_method(bound):
             arguments = (u, GAIN, bound, factor[trial])
             options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
             z = solve_ivp(pair_rates, (0.0, STEP), z, args=arguments, **options).y[:, -1]
-        np.testing.assert_allclose(flown.final_state[:, trial] / SIZE[:, 0], z[:9] / SIZE[:, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            trajectories.final_state[:, trial] / SIZE[:, 0], z[:9] / SIZE[:, 0], rtol=0, atol=1e-9
+        )
 
 
 def test_flights_without_feedback_are_those_of_speed_and_angles():
     """The same motion in radius, speed, flight path angle and azimuth, by another set of equations."""
     initial = perturbed(3)
-    flown = fly(initial, substeps=40)
+    trajectories = fly(initial, substeps=40)
 
     def rates(_, x, u):
         r, theta, phi, speed, gamma, psi, xi, w = x
@@ -222,7 +226,7 @@ def test_flights_without_feedback_are_those_of_speed_and_angles():
         horizontal = speed * np.cos(gamma)
         velocity = speed * np.sin(gamma), horizontal * np.cos(psi), horizontal * np.sin(psi)
         expected = np.array([r - RADIUS, phi, theta, *velocity, xi, w]) / SIZE[:8, 0]
-        np.testing.assert_allclose(flown.final_state[:8, trial] / SIZE[:8, 0], expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(trajectories.final_state[:8, trial] / SIZE[:8, 0], expected, rtol=0, atol=1e-9)
 
 
 def test_flights_are_of_fourth_order_in_the_step():
@@ -243,9 +247,9 @@ def test_in_vacuum_energy_and_angular_momentum_stay():
     vacuum = atmosphere.uniform_cells(np.full(311, -2000.0), np.zeros(311), 1e3)
     initial = perturbed(3)
     initial[:, components.RADIAL_VELOCITY] = 500.0  # up, so that it stays above the ground
-    flown = fly(initial, cells=vacuum, substeps=10)
-    h, phi, theta, v_r, v_n, v_e = np.moveaxis(flown.history, 1, 0)[:6]
-    assert np.ptp(h) > 50e3 and (flown.outcome == COMPLETED).all()
+    trajectories = fly(initial, cells=vacuum, substeps=10)
+    h, phi, theta, v_r, v_n, v_e = np.moveaxis(trajectories.history, 1, 0)[:6]
+    assert np.ptp(h) > 50e3 and (trajectories.outcome == COMPLETED).all()
     up = np.array([np.cos(phi) * np.cos(theta), np.cos(phi) * np.sin(theta), np.sin(phi)])
     north = np.array([-np.sin(phi) * np.cos(theta), -np.sin(phi) * np.sin(theta), np.cos(phi)])
     east = np.array([-np.sin(theta), np.cos(theta), 0.0 * theta])
@@ -265,14 +269,14 @@ def test_in_vacuum_energy_and_angular_momentum_stay():
 def test_without_perturbation_every_gain_flies_the_nominal_to_the_last_bit(gain, start):
     reference = REFERENCE._replace(initial_state=start)
     nominal = fly_nominal(reference)
-    flown = fly(np.tile(start, (70, 1)), gain, reference)
-    np.testing.assert_array_equal(flown.history[:, :8], np.repeat(nominal[..., np.newaxis], 70, axis=2))
+    trajectories = fly(np.tile(start, (70, 1)), gain, reference)
+    np.testing.assert_array_equal(trajectories.history[:, :8], np.repeat(nominal[..., np.newaxis], 70, axis=2))
     control = np.append(reference.bank_acceleration, reference.bank_acceleration[-1])
     np.testing.assert_array_equal(
-        flown.observed[:, components.BANK_ACCELERATION], np.repeat(control[:, np.newaxis], 70, 1)
+        trajectories.observed[:, components.BANK_ACCELERATION], np.repeat(control[:, np.newaxis], 70, 1)
     )
     total = np.abs(reference.bank_acceleration).sum() * STEP
-    np.testing.assert_allclose(flown.final_state[components.CUMULATIVE], total, rtol=1e-13)
+    np.testing.assert_allclose(trajectories.final_state[components.CUMULATIVE], total, rtol=1e-13)
 
 
 def test_the_bank_of_the_nominal_is_the_integral_of_its_acceleration():
@@ -290,9 +294,9 @@ def test_a_nominal_at_its_bound_is_flown_and_one_beyond_is_refused():
     """An optimiser leaves bounds by its tolerance, which must not turn into a difference to the nominal."""
     bound = np.abs(REFERENCE.bank_acceleration).max() / (1.0 + 1e-8)
     nominal = fly_nominal(inputs=with_bound(bound))
-    flown = fly(ENTRY, 1e3 * GAIN, inputs=with_bound(bound))
-    np.testing.assert_array_equal(flown.history[:, :8, 0], nominal)
-    assert flown.observed_maximum[components.COMMAND_MAGNITUDE, 0] == bound
+    trajectories = fly(ENTRY, 1e3 * GAIN, inputs=with_bound(bound))
+    np.testing.assert_array_equal(trajectories.history[:, :8, 0], nominal)
+    assert trajectories.observed_maximum[components.COMMAND_MAGNITUDE, 0] == bound
     worst = np.argmax(np.abs(REFERENCE.bank_acceleration))
     with pytest.raises(ValueError, match=f"bank acceleration on interval {worst}.*beyond its bound"):
         fly(ENTRY, inputs=with_bound(0.999 * bound))
@@ -363,10 +367,10 @@ def test_the_mirror_image_flies_the_mirror_image():
     mirrored = flight.Reference(sign * ENTRY, -REFERENCE.bank_acceleration, FINAL_TIME)
     initial, factor = perturbed(70), np.random.default_rng(1).uniform(0.9, 1.1, 70)
     options = {"inputs": with_bound(NARROW), "density_factor": factor}
-    flown = fly(initial, GAIN, **options)
+    trajectories = fly(initial, GAIN, **options)
     other = fly(sign * initial, -sign * GAIN, mirrored, **options)
-    np.testing.assert_array_equal(other.history, np.append(sign, 1.0)[:, np.newaxis] * flown.history)
-    np.testing.assert_array_equal(other.observed, [[-1.0], [1.0]] * flown.observed)
+    np.testing.assert_array_equal(other.history, np.append(sign, 1.0)[:, np.newaxis] * trajectories.history)
+    np.testing.assert_array_equal(other.observed, [[-1.0], [1.0]] * trajectories.observed)
 
 
 def test_a_density_factor_of_one_changes_nothing():
@@ -379,9 +383,11 @@ def test_a_density_factor_of_one_changes_nothing():
 def test_a_density_factor_is_another_atmosphere_around_the_trial(factor):
     initial = perturbed(70)
     denser = CELLS + np.log(factor) * np.array([1.0, 0.0, 0.0, 0.0])
-    flown = fly(initial, density_factor=factor)
-    np.testing.assert_allclose(flown.history / SIZE, fly(initial, cells=denser).history / SIZE, rtol=0, atol=1e-12)
-    assert np.abs(flown.final_state[0] - fly(initial).final_state[0]).min() > 100.0
+    trajectories = fly(initial, density_factor=factor)
+    np.testing.assert_allclose(
+        trajectories.history / SIZE, fly(initial, cells=denser).history / SIZE, rtol=0, atol=1e-12
+    )
+    assert np.abs(trajectories.final_state[0] - fly(initial).final_state[0]).min() > 100.0
     # The nominal stays in the air that it is designed for: the feedback answers the deviation from there.
     closed = fly(ENTRY, GAIN, density_factor=factor)
     deviation = closed.history[:, :8, 0] - fly_nominal()
@@ -401,15 +407,15 @@ def test_the_cumulative_acceleration_is_that_of_a_quadrature():
     """Simpson's rule on the nodes and middles of intervals, of u* plus the feedback, which is continuous."""
     initial = perturbed(70, spread=3.0 * SPREAD)
     halves = REFERENCE._replace(bank_acceleration=np.repeat(REFERENCE.bank_acceleration, 2))
-    flown = fly(initial, GAIN, halves, with_bound(NARROW))
-    deviation = flown.history[:, :8] - fly_nominal(halves)[..., np.newaxis]
+    trajectories = fly(initial, GAIN, halves, with_bound(NARROW))
+    deviation = trajectories.history[:, :8] - fly_nominal(halves)[..., np.newaxis]
     feedback = np.tensordot(deviation, GAIN, (1, 0))
     control = REFERENCE.bank_acceleration[:, np.newaxis]
     ends, middles = (np.abs(np.clip(control + part, -NARROW, NARROW)) for part in (feedback[:-1:2], feedback[1::2]))
     later = np.abs(np.clip(control + feedback[2::2], -NARROW, NARROW))
     expected = np.cumsum(STEP / 6.0 * (ends + 4.0 * middles + later), axis=0)
     # Not closer for the corners where the sign changes and where the bound is reached.
-    np.testing.assert_allclose(flown.history[2::2, components.CUMULATIVE], expected, rtol=1e-5)
+    np.testing.assert_allclose(trajectories.history[2::2, components.CUMULATIVE], expected, rtol=1e-5)
     assert np.abs(expected[-1] / (STEP * np.abs(control).sum()) - 1.0).max() > 1e-3  # the feedback does count
 
 
@@ -443,11 +449,11 @@ def test_states_do_not_depend_on_how_many_are_stored():
     initial = perturbed(3)
     everything = fly(initial, GAIN)
     for every in (4, 100):
-        flown = fly(initial, GAIN, every=every)
-        np.testing.assert_array_equal(flown.history, everything.history[::every])
-        np.testing.assert_array_equal(flown.observed, everything.observed[::every])
-        assert_identical(flown, everything, leave_out=("history", "observed", "length"))
-        assert (flown.length == 100 // every + 1).all()
+        trajectories = fly(initial, GAIN, every=every)
+        np.testing.assert_array_equal(trajectories.history, everything.history[::every])
+        np.testing.assert_array_equal(trajectories.observed, everything.observed[::every])
+        assert_identical(trajectories, everything, leave_out=("history", "observed", "length"))
+        assert (trajectories.length == 100 // every + 1).all()
 
 
 def test_read_only_arrays_need_no_other_kernel():
@@ -494,25 +500,27 @@ def test_a_crash_in_the_last_step_is_one():
     intervals = int(whole.length[0])
     for number, outcome in ((intervals - 1, COMPLETED), (intervals, CRASHED)):
         control = REFERENCE.bank_acceleration[:number]
-        flown = fly(STEEP, GAIN, flight.Reference(ENTRY, control, number * STEP), substeps=1)
-        assert flown.outcome[0] == outcome and flown.length[0] == intervals
-        assert (flown.final_state[components.ALTITUDE, 0] < 0.0) == (outcome == CRASHED)
-    np.testing.assert_allclose(flown.final_state / SIZE, whole.final_state / SIZE, rtol=0, atol=1e-12)
+        trajectories = fly(STEEP, GAIN, flight.Reference(ENTRY, control, number * STEP), substeps=1)
+        assert trajectories.outcome[0] == outcome and trajectories.length[0] == intervals
+        assert (trajectories.final_state[components.ALTITUDE, 0] < 0.0) == (outcome == CRASHED)
+    np.testing.assert_allclose(trajectories.final_state / SIZE, whole.final_state / SIZE, rtol=0, atol=1e-12)
     # In the group that flies on, nothing of what the trial would do below the ground counts.
-    np.testing.assert_allclose(flown.observed_maximum, whole.observed_maximum, rtol=1e-12)
+    np.testing.assert_allclose(trajectories.observed_maximum, whole.observed_maximum, rtol=1e-12)
 
 
 def test_the_largest_command_may_be_the_last():
-    flown = fly(perturbed(70), GAIN, flight.Reference(ENTRY, np.zeros(30), 30 * STEP), substeps=1)
-    magnitude = flown.observed[:, components.COMMAND_MAGNITUDE]
+    trajectories = fly(perturbed(70), GAIN, flight.Reference(ENTRY, np.zeros(30), 30 * STEP), substeps=1)
+    magnitude = trajectories.observed[:, components.COMMAND_MAGNITUDE]
     assert (magnitude.argmax(axis=0) == 30).mean() > 0.5
-    np.testing.assert_array_equal(flown.observed_maximum, flown.observed.max(axis=0))  # with one step per interval
+    np.testing.assert_array_equal(
+        trajectories.observed_maximum, trajectories.observed.max(axis=0)
+    )  # with one step per interval
 
 
 def test_a_group_that_crashes_as_a_whole_ends_there():
-    flown = fly(np.tile(STEEP, (64, 1)))
-    assert (flown.outcome == CRASHED).all() and (flown.length < 60).all()
-    assert np.isnan(flown.history[60:]).all() and np.isfinite(flown.history[0]).all()
+    trajectories = fly(np.tile(STEEP, (64, 1)))
+    assert (trajectories.outcome == CRASHED).all() and (trajectories.length < 60).all()
+    assert np.isnan(trajectories.history[60:]).all() and np.isfinite(trajectories.history[0]).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -522,29 +530,31 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(bad):
     for component in range(8):
         spoiled = initial.copy()
         spoiled[[3, 66], component] = bad
-        flown = fly(spoiled, GAIN)
-        assert (flown.outcome[[3, 66]] == NON_FINITE).all()
+        trajectories = fly(spoiled, GAIN)
+        assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
         others = np.delete(np.arange(70), [3, 66])
         for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(getattr(flown, name)[..., others], getattr(healthy, name)[..., others])
+            np.testing.assert_array_equal(getattr(trajectories, name)[..., others], getattr(healthy, name)[..., others])
 
 
 def test_huge_gains_fly_at_the_bound():
     initial = perturbed(70)
-    flown = fly(initial, 1e12 * GAIN)
-    assert np.isin(flown.outcome, (COMPLETED, CRASHED)).all()
+    trajectories = fly(initial, 1e12 * GAIN)
+    assert np.isin(trajectories.outcome, (COMPLETED, CRASHED)).all()
     bound = INPUTS["vehicle"].bank_acceleration_bound
-    assert np.nanmax(np.abs(flown.observed[:, 0])) == bound and flown.observed_maximum[1].min() > 1e5
+    assert np.nanmax(np.abs(trajectories.observed[:, 0])) == bound and trajectories.observed_maximum[1].min() > 1e5
 
 
 def test_errors_are_in_metres_of_one_radius():
     nominal = np.array([10e3, 0.1, 0.2, 1.0, 2.0, 3.0, 4.0, 5.0])
     states = nominal + np.array([[[3.0, 0.0, 0.0]], [[0.0, 1e-3, -2e-3]]]) @ np.eye(3, 8)
-    found = entry_problem.position_errors(states, nominal, 3e6)
-    assert found.shape == (2, 1, 3)
-    np.testing.assert_allclose(found[:, 0], [[3.0, 0.0, 0.0], [0.0, 3e3, -6e3]], rtol=0, atol=1e-8)
-    flown = fly(perturbed(3))
-    errors = entry_problem.position_errors(np.moveaxis(flown.history, 1, -1), fly_nominal()[:, np.newaxis], RADIUS)
+    errors_of_states = entry_problem.position_errors(states, nominal, 3e6)
+    assert errors_of_states.shape == (2, 1, 3)
+    np.testing.assert_allclose(errors_of_states[:, 0], [[3.0, 0.0, 0.0], [0.0, 3e3, -6e3]], rtol=0, atol=1e-8)
+    trajectories = fly(perturbed(3))
+    errors = entry_problem.position_errors(
+        np.moveaxis(trajectories.history, 1, -1), fly_nominal()[:, np.newaxis], RADIUS
+    )
     assert errors.shape == (101, 3, 3)
     np.testing.assert_allclose(errors[0], (perturbed(3) - ENTRY)[:, :3] * [1.0, RADIUS, RADIUS], rtol=0, atol=1e-8)
 

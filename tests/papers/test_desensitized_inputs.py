@@ -93,10 +93,10 @@ def reading_of(based_on="corrected", **inputs):
 def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
-    said = str(error.value)
-    assert said.startswith("mine.yaml: desensitized.readings.mine") and "\n" not in said
+    message = str(error.value)
+    assert message.startswith("mine.yaml: desensitized.readings.mine") and "\n" not in message
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in message
 
 
 def test_bank_conditions_are_free_or_values_in_degrees():
@@ -128,9 +128,9 @@ def refused(desensitized, reading="corrected", kind=MarsedlError, **changes):
     with pytest.raises(kind) as error:
         desensitized.nominal(reading, **changes)
     assert type(error.value) is kind
-    said = str(error.value)
-    assert "\n" not in said
-    return said, error.value
+    message = str(error.value)
+    assert "\n" not in message
+    return message, error.value
 
 
 @pytest.mark.parametrize(
@@ -140,12 +140,12 @@ def refused(desensitized, reading="corrected", kind=MarsedlError, **changes):
 )
 def test_a_target_out_of_reach_names_the_worst_constraint(desensitized, changes):
     """By far more than the tolerance; the last iterate is there to look at."""
-    said, error = refused(desensitized, kind=SolverError, solver_iterations=60, **changes)
+    message, error = refused(desensitized, kind=SolverError, solver_iterations=60, **changes)
     where = r"the equation of \w+ on interval \d+ at \S+ s|square of the final velocity at the boundary"
     assert re.search(
-        rf"^nominal: the solver ended with \w+ after \d+ iterations, .*worst constraint is ({where}), ", said
+        rf"^nominal: the solver ended with \w+ after \d+ iterations, .*worst constraint is ({where}), ", message
     )
-    assert float(re.search(r"off by ([\d.e+]+)$", said)[1]) > 1e-2
+    assert float(re.search(r"off by ([\d.e+]+)$", message)[1]) > 1e-2
     assert list(error.iterate) == ["time", *STATES, "bank_acceleration"]
     lengths = {len(column) for column in error.iterate.values()}
     assert lengths == {101} and all(np.isfinite(column).all() for column in error.iterate.values())
@@ -155,12 +155,12 @@ def test_a_target_out_of_reach_names_the_worst_constraint(desensitized, changes)
 
 
 def test_too_few_iterations_say_so(desensitized):
-    said, _ = refused(desensitized, kind=SolverError, solver_iterations=3)
-    assert "Maximum_Iterations_Exceeded after 3 iterations" in said
+    message, _ = refused(desensitized, kind=SolverError, solver_iterations=3)
+    assert "Maximum_Iterations_Exceeded after 3 iterations" in message
 
 
 @pytest.mark.parametrize(
-    ("changes", "found"),
+    ("changes", "difference"),
     [
         ({"nominal_reversals": 3}, "nominal_reversals 2 instead of 3"),
         ({"nominal_first_bank": "positive"}, "nominal_first_bank negative instead of positive"),
@@ -170,13 +170,15 @@ def test_too_few_iterations_say_so(desensitized):
         ({"guess_banks": np.radians([85.5, -38.1, 63.3])}, "nominal_first_bank positive instead of negative"),
     ],
 )
-def test_a_solution_on_another_branch_is_refused(desensitized, changes, found):
-    said, _ = refused(desensitized, **changes)
-    assert f"the nominal lies on another branch: {found}" in said
-    energy = float(re.search(r"control energy ([\d.]+) deg\^2/s\^3", said)[1])
-    assert 0.06 < energy < 0.09 if "reversals 1" in found else energy == pytest.approx(0.1378, abs=5e-5)
-    mirrored = found.startswith("nominal_first_bank")
-    assert ("It is the mirror image" if mirrored else "Change guess_width first") in said and "guess_banks" in said
+def test_a_solution_on_another_branch_is_refused(desensitized, changes, difference):
+    message, _ = refused(desensitized, **changes)
+    assert f"the nominal lies on another branch: {difference}" in message
+    energy = float(re.search(r"control energy ([\d.]+) deg\^2/s\^3", message)[1])
+    assert 0.06 < energy < 0.09 if "reversals 1" in difference else energy == pytest.approx(0.1378, abs=5e-5)
+    mirrored = difference.startswith("nominal_first_bank")
+    assert (
+        "It is the mirror image" if mirrored else "Change guess_width first"
+    ) in message and "guess_banks" in message
 
 
 def test_all_that_tells_branches_apart_is_refused_at_once():
@@ -185,20 +187,20 @@ def test_all_that_tells_branches_apart_is_refused_at_once():
     bank = np.radians(np.interp(time, [0.0, 20.0, 40.0, 100.0], [60.0, -60.0, 80.0, 440.0]))
     states = np.zeros((101, len(STATES)))
     states[:, STATES.index("bank")] = bank
-    wanted = Solver.given(
+    solver = Solver.given(
         {"nominal_reversals": 2, "nominal_full_rolls": 0, "nominal_first_bank": "negative", "guess_width": 15.0}
     )
     with pytest.raises(MarsedlError) as error:
-        refuse_other_branch(wanted, Trajectory(time, states, np.full(100, 1e-3)))
-    said = str(error.value)
-    assert "nominal_reversals 3 instead of 2, nominal_full_rolls 1 instead of 0, nominal_first_bank positive" in said
-    assert "reversals at 10.0, 28.6, 86.7 s" in said
-    assert "mirror image" not in said
+        refuse_other_branch(solver, Trajectory(time, states, np.full(100, 1e-3)))
+    message = str(error.value)
+    assert "nominal_reversals 3 instead of 2, nominal_full_rolls 1 instead of 0, nominal_first_bank positive" in message
+    assert "reversals at 10.0, 28.6, 86.7 s" in message
+    assert "mirror image" not in message
 
 
 def test_what_is_refused_can_be_asked_for(desensitized):
-    found = desensitized.nominal("corrected", lift_to_drag=0.19, nominal_reversals=1)
-    assert found.reversals == len(found.reversal_times) == 1 and found.branch == "1 reversal"
+    nominal = desensitized.nominal("corrected", lift_to_drag=0.19, nominal_reversals=1)
+    assert nominal.reversals == len(nominal.reversal_times) == 1 and nominal.branch == "1 reversal"
 
 
 # --- other densities and guesses --------------------------------------------------------------------------------------
@@ -221,10 +223,10 @@ def test_a_density_table_has_both_branches(desensitized):
         ({}, 2, desensitized.nominal()),
         (ONE_REVERSAL, 1, desensitized.nominal("one_reversal")),
     ):
-        found = desensitized.nominal("corrected", **table(), **branch)
-        assert found.reversals == reversals and found.status == "Solve_Succeeded"
-        assert np.linalg.norm(found.miss) < 2.0 * np.linalg.norm(usual.miss)
-        assert found.effort != pytest.approx(usual.effort, rel=1e-3)
+        nominal = desensitized.nominal("corrected", **table(), **branch)
+        assert nominal.reversals == reversals and nominal.status == "Solve_Succeeded"
+        assert np.linalg.norm(nominal.miss) < 2.0 * np.linalg.norm(usual.miss)
+        assert nominal.effort != pytest.approx(usual.effort, rel=1e-3)
 
 
 def test_a_table_of_the_closed_fit_gives_its_nominal(desensitized):
@@ -232,11 +234,11 @@ def test_a_table_of_the_closed_fit_gives_its_nominal(desensitized):
     altitude = np.arange(-1e3, 160e3, 1e3)
     temperature = 205.3645 - 1.245e-3 * altitude - 8.85e-9 * altitude**2 + 1.4e-13 * altitude**3
     density = 559.351005946503 * np.exp(-1.05e-4 * altitude) / (188.95110711075 * temperature)
-    found = desensitized.nominal(
+    nominal = desensitized.nominal(
         "corrected", density_profile="table", density_table=np.column_stack([altitude, density])
     )
-    assert found.effort == pytest.approx(desensitized.nominal().effort, rel=1e-5)
-    np.testing.assert_allclose(found.state, desensitized.nominal().state, rtol=1e-5, atol=1e-5)
+    assert nominal.effort == pytest.approx(desensitized.nominal().effort, rel=1e-5)
+    np.testing.assert_allclose(nominal.state, desensitized.nominal().state, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("width", [1e-3, 15.0])
@@ -261,9 +263,9 @@ def test_a_guess_that_cannot_be_flown_says_what_to_change(desensitized, monkeypa
         raise RuntimeError("flying the controls from 168 s on failed: the steps become ever shorter")
 
     monkeypatch.setattr(entry_problem, "simulate", failed)
-    said, _ = refused(desensitized, guess_final_time=1200.0)
-    assert "the guess cannot be flown to its end" in said and "from 168 s on failed" in said
-    assert "guess_banks" in said and "guess_final_time" in said
+    message, _ = refused(desensitized, guess_final_time=1200.0)
+    assert "the guess cannot be flown to its end" in message and "from 168 s on failed" in message
+    assert "guess_banks" in message and "guess_final_time" in message
 
 
 # --- branches ---------------------------------------------------------------------------------------------------------
@@ -330,15 +332,15 @@ def path_of(efforts, branches, weights=None):
     ]
 
 
-@pytest.mark.parametrize("wanted", [0.05, 0.15, 9.0])
-def test_control_energies_that_no_solution_has_are_refused(wanted):
+@pytest.mark.parametrize("energy", [0.05, 0.15, 9.0])
+def test_control_energies_that_no_solution_has_are_refused(energy):
     """Below the first, in the gap between branches, above the last."""
     points = path_of([0.1, 0.12, 0.2, 5.0], [0, 0, 1, 1])
     with pytest.raises(MarsedlError) as error:
-        tradeoff.at_effort(None, None, points, wanted)
-    said = str(error.value)
-    assert f"the control energy {wanted:g} deg^2/s^3 of matched_efforts" in said
-    assert "from 0.1 to 5 in 2 branches" in said and "extend weight_path" in said
+        tradeoff.at_effort(None, None, points, energy)
+    message = str(error.value)
+    assert f"the control energy {energy:g} deg^2/s^3 of matched_efforts" in message
+    assert "from 0.1 to 5 in 2 branches" in message and "extend weight_path" in message
 
 
 def test_rows_are_the_first_points_with_their_energy(monkeypatch):
@@ -350,9 +352,9 @@ def test_rows_are_the_first_points_with_their_energy(monkeypatch):
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
     points = path_of([1.0, 2.0, 0.5, 3.0], [0, 0, 1, 1], [0.0, 1.0, 1.1, 2.0])
-    found = tradeoff.at_effort(None, None, points, 1.5)
-    assert found.branch == 0
-    assert found.solution.given["weight"] == pytest.approx(np.sqrt(0.5), rel=1e-8)
+    point = tradeoff.at_effort(None, None, points, 1.5)
+    assert point.branch == 0
+    assert point.solution.given["weight"] == pytest.approx(np.sqrt(0.5), rel=1e-8)
 
 
 def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):
@@ -378,10 +380,10 @@ def test_a_path_that_ends_says_where(monkeypatch):
         def follow(self, start, name, values, **options):
             raise tradeoff.BranchEndError(name, 0.5, 0.6, start, None)
 
-    tried = []
+    barriers = []
 
     def solved(solver, case, transcribed, guess, weight, barrier, **options):
-        tried.append(barrier)
+        barriers.append(barrier)
         raise SolverError(f"{case}: the solver ended with nothing", {"time": np.zeros(2)})
 
     monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
@@ -390,10 +392,10 @@ def test_a_path_that_ends_says_where(monkeypatch):
     first = path_of([0.1], [0])[0].solution
     with pytest.raises(SolverError) as error:
         tradeoff.follow(solver, design, Stuck(), first, [1.0])
-    said = str(error.value)
-    assert "stops at 0.5, and 0.6 beyond a branch: the solver ended with nothing" in said
-    assert "weight_path with smaller steps" in said and list(error.value.iterate) == ["time"]
-    assert tried == [*sorted(tried[:-1]), None]
+    message = str(error.value)
+    assert "stops at 0.5, and 0.6 beyond a branch: the solver ended with nothing" in message
+    assert "weight_path with smaller steps" in message and list(error.value.iterate) == ["time"]
+    assert barriers == [*sorted(barriers[:-1]), None]
 
 
 def test_messages_hold_sensitivities_of_the_last_iterate(desensitized):

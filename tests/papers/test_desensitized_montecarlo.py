@@ -35,18 +35,18 @@ def norms(errors):
     return np.linalg.norm(errors, axis=-1)
 
 
-def final(found, law, channel):
+def final(flights, law, channel):
     """Final errors of a drawn history."""
-    return found.error[law, CHANNELS.index(channel), -1]
+    return flights.error[law, CHANNELS.index(channel), -1]
 
 
-def flown(desensitized, law, channel, sizes, made=None, **options):
+def final_errors(desensitized, law, channel, sizes, gains=None, **options):
     """Final errors (sizes, 3) of errors of one channel under a law, by its number."""
     inputs = desensitized.stage_inputs("corrected", "responses")
     return inputs.call(
         environment.final_errors,
         inputs.call(environment.surroundings),
-        *flown_law(made or desensitized.gains(), law),
+        *flown_law(gains or desensitized.gains(), law),
         environment.along_channel(CHANNELS.index(channel), sizes),
         **options,
     )
@@ -57,67 +57,67 @@ def flown(desensitized, law, channel, sizes, made=None, **options):
 
 def test_the_nominals_are_flown_again(desensitized):
     """Runge-Kutta steps of half a second against a method of order eight: millimetres."""
-    found, nominal = desensitized.responses(), desensitized.nominal()
-    assert list(found.law) == list(LAWS)
-    difference = found.nominal[PLAIN] - nominal.flown
+    flights, nominal = desensitized.responses(), desensitized.nominal()
+    assert list(flights.law) == list(LAWS)
+    difference = flights.nominal[PLAIN] - nominal.flown
     assert np.abs(difference[:, :3] * LENGTHS).max() < 2e-3
     assert np.abs(difference[:, 3:6]).max() < 1e-4 and np.abs(difference[:, 6:]).max() < 1e-9
-    assert found.nominal_cumulative[PLAIN] == pytest.approx(nominal.cumulative, rel=1e-9)
-    np.testing.assert_array_equal(found.nominal_acceleration[PLAIN, :-1], nominal.bank_acceleration)
-    np.testing.assert_array_equal(found.nominal_acceleration[PLAIN, -1], nominal.bank_acceleration[-1])
+    assert flights.nominal_cumulative[PLAIN] == pytest.approx(nominal.cumulative, rel=1e-9)
+    np.testing.assert_array_equal(flights.nominal_acceleration[PLAIN, :-1], nominal.bank_acceleration)
+    np.testing.assert_array_equal(flights.nominal_acceleration[PLAIN, -1], nominal.bank_acceleration[-1])
     for law in range(FIRST, FIRST + 3):
-        np.testing.assert_array_equal(found.nominal[law], found.nominal[PLAIN])
+        np.testing.assert_array_equal(flights.nominal[law], flights.nominal[PLAIN])
     # What is missed at 100 intervals is about what feedback leaves of an error.
     target = np.array([10e3, 0.0, 12.2 * DEGREE])
-    np.testing.assert_allclose((found.nominal[PLAIN, -1, :3] - target) * LENGTHS, [-14.9, 24.1, 10.1], atol=0.051)
+    np.testing.assert_allclose((flights.nominal[PLAIN, -1, :3] - target) * LENGTHS, [-14.9, 24.1, 10.1], atol=0.051)
 
 
 def test_errors_are_against_the_flown_nominal(desensitized):
     """Not against the target, nor against the transcription."""
-    found = desensitized.responses()
-    expected = (found.state[..., :3] - found.nominal[:, np.newaxis, :, :3]) * LENGTHS
-    np.testing.assert_array_equal(np.isnan(found.error), np.isnan(expected))
-    np.testing.assert_allclose(found.error, expected, rtol=0, atol=1e-6)
+    flights = desensitized.responses()
+    expected = (flights.state[..., :3] - flights.nominal[:, np.newaxis, :, :3]) * LENGTHS
+    np.testing.assert_array_equal(np.isnan(flights.error), np.isnan(expected))
+    np.testing.assert_allclose(flights.error, expected, rtol=0, atol=1e-6)
     start = np.zeros((len(LAWS), 3, 3))
     start[:, range(3), range(3)] = [200.0, 1000.0, 200.0]
-    np.testing.assert_allclose(found.error[:, :, 0], start, rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(found.drawn_error, [200.0, 1000.0, 200.0])
+    np.testing.assert_allclose(flights.error[:, :, 0], start, rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(flights.drawn_error, [200.0, 1000.0, 200.0])
 
 
 def test_without_feedback_the_controls_are_the_nominals(desensitized):
     """To the last bit, and so are bank angle and rate."""
-    found = desensitized.responses()
+    flights = desensitized.responses()
     for law in (PLAIN, SHAPED):
         for channel in range(3):
-            np.testing.assert_array_equal(found.acceleration[law, channel], found.nominal_acceleration[law])
-            np.testing.assert_array_equal(found.state[law, channel, :, BANK:], found.nominal[law, :, BANK:])
-        np.testing.assert_array_equal(found.cumulative[law], found.nominal_cumulative[law])
+            np.testing.assert_array_equal(flights.acceleration[law, channel], flights.nominal_acceleration[law])
+            np.testing.assert_array_equal(flights.state[law, channel, :, BANK:], flights.nominal[law, :, BANK:])
+        np.testing.assert_array_equal(flights.cumulative[law], flights.nominal_cumulative[law])
         np.testing.assert_allclose(
-            found.largest_command[law], np.abs(found.nominal_acceleration[law]).max(), rtol=1e-15
+            flights.largest_command[law], np.abs(flights.nominal_acceleration[law]).max(), rtol=1e-15
         )
     assert (
-        np.nanmax(np.abs(found.acceleration[FIRST:5] - found.nominal_acceleration[FIRST:5, np.newaxis])) > 1e-5
+        np.nanmax(np.abs(flights.acceleration[FIRST:5] - flights.nominal_acceleration[FIRST:5, np.newaxis])) > 1e-5
     ).all()
 
 
 def test_commands_are_the_gains_times_the_deviations(desensitized):
-    found, made = desensitized.responses(), desensitized.gains()
+    flights, gains = desensitized.responses(), desensitized.gains()
     bound = 5.0 * DEGREE
     for law in range(FIRST, len(LAWS)):
-        deviation = found.state[law] - found.nominal[law]
-        command = found.nominal_acceleration[law] + deviation @ made.gain[law]
+        deviation = flights.state[law] - flights.nominal[law]
+        command = flights.nominal_acceleration[law] + deviation @ gains.gain[law]
         flying = np.isfinite(command)
         np.testing.assert_allclose(
-            found.acceleration[law][flying], np.clip(command, -bound, bound)[flying], rtol=0, atol=1e-9
+            flights.acceleration[law][flying], np.clip(command, -bound, bound)[flying], rtol=0, atol=1e-9
         )
-        held = np.nanmax(np.abs(command), axis=1)
-        assert (found.largest_command[law] >= held - 1e-9).all()
+        largest = np.nanmax(np.abs(command), axis=1)
+        assert (flights.largest_command[law] >= largest - 1e-9).all()
 
 
 def test_final_errors_of_the_figures(desensitized):
-    found = desensitized.responses()
-    np.testing.assert_allclose(final(found, PLAIN, "radius"), [105, -191, 1620], atol=0.51)
-    np.testing.assert_allclose(final(found, SHAPED, "radius"), [41, -5, 1232], atol=0.51)
+    flights = desensitized.responses()
+    np.testing.assert_allclose(final(flights, PLAIN, "radius"), [105, -191, 1620], atol=0.51)
+    np.testing.assert_allclose(final(flights, SHAPED, "radius"), [41, -5, 1232], atol=0.51)
     for law, channel, expected, near in (
         (PLAIN, "radius", 1635, 0.51),
         (SHAPED, "radius", 1233, 0.51),
@@ -127,12 +127,12 @@ def test_final_errors_of_the_figures(desensitized):
         (PLAIN, "downrange", 200.0, 0.051),
         (FIRST + 2, "downrange", 5.6, 0.051),
     ):
-        assert norms(final(found, law, channel)) == pytest.approx(expected, abs=near), (law, channel)
+        assert norms(final(flights, law, channel)) == pytest.approx(expected, abs=near), (law, channel)
 
 
 def test_final_errors_of_the_tabulated_size(desensitized):
     """Of 1000 m and -1000 m; one unit of the last digit at the largest, which lies between two of them."""
-    found = norms(desensitized.responses().tabulated_error)
+    error_norm = norms(desensitized.responses().tabulated_error)
     for law, channel, expected, near in (
         (PLAIN, 0, [8175.3, 8168.1], 0.1),
         (SHAPED, 0, [6171, 6154], 0.51),
@@ -142,7 +142,7 @@ def test_final_errors_of_the_tabulated_size(desensitized):
         (PLAIN, 2, [1000.0, 1000.0], 0.051),
         (FIRST + 2, 2, [125, 108], 0.51),
     ):
-        np.testing.assert_allclose(found[law, channel], expected, rtol=0, atol=near)
+        np.testing.assert_allclose(error_norm[law, channel], expected, rtol=0, atol=near)
 
 
 def test_final_errors_of_small_sizes(desensitized):
@@ -152,7 +152,7 @@ def test_final_errors_of_small_sizes(desensitized):
         (FIRST + 2, "downrange", [5.6, 3.8], 0.051),
         (PLAIN, "crossrange", [195.5, 195.5], 0.051),
     ):
-        errors = norms(flown(desensitized, law, channel, np.array([200.0, -200.0])))
+        errors = norms(final_errors(desensitized, law, channel, np.array([200.0, -200.0])))
         np.testing.assert_allclose(errors, expected, rtol=0, atol=near)
 
 
@@ -167,11 +167,11 @@ PRINTED_GAINS = [
 @pytest.fixture(scope="module")
 def printed(desensitized):
     """The responses with the gains as they are printed."""
-    made = desensitized.gains()
-    gain = made.gain.copy()
+    gains = desensitized.gains()
+    gain = gains.gain.copy()
     inputs = desensitized.stage_inputs("corrected", "gains")
     gain[FIRST : FIRST + 3] = [inputs.call(entry_problem.gain_vector, scaled) for scaled in PRINTED_GAINS]
-    return desensitized.stage_inputs("corrected", "responses").call(responses.compute, replace(made, gain=gain))
+    return desensitized.stage_inputs("corrected", "responses").call(responses.compute, replace(gains, gain=gain))
 
 
 # Deviations of the bank angle (deg), at every tenth node.
@@ -206,25 +206,25 @@ def test_how_feedback_moves_the_bank_angle(desensitized, printed, channel, expec
 def test_how_the_errors_go(desensitized, printed, channel, expected):
     """The digits of the gains that are left out come to metres at the end."""
     number = CHANNELS.index(channel)
-    found = printed.error[FIRST + number, number, ::20].T
-    np.testing.assert_allclose(found, expected, rtol=0, atol=0.51)
+    errors = printed.error[FIRST + number, number, ::20].T
+    np.testing.assert_allclose(errors, expected, rtol=0, atol=0.51)
     exact = desensitized.responses().error[FIRST + number, number, ::20].T
-    assert 0.1 < np.abs(exact - found).max() < 5.0
+    assert 0.1 < np.abs(exact - errors).max() < 5.0
 
 
 @pytest.mark.parametrize(("channel", "known"), [("radius", 4.976), ("downrange", 5.148), ("crossrange", 5.045)])
 def test_effort_of_the_drawn_flights(desensitized, channel, known):
     """Known as sums of |u| at the starts of the intervals; flown is the integral, here by the mean of both ends."""
-    found, made, number = desensitized.responses(), desensitized.gains(), CHANNELS.index(channel)
+    flights, gains, number = desensitized.responses(), desensitized.gains(), CHANNELS.index(channel)
     law = FIRST + number
-    steps, acceleration = np.diff(found.time[law]), found.acceleration[law, number]
+    steps, acceleration = np.diff(flights.time[law]), flights.acceleration[law, number]
     assert steps @ np.abs(acceleration[:-1]) / DEGREE == pytest.approx(known, abs=5.1e-4)
-    fed_back = (found.state[law, number] - found.nominal[law]) @ made.gain[law]
-    middle = made.bank_acceleration[law] + (fed_back[1:] + fed_back[:-1]) / 2.0
-    assert found.cumulative[law, number] == pytest.approx(steps @ np.abs(middle), rel=2e-5)
+    fed_back = (flights.state[law, number] - flights.nominal[law]) @ gains.gain[law]
+    middle = gains.bank_acceleration[law] + (fed_back[1:] + fed_back[:-1]) / 2.0
+    assert flights.cumulative[law, number] == pytest.approx(steps @ np.abs(middle), rel=2e-5)
     assert 0.0355 < np.abs(acceleration).max() / DEGREE < 0.0375
-    assert found.largest_command[law, number] / DEGREE < 0.04  # no bound near
-    assert found.largest_bank_rate[law, number] == np.abs(found.state[law, number, :, 7]).max() < 20.0 * DEGREE
+    assert flights.largest_command[law, number] / DEGREE < 0.04  # no bound near
+    assert flights.largest_bank_rate[law, number] == np.abs(flights.state[law, number, :, 7]).max() < 20.0 * DEGREE
 
 
 # --- what the flights obey --------------------------------------------------------------------------------------------
@@ -234,21 +234,21 @@ def test_a_downrange_error_without_feedback_stays(desensitized):
     """And with feedback that has no gain on longitude, whatever its other gains."""
     sizes = np.array([-1000.0, 200.0, 5e4])
     for law in (PLAIN, SHAPED):
-        errors = flown(desensitized, law, "downrange", sizes)
+        errors = final_errors(desensitized, law, "downrange", sizes)
         np.testing.assert_allclose(errors, sizes[:, np.newaxis] * [0.0, 0.0, 1.0], rtol=0, atol=1e-7)
-    made = desensitized.gains()
-    blind = made.gain.copy()
+    gains = desensitized.gains()
+    blind = gains.gain.copy()
     blind[:, 2] = 0.0
-    errors = flown(desensitized, FIRST, "downrange", sizes, replace(made, gain=blind))
+    errors = final_errors(desensitized, FIRST, "downrange", sizes, replace(gains, gain=blind))
     np.testing.assert_allclose(errors, sizes[:, np.newaxis] * [0.0, 0.0, 1.0], rtol=0, atol=1e-7)
 
 
 def test_a_crossrange_error_without_feedback_turns_the_flight(desensitized):
     """About an axis on the equator, 90 degrees from the entry, for any controls."""
-    found = desensitized.responses()
+    flights = desensitized.responses()
     for law in (PLAIN, SHAPED):
-        longitude = found.nominal[law, -1, 2]
-        errors = flown(desensitized, law, "crossrange", np.array([1.0, 1000.0]))
+        longitude = flights.nominal[law, -1, 2]
+        errors = final_errors(desensitized, law, "crossrange", np.array([1.0, 1000.0]))
         np.testing.assert_allclose(errors[:, 1], np.array([1.0, 1000.0]) * np.cos(longitude), rtol=1e-6)
         assert np.abs(errors[:, 0]).max() < 1e-3 and np.abs(errors[:, 2]).max() < 0.05
 
@@ -256,7 +256,7 @@ def test_a_crossrange_error_without_feedback_turns_the_flight(desensitized):
 def test_small_errors_are_those_of_the_linear_sensitivity(desensitized):
     """10 m, times 100: within what the discretisation leaves, 0.05 and 0.13 per cent."""
     for law, known, linear in ((PLAIN, 8172, desensitized.linearization().final[0]), (SHAPED, 6162, None)):
-        errors = flown(desensitized, law, "radius", np.array([10.0, -10.0]))
+        errors = final_errors(desensitized, law, "radius", np.array([10.0, -10.0]))
         mean = 100.0 * (errors[0] - errors[1]) / 2.0
         assert norms(mean) == pytest.approx(known, abs=0.51)
         if linear is not None:
@@ -270,11 +270,11 @@ def test_small_errors_are_those_of_the_linear_sensitivity(desensitized):
 def test_feedback_leaves_errors_of_second_order(desensitized, channel, sizes):
     """The even part of the final error; the odd one is due to the discretisation and the third order."""
     law, sizes = FIRST + CHANNELS.index(channel), np.array(sizes, dtype=float)
-    up, down = (flown(desensitized, law, channel, sign * sizes) for sign in (1.0, -1.0))
+    up, down = (final_errors(desensitized, law, channel, sign * sizes) for sign in (1.0, -1.0))
     even, odd = norms(up + down) / 2.0, norms(up - down) / 2.0
     assert (even > 1e-3).all()
     np.testing.assert_allclose(even[1:] / even[:-1], 4.0, rtol=0.1)
-    plain = norms(flown(desensitized, PLAIN, channel, sizes))
+    plain = norms(final_errors(desensitized, PLAIN, channel, sizes))
     assert (odd / plain < 0.01).all()
     # An error twenty times as large without any feedback is proportional.
     np.testing.assert_allclose(plain / sizes, plain[0] / sizes[0], rtol=2e-3)
@@ -282,9 +282,9 @@ def test_feedback_leaves_errors_of_second_order(desensitized, channel, sizes):
 
 def test_a_flight_with_feedback_by_adaptive_steps(desensitized):
     """Nominal and perturbed entry together by DOP853, interval by interval; a bound that is not reached left out."""
-    made, inputs = desensitized.gains(), desensitized.stage_inputs("corrected", "nominal")
+    gains, inputs = desensitized.gains(), desensitized.stage_inputs("corrected", "nominal")
     law = FIRST
-    reference, gain = flown_law(made, law)
+    reference, gain = flown_law(gains, law)
     vehicle = (inputs.ballistic_coefficient, inputs.lift_to_drag)
     planet = (inputs.gravitational_parameter, RADIUS)
 
@@ -310,46 +310,46 @@ def test_a_flight_with_feedback_by_adaptive_steps(desensitized):
 
 def test_sweeps_pass_through_the_other_flights(desensitized):
     """No error leads to none; the same error leads to the same flight, to the last bit, wherever it stands."""
-    found = desensitized.responses()
-    assert found.wide.shape == found.narrow.shape == (3, 9)
-    np.testing.assert_array_equal(found.wide[0], np.linspace(-2000.0, 2000.0, 9))
-    np.testing.assert_array_equal(found.narrow[2], np.linspace(-200.0, 200.0, 9))
-    assert not found.wide_error[:, :, 4].any() and not found.narrow_error[:, :, 4].any()
-    np.testing.assert_array_equal(found.wide_error[:, :, [6, 2]], found.tabulated_error)
+    flights = desensitized.responses()
+    assert flights.wide.shape == flights.narrow.shape == (3, 9)
+    np.testing.assert_array_equal(flights.wide[0], np.linspace(-2000.0, 2000.0, 9))
+    np.testing.assert_array_equal(flights.narrow[2], np.linspace(-200.0, 200.0, 9))
+    assert not flights.wide_error[:, :, 4].any() and not flights.narrow_error[:, :, 4].any()
+    np.testing.assert_array_equal(flights.wide_error[:, :, [6, 2]], flights.tabulated_error)
     for channel, sweep, at in (
         ("radius", "narrow_error", 8),
         ("crossrange", "wide_error", 6),
         ("downrange", "narrow_error", 8),
     ):
         number = CHANNELS.index(channel)
-        np.testing.assert_array_equal(getattr(found, sweep)[:, number, at], found.error[:, number, -1])
+        np.testing.assert_array_equal(getattr(flights, sweep)[:, number, at], flights.error[:, number, -1])
 
 
 def test_feedback_is_best_for_small_errors_only(desensitized):
     """Its errors grow faster than in proportion, those without feedback in proportion."""
-    found = desensitized.responses()
+    flights = desensitized.responses()
     for number in range(3):
         law = FIRST + number
-        small, large = norms(found.narrow_error[law, number]), norms(found.wide_error[law, number])
-        plain = norms(found.narrow_error[PLAIN, number])
+        small, large = norms(flights.narrow_error[law, number]), norms(flights.wide_error[law, number])
+        plain = norms(flights.narrow_error[PLAIN, number])
         away = np.arange(9) != 4
         assert (small[away] < 0.15 * plain[away]).all()
         assert large[6] / small[8] > 1.4 * 1000.0 / 200.0 and large[2] / small[0] > 1.4 * 1000.0 / 200.0
         np.testing.assert_allclose(plain, np.abs(np.linspace(-1, 1, 9)) * plain[8], rtol=1e-2, atol=1e-9)
-        reshaped = norms(found.narrow_error[SHAPED, number])
+        reshaped = norms(flights.narrow_error[SHAPED, number])
         assert (reshaped[away] < plain[away]).all() if number == 0 else np.allclose(reshaped, plain, rtol=1e-4)
 
 
 def test_lost_flights_are_told(desensitized):
     """An error that the law for another channel cannot bear: NaN from the node on at which it is below the ground."""
-    found = desensitized.responses()
-    lost = np.isnan(found.tabulated_error).any(axis=-1)
-    np.testing.assert_array_equal(lost, np.isnan(found.tabulated_error).all(axis=-1))
+    flights = desensitized.responses()
+    lost = np.isnan(flights.tabulated_error).any(axis=-1)
+    np.testing.assert_array_equal(lost, np.isnan(flights.tabulated_error).all(axis=-1))
     law = FIRST + 1
     assert lost[law, 2, 0] and not lost[:2].any()
     inputs = desensitized.stage_inputs("corrected", "responses", drawn_errors=np.array([200.0, 1000.0, 1000.0]))
     size = np.full((3, 1), 1000.0)
-    one = inputs.call(responses.flown, *flown_law(desensitized.gains(), law), size, size)
+    one = inputs.call(responses.responses_of_law, *flown_law(desensitized.gains(), law), size, size)
     gone = np.isnan(one["state"][2]).any(axis=1)
     first = np.flatnonzero(gone)[0]
     assert 50 < first < 100 and gone[first:].all() and not gone[:first].any()
@@ -363,25 +363,25 @@ def test_lost_flights_are_told(desensitized):
 @pytest.fixture(scope="module")
 def doomed(desensitized):
     """Laws of which one follows a trajectory that dives, as an unfinished solve may leave behind."""
-    made = desensitized.gains()
-    control, state = made.bank_acceleration.copy(), made.state.copy()
+    gains = desensitized.gains()
+    control, state = gains.bank_acceleration.copy(), gains.state.copy()
     control[FIRST], state[FIRST, 0, BANK:] = 0.0, [np.pi, 0.0]
     state[FIRST, 0, 3:6] = [-6000.0, 0.0, 3000.0]
-    return replace(made, bank_acceleration=control, state=state)
+    return replace(gains, bank_acceleration=control, state=state)
 
 
 def test_a_law_whose_own_nominal_is_lost_does_not_stop_the_others(desensitized, doomed, tmp_path):
     inputs = desensitized.stage_inputs("corrected", "responses")
-    found = inputs.call(responses.compute, doomed)
-    assert np.isnan(found.nominal[FIRST, -1]).all() and np.isnan(found.wide_error[FIRST]).all()
-    assert np.isfinite(found.nominal_cumulative).all()
+    flights = inputs.call(responses.compute, doomed)
+    assert np.isnan(flights.nominal[FIRST, -1]).all() and np.isnan(flights.wide_error[FIRST]).all()
+    assert np.isfinite(flights.nominal_cumulative).all()
     usual = desensitized.responses()
     for law in (PLAIN, SHAPED, FIRST + 1):
-        np.testing.assert_array_equal(found.wide_error[law], usual.wide_error[law])
+        np.testing.assert_array_equal(flights.wide_error[law], usual.wide_error[law])
     ensemble = desensitized.fly("corrected", doomed, trials=20)
     assert np.isnan(ensemble.nominal[FIRST, -1]).all()
     assert np.isnan(ensemble.final_error[FIRST]).all() and (ensemble.outcome[FIRST] == CRASHED).all()
-    for number, artifact in enumerate((found, ensemble)):
+    for number, artifact in enumerate((flights, ensemble)):
         path = tmp_path / f"{number}.h5"
         artifacts.save(path, artifact, paper="desensitized", reading="corrected", provenance={})
         again = artifacts.load(path, type(artifact), paper="desensitized", reading="corrected")
@@ -391,11 +391,11 @@ def test_a_law_whose_own_nominal_is_lost_does_not_stop_the_others(desensitized, 
 # --- Monte Carlo ------------------------------------------------------------------------------------------------------
 
 
-def assert_covariance(found, expected, trials):
+def assert_covariance(covariance, expected, trials):
     """A sample covariance within its sampling error, entry by entry."""
     variances = np.outer(np.diag(expected), np.diag(expected))
     error = SIGMAS * np.sqrt((variances + expected**2) / trials)
-    np.testing.assert_array_less(np.abs(found - expected), error + 1e-12)
+    np.testing.assert_array_less(np.abs(covariance - expected), error + 1e-12)
 
 
 def test_covariances_without_feedback_are_the_linear_ones(desensitized):
@@ -405,8 +405,8 @@ def test_covariances_without_feedback_are_the_linear_ones(desensitized):
     np.testing.assert_allclose(ensemble.time[PLAIN], linear.time[::5], rtol=1e-15)
     for k in range(21):
         columns = (linear.sensitivity[5 * k] * DEVIATIONS)[:6] / UNITS[:, np.newaxis]
-        found = ensemble.covariance[PLAIN, k][:6, :6] / np.outer(UNITS, UNITS)
-        assert_covariance(found, columns @ columns.T, TRIALS)
+        covariance = ensemble.covariance[PLAIN, k][:6, :6] / np.outer(UNITS, UNITS)
+        assert_covariance(covariance, columns @ columns.T, TRIALS)
     assert np.abs(ensemble.covariance[[PLAIN, SHAPED]][:, :, BANK:]).max() < 1e-20
 
 
@@ -430,7 +430,8 @@ def flown_sensitivity(desensitized):
         [
             np.transpose(
                 [
-                    flown(desensitized, law, channel, size)[0] - flown(desensitized, law, channel, size)[1]
+                    final_errors(desensitized, law, channel, size)[0]
+                    - final_errors(desensitized, law, channel, size)[1]
                     for channel in CHANNELS
                 ]
             )
@@ -452,8 +453,8 @@ def test_closed_loop_sensitivities_are_those_of_the_flights(desensitized, flown_
 
 def test_small_errors_are_linear_under_every_law(desensitized, flown_sensitivity):
     """Gains for one channel spoil the others, trial by trial as the sensitivities say, for errors of centimetres."""
-    made, small = desensitized.gains(), DEVIATIONS * 1e-4
-    ensemble = desensitized.fly("corrected", made, trials=500, initial_deviations=small)
+    gains, small = desensitized.gains(), DEVIATIONS * 1e-4
+    ensemble = desensitized.fly("corrected", gains, trials=500, initial_deviations=small)
     assert (ensemble.outcome == COMPLETED).all()
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
     errors = normals(inputs.seed, montecarlo.ERROR_STREAM, np.arange(500), 3) * small
@@ -465,15 +466,15 @@ def test_small_errors_are_linear_under_every_law(desensitized, flown_sensitivity
 
 
 def test_every_law_gets_the_same_errors(desensitized):
-    ensemble, made = desensitized.ensemble(), desensitized.gains()
+    ensemble, gains = desensitized.ensemble(), desensitized.gains()
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
     errors = normals(inputs.seed, montecarlo.ERROR_STREAM, np.arange(12), 3) * DEVIATIONS
     start = ensemble.kept_history[:, :, 0]
     assert start.shape == (6, 12, 9)
     for law in range(6):
-        moved = (start[law, :, :3] - made.state[law, 0, :3]) * LENGTHS
+        moved = (start[law, :, :3] - gains.state[law, 0, :3]) * LENGTHS
         np.testing.assert_allclose(moved, errors, rtol=0, atol=1e-8)
-        np.testing.assert_array_equal(start[law, :, 3:8], np.tile(made.state[law, 0, 3:8], (12, 1)))
+        np.testing.assert_array_equal(start[law, :, 3:8], np.tile(gains.state[law, 0, 3:8], (12, 1)))
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 1.0
 
 
@@ -484,8 +485,8 @@ def simulator(desensitized, law):
 
 
 def test_results_do_not_depend_on_chunks(desensitized):
-    made = desensitized.gains()
-    whole, scattered = (desensitized.fly("corrected", made, trials=250, chunks=n, block_size=50) for n in (1, 3))
+    gains = desensitized.gains()
+    whole, scattered = (desensitized.fly("corrected", gains, trials=250, chunks=n, block_size=50) for n in (1, 3))
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
     larger = desensitized.ensemble()
@@ -538,24 +539,24 @@ def test_gains_for_one_channel_spoil_the_others(desensitized):
 
 @pytest.mark.parametrize("number", [0, 1234])
 def test_a_trial_flown_alone_is_that_of_the_ensemble(desensitized, number):
-    made, ensemble = desensitized.gains(), desensitized.ensemble()
+    gains, ensemble = desensitized.gains(), desensitized.ensemble()
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    said = inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number, ensemble))
-    assert said.count("the same to the last bit") == 6 and "DIFFERS" not in said
+    report = inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number, ensemble))
+    assert report.count("the same to the last bit") == 6 and "DIFFERS" not in report
     for law, name in enumerate(LAWS):
-        assert f"trial {number}, law {name}: {montecarlo.OUTCOMES[int(ensemble.outcome[law, number])]}" in said
-    assert f"{ensemble.final_state[PLAIN, number, 0]:18.9f}" in said
+        assert f"trial {number}, law {name}: {montecarlo.OUTCOMES[int(ensemble.outcome[law, number])]}" in report
+    assert f"{ensemble.final_state[PLAIN, number, 0]:18.9f}" in report
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
-    assert "DIFFERS" in inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number, other))
-    assert "bit" not in inputs.call(montecarlo.replay, made, trial=Trial("entry_errors", number))
+    assert "DIFFERS" in inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number, other))
+    assert "bit" not in inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number))
 
 
 def test_a_lost_trial_is_replayed_as_lost(desensitized):
     ensemble = desensitized.ensemble()
     number = int(np.flatnonzero(ensemble.outcome[FIRST] == CRASHED)[0])
     inputs = desensitized.stage_inputs("corrected", "montecarlo")
-    said = inputs.call(montecarlo.replay, desensitized.gains(), trial=Trial("entry_errors", number, ensemble))
-    assert f"trial {number}, law radius: below the ground" in said and "DIFFERS" not in said
+    report = inputs.call(montecarlo.replay, desensitized.gains(), trial=Trial("entry_errors", number, ensemble))
+    assert f"trial {number}, law radius: below the ground" in report and "DIFFERS" not in report
 
 
 @pytest.mark.parametrize(
@@ -567,28 +568,28 @@ def test_stored_times_divide_the_intervals(intervals, step):
 
 def test_a_finer_nominal_is_flown_as_well(desensitized):
     """Any number of intervals: stored times are 21 or more, and the sensitivities are nearly the same."""
-    found = desensitized.nominal("corrected", intervals=50)
-    law = design.Law(found.time, found.state, found.bank_acceleration)
+    nominal = desensitized.nominal("corrected", intervals=50)
+    law = design.Law(nominal.time, nominal.state, nominal.bank_acceleration)
     inputs = desensitized.stage_inputs("corrected", "gains", intervals=50)
-    made = inputs.call(design.described, [law] * len(LAWS))
-    ensemble = desensitized.fly("corrected", made, trials=10)
-    assert ensemble.time.shape == (6, 26) and ensemble.time[0, -1] == found.time[-1]
-    np.testing.assert_allclose(made.final[0], desensitized.gains().final[0], rtol=0, atol=0.05)
-    errors = flown(desensitized, PLAIN, "radius", np.array([100.0]), made)[0] / 100.0
-    np.testing.assert_allclose(errors, made.final[0][:, 0], rtol=0, atol=0.05)
+    gains = inputs.call(design.described, [law] * len(LAWS))
+    ensemble = desensitized.fly("corrected", gains, trials=10)
+    assert ensemble.time.shape == (6, 26) and ensemble.time[0, -1] == nominal.time[-1]
+    np.testing.assert_allclose(gains.final[0], desensitized.gains().final[0], rtol=0, atol=0.05)
+    errors = final_errors(desensitized, PLAIN, "radius", np.array([100.0]), gains)[0] / 100.0
+    np.testing.assert_allclose(errors, gains.final[0][:, 0], rtol=0, atol=0.05)
 
 
 def test_flights_refuse_a_nominal_beyond_the_bound(desensitized):
-    made = desensitized.gains()
+    gains = desensitized.gains()
     inputs = desensitized.stage_inputs("corrected", "responses", bank_acceleration_bound=0.03 * DEGREE)
     with pytest.raises(ValueError, match=r"bank acceleration on interval \d+, .* is beyond its bound"):
-        flight.fly_nominal(*inputs.call(environment.surroundings), flown_law(made, PLAIN)[0], 5)
+        flight.fly_nominal(*inputs.call(environment.surroundings), flown_law(gains, PLAIN)[0], 5)
 
 
 def test_the_compared_errors_may_be_any_two(desensitized):
     """Those at the ends of the wide sweep are flown as there; the figures' errors may be negative."""
-    found = desensitized.responses(compared_errors=np.array([-2000.0, 2000.0]))
-    np.testing.assert_array_equal(found.tabulated_error, found.wide_error[:, :, [0, -1]])
+    flights = desensitized.responses(compared_errors=np.array([-2000.0, 2000.0]))
+    np.testing.assert_array_equal(flights.tabulated_error, flights.wide_error[:, :, [0, -1]])
     mirrored = desensitized.responses(drawn_errors=np.array([200.0, -1000.0, 200.0]))
     plain = desensitized.responses()
     np.testing.assert_allclose(mirrored.error[0, 1, -1, 1], -plain.error[0, 1, -1, 1], rtol=1e-4)

@@ -397,9 +397,9 @@ def test_sensitivity_blocks_are_in_metres_per_kilometre(table):
 
 
 def test_gain_sets_have_a_row_for_every_law(table):
-    design, flown = gains(), responses()
+    design, flights = gains(), responses()
     design.scaled_gain[:2] = 0.0
-    rows = table("gain_sets", gains=design, responses=flown)
+    rows = table("gain_sets", gains=design, responses=flights)
     heads = [head for head in rows if head.startswith("gain on ")]
     assert heads[0] == "gain on altitude (rad/s^2)" and len(heads) == 6
     assert rows[heads][:2].isna().all(axis=None) and list(column(rows, "norm of the gains")[:2]) == [0.0, 0.0]
@@ -407,12 +407,12 @@ def test_gain_sets_have_a_row_for_every_law(table):
     assert list(rows["how the search ended"]) == [f"way {law}" for law in range(6)]
     assert list(rows["converged"]) == list(design.converged)
     assert column(rows, "J0") == near(design.effort)
-    assert column(rows, "cumulative bank rate") == near(flown.nominal_cumulative / DEGREE)
+    assert column(rows, "cumulative bank rate") == near(flights.nominal_cumulative / DEGREE)
 
 
 def test_responses_are_shown_for_the_channels_that_a_law_is_for(table):
-    design, flown = gains(), responses()
-    rows = table("gain_responses", gains=design, responses=flown)
+    design, flights = gains(), responses()
+    rows = table("gain_responses", gains=design, responses=flights)
     laws = (
         [(0, k) for k in range(3)] + [(1, k) for k in range(3)] + [(2, 0), (3, 1), (4, 2)] + [(5, k) for k in range(3)]
     )
@@ -420,13 +420,13 @@ def test_responses_are_shown_for_the_channels_that_a_law_is_for(table):
     assert column(rows, "linear sensitivity") == near(
         [1e3 * np.linalg.norm(design.final[law, :, k]) for law, k in laws]
     )
-    ends = np.array([flown.error[law, k, -1] for law, k in laws])
+    ends = np.array([flights.error[law, k, -1] for law, k in laws])
     assert column(rows, "final position error") == near(np.linalg.norm(ends, axis=1))
     assert column(rows, "its crossrange") == near(ends[:, 1])
     for side, head in enumerate(("final error for +1070 m", "final error for -930 m")):
-        expected = [np.linalg.norm(flown.tabulated_error[law, k, side]) for law, k in laws]
+        expected = [np.linalg.norm(flights.tabulated_error[law, k, side]) for law, k in laws]
         assert column(rows, head) == near(expected)
-    assert column(rows, "cumulative bank rate") == near([flown.cumulative[law, k] / DEGREE for law, k in laws])
+    assert column(rows, "cumulative bank rate") == near([flights.cumulative[law, k] / DEGREE for law, k in laws])
     assert column(rows, "drawn error at entry") == near([(200.0, 1000.0, 200.0)[k] for _, k in laws])
 
 
@@ -458,20 +458,20 @@ def test_one_set_of_gains_is_flown_against_all_errors(table):
 
 
 def test_dispersions_are_those_of_the_trials_that_came_down(table):
-    flown = ensemble()
-    flown.outcome[3, 7:9] = 1, 3
-    flown.final_error[3, 7:9] = np.nan
-    flown.outcome[4], flown.final_error[4] = 1, np.nan
+    flights = ensemble()
+    flights.outcome[3, 7:9] = 1, 3
+    flights.final_error[3, 7:9] = np.nan
+    flights.outcome[4], flights.final_error[4] = 1, np.nan
     bound = 5.0 * DEGREE
-    flown.observed_maximum[:, :, 1] = 0.5 * bound
-    flown.observed_maximum[1, :, 1] = (1.0 + 1e-9) * bound  # a solver's rounding
-    flown.observed_maximum[2, :10, 1] = 1.01 * bound
-    flown.observed_maximum[2, 10, 1] = np.nan
+    flights.observed_maximum[:, :, 1] = 0.5 * bound
+    flights.observed_maximum[1, :, 1] = (1.0 + 1e-9) * bound  # a solver's rounding
+    flights.observed_maximum[2, :10, 1] = 1.01 * bound
+    flights.observed_maximum[2, 10, 1] = np.nan
     law = gains()
-    rows = table("dispersions", gains=law, entry_errors=flown)
+    rows = table("dispersions", gains=law, entry_errors=flights)
     assert list(rows["lost trials"]) == [0, 0, 0, 2, 40, 0]
     assert column(rows, "trials with a clipped") == near([0.0, 0.0, 27.5, 0.0, 0.0, 0.0])
-    kept = np.delete(flown.final_error[3], [7, 8], axis=0)
+    kept = np.delete(flights.final_error[3], [7, 8], axis=0)
     deviation, error = column(rows, "crossrange: deviation")[3], column(rows, "crossrange: standard error")[3]
     assert deviation == near(kept[:, 1].std(ddof=1))
     # For normal samples the standard error of a deviation is near sigma / sqrt(2 N).
@@ -479,24 +479,24 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     # The linear prediction as a sum over the drawn channels.
     predicted = np.sqrt(sum((law.final[0, 2, k] * s) ** 2 for k, s in enumerate((200.0, 1000.0, 200.0))))
     assert column(rows, "downrange: by linear")[0] == near(predicted)
-    ratio = flown.final_error[0, :, 2].std(ddof=1) / predicted
+    ratio = flights.final_error[0, :, 2].std(ddof=1) / predicted
     assert column(rows, "downrange: flown over")[0] == near(ratio)
     # Half of the trials lie below the median; a lost one is worse than any other.
-    sizes = np.sort(np.linalg.norm(flown.final_error, axis=2), axis=1)
+    sizes = np.sort(np.linalg.norm(flights.final_error, axis=2), axis=1)
     assert column(rows, "median")[:4] == near(sizes[:4, 20])
     assert column(rows, "99th percentile")[0] == near(sizes[0, -1])
     cells = shown(rows)
     assert cells["99th percentile (m)"][3] == cells["crossrange: deviation (m)"][4] == DASH
     assert cells["median (m)"][4] == cells["mean propellant (kg)"][4] == DASH
     # 0.0394294 kg of propellant per deg/s.
-    fuel = 0.0394294 * flown.final_state[0, :, 8].mean() / DEGREE
+    fuel = 0.0394294 * flights.final_state[0, :, 8].mean() / DEGREE
     assert column(rows, "mean propellant")[0] == pytest.approx(fuel, rel=1e-4)
 
 
 def test_dispersions_without_errors_at_entry_are_zero(table):
-    flown = ensemble(final_error=np.zeros((6, 40, 3)))
+    flights = ensemble(final_error=np.zeros((6, 40, 3)))
     with np.errstate(all="raise"):
-        rows = table("dispersions", changes={"initial_deviations": np.zeros(3)}, entry_errors=flown)
+        rows = table("dispersions", changes={"initial_deviations": np.zeros(3)}, entry_errors=flights)
     cells = shown(rows)
     assert cells["radius: deviation (m)"][0] == "0.0 ± 0.0" and cells["radius: flown over linear"][0] == DASH
 
@@ -604,9 +604,9 @@ def test_identities_stand_beside_their_weights(table):
     rows = table("mesh_identities", certificates=study)
     assert column(rows, "longitude column") == near(study.mesh_longitude_deviation.max(axis=(1, 2)))
     rows = table("linearity", certificates=study)
-    flown, linear = (np.linalg.norm(errors, axis=-1) for errors in (study.flown_error, study.linear_error))
+    flown_norm, linear = (np.linalg.norm(errors, axis=-1) for errors in (study.flown_error, study.linear_error))
     assert column(rows, "radius error at entry") == near(np.tile(study.radius_error, 2))
-    assert rows["flown over linear"].to_numpy() == near((flown / linear).ravel())
+    assert rows["flown over linear"].to_numpy() == near((flown_norm / linear).ravel())
     rows = table("derivatives", certificates=study)
     assert list(rows["derivatives"]) == 2 * list(VARIANTS)
     change = study.variant_effort / study.variant_effort[:, [0]] - 1.0
@@ -685,15 +685,15 @@ def test_readings_are_told_apart_by_their_inputs(artifacts, desensitized_publish
     assert unconverged["printed"] == "gains against radius errors, gains against crossrange errors"
     lost = rows[[head for head in rows if head.startswith("lost trials: ")]]
     assert list(lost.loc["printed"]) == [0, 0, 5, 0, 0, 0] and not lost.loc["corrected"].any()
-    path, flown = artifacts["mixed_units"][1].tradeoff, artifacts["mixed_units"][1].responses
+    path, flights = artifacts["mixed_units"][1].tradeoff, artifacts["mixed_units"][1].responses
     errors, row = np.linalg.norm(path.error, axis=1), rows.loc["mixed_units"]
     assert (row[heads[0]], row[heads[3]]) == near((path.effort[0], errors[0]))
     assert row["its final position error (m)"] == near(errors[4])
     assert row["largest reduction (%)"] == near(100.0 * (1.0 - errors.min() / errors[0]))
-    for channel, (name, size) in enumerate(zip(CHANNELS, flown.drawn_error, strict=True)):
+    for channel, (name, size) in enumerate(zip(CHANNELS, flights.drawn_error, strict=True)):
         assert row[f"{name} at entry (m)"] == size
         final = [row[f"{name}: {how} (m)"] for how in ("no feedback", "feedback")]
-        assert final == near([np.linalg.norm(flown.error[law, channel, -1]) for law in (0, 2 + channel)])
+        assert final == near([np.linalg.norm(flights.error[law, channel, -1]) for law in (0, 2 + channel)])
 
 
 def test_weights_stand_row_by_row(artifacts, desensitized_published):

@@ -67,7 +67,7 @@ BASES = {
 }
 
 
-def stand_ins(made):
+def stand_ins(funnel):
     """Studies of `corrected`, reduced to what claims look at."""
     coarse = np.linspace(0.18, 9.4, 31)
     return {
@@ -112,12 +112,14 @@ def stand_ins(made):
             backward_programs=np.full(30, 4),
         ),
         "regulators": SimpleNamespace(
-            slice_time=made.time,
+            slice_time=funnel.time,
             variant=np.array(
                 ["as the reading", "shape of least trace", "weight at the end", "scale of the bank angle"]
             ),
             factor=np.array([1.0, 1.0, 3.0, 3.0]),
-            level=np.array([made.level, made.level, np.linspace(0.2, 21.0, len(made.level)), np.nan * made.level]),
+            level=np.array(
+                [funnel.level, funnel.level, np.linspace(0.2, 21.0, len(funnel.level)), np.nan * funnel.level]
+            ),
             outcome=np.array(["complete", "complete", "complete", "the funnel diverges"]),
         ),
         "monotonicity": SimpleNamespace(
@@ -126,8 +128,8 @@ def stand_ins(made):
         "proven": SimpleNamespace(
             proven=True,
             outcome="complete",
-            level=1.1 * made.level,
-            half_width=np.sqrt(1.1) * made.half_width,
+            level=1.1 * funnel.level,
+            half_width=np.sqrt(1.1) * funnel.half_width,
             interpolation_excess=1e-3,
         ),
     }
@@ -146,37 +148,37 @@ TYPES = {
 
 
 @pytest.fixture(scope="module")
-def flown(funnels, coarse_funnel):
+def records_of(funnels, coarse_funnel):
     """Everything that claims are made from, by reading."""
     shared = ("nominal", "linearization", "gains")  # these readings have the same
-    made = {name: funnels.stage(name, "corrected") for name in shared}
+    shared_records = {name: funnels.stage(name, "corrected") for name in shared}
 
     def of(reading):
         if reading == "corrected":
             names = ("funnel", "linear_bounds", "open_loop", "dubins", "dubins_calm", "dubins_wind")
-            found = {name: funnels.stage(name, reading) for name in names}
+            records = {name: funnels.stage(name, reading) for name in names}
         else:
-            found = {"funnel": coarse_funnel(reading)}
+            records = {"funnel": coarse_funnel(reading)}
         inputs = funnels.stage_inputs(reading, "montecarlo")
-        needed = [(made | found)[name] for name in ("linearization", "gains", "funnel")]
+        needed = [(shared_records | records)[name] for name in ("linearization", "gains", "funnel")]
         for case, trials in TRIALS.items():
             chunk = inputs.call(montecarlo.simulate, *needed, flown=Flown(case, trials, 1000))
-            found[case] = montecarlo.gather([chunk])
-        return made | found
+            records[case] = montecarlo.gather([chunk])
+        return shared_records | records
 
     return {reading: of(reading) for reading in READINGS}
 
 
 @pytest.fixture(scope="module")
-def evaluate(funnels, flown, few_slices):
+def evaluate(funnels, records_of, few_slices):
     """Evaluation of a reading, some artifacts or inputs replaced."""
 
     def of(reading="corrected", inputs=None, **replaced):
         changes = {"trials": 10_000} | (few_slices if reading != "corrected" else {}) | (inputs or {})
-        studies = stand_ins(flown[reading]["funnel"]) if reading == "corrected" else {}
-        made = {"measured": TIMES} | flown[reading] | studies | replaced
-        measured = made.pop("measured")
-        return funnels.evaluate(reading, made, changes, measured=measured)
+        studies = stand_ins(records_of[reading]["funnel"]) if reading == "corrected" else {}
+        records = {"measured": TIMES} | records_of[reading] | studies | replaced
+        measured = records.pop("measured")
+        return funnels.evaluate(reading, records, changes, measured=measured)
 
     return of
 
@@ -188,25 +190,25 @@ def evaluations(evaluate):
 
 @pytest.fixture(scope="module")
 def rows(funnels, funnels_published, evaluations):
-    made = collect(
+    claim_rows = collect(
         list(funnels_published.values()),
         DECLARATIONS,
         evaluations,
         known_errata={erratum.id for erratum in PAPER.errata},
         left_out=funnels.study.readings.keys() - set(READINGS),
     )
-    return {row["id"]: row for row in made}
+    return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
 def test_every_printed_claim_is_evaluated_in_every_reading(funnels_published, evaluations):
-    wanted = {name for name, claim in funnels_published.items() if claim.kind != "context"}
-    assert len(funnels_published) == 51 and len(wanted) == 49
-    for name, found in evaluations.items():
-        assert set(found) == wanted, name
-        missing = {claim for claim, evaluation in found.items() if evaluation is None}
+    claim_names = {name for name, claim in funnels_published.items() if claim.kind != "context"}
+    assert len(funnels_published) == 51 and len(claim_names) == 49
+    for name, of_reading in evaluations.items():
+        assert set(of_reading) == claim_names, name
+        missing = {claim for claim, evaluation in of_reading.items() if evaluation is None}
         assert missing == (set() if name == "corrected" else ON_STUDIES), name
 
 
@@ -218,8 +220,8 @@ def test_declarations_name_existing_claims_and_all_errata(funnels_published):
     assert not [name for name, declaration in DECLARATIONS.items() if declaration.close]
 
 
-def test_stand_ins_have_the_fields_of_the_artifacts(flown):
-    for name, stand_in in stand_ins(flown["corrected"]["funnel"]).items():
+def test_stand_ins_have_the_fields_of_the_artifacts(records_of):
+    for name, stand_in in stand_ins(records_of["corrected"]["funnel"]).items():
         assert set(vars(stand_in)) <= {field.name for field in fields(TYPES[name])}, name
 
 
@@ -252,7 +254,7 @@ def test_inputs_are_used_as_stated_but_for_the_slice_of_fig_4(rows, evaluate):
     assert rows["exponent_d"]["readings"]["corrected"]["verdict"] == "not_as_stated"
 
 
-def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(rows, flown):
+def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(rows, records_of):
     def verdict(name):
         return rows[name]["readings"]["printed"]["verdict"]
 
@@ -262,7 +264,7 @@ def test_the_literal_samples_leave_the_slices_and_the_recursion_without_memory(r
     ):
         assert (verdict(name), rows[name]["verdict"]) == ("fails", "holds"), name
     assert (verdict("greedy_needed"), verdict("first_peak")) == ("fails", "fails")
-    assert flown["printed"]["funnel"].level.max() > 1e6
+    assert records_of["printed"]["funnel"].level.max() > 1e6
     assert "not compared with the motion" in rows["taylor_for_nonpolynomial"]["readings"]["printed"]["evidence"]
 
 
@@ -270,29 +272,37 @@ def test_the_euler_step_expands_at_the_end(rows):
     assert rows["end_expansion"]["readings"]["euler"]["verdict"] == "holds"
 
 
-def test_a_funnel_that_ends_early_meets_no_statement_about_it(flown, evaluate, funnels_published, tmp_path):
-    whole = flown["corrected"]["funnel"]
+def test_a_funnel_that_ends_early_meets_no_statement_about_it(records_of, evaluate, funnels_published, tmp_path):
+    whole = records_of["corrected"]["funnel"]
     ended = np.arange(len(whole.level)) > 7
     changes = {
         name: np.where(ended if np.ndim(value) == 1 else ended[:, np.newaxis], np.nan, value)
         for name, value in vars(whole).items()
         if name in ("level", "half_width", "log_volume", "feedback", "heat_rate", "rising", "rising_undisturbed")
     }
-    found = evaluate(funnel=replace(whole, outcome="the funnel diverges", sound=False, **changes))
+    new_evaluations = evaluate(funnel=replace(whole, outcome="the funnel diverges", sound=False, **changes))
     for name in ("mc_inside_funnel", "sos_above_mc", "end_expansion", "funnel_is_tight", "reaches_goal_region"):
-        assert found[name].value is False, name
-    assert "the funnel is complete (its outcome is: the funnel diverges): no" in found["mc_inside_funnel"].evidence
-    made = collect(list(funnels_published.values()), {}, {"corrected": found, "printed": found}, require_reasons=False)
-    write_claims(made, tmp_path / "claims.json")
+        assert new_evaluations[name].value is False, name
+    assert (
+        "the funnel is complete (its outcome is: the funnel diverges): no"
+        in new_evaluations["mc_inside_funnel"].evidence
+    )
+    claim_rows = collect(
+        list(funnels_published.values()),
+        {},
+        {"corrected": new_evaluations, "printed": new_evaluations},
+        require_reasons=False,
+    )
+    write_claims(claim_rows, tmp_path / "claims.json")
     written = {row["id"]: row for row in json.loads((tmp_path / "claims.json").read_text())}
     assert written["sos_above_mc"]["verdict"] == "fails"
 
 
 def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
-    found = evaluate(measured={})
-    assert np.isnan(found["funnel_run_time"].value)
+    new_evaluations = evaluate(measured={})
+    assert np.isnan(new_evaluations["funnel_run_time"].value)
     for name in ("multiplier_prohibitive", "sampling_reduces_cost", "cheaper_than_monte_carlo"):
-        assert found[name].value is False and "not measured" in found[name].evidence
+        assert new_evaluations[name].value is False and "not measured" in new_evaluations[name].evidence
     assert evaluate(measured=None)["sampling_reduces_cost"].value is False
 
 
@@ -302,8 +312,8 @@ def test_what_was_not_measured_meets_no_statement_on_cost(evaluate):
 def of(stage, **functions):
     """A change of fields of an artifact."""
 
-    def make(made):
-        old = made[stage]
+    def make(records):
+        old = records[stage]
         new = {name: function(getattr(old, name)) for name, function in functions.items()}
         if isinstance(old, SimpleNamespace):
             return {stage: SimpleNamespace(**(vars(old) | new))}
@@ -325,7 +335,7 @@ def at(index, value, times=False):
 
 def measured(**changes):
     names = {"whole": MEASURED[0], "clarabel": MEASURED[1], "scs": MEASURED[2], "flights": MEASURED[4]}
-    return lambda made: {"measured": TIMES | {names[key]: value for key, value in changes.items()}}
+    return lambda records: {"measured": TIMES | {names[key]: value for key, value in changes.items()}}
 
 
 CHANGED = {
@@ -363,10 +373,10 @@ CHANGED = {
 
 
 @pytest.mark.parametrize("name", CHANGED)
-def test_a_statement_follows_its_numbers(flown, evaluate, evaluations, name):
-    made = flown["corrected"] | stand_ins(flown["corrected"]["funnel"])
+def test_a_statement_follows_its_numbers(records_of, evaluate, evaluations, name):
+    records = records_of["corrected"] | stand_ins(records_of["corrected"]["funnel"])
     assert evaluations["corrected"][name].value is (name not in FAILS)
-    assert evaluate(**CHANGED[name](made))[name].value is (name in FAILS)
+    assert evaluate(**CHANGED[name](records))[name].value is (name in FAILS)
 
 
 def test_counted_claims_have_counterexamples(rows):
@@ -378,9 +388,9 @@ def test_counted_claims_have_counterexamples(rows):
 REAL = ("funnel", "constant", "adversarial", "open_loop", "dubins_wind")
 
 
-def test_counterexamples_turn_verdicts(funnels, flown, rows, funnels_published):
+def test_counterexamples_turn_verdicts(funnels, records_of, rows, funnels_published):
     """Of claims on funnels and flights; those on studies are turned by the workflow, from whole artifacts."""
-    made = flown["corrected"] | stand_ins(flown["corrected"]["funnel"])
+    records = records_of["corrected"] | stand_ins(records_of["corrected"]["funnel"])
     claims = claims_of("funnels")
     values = funnels.study.readings["corrected"].inputs.plain()
     judged = [
@@ -389,15 +399,15 @@ def test_counterexamples_turn_verdicts(funnels, flown, rows, funnels_published):
         if (marked := claims.claims.get(name)) and marked.counterexample and row["verdict"] in COUNTED_VERDICTS
         if marked.counterexample.target.partition(".")[0] in (*REAL, "mission", "vehicle", "recursion", "measured")
     ]
-    turned = claims.turned(judged, values, lambda name, _: made.get(name), funnels_published, measured=TIMES)
+    turned = claims.turned(judged, values, lambda name, _: records.get(name), funnels_published, measured=TIMES)
     assert len(turned) > 12 and not [name for name, change in turned.items() if change is None]
 
 
-def test_bounds_are_guaranteed_where_no_motion_exceeds_levels_that_are_proven(flown, evaluate):
-    made = flown["corrected"]
-    calm = of("funnel", true_maximum=lambda m: 0.9 * m)(made)
-    proof = stand_ins(made["funnel"])["proven"]
-    below = SimpleNamespace(**(vars(proof) | {"level": 0.99 * made["funnel"].level}))
+def test_bounds_are_guaranteed_where_no_motion_exceeds_levels_that_are_proven(records_of, evaluate):
+    records = records_of["corrected"]
+    calm = of("funnel", true_maximum=lambda m: 0.9 * m)(records)
+    proof = stand_ins(records["funnel"])["proven"]
+    below = SimpleNamespace(**(vars(proof) | {"level": 0.99 * records["funnel"].level}))
     undone = SimpleNamespace(**(vars(below) | {"proven": False, "outcome": "slice 3 is too large"}))
     for changes, expected in (
         (calm, False),
@@ -409,9 +419,9 @@ def test_bounds_are_guaranteed_where_no_motion_exceeds_levels_that_are_proven(fl
 
 def test_a_gram_matrix_of_other_size_would_differ(evaluate, funnels_published, monkeypatch):
     monkeypatch.setattr(sec4_entry, "BASIS_DEGREE", 1)
-    found = evaluate()
-    assert found["gram_size"].value == 9
-    assert judge(funnels_published["gram_size"], found["gram_size"])[0] == "differs"
+    new_evaluations = evaluate()
+    assert new_evaluations["gram_size"].value == 9
+    assert judge(funnels_published["gram_size"], new_evaluations["gram_size"])[0] == "differs"
 
 
 # --- measures ---------------------------------------------------------------------------------------------------------
@@ -423,26 +433,26 @@ def test_peaks_are_inner_and_strict():
     assert measures.peaks(np.array([1.0, np.nan, 0.5, 0.7, 0.6])).tolist() == [3]
 
 
-def test_samples_of_a_reading_are_on_its_slices_or_on_a_sphere_of_the_state(funnels, flown):
+def test_samples_of_a_reading_are_on_its_slices_or_on_a_sphere_of_the_state(funnels, records_of):
     for reading in ("corrected", "printed"):
-        inputs, made = funnels.all_inputs(reading), flown[reading]["funnel"]
-        found = measures.sampled_levels(inputs.recursion, made)
+        inputs, funnel = funnels.all_inputs(reading), records_of[reading]["funnel"]
+        levels = measures.sampled_levels(inputs.recursion, funnel)
         if reading == "corrected":
-            np.testing.assert_allclose(found, 1.0, rtol=1e-10)
+            np.testing.assert_allclose(levels, 1.0, rtol=1e-10)
             continue
         k, m = 3, 17
-        x = np.sqrt(2.0) * made.samples[m, :6] * [1e3, 1.0, 1.0, 1e3, 1.0, 1.0]
-        assert found[k, m] == pytest.approx(0.5 * x @ made.shape[k] @ x / made.level[k], rel=1e-12)
-        assert found[k].min() >= made.literal_level[k, 0] * (1.0 - 1e-9)
+        x = np.sqrt(2.0) * funnel.samples[m, :6] * [1e3, 1.0, 1.0, 1e3, 1.0, 1.0]
+        assert levels[k, m] == pytest.approx(0.5 * x @ funnel.shape[k] @ x / funnel.level[k], rel=1e-12)
+        assert levels[k].min() >= funnel.literal_level[k, 0] * (1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.0])
-def test_linear_reach_is_what_small_flights_reach(funnels, flown, factor):
+def test_linear_reach_is_what_small_flights_reach(funnels, records_of, factor):
     """The two worst starts, made a thousand times smaller, with the disturbance that is worst for each."""
-    inputs, made = funnels.all_inputs("corrected"), flown["corrected"]
-    gains, half_gain = made["gains"], factor * made["gains"].half_gain
+    inputs, records = funnels.all_inputs("corrected"), records_of["corrected"]
+    gains, half_gain = records["gains"], factor * records["gains"].half_gain
     air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
-    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, made["linearization"], half_gain)
+    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, records["linearization"], half_gain)
     transition, response, _ = loop.flow_jacobians(0, loop.steps)
     spread = 1e-3 * np.sqrt(2.0 * gains.initial_level) * np.linalg.inv(np.linalg.cholesky(gains.shape[0])).T
     rows_of = [1, 2]
@@ -452,13 +462,13 @@ def test_linear_reach_is_what_small_flights_reach(funnels, flown, factor):
     final = []
     fly(loop, gains.shape, starts, pushed, observer=lambda node, at, _: final.append(at.copy()))
     reached = 1e3 * inputs.planet.planet_radius * np.diag(final[-1][rows_of])
-    found = open_loop.linear_reach(loop, gains) * inputs.planet.planet_radius
-    np.testing.assert_allclose(reached, found, rtol=2e-3)
+    linear_reach = open_loop.linear_reach(loop, gains) * inputs.planet.planet_radius
+    np.testing.assert_allclose(reached, linear_reach, rtol=2e-3)
 
 
 def test_the_least_increase_is_that_of_doubled_levels():
     level = np.array([[1.0, 2.0, 4.0]])
-    found = SimpleNamespace(studied_level=level, reached_level=np.array([[2.0, 4.0, 7.0]]))
-    assert sec3_funnels._least_increase(found) == pytest.approx(1.75)
+    stand_in = SimpleNamespace(studied_level=level, reached_level=np.array([[2.0, 4.0, 7.0]]))
+    assert sec3_funnels._least_increase(stand_in) == pytest.approx(1.75)
     assert sec3_funnels._least_increase(SimpleNamespace(studied_level=level, reached_level=3.0 * level**0.5)) < 2.0
     assert np.isnan(sec3_funnels._least_increase(None))

@@ -121,7 +121,7 @@ def test_solution_flies_to_its_end(trajectory):
     for start, end, bank, rate in zip(
         trajectory.time[:-1], trajectory.time[1:], trajectory.bank, trajectory.bank_rate, strict=False
     ):
-        flown = solve_ivp(
+        solution = solve_ivp(
             lambda t, x, t0=start, bank=bank, rate=rate: motion(x, bank + rate * (t - t0)),
             (start, end),
             state,
@@ -129,7 +129,7 @@ def test_solution_flies_to_its_end(trajectory):
             rtol=1e-11,
             atol=1e-13,
         )
-        state = flown.y[:, -1]
+        state = solution.y[:, -1]
     miss = state * KM - trajectory.state[-1]
     # A millimetre and hundredths of a microradian are the error of the transcription; the flights agree far below.
     assert np.abs(miss / [1e-3, 1e-8, 1e-8, 1e-4, 1e-7, 1e-8]).max() < 1.0
@@ -140,7 +140,7 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inp
     """A bank rate of zero costs nothing; bank and time then solve two equations, which it meets to h^4."""
 
     def miss(unknown):
-        flown = solve_ivp(
+        motion_to_end = solve_ivp(
             lambda _, x: motion(x, unknown[0]),
             (0.0, 250.0 * unknown[1]),
             ENTRY,
@@ -148,7 +148,7 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inp
             atol=1e-13,
             method="DOP853",
         )
-        return flown.y[0, -1] - 10.0, flown.y[1, -1] * RADIUS - 660.0
+        return motion_to_end.y[0, -1] - 10.0, motion_to_end.y[1, -1] * RADIUS - 660.0
 
     bank, final_time = root(miss, [0.85, 1.0], tol=1e-12).x * [1.0, 250.0]
     errors = []
@@ -163,22 +163,22 @@ def test_without_heat_limit_the_optimum_is_a_constant_bank_found_by_shooting(inp
 
 
 @pytest.fixture(scope="module")
-def found(inputs):
+def optima(inputs):
     return inputs(studied_intervals=[25, 100]).call(nominal.optima)
 
 
-def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, found):
+def test_optima_are_made_by_the_nodes_of_the_heat_limit(trajectory, optima):
     """Every one has the peak of the heat rate half-way between two nodes at the limit, each its own two."""
-    fine = found.intervals == 100
-    assert found.cost[fine] * 100 == pytest.approx([0.311, 0.433, 1.093, 3.429], abs=6e-4)
-    assert found.final_time[fine] == pytest.approx([233.97, 241.73, 250.05, 259.07], abs=5e-3)
-    assert found.peak_position[fine] == pytest.approx([31.5, 30.5, 29.5, 28.5], abs=2e-3)
-    assert list(found.start_optimum[1]) == [1, 0, 2, 3] and list(found.starts[fine]) == [1, 1, 1, 1]
-    assert list(found.intervals) == sorted(found.intervals) and found.starts[~fine].sum() == 4
-    assert trajectory.cost == pytest.approx(found.cost[fine][1], rel=1e-9), "that of the guess"
-    told = next(erratum.evidence for erratum in PAPER.errata if erratum.id == "E22")
-    assert "{:.1f} to {:.1f} deg^2/s".format(*found.cost[fine][[0, -1]] / DEGREE**2) in told
-    assert "{:.1f} to {:.1f} s".format(*found.final_time[fine][[0, -1]]) in told
+    fine = optima.intervals == 100
+    assert optima.cost[fine] * 100 == pytest.approx([0.311, 0.433, 1.093, 3.429], abs=6e-4)
+    assert optima.final_time[fine] == pytest.approx([233.97, 241.73, 250.05, 259.07], abs=5e-3)
+    assert optima.peak_position[fine] == pytest.approx([31.5, 30.5, 29.5, 28.5], abs=2e-3)
+    assert list(optima.start_optimum[1]) == [1, 0, 2, 3] and list(optima.starts[fine]) == [1, 1, 1, 1]
+    assert list(optima.intervals) == sorted(optima.intervals) and optima.starts[~fine].sum() == 4
+    assert trajectory.cost == pytest.approx(optima.cost[fine][1], rel=1e-9), "that of the guess"
+    evidence = next(erratum.evidence for erratum in PAPER.errata if erratum.id == "E22")
+    assert "{:.1f} to {:.1f} deg^2/s".format(*optima.cost[fine][[0, -1]] / DEGREE**2) in evidence
+    assert "{:.1f} to {:.1f} s".format(*optima.final_time[fine][[0, -1]]) in evidence
     assert trajectory.heat_rate.max() == pytest.approx(6.1e5, rel=2e-7)
     assert list(np.flatnonzero(trajectory.heat_rate > 6.1e5 * (1 - 1e-7))) == [30, 31]
     # A parabola through nodes of equal height rises above them by an eighth of its second difference.
@@ -207,9 +207,9 @@ def test_optima_without_cost_are_one(inputs):
     assert len(optima) == 1 and list(numbers) == [0, 0, 0, 0]
 
 
-def test_best_of_starts_is_the_cheapest(inputs, trajectory, found):
+def test_best_of_starts_is_the_cheapest(inputs, trajectory, optima):
     best = inputs("best_nominal", start_final_times=np.array([200.0])).call(nominal.compute)
-    assert best.cost == pytest.approx(found.cost[found.intervals == 100].min(), rel=1e-9)
+    assert best.cost == pytest.approx(optima.cost[optima.intervals == 100].min(), rel=1e-9)
     assert best.cost < trajectory.cost
 
 
@@ -225,8 +225,8 @@ def test_the_guess_is_a_start_and_none_stands_twice(inputs):
 
 def test_starts_that_lead_nowhere_are_counted_and_the_guess_is_missed(inputs):
     deep = {"start_banks": np.radians([105.0]), "start_final_times": np.array([500.0])}
-    found = inputs(studied_intervals=[25], **deep).call(nominal.optima)
-    assert list(found.start_optimum[0]) == [0, -1] and list(found.starts) == [1]
+    few_optima = inputs(studied_intervals=[25], **deep).call(nominal.optima)
+    assert list(few_optima.start_optimum[0]) == [0, -1] and list(few_optima.starts) == [1]
     with pytest.raises(MarsedlError, match=r"nominal: the guess leads to no solution; .* give another guess_bank"):
         inputs(intervals=25, guess_bank=105.0 * DEGREE, guess_final_time=500.0).call(nominal.compute)
     with pytest.raises(
@@ -262,12 +262,12 @@ def test_jacobians_are_those_of_the_equations(model):
         by_state = [motion(x + 1j * step * row, bank).imag / step for row in np.eye(6)]
         by_bank = motion(x, bank + 1j * step).imag / step
         by_air = [motion(x, bank, 1j * step * row).imag / step for row in np.eye(2)]
-        for found, expected in (
+        for matrix, expected in (
             (model.state_matrix[k] / KM[:, None] * KM, np.transpose(by_state)),
             (model.control_matrix[k] / KM, by_bank),
             (model.disturbance_matrix[k] / KM[:, None], np.transpose(by_air)),
         ):
-            assert found == pytest.approx(expected, rel=1e-10, abs=1e-15)
+            assert matrix == pytest.approx(expected, rel=1e-10, abs=1e-15)
 
 
 def test_heat_rate_is_sutton_graves(inputs, model):
@@ -297,18 +297,18 @@ def test_regulator_is_the_same_in_other_units(model, regulator):
     scale = np.array([1.0, 2.0 / RADIUS, 2.0 / RADIUS, 0.03, 0.6 * DEGREE, 0.6 * DEGREE])
     weight, step = np.diag(1.0 / scale**2), model.time[1]
     r = step / 60 / (3.0 * DEGREE) ** 2
-    value, found = weight, []
+    value, feedback_gains = weight, []
     for k in reversed(range(240)):
         a = model.state_matrix[2 * k + 1] / KM[:, None] * KM
         b = model.control_matrix[2 * k + 1] / KM
-        held = expm(np.block([[a, b[:, None]], [np.zeros((1, 7))]]) * step)
-        ad, bd = held[:6, :6], held[:6, 6]
+        exponential = expm(np.block([[a, b[:, None]], [np.zeros((1, 7))]]) * step)
+        ad, bd = exponential[:6, :6], exponential[:6, 6]
         gain = -(bd @ value @ ad) / (r + bd @ value @ bd)
         closed = ad + np.outer(bd, gain)
         value = weight * step / 60 + r * np.outer(gain, gain) + closed.T @ value @ closed
-        found.append(gain / KM)
+        feedback_gains.append(gain / KM)
     assert regulator.gain[::-1] / np.abs(regulator.gain).max(axis=0) == pytest.approx(
-        np.array(found) / np.abs(regulator.gain).max(axis=0), abs=1e-9
+        np.array(feedback_gains) / np.abs(regulator.gain).max(axis=0), abs=1e-9
     )
     assert regulator.value_matrix[0] * np.outer(KM, KM) == pytest.approx(value, rel=1e-8)
     assert regulator.half_gain[:-2:2] == pytest.approx(regulator.gain)

@@ -161,8 +161,8 @@ def test_a_stage_bounds_the_car_itself_and_hardly_more(car, number):
     dense = np.array([*(_integral(f(heading), fine) for f in (np.cos, np.sin)), heading]).T
     dense[:, :2] += car.state[2 * first, :2]
     span = (car.time[first], car.time[last])
-    flown = solve_ivp(rates, span, start.T.ravel(), rtol=1e-9, atol=1e-11, max_step=0.02).y[:, -1].reshape(3, -1)
-    away = flown - car.state[2 * last][:, None]
+    final_states = solve_ivp(rates, span, start.T.ravel(), rtol=1e-9, atol=1e-11, max_step=0.02).y[:, -1].reshape(3, -1)
+    away = final_states - car.state[2 * last][:, None]
     reached = 0.5 * np.einsum("im,ij,jm->m", away, car.shape[last], away).max() / car.level[FLOW, number]
     assert reached <= car.bound[FLOW, number] * (1 + 1e-7)
     assert reached == pytest.approx(car.bound[FLOW, number], rel=5e-4)  # as dense as the points are

@@ -116,26 +116,26 @@ def shapes(count, size, seed=1):
 def study(empty=False):
     """One artifact of every stage, and every Monte Carlo case; `empty` ones have no number where they need none."""
 
-    def made(kind, extents=None, **known):
+    def stand_in(kind, extents=None, **known):
         return invented(kind, extents, empty, **known)
 
     def flights(seed, time=TIME, states=6):
-        flown = made(FlightEnsemble, {"states": states, "time": len(time)}, time=time)
-        largest = flown.maximum_over_trials * (1.0 + 0.1 * seed)
-        return replace(flown, maximum_over_trials=largest)
+        ensemble = stand_in(FlightEnsemble, {"states": states, "time": len(time)}, time=time)
+        largest = ensemble.maximum_over_trials * (1.0 + 0.1 * seed)
+        return replace(ensemble, maximum_over_trials=largest)
 
     car_time = np.linspace(0.0, 4.0, FINE + 1)
     spacing = np.array([4, 2])
-    excess = made(Discretization).excess.copy() - 1.5
+    excess = stand_in(Discretization).excess.copy() - 1.5
     excess[0, FINE // 4 :] = np.nan
     return {
-        "nominal": made(Nominal),
-        "optima": made(Optima, intervals=np.array([100, 100, 100, 200])),
-        "linearization": made(Linearization, time=TIME, half_time=np.linspace(0.0, 240.0, 2 * FINE + 1)),
-        "funnel": made(Funnel, step=STEP, time=TIME[STEP], shape=shapes(SLICES, 6), outcome="complete"),
-        "linear_bounds": made(LinearBounds, time=TIME, slice_time=TIME[STEP], slice_step=STEP),
-        "proven": made(Proven, step=STEP, time=TIME[STEP], node_time=TIME, proven=not empty),
-        "stage_study": made(
+        "nominal": stand_in(Nominal),
+        "optima": stand_in(Optima, intervals=np.array([100, 100, 100, 200])),
+        "linearization": stand_in(Linearization, time=TIME, half_time=np.linspace(0.0, 240.0, 2 * FINE + 1)),
+        "funnel": stand_in(Funnel, step=STEP, time=TIME[STEP], shape=shapes(SLICES, 6), outcome="complete"),
+        "linear_bounds": stand_in(LinearBounds, time=TIME, slice_time=TIME[STEP], slice_step=STEP),
+        "proven": stand_in(Proven, step=STEP, time=TIME[STEP], node_time=TIME, proven=not empty),
+        "stage_study": stand_in(
             StageStudy,
             variety=np.array(["S^5", "S^5 x S^1", "S^2"]),
             samples=np.array([182, 406, 25]),
@@ -143,20 +143,20 @@ def study(empty=False):
             form_status=np.array(["optimal", "optimal", "inaccurate", "optimal"]),
             few_samples=np.array([50, 100, 200, 400, 406]),
         ),
-        "discretization": made(
+        "discretization": stand_in(
             Discretization,
             spacing=spacing,
             condition=np.array(["flow", "euler"]),
             excess=excess,
             least_excess=np.array([-0.02, -0.01]),
         ),
-        "coarse_funnels": made(
+        "coarse_funnels": stand_in(
             CoarseFunnels,
             coarse_step=np.array([0, 4, 8, 12]),
             variant=np.array(["samples", "order 1", "order 2"]),
         ),
-        "divergence": made(Divergence),
-        "dubins": made(
+        "divergence": stand_in(Divergence),
+        "dubins": stand_in(
             Dubins,
             time=car_time,
             funnel=np.array(["flow", "euler", "wind"]),
@@ -164,7 +164,7 @@ def study(empty=False):
             slice_time=car_time[STEP],
             shape=shapes(FINE + 1, 3, seed=2),
         ),
-        "dubins_study": made(DubinsStudy, proven_funnel=np.array(["wind", "flow"])),
+        "dubins_study": stand_in(DubinsStudy, proven_funnel=np.array(["wind", "flow"])),
         "constant": flights(0),
         "redrawn": flights(1),
         "adversarial": flights(2),
@@ -174,18 +174,18 @@ def study(empty=False):
 
 
 @pytest.fixture(scope="module")
-def made():
+def records():
     return study()
 
 
 @pytest.fixture
-def draw(made):
+def draw(records):
     """Draw a figure, from changed artifacts on demand."""
 
-    def drawn(stem, **changed):
+    def drawn(stem, **replacements):
         values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
         function = getattr(figures, stem)
-        return function(**arguments_of(function, values, lambda name, kind: changed.get(name, made[name])))
+        return function(**arguments_of(function, values, lambda name, kind: replacements.get(name, records[name])))
 
     return drawn
 
@@ -210,7 +210,7 @@ def labels(figure):
 # --- all figures ------------------------------------------------------------------------------------------------------
 
 
-def test_every_figure_takes_artifacts_of_the_types_it_names(made):
+def test_every_figure_takes_artifacts_of_the_types_it_names(records):
     public = [
         name
         for name, function in vars(figures).items()
@@ -221,7 +221,7 @@ def test_every_figure_takes_artifacts_of_the_types_it_names(made):
         hints = get_type_hints(getattr(figures, stem))
         assert hints.pop("return") is Figure
         artifacts_of = {name: kind for name, kind in hints.items() if name not in MODEL.sections()}
-        assert artifacts_of and all(isinstance(made[name], kind) for name, kind in artifacts_of.items())
+        assert artifacts_of and all(isinstance(records[name], kind) for name, kind in artifacts_of.items())
 
 
 @pytest.mark.parametrize("stem", STEMS)
@@ -232,8 +232,8 @@ def test_figures_without_any_number_are_drawn(draw, tmp_path, stem):
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_huge_levels_are_drawn(draw, made, stem):
-    funnel = made["funnel"]
+def test_huge_levels_are_drawn(draw, records, stem):
+    funnel = records["funnel"]
     huge = replace(
         funnel,
         **{name: getattr(funnel, name) * 10.0 ** np.arange(SLICES) for name in ("level", "heat_rate")},
@@ -248,8 +248,8 @@ def test_huge_levels_are_drawn(draw, made, stem):
 # --- figures of the paper ---------------------------------------------------------------------------------------------
 
 
-def test_fig01_shows_the_projections_of_the_slices(draw, made):
-    funnel, linearization = made["funnel"], made["linearization"]
+def test_fig01_shows_the_projections_of_the_slices(draw, records):
+    funnel, linearization = records["funnel"], records["linearization"]
     small = replace(funnel, shape=1e6 * funnel.shape)
     figure = draw("fig01", funnel=small)
     whole, end, height = figure.axes
@@ -276,23 +276,23 @@ def test_fig01_shows_the_projections_of_the_slices(draw, made):
     assert height.get_ylim()[1] > reach.max() and height.get_xlim() == whole.get_xlim()
 
 
-def test_fig01_is_not_stretched_by_large_slices_and_says_where_a_funnel_ends(draw, made):
-    funnel = made["funnel"]
+def test_fig01_is_not_stretched_by_large_slices_and_says_where_a_funnel_ends(draw, records):
+    funnel = records["funnel"]
     level = np.where(np.arange(SLICES) < 4, funnel.level, np.nan)
     whole, _, height = draw("fig01", funnel=replace(funnel, level=1e6 * level, outcome="diverges")).axes
     widest = np.sqrt(2e6 * level[:4] * np.linalg.inv(funnel.shape[:4])[:, 1, 1]).max() * 3.4e3
     assert f"{widest:.2g} km" in whole.get_title(loc="left") and "ends at slice 4" in whole.get_title(loc="left")
-    longitude = made["linearization"].state[:, 1]
+    longitude = records["linearization"].state[:, 1]
     assert np.ptp(whole.get_xlim()) == pytest.approx(np.ptp(longitude) * 3.4e3 + 2 * 1.3 * figures.LARGEST_DRAWN)
     assert 0.0 < height.get_ylim()[1] < figures.LARGEST_DRAWN
     *_, height = draw("fig01", funnel=replace(funnel, level=1e12 * level)).axes
     assert height.get_ylim()[1] == pytest.approx(1.1 * figures.LARGEST_DRAWN)
 
 
-def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, made, monkeypatch):
+def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, records, monkeypatch):
     surfaces = []
     monkeypatch.setattr(Axes3D, "plot_surface", lambda self, *surface, **_: surfaces.append(np.array(surface)))
-    figure, dubins, flights = draw("fig02"), made["dubins"], made["dubins_calm"]
+    figure, dubins, flights = draw("fig02"), records["dubins"], records["dubins_calm"]
     assert len(surfaces) == SLICES
     path = dubins.state[::2]
     for k, surface in enumerate(surfaces):
@@ -306,7 +306,7 @@ def test_fig02_draws_surfaces_of_the_slices_and_flights(draw, made, monkeypatch)
     assert labels(figure) == ["nominal", "4 of 50 flights", "7 of 7 slices"]
 
 
-def test_fig02_draws_the_last_slice_of_any_number_of_slices(draw, made, monkeypatch):
+def test_fig02_draws_the_last_slice_of_any_number_of_slices(draw, records, monkeypatch):
     centres = []
     monkeypatch.setattr(
         Axes3D, "plot_surface", lambda self, *surface, **_: centres.append(np.mean(surface[:2], (1, 2)))
@@ -319,15 +319,15 @@ def test_fig02_draws_the_last_slice_of_any_number_of_slices(draw, made, monkeypa
         slice_step=step,
         shape=shapes(count, 3),
     )
-    flights = replace(made["dubins_calm"], kept_history=np.zeros((2, count, 3)))
+    flights = replace(records["dubins_calm"], kept_history=np.zeros((2, count, 3)))
     figure = draw("fig02", dubins=dubins, dubins_calm=flights)
     assert "11 of 24 slices" in labels(figure)
     for centre, place in ((centres[0], 0), (centres[-1], -1)):
         np.testing.assert_allclose(centre, dubins.state[place, :2], atol=0.2)
 
 
-def test_fig03_has_levels_over_steps_and_times(draw, made):
-    funnel, flown = made["funnel"], made["constant"]
+def test_fig03_has_levels_over_steps_and_times(draw, records):
+    funnel, ensemble = records["funnel"], records["constant"]
     figure = draw("fig03")
     linear, logarithmic = figure.axes
     assert linear.get_yscale() == "linear" and logarithmic.get_yscale() == "log"
@@ -336,25 +336,25 @@ def test_fig03_has_levels_over_steps_and_times(draw, made):
         np.testing.assert_array_equal(level.get_xydata(), np.transpose([np.arange(1, SLICES + 1), funnel.level]))
         # At a slice the node has its number.
         np.testing.assert_allclose(largest.get_xdata()[STEP], np.arange(1, SLICES + 1))
-        np.testing.assert_array_equal(largest.get_ydata(), flown.maximum_over_trials[:, 0])
+        np.testing.assert_array_equal(largest.get_ydata(), ensemble.maximum_over_trials[:, 0])
         (times,) = axes.child_axes
         figure.draw_without_rendering()
         np.testing.assert_allclose(times.get_xlim(), [0.0, 240.0])
     band = linear.collections[0].get_paths()[0].vertices
-    assert band[:, 1].max() == pytest.approx(flown.repeat_maximum[:, :, 0].max())
+    assert band[:, 1].max() == pytest.approx(ensemble.repeat_maximum[:, :, 0].max())
     assert "Monte Carlo, largest of 50 flights" in labels(figure)
-    lost = draw("fig03", constant=replace(flown, excluded=3), funnel=replace(funnel, outcome="diverges"))
+    lost = draw("fig03", constant=replace(ensemble, excluded=3), funnel=replace(funnel, outcome="diverges"))
     assert any("(3 lost)" in label for label in labels(lost))
     assert "ends at slice 7" in lost.axes[0].texts[0].get_text()
 
 
-def test_fig04_fills_where_v_falls(draw, made):
+def test_fig04_fills_where_v_falls(draw, records):
     axis = np.linspace(-1.6, 1.6, 9)
     first, second = np.meshgrid(axis, axis)
     angle = 2.0 * np.pi * np.arange(8) / 8 + 0.1
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     funnel = replace(
-        made["funnel"],
+        records["funnel"],
         fig4_coordinate=axis,
         fig4_rate=first - 0.45,
         fig4_worst_rate=second + 0.2,
@@ -383,8 +383,8 @@ def test_fig04_fills_where_v_falls(draw, made):
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
-def test_nominal_shows_the_flight_and_all_optima(draw, made):
-    nominal, optima, linearization = made["nominal"], made["optima"], made["linearization"]
+def test_nominal_shows_the_flight_and_all_optima(draw, records):
+    nominal, optima, linearization = records["nominal"], records["optima"], records["linearization"]
     altitude, velocity, bank, heat, costs, peaks = draw("nominal").axes
     for axes, values in (
         (altitude, linearization.state[:, 0] / KM),
@@ -396,19 +396,19 @@ def test_nominal_shows_the_flight_and_all_optima(draw, made):
     bounds = [line.get_ydata()[0] for line in bank.lines if same_color(line.get_color(), GREY)]
     np.testing.assert_allclose(bounds, np.array([0.2, 1.9]) / DEGREE)
     assert heat.get_title().endswith("limit 1.3")
-    found = np.concatenate([line.get_xydata() for line in costs.lines if line.get_marker() == "o"])
-    np.testing.assert_allclose(found[:, 0], optima.final_time)
-    np.testing.assert_allclose(found[:, 1], optima.cost / DEGREE**2)
-    (flown,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
-    np.testing.assert_allclose(flown, [linearization.half_time[-1], nominal.cost / DEGREE**2])
+    points = np.concatenate([line.get_xydata() for line in costs.lines if line.get_marker() == "o"])
+    np.testing.assert_allclose(points[:, 0], optima.final_time)
+    np.testing.assert_allclose(points[:, 1], optima.cost / DEGREE**2)
+    (nominal_point,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
+    np.testing.assert_allclose(nominal_point, [linearization.half_time[-1], nominal.cost / DEGREE**2])
     shown = [text.get_text() for text in costs.get_legend().get_texts()]
     assert shown == ["100 intervals", "200 intervals", "the nominal"]
     heights = np.concatenate([line.get_ydata() for line in peaks.lines if line.get_marker() == "o"])
     np.testing.assert_allclose(heights, optima.peak_heat_rate / 1e4)
 
 
-def test_bands_have_every_state_in_its_unit(draw, made):
-    funnel, linear, flown = made["funnel"], made["linear_bounds"], made["constant"]
+def test_bands_have_every_state_in_its_unit(draw, records):
+    funnel, linear, ensemble = records["funnel"], records["linear_bounds"], records["constant"]
     figure = draw("bands")
     units = (1 / KM, 3.4e3, 3.4e3, 1.0, 1 / DEGREE, 1 / DEGREE)
     for component, (axes, unit) in enumerate(zip(figure.axes, units, strict=True)):
@@ -422,9 +422,9 @@ def test_bands_have_every_state_in_its_unit(draw, made):
             np.testing.assert_allclose(lower.get_ydata(), -upper.get_ydata())
         flights = curves(axes, VERMILION)
         assert len(flights) == 4
-        np.testing.assert_allclose(flights[2].get_ydata(), flown.kept_history[2, :, component] * unit)
+        np.testing.assert_allclose(flights[2].get_ydata(), ensemble.kept_history[2, :, component] * unit)
         (ends,) = [line for line in axes.lines if line.get_marker() == "_" and len(line.get_xdata()) == 2]
-        final = flown.final_state[:, component] * unit
+        final = ensemble.final_state[:, component] * unit
         np.testing.assert_allclose(ends.get_ydata(), [final.min(), final.max()])
         assert axes.get_ylim()[1] == pytest.approx(1.08 * funnel.half_width[:, component].max() * unit)
     assert labels(figure)[0] == "funnel"
@@ -432,60 +432,60 @@ def test_bands_have_every_state_in_its_unit(draw, made):
     assert wide.axes[3].get_ylim()[1] < 6.0 and labels(wide)[0] == "funnel, beyond the axes"
 
 
-def test_heating_compares_nominal_flights_and_funnel(draw, made):
+def test_heating_compares_nominal_flights_and_funnel(draw, records):
     (axes,) = draw("heating").axes
     for color, values in (
-        (BLACK, made["linearization"].heat_rate),
-        (VERMILION, made["constant"].maximum_over_trials[:, 2]),
-        (BLUE, made["funnel"].heat_rate),
+        (BLACK, records["linearization"].heat_rate),
+        (VERMILION, records["constant"].maximum_over_trials[:, 2]),
+        (BLUE, records["funnel"].heat_rate),
     ):
         np.testing.assert_allclose(curves(axes, color)[0].get_ydata(), values / 1e4)
-    peak = made["nominal"].peak_heat_rate / 1e4
+    peak = records["nominal"].peak_heat_rate / 1e4
     assert f"nominal, up to {peak:.2f}" in [text.get_text() for text in axes.get_legend().get_texts()]
-    hot = made["funnel"].heat_rate * 1e140
-    (axes,) = draw("heating", funnel=replace(made["funnel"], heat_rate=hot)).axes
+    hot = records["funnel"].heat_rate * 1e140
+    (axes,) = draw("heating", funnel=replace(records["funnel"], heat_rate=hot)).axes
     assert axes.get_ylim()[1] == pytest.approx(1.3 * figures.FAR)  # W/cm^2; the limit is 1.3
     assert f"{hot.max() / 1e4:.4g}" in axes.get_legend().get_texts()[-1].get_text()
 
 
-def test_linear_bounds_are_shown_beside_and_relative_to_flights(draw, made):
+def test_linear_bounds_are_shown_beside_and_relative_to_flights(draw, records):
     levels, ratio = draw("linear_bounds").axes
-    flown = made["constant"].maximum_over_trials[:, 0]
-    bounds, at_slices = made["linear_bounds"], flown[STEP]
+    largest_level = records["constant"].maximum_over_trials[:, 0]
+    bounds, at_slices = records["linear_bounds"], largest_level[STEP]
     for color, style, values, against in (
-        (BLUE, "-", made["funnel"].level, at_slices),
-        (SKY, "-", made["proven"].level, at_slices),
+        (BLUE, "-", records["funnel"].level, at_slices),
+        (SKY, "-", records["proven"].level, at_slices),
         (GREEN, "-.", bounds.triangle_level, at_slices),
         (BLACK, "--", bounds.exact_level, at_slices),
         (GREY, ":", bounds.undisturbed_level, at_slices),
-        (ORANGE, "-", made["adversarial"].maximum_over_trials[:, 0], flown),
-        (VERMILION, "--", flown, flown),
-        (PURPLE, "-", made["redrawn"].maximum_over_trials[:, 0], flown),
+        (ORANGE, "-", records["adversarial"].maximum_over_trials[:, 0], largest_level),
+        (VERMILION, "--", largest_level, largest_level),
+        (PURPLE, "-", records["redrawn"].maximum_over_trials[:, 0], largest_level),
     ):
         np.testing.assert_array_equal(curves(levels, color, style)[0].get_ydata(), values)
         np.testing.assert_allclose(curves(ratio, color, style)[0].get_ydata(), values / against)
 
 
-def test_undersampling_marks_what_fresh_points_refute(draw, made):
+def test_undersampling_marks_what_fresh_points_refute(draw, records):
     least = np.array([-0.1, -0.05, 0.0, 0.01, 0.04])
-    found = replace(made["stage_study"], few_least_value=least)
-    figure = draw("undersampling", stage_study=found)
+    stage_study = replace(records["stage_study"], few_least_value=least)
+    figure = draw("undersampling", stage_study=stage_study)
     bound, excess = figure.axes
     np.testing.assert_array_equal(
-        curves(bound, BLUE)[0].get_xydata(), np.transpose([found.few_samples, found.few_bound])
+        curves(bound, BLUE)[0].get_xydata(), np.transpose([stage_study.few_samples, stage_study.few_bound])
     )
     lines = {line.get_label(): line.get_ydata()[0] for line in bound.lines}
-    assert lines["well chosen, 406 samples"] == found.form_bound[0]
+    assert lines["well chosen, 406 samples"] == stage_study.form_bound[0]
     (refuted,) = [line for line in excess.lines if line.get_marker() == "o"]
     np.testing.assert_array_equal(refuted.get_xydata(), [[50, -0.1], [100, -0.05]])
 
 
-def test_conditioning_has_every_basis_with_its_number(draw, made):
-    found = made["stage_study"]
+def test_conditioning_has_every_basis_with_its_number(draw, records):
+    stage_study = records["stage_study"]
     for axes, names, values in zip(
         draw("conditioning").axes,
-        (found.basis, found.design),
-        (found.basis_condition, found.design_condition),
+        (stage_study.basis, stage_study.design),
+        (stage_study.basis_condition, stage_study.design_condition),
         strict=True,
     ):
         (dots,) = [line for line in axes.lines if line.get_marker() == "o"]
@@ -494,53 +494,55 @@ def test_conditioning_has_every_basis_with_its_number(draw, made):
         assert [text.get_text() for text in axes.texts] == [f"{value:.3g}" for value in values]
 
 
-def test_stage_forms_are_relative_to_the_largest_value_found(draw, made):
-    found = made["stage_study"]
+def test_stage_forms_are_relative_to_the_largest_value_found(draw, records):
+    stage_study = records["stage_study"]
     bounds, iterations = draw("stage_forms").axes
     plain, safe = (line for line in bounds.lines if line.get_marker() in "oD")
-    np.testing.assert_allclose(plain.get_xdata(), found.form_bound / found.polynomial_maximum - 1.0)
-    np.testing.assert_allclose(safe.get_xdata(), found.form_safe_bound / found.polynomial_maximum - 1.0)
+    np.testing.assert_allclose(plain.get_xdata(), stage_study.form_bound / stage_study.polynomial_maximum - 1.0)
+    np.testing.assert_allclose(safe.get_xdata(), stage_study.form_safe_bound / stage_study.polynomial_maximum - 1.0)
     np.testing.assert_array_equal(iterations.lines[0].get_xdata(), [12, 9, 250, 475])
     (status,) = bounds.texts
     assert status.get_text() == "inaccurate" and status.xy[1] == plain.get_ydata()[2]
 
 
-def test_euler_marks_stages_where_it_is_no_bound(draw, made):
-    found = made["discretization"]
+def test_euler_marks_stages_where_it_is_no_bound(draw, records):
+    discretization = records["discretization"]
     stages, orders, levels = draw("euler").axes
-    for row, spacing, line in zip(found.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True):
+    for row, spacing, line in zip(
+        discretization.excess, (4, 2), [*curves(stages, SKY), *curves(stages, BLUE)], strict=True
+    ):
         count = FINE // spacing
         np.testing.assert_allclose(
             line.get_xydata(), np.transpose([20.0 * spacing * np.arange(count), 100 * row[:count]])
         )
     below = [line.get_ydata() for line in stages.lines if line.get_marker() == "."]
     assert np.concatenate(below).max() < 0.0
-    assert sum(map(len, below)) == np.count_nonzero(found.excess < 0.0) > 0
+    assert sum(map(len, below)) == np.count_nonzero(discretization.excess < 0.0) > 0
     (shortfall,) = curves(orders, VERMILION, least=2)
     np.testing.assert_allclose(shortfall.get_xydata(), [[80.0, 2.0], [40.0, 1.0]])
     for color, number in ((BLUE, 0), (ORANGE, 1)):
         largest, last = curves(levels, color, least=2)
-        np.testing.assert_array_equal(largest.get_xydata(), np.transpose([[4, 7], found.peak_level[number]]))
-        np.testing.assert_array_equal(last.get_ydata(), found.final_level[number])
+        np.testing.assert_array_equal(largest.get_xydata(), np.transpose([[4, 7], discretization.peak_level[number]]))
+        np.testing.assert_array_equal(last.get_ydata(), discretization.final_level[number])
 
 
-def test_fragility_marks_where_funnels_end(draw, made):
-    found = made["divergence"]
-    level = found.change_level.copy()
+def test_fragility_marks_where_funnels_end(draw, records):
+    divergence = records["divergence"]
+    level = divergence.change_level.copy()
     level[1, 2:] = np.nan
-    figure = draw("fragility", divergence=replace(found, change_level=level))
+    figure = draw("fragility", divergence=replace(divergence, change_level=level))
     axes, flights = figure.axes
     (cross,) = [line for line in axes.lines if line.get_marker() == "x"]
     np.testing.assert_allclose(cross.get_xydata(), [[80.0, level[1, 1]]])
     assert [label.endswith("(ends)") for label in labels(figure)] == [False, False, True, False]
-    np.testing.assert_array_equal([line.get_ydata()[0] for line in flights.lines], found.change_flown)
+    np.testing.assert_array_equal([line.get_ydata()[0] for line in flights.lines], divergence.change_flown)
     lines = [same_color(line.get_color(), flights.lines[k].get_color()) for k, line in enumerate(axes.lines[1:3])]
     assert all(lines)
-    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made["coarse_funnels"].variant_level[0])
+    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), records["coarse_funnels"].variant_level[0])
 
 
-def test_proven_is_relative_to_the_funnel(draw, made):
-    proven, funnel = made["proven"], made["funnel"]
+def test_proven_is_relative_to_the_funnel(draw, records):
+    proven, funnel = records["proven"], records["funnel"]
     figure = draw("proven", proven=replace(proven, rise=np.zeros(SLICES - 1)))
     levels, parts = figure.axes
     (nodes,), (slices,) = curves(levels, BLUE), curves(levels, VERMILION)
@@ -559,13 +561,13 @@ def test_proven_is_relative_to_the_funnel(draw, made):
     assert stopped.axes[0].get_title(loc="left") == "proven for 2 of 6 stages"
 
 
-def test_dubins_rho_has_both_cars_against_their_own_funnels(draw, made):
-    dubins, studied = made["dubins"], made["dubins_study"]
+def test_dubins_rho_has_both_cars_against_their_own_funnels(draw, records):
+    dubins, studied = records["dubins"], records["dubins_study"]
     figure = draw("dubins_rho")
     calm, windy, calm_ratio, windy_ratio = figure.axes
     for level, ratio, number, proven, flights in (
-        (calm, calm_ratio, 0, 1, made["dubins_calm"]),
-        (windy, windy_ratio, 2, 0, made["dubins_wind"]),
+        (calm, calm_ratio, 0, 1, records["dubins_calm"]),
+        (windy, windy_ratio, 2, 0, records["dubins_wind"]),
     ):
         for color, values in (
             (BLUE, dubins.level[number]),

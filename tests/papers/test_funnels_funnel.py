@@ -48,9 +48,9 @@ def shape_rate(funnels, step):
     return np.gradient(gains.shape, gains.time, axis=0)[step]
 
 
-def deviations_of(found, k, points):
+def deviations_of(slices, k, points):
     """Deviations (m, 6) of whitened points of slice k, counted from 0."""
-    return np.sqrt(2.0 * found.level[k]) * np.linalg.solve(np.linalg.cholesky(found.shape[k]).T, points.T).T
+    return np.sqrt(2.0 * slices.level[k]) * np.linalg.solve(np.linalg.cholesky(slices.shape[k]).T, points.T).T
 
 
 def on_sphere(stream, count, dimension):
@@ -150,18 +150,18 @@ def test_errata_quote_what_is_found(corrected):
 
 def test_an_inflated_funnel_takes_the_larger_value(funnels, few_slices):
     # Over longer steps the bound of the Euler step is above all that the motion reaches.
-    found = funnels.funnel("inflated", **few_slices | {"steps_per_slice": 12, "ascent_starts": 150})
-    np.testing.assert_array_equal(found.growth, np.maximum(found.bound, found.true_maximum))
-    larger = found.growth > found.bound
+    slices = funnels.funnel("inflated", **few_slices | {"steps_per_slice": 12, "ascent_starts": 150})
+    np.testing.assert_array_equal(slices.growth, np.maximum(slices.bound, slices.true_maximum))
+    larger = slices.growth > slices.bound
     assert larger.any() and not larger.all()
 
 
 def test_additive_disturbances_come_on_top(coarse_funnel):
-    found = coarse_funnel("additive")
-    expected = np.sqrt(found.growth * found.level[:-1]) + np.sqrt(found.additive_growth)
-    np.testing.assert_allclose(np.sqrt(found.level[1:]), expected, rtol=1e-12)
-    assert (found.additive_growth > 1e-6).all()
-    np.testing.assert_array_equal(found.growth, found.bound)
+    slices = coarse_funnel("additive")
+    expected = np.sqrt(slices.growth * slices.level[:-1]) + np.sqrt(slices.additive_growth)
+    np.testing.assert_allclose(np.sqrt(slices.level[1:]), expected, rtol=1e-12)
+    assert (slices.additive_growth > 1e-6).all()
+    np.testing.assert_array_equal(slices.growth, slices.bound)
 
 
 def test_none_come_where_there_are_none(corrected):
@@ -194,11 +194,11 @@ def test_the_largest_heat_rate_is_that_of_a_search_over_states_and_disturbances(
     inside = [
         {"type": "ineq", "fun": lambda point, b=block: 1.0 - point[b] @ point[b]} for block in (slice(6), slice(6, 8))
     ]
-    found = [
+    least_values = [
         minimize(negative, 0.5 * start, method="SLSQP", constraints=inside, options={"ftol": 1e-12, "maxiter": 200}).fun
         for start in np.hstack([on_sphere(1, 4, 6), on_sphere(2, 4, 2)])
     ]
-    assert -min(found) == pytest.approx(corrected.heat_rate[k] / 1e4, rel=1e-5)
+    assert -min(least_values) == pytest.approx(corrected.heat_rate[k] / 1e4, rel=1e-5)
     assert 68.4 < corrected.heat_rate.max() / 1e4 < 69.0
     assert (corrected.heat_rate > corrected.nominal_heat_rate).all()
     assert corrected.nominal_heat_rate.max() / 1e4 == pytest.approx(61.0, abs=0.2)
@@ -213,8 +213,8 @@ def test_the_worst_disturbance_of_the_density_is_at_an_end_of_its_diameter(corre
         points = on_sphere(3, 20, 6) * uniforms(1, 4, np.arange(20), 1)
         step, rate = corrected.step[k], shape_rate(funnels, corrected.step[k])
         arguments = (corrected.shape[k], rate)
-        found = funnel.lyapunov_rates(air_of(inputs), loop, step, *arguments, corrected.level[k], points)
-        for point, (still, worst) in zip(deviations_of(corrected, k, points), found.T, strict=True):
+        rates = funnel.lyapunov_rates(air_of(inputs), loop, step, *arguments, corrected.level[k], points)
+        for point, (still, worst) in zip(deviations_of(corrected, k, points), rates.T, strict=True):
             values = lyapunov_rate(loop, 2 * step, *arguments, np.tile(point, (len(net), 1)), net)
             scale = np.ptp(values)
             assert -1e-12 * scale < worst - values.max() < 1e-4 * scale
@@ -297,33 +297,33 @@ def test_literal_points_lie_on_no_slice(corrected):
 
 
 def test_as_printed_the_levels_have_no_memory(funnels, loop, coarse_funnel, few_slices, corrected):
-    found = coarse_funnel("printed")
-    assert found.outcome == "complete" and np.isnan(found.true_maximum).all()
-    assert (found.level[1:] > 1e6).all() and (found.level[1:] < 1e11).all()
+    slices = coarse_funnel("printed")
+    assert slices.outcome == "complete" and np.isnan(slices.true_maximum).all()
+    assert (slices.level[1:] > 1e6).all() and (slices.level[1:] < 1e11).all()
     inputs = funnels.stage_inputs("printed", "funnel", **few_slices)
     design = funnel.well_chosen_design(funnel.SPHERES, inputs.design_seed, funnel.BASIS_DEGREE)
     larger, _ = funnel.propagate(inputs.recursion, loop, replace(funnels.gains(), initial_level=1.8), design)
     assert larger.rho[0] == 1.8
-    np.testing.assert_allclose(larger.rho[1:], found.level[1:], rtol=1e-6)
-    assert abs(found.memory) < 1e-6 and 8.9 < corrected.memory < 9.1
+    np.testing.assert_allclose(larger.rho[1:], slices.level[1:], rtol=1e-6)
+    assert abs(slices.memory) < 1e-6 and 8.9 < corrected.memory < 9.1
 
 
 def test_a_funnel_ends_where_it_exceeds_its_limit(funnels, coarse_funnel, few_slices, tmp_path):
-    whole, found = coarse_funnel("euler"), funnels.funnel("euler", **few_slices, largest_level=5.0)
+    whole, slices = coarse_funnel("euler"), funnels.funnel("euler", **few_slices, largest_level=5.0)
     reached = int(np.argmax(whole.level > 5.0))
     assert 2 < reached < 10
-    np.testing.assert_array_equal(found.level[:reached], whole.level[:reached])
-    np.testing.assert_array_equal(found.bound[: reached - 1], whole.bound[: reached - 1])
-    assert "diverges" in found.outcome and f"slice {reached + 1} of 11" in found.outcome
+    np.testing.assert_array_equal(slices.level[:reached], whole.level[:reached])
+    np.testing.assert_array_equal(slices.bound[: reached - 1], whole.bound[: reached - 1])
+    assert "diverges" in slices.outcome and f"slice {reached + 1} of 11" in slices.outcome
     for name in ("level", "feedback", "heat_rate", "rising", "log_volume"):
-        values = getattr(found, name)
+        values = getattr(slices, name)
         assert np.isfinite(values[:reached]).all() and np.isnan(values[reached:]).all(), name
-    assert np.isnan(found.bound[reached - 1 :]).all() and (found.iterations[reached - 1 :] == 0).all()
-    assert (found.status[reached - 1 :] == "not solved").all() and not found.sound
-    assert found.stage_sound[: reached - 1].all() and not found.stage_sound[reached - 1 :].any()
+    assert np.isnan(slices.bound[reached - 1 :]).all() and (slices.iterations[reached - 1 :] == 0).all()
+    assert (slices.status[reached - 1 :] == "not solved").all() and not slices.sound
+    assert slices.stage_sound[: reached - 1].all() and not slices.stage_sound[reached - 1 :].any()
     path = tmp_path / "funnel.h5"
-    artifacts.save(path, found, paper="funnels", reading="corrected", provenance={})
-    assert artifacts.load(path, funnel.Funnel).outcome == found.outcome
+    artifacts.save(path, slices, paper="funnels", reading="corrected", provenance={})
+    assert artifacts.load(path, funnel.Funnel).outcome == slices.outcome
 
 
 @pytest.mark.parametrize(
@@ -331,11 +331,11 @@ def test_a_funnel_ends_where_it_exceeds_its_limit(funnels, coarse_funnel, few_sl
     [({"largest_feedback": 1e-9}, "initial set is too large"), ({"largest_level": 0.18}, "slice 2 of 11")],
 )
 def test_a_funnel_without_a_stage_is_still_described(funnels, few_slices, tmp_path, changes, fragment):
-    found = funnels.funnel("corrected", **few_slices, **changes)
-    assert fragment in found.outcome and not found.sound
-    assert found.level[0] == funnels.gains().initial_level and np.isnan(found.level[1:]).all()
-    assert np.isnan(found.bound).all() and np.isfinite(found.heat_rate[0])
-    artifacts.save(tmp_path / "funnel.h5", found, paper="funnels", reading="corrected", provenance={})
+    slices = funnels.funnel("corrected", **few_slices, **changes)
+    assert fragment in slices.outcome and not slices.sound
+    assert slices.level[0] == funnels.gains().initial_level and np.isnan(slices.level[1:]).all()
+    assert np.isnan(slices.bound).all() and np.isfinite(slices.heat_rate[0])
+    artifacts.save(tmp_path / "funnel.h5", slices, paper="funnels", reading="corrected", provenance={})
 
 
 @pytest.mark.parametrize(
@@ -349,6 +349,6 @@ def test_a_funnel_without_a_stage_is_still_described(funnels, few_slices, tmp_pa
     ],
 )
 def test_every_reading_has_a_funnel(coarse_funnel, tmp_path, reading, outcome):
-    found = coarse_funnel(reading)
-    assert outcome in found.outcome and (found.level > 0.0).sum() == np.isfinite(found.level).sum()
-    artifacts.save(tmp_path / "funnel.h5", found, paper="funnels", reading=reading, provenance={})
+    slices = coarse_funnel(reading)
+    assert outcome in slices.outcome and (slices.level > 0.0).sum() == np.isfinite(slices.level).sum()
+    artifacts.save(tmp_path / "funnel.h5", slices, paper="funnels", reading=reading, provenance={})

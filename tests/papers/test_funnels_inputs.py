@@ -88,10 +88,10 @@ def reading_of(based_on="corrected", **inputs):
 def test_inputs_that_contradict_are_refused(inputs, fragments):
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
-    said = str(error.value)
-    assert said.startswith("mine.yaml: funnels.readings.mine") and "\n" not in said
+    message = str(error.value)
+    assert message.startswith("mine.yaml: funnels.readings.mine") and "\n" not in message
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in message
 
 
 def test_units_are_turned_into_si():
@@ -116,12 +116,12 @@ def test_readings_differ_from_each_other_where_they_should():
         "minkowski_shape": {"recursion.shape"},
         "terminal_weight": {"guidance.terminal_weight"},
     }
-    changed = {
+    unchanged_inputs = {
         name: {key for key in differences[name] if reading.inputs.get(key) == base.inputs.get(key)}
         for name, reading in readings.items()
         if reading.based_on and (base := readings[reading.based_on])
     }
-    assert not any(changed.values())  # nothing is set to what it was
+    assert not any(unchanged_inputs.values())  # nothing is set to what it was
 
 
 def test_the_size_smoke_is_a_valid_reading_too():

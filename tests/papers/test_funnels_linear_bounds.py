@@ -180,9 +180,9 @@ def test_reachable_ellipsoids_hold_linear_flights_and_little_more(inputs, bounds
 
 
 def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
-    changed = inputs_of("minkowski_shape")
-    own = changed.call(gains.compute, reference)
-    bounds = changed.call(linear_bounds.compute, reference, own)
+    inputs_with_shape = inputs_of("minkowski_shape")
+    own = inputs_with_shape.call(gains.compute, reference)
+    bounds = inputs_with_shape.call(linear_bounds.compute, reference, own)
     assert bounds.exact_level == pytest.approx(bounds.reachable_level, rel=1e-6)
     steps = bounds.slice_step
     assert bounds.exact_half_width == pytest.approx(

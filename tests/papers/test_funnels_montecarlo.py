@@ -23,7 +23,7 @@ RADIUS = 3389.5e3
 
 
 @pytest.fixture(scope="module")
-def made(funnels):
+def inputs_and_records(funnels):
     """The artifacts that flights need, with their inputs."""
     inputs = funnels.stage_inputs("corrected", "montecarlo")
     return inputs, funnels.linearization(), funnels.gains(), funnels.funnel()
@@ -35,24 +35,24 @@ def runs(funnels):
     return {"dubins_calm": funnels.dubins_calm(), "dubins_wind": funnels.dubins_wind()}
 
 
-def flown(made, case="constant", trials=60, block_size=1000, **changed):
+def ensemble_of(inputs_and_records, case="constant", trials=60, block_size=1000, **replacements):
     """A small case, with other inputs or artifacts if any are given."""
-    needed = dict(zip(NAMES, made, strict=True)) | changed
+    needed = dict(zip(NAMES, inputs_and_records, strict=True)) | replacements
     inputs = needed.pop("inputs")
     chunk = inputs.call(montecarlo.simulate, **needed, flown=Flown(case, trials, block_size))
     return montecarlo.gather([chunk])
 
 
-def replayed(made, case, number, ensemble=None, **changed):
+def replayed(inputs_and_records, case, number, ensemble=None, **replacements):
     """What is said of a trial."""
-    needed = dict(zip(NAMES, made, strict=True)) | changed
+    needed = dict(zip(NAMES, inputs_and_records, strict=True)) | replacements
     return needed.pop("inputs").call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
 
 
-def with_inputs(made, **changes):
+def with_inputs(inputs_and_records, **changes):
     """The inputs, some of them changed."""
-    values = {name: changes.get(name.partition(".")[2], value) for name, value in made[0].values.items()}
-    return type(made[0])(made[0].model, values)
+    values = {name: changes.get(name.partition(".")[2], value) for name, value in inputs_and_records[0].values.items()}
+    return type(inputs_and_records[0])(inputs_and_records[0].model, values)
 
 
 def rates_and_air(inputs):
@@ -68,10 +68,10 @@ def test_levels_reached_by_constant_disturbances(funnels):
     """A fifth of the other study's trials, of which the largest is less by a part of the spread of that study's."""
     ensemble = funnels.ensemble("corrected", "constant", TRIALS)
     known = [0.1793, 0.1796, 0.1943, 0.3315, 0.8693, 1.6715, 2.4944, 3.0881, 3.3588, 3.3537, 3.1052, 2.6449, 2.0000]
-    found = ensemble.maximum_over_trials[::20, 0]
+    largest = ensemble.maximum_over_trials[::20, 0]
     spread = ensemble.repeat_maximum[:, ::20, 0].std(axis=0)
     assert (spread[1:] > 0.0).all() and spread[0] < 1e-14
-    assert (np.abs(found - known) < 3.0 * spread + 1e-4).all()
+    assert (np.abs(largest - known) < 3.0 * spread + 1e-4).all()
     assert 3.25 < ensemble.maximum_over_trials[:, 0].max() < 3.5
     np.testing.assert_array_equal(ensemble.repeat_maximum.max(axis=0), ensemble.maximum_over_trials)
 
@@ -111,32 +111,32 @@ def test_what_is_left_at_the_end(funnels):
 )
 def test_levels_of_the_car(runs, case, known):
     ensemble = runs[case]
-    found, spread = ensemble.maximum_over_trials[::100, 0], ensemble.repeat_maximum[:, ::100, 0].std(axis=0)
-    assert (np.abs(found - known) < 3.0 * spread + 6e-5).all()
+    largest, spread = ensemble.maximum_over_trials[::100, 0], ensemble.repeat_maximum[:, ::100, 0].std(axis=0)
+    assert (np.abs(largest - known) < 3.0 * spread + 6e-5).all()
     assert ensemble.observed_name.tolist() == ["level", "feedback"] and ensemble.final_state.shape == (TRIALS, 5)
 
 
 # --- what is flown ----------------------------------------------------------------------------------------------------
 
 
-def test_flights_start_on_the_first_slice(made, runs):
-    for ensemble in (*(flown(made, case) for case in FLOWN), *runs.values()):
+def test_flights_start_on_the_first_slice(inputs_and_records, runs):
+    for ensemble in (*(ensemble_of(inputs_and_records, case) for case in FLOWN), *runs.values()):
         np.testing.assert_allclose(ensemble.kept_observed[:, 0, 0], ensemble.level[0], rtol=1e-12)
-    ensemble, shape = flown(made), made[2].shape
+    ensemble, shape = ensemble_of(inputs_and_records), inputs_and_records[2].shape
     for node in (0, 77, 240):
         deviation = ensemble.kept_history[:, node]
         values = 0.5 * np.einsum("mi,ij,mj->m", deviation, shape[node], deviation)
         np.testing.assert_allclose(ensemble.kept_observed[:, node, 0], values, rtol=1e-10)
-        gain = made[2].half_gain[2 * node]
+        gain = inputs_and_records[2].half_gain[2 * node]
         np.testing.assert_allclose(ensemble.kept_observed[:, node, 1], np.abs(deviation @ gain), rtol=1e-9, atol=1e-15)
     np.testing.assert_array_equal(ensemble.kept_history[:, -1], ensemble.final_state[:12, :6])
     np.testing.assert_array_equal(ensemble.kept_observed.max(axis=1), ensemble.observed_maximum[:12])
 
 
-def test_a_flight_by_adaptive_steps(made):
+def test_a_flight_by_adaptive_steps(inputs_and_records):
     """The states themselves under Eq. 37 and the feedback, with a disturbance drawn here; not their deviations."""
-    inputs, linearization, gains, *_ = made
-    ensemble, number = flown(made), 5
+    inputs, linearization, gains, *_ = inputs_and_records
+    ensemble, number = ensemble_of(inputs_and_records), 5
     drawn = normals(inputs.seed, flight.DISTURBANCE_STREAM, [number], 2)[0]
     w = drawn / np.linalg.norm(drawn)
     rates, air = rates_and_air(inputs)
@@ -151,17 +151,19 @@ def test_a_flight_by_adaptive_steps(made):
     start = linearization.state[0] + ensemble.kept_history[number, 0]
     stepped = solve_ivp(motion, (0.0, time[-1]), start, method="RK45", rtol=1e-9, atol=1e-12, t_eval=time[::40])
     deviation = stepped.y.T - linearization.state[::80]
-    found = ensemble.kept_history[number, ::40]
-    scale = np.abs(found).max(axis=0)
-    np.testing.assert_allclose(found / scale, deviation / scale, rtol=0, atol=5e-4)
+    history = ensemble.kept_history[number, ::40]
+    scale = np.abs(history).max(axis=0)
+    np.testing.assert_allclose(history / scale, deviation / scale, rtol=0, atol=5e-4)
     heat = environment.heat_rate(inputs.vehicle, air, stepped.y[0, 2], stepped.y[3, 2], w)
     assert ensemble.kept_observed[number, 80, 2] == pytest.approx(heat, rel=1e-4)
 
 
-def test_disturbances_of_the_cases(made):
-    inputs, trials = made[0], np.arange(200)
+def test_disturbances_of_the_cases(inputs_and_records):
+    inputs, trials = inputs_and_records[0], np.arange(200)
     _, air = rates_and_air(inputs)
-    loop = environment.closed_loop(inputs.planet, inputs.vehicle, air, made[1], made[2].half_gain)
+    loop = environment.closed_loop(
+        inputs.planet, inputs.vehicle, air, inputs_and_records[1], inputs_and_records[2].half_gain
+    )
     constant = flight.disturbances(flight.Draws(inputs.seed), loop, trials)
     redrawn = flight.disturbances(flight.Draws(inputs.seed, "redrawn", inputs.redraw_steps), loop, trials)
     assert constant.shape == (1, 200, 2) and redrawn.shape == (30, 200, 2)
@@ -172,22 +174,28 @@ def test_disturbances_of_the_cases(made):
     others = flight.disturbances(flight.Draws(inputs.seed, "redrawn", 9), loop, trials)  # of 240: after 10 instead
     np.testing.assert_array_equal(others, redrawn[:24])
     # So both fly the same way until the second is drawn.
-    flights = [flown(made, case).kept_history for case in ("constant", "redrawn")]
+    flights = [ensemble_of(inputs_and_records, case).kept_history for case in ("constant", "redrawn")]
     np.testing.assert_array_equal(flights[0][:, :9], flights[1][:, :9])
     assert (flights[0][:, 9] != flights[1][:, 9]).any(axis=1).all()
 
 
-def test_the_adversary_raises_the_level_more_than_any_constant_direction(made):
+def test_the_adversary_raises_the_level_more_than_any_constant_direction(inputs_and_records):
     """Step by step at least as fast, so that on average it has raised it more after a few steps."""
-    constant, adversarial = (flown(made, case, 300).repeat_maximum for case in ("constant", "adversarial"))
+    constant, adversarial = (
+        ensemble_of(inputs_and_records, case, 300).repeat_maximum for case in ("constant", "adversarial")
+    )
     assert (adversarial[:, 160, 0] > 0.97 * constant[:, 160, 0]).all()
-    few = flown(made, "adversarial", inputs=with_inputs(made, adversarial_directions=4))
-    assert (few.kept_history != flown(made, "adversarial").kept_history).any()
+    few = ensemble_of(
+        inputs_and_records, "adversarial", inputs=with_inputs(inputs_and_records, adversarial_directions=4)
+    )
+    assert (few.kept_history != ensemble_of(inputs_and_records, "adversarial").kept_history).any()
 
 
-def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
-    inputs = with_inputs(made, additive=True)
-    without, setting = (chosen.call(flight.entry_setting, *made[1:]) for chosen in (made[0], inputs))
+def test_additive_disturbances_are_flown_where_a_reading_has_them(inputs_and_records):
+    inputs = with_inputs(inputs_and_records, additive=True)
+    without, setting = (
+        chosen.call(flight.entry_setting, *inputs_and_records[1:]) for chosen in (inputs_and_records[0], inputs)
+    )
     amplitudes = environment.additive_amplitudes(inputs.planet, inputs.uncertainty)
     draws = flight.Draws(inputs.seed, redraw_steps=inputs.redraw_steps)
     assert flight.additive(draws, without, np.arange(9)) is None
@@ -195,37 +203,40 @@ def test_additive_disturbances_are_flown_where_a_reading_has_them(made):
         added = flight.additive(draws._replace(case=case), setting, np.arange(9))
         assert added.shape == (segments, 9, 6)
         np.testing.assert_allclose(np.linalg.norm(added / amplitudes, axis=-1), 1.0, rtol=1e-12)
-    largest = [flown(made, "adversarial", inputs=i).maximum_over_trials[:, 0].max() for i in (made[0], inputs)]
+    largest = [
+        ensemble_of(inputs_and_records, "adversarial", inputs=i).maximum_over_trials[:, 0].max()
+        for i in (inputs_and_records[0], inputs)
+    ]
     assert largest[1] > 1.1 * largest[0]
 
 
 # --- independence of chunks -------------------------------------------------------------------------------------------
 
 
-def test_flights_without_feedback_are_the_same_flights_but_for_it(funnels, made):
+def test_flights_without_feedback_are_the_same_flights_but_for_it(funnels, inputs_and_records):
     result = funnels.stage("open_loop", "corrected", trials=60)
-    gains = made[2]
-    still = flown(made, trials=60, gains=replace(gains, half_gain=np.zeros_like(gains.half_gain)))
+    gains = inputs_and_records[2]
+    still = ensemble_of(inputs_and_records, trials=60, gains=replace(gains, half_gain=np.zeros_like(gains.half_gain)))
     ends = np.abs(still.final_state[:, 1:3]) * RADIUS
     assert (result.trials, result.lost) == (60, 0)
     np.testing.assert_allclose(result.flown_half_width, ends.max(axis=0), rtol=1e-12)
     np.testing.assert_allclose(result.repeat_half_width[3], ends[3::10].max(axis=0), rtol=1e-12)
     # Feedback takes something away, of flights as of linear motion, which bounds neither.
-    under = np.abs(flown(made, trials=60).final_state[:, 1:3]) * RADIUS
+    under = np.abs(ensemble_of(inputs_and_records, trials=60).final_state[:, 1:3]) * RADIUS
     assert under.max() < 0.9 * ends.max()
     without, with_feedback = result.linear_half_width.max(axis=1)
     assert with_feedback < 0.9 * without and 0.5 * without < ends.max() < 1.1 * without
 
 
 @pytest.mark.parametrize("case", FLOWN)
-def test_results_do_not_depend_on_chunks(made, case):
-    whole = flown(made, case, 60, 20)
-    inputs, *needed = made
+def test_results_do_not_depend_on_chunks(inputs_and_records, case):
+    whole = ensemble_of(inputs_and_records, case, 60, 20)
+    inputs, *needed = inputs_and_records
     chunks = [inputs.call(montecarlo.simulate, *needed, flown=Flown(case, 60, 20, chunk, 3)) for chunk in (2, 0, 1)]
     scattered = montecarlo.gather(chunks)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
-    larger = flown(made, case, 100)
+    larger = ensemble_of(inputs_and_records, case, 100)
     for name in ("final_state", "observed_maximum", "outcome"):
         np.testing.assert_array_equal(getattr(larger, name)[:60], getattr(whole, name), err_msg=name)
 
@@ -239,18 +250,20 @@ def test_runs_of_the_car_do_not_depend_on_their_number(funnels, runs):
 
 
 @pytest.mark.parametrize(("case", "number"), [("constant", 0), ("redrawn", 51), ("adversarial", 33)])
-def test_a_trial_flown_alone_is_that_of_the_ensemble(made, case, number):
-    ensemble = flown(made, case)
-    said = replayed(made, case, number, ensemble)
-    assert said.startswith(f"trial {number}, {case}: flown to the end") and "the same to the last bit" in said
-    assert f"{ensemble.final_state[number, 0]:18.9g}" in said
+def test_a_trial_flown_alone_is_that_of_the_ensemble(inputs_and_records, case, number):
+    ensemble = ensemble_of(inputs_and_records, case)
+    report = replayed(inputs_and_records, case, number, ensemble)
+    assert report.startswith(f"trial {number}, {case}: flown to the end") and "the same to the last bit" in report
+    assert f"{ensemble.final_state[number, 0]:18.9g}" in report
     other = replace(ensemble, final_state=ensemble.final_state * (1.0 + 1e-15))
-    assert "DIFFERS" in replayed(made, case, number, other)
-    assert "bit" not in replayed(made, case, number)
+    assert "DIFFERS" in replayed(inputs_and_records, case, number, other)
+    assert "bit" not in replayed(inputs_and_records, case, number)
 
 
-def test_chunks_and_ensembles_can_be_stored(made, runs, tmp_path):
-    chunk = made[0].call(montecarlo.simulate, *made[1:], flown=Flown("redrawn", 90, 30, 1, 3))
+def test_chunks_and_ensembles_can_be_stored(inputs_and_records, runs, tmp_path):
+    chunk = inputs_and_records[0].call(
+        montecarlo.simulate, *inputs_and_records[1:], flown=Flown("redrawn", 90, 30, 1, 3)
+    )
     for name, thing in (("chunk", chunk), ("ensemble", runs["dubins_calm"])):
         path = tmp_path / f"{name}.h5"
         artifacts.save(path, thing, paper="funnels", reading="corrected", provenance={})
@@ -262,12 +275,12 @@ def test_chunks_and_ensembles_can_be_stored(made, runs, tmp_path):
 # --- what is outside --------------------------------------------------------------------------------------------------
 
 
-def test_trials_outside_of_a_smaller_funnel_are_counted(made):
+def test_trials_outside_of_a_smaller_funnel_are_counted(inputs_and_records):
     """Against the kept flights, one by one."""
-    level = made[3].level * np.linspace(1.0, 0.1, len(made[3].level))
-    ensemble = flown(made, trials=12, funnel=replace(made[3], level=level))
-    ratio = ensemble.kept_observed[:, :, 0] / np.interp(np.arange(241), made[3].step, level)
-    at_slice = np.isin(np.arange(241), made[3].step)
+    level = inputs_and_records[3].level * np.linspace(1.0, 0.1, len(inputs_and_records[3].level))
+    ensemble = ensemble_of(inputs_and_records, trials=12, funnel=replace(inputs_and_records[3], level=level))
+    ratio = ensemble.kept_observed[:, :, 0] / np.interp(np.arange(241), inputs_and_records[3].step, level)
+    at_slice = np.isin(np.arange(241), inputs_and_records[3].step)
     outside = ratio > 1.0
     outside[:, 0] = False
     slices, between = (outside[:, nodes].any(axis=1) for nodes in (at_slice, ~at_slice))
@@ -277,22 +290,28 @@ def test_trials_outside_of_a_smaller_funnel_are_counted(made):
     assert ensemble.largest_ratio == pytest.approx(ratio[:, 1:].max(), rel=1e-12)
 
 
-def test_nothing_is_outside_of_a_funnel_that_has_ended(made):
+def test_nothing_is_outside_of_a_funnel_that_has_ended(inputs_and_records):
     """It is held against as far as it goes, and its levels are not numbers beyond."""
-    level = np.where(made[3].step < 80, made[3].level, np.nan)
-    ensemble = flown(made, trials=12, funnel=replace(made[3], level=level))
+    level = np.where(inputs_and_records[3].step < 80, inputs_and_records[3].level, np.nan)
+    ensemble = ensemble_of(inputs_and_records, trials=12, funnel=replace(inputs_and_records[3], level=level))
     assert ensemble.outside_at_slices == ensemble.outside_between == ensemble.excluded == 0
     assert np.isfinite(ensemble.level[:77]).all() and np.isnan(ensemble.level[77:]).all()
     ratio = ensemble.kept_observed[:, 1:77, 0] / ensemble.level[1:77]
     assert ensemble.largest_ratio == pytest.approx(ratio.max(), rel=1e-12)
-    first = flown(made, trials=12, funnel=replace(made[3], level=np.where(made[3].step < 1, made[3].level, np.nan)))
+    first = ensemble_of(
+        inputs_and_records,
+        trials=12,
+        funnel=replace(
+            inputs_and_records[3], level=np.where(inputs_and_records[3].step < 1, inputs_and_records[3].level, np.nan)
+        ),
+    )
     assert first.outside_at_slices == first.outside_between == 0 and first.largest_ratio == 0.0
 
 
-def test_trials_that_diverge_are_counted_and_kept(made, tmp_path):
+def test_trials_that_diverge_are_counted_and_kept(inputs_and_records, tmp_path):
     """From a slice a million times as wide; they are outside, and no maximum holds them."""
-    wide: Funnel = replace(made[3], level=made[3].level * 1e7)
-    ensemble = flown(made, trials=40, funnel=wide)
+    wide: Funnel = replace(inputs_and_records[3], level=inputs_and_records[3].level * 1e7)
+    ensemble = ensemble_of(inputs_and_records, trials=40, funnel=wide)
     lost = ensemble.outcome == 3
     assert 0 < np.count_nonzero(lost) == ensemble.excluded < 40 and ensemble.count == 40 - ensemble.excluded
     assert len(ensemble.final_state) == len(ensemble.observed_maximum) == 40
@@ -303,5 +322,5 @@ def test_trials_that_diverge_are_counted_and_kept(made, tmp_path):
     assert np.isfinite(ensemble.maximum_over_trials).all()
     artifacts.save(tmp_path / "flights.h5", ensemble, paper="funnels", reading="corrected", provenance={})
     number = int(np.flatnonzero(lost)[0])
-    said = replayed(made, "constant", number, ensemble, funnel=wide)
-    assert f"trial {number}, constant: not finite" in said and "the same to the last bit" in said
+    report = replayed(inputs_and_records, "constant", number, ensemble, funnel=wide)
+    assert f"trial {number}, constant: not finite" in report and "the same to the last bit" in report

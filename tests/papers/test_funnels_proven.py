@@ -25,10 +25,13 @@ def inputs(funnels):
 @pytest.fixture(scope="module")
 def part(funnels):
     """Reference, regulator and shapes of the stages, and their first level."""
-    flown, designed = funnels.linearization(), funnels.gains()
+    linear_model, designed = funnels.linearization(), funnels.gains()
     nodes, half = slice(FIRST, FIRST + STEPS + 1), slice(2 * FIRST, 2 * (FIRST + STEPS) + 1)
     linearization = SimpleNamespace(
-        time=flown.time[nodes], state=flown.state[half], bank=flown.bank[half], heat_rate=flown.heat_rate[half]
+        time=linear_model.time[nodes],
+        state=linear_model.state[half],
+        bank=linear_model.bank[half],
+        heat_rate=linear_model.heat_rate[half],
     )
     gains = SimpleNamespace(half_gain=designed.half_gain[half], shape=designed.shape[nodes], initial_level=LEVEL)
     return linearization, gains
@@ -41,51 +44,51 @@ def loop(inputs, part):
 
 
 @pytest.fixture(scope="module")
-def found(inputs, part):
+def proof(inputs, part):
     return inputs.call(proven.compute, *part)
 
 
-def test_all_stages_are_proven_and_levels_are_products_of_their_bounds(found):
-    assert found.proven and found.outcome == "complete"
-    np.testing.assert_array_equal(found.step, np.arange(0, STEPS + 1, 4))
-    np.testing.assert_array_equal(found.time, found.node_time[found.step])
-    np.testing.assert_array_equal(found.level, found.node_level[found.step])
-    np.testing.assert_allclose(found.level, LEVEL * np.cumprod([1.0, *found.bound]), rtol=1e-14)
-    parts = found.polynomial_bound + found.truncation + found.remainder + found.rise
-    np.testing.assert_allclose(found.bound, parts, rtol=1e-14)
-    assert (found.truncation > 0).all() and (found.remainder > 0).all()
+def test_all_stages_are_proven_and_levels_are_products_of_their_bounds(proof):
+    assert proof.proven and proof.outcome == "complete"
+    np.testing.assert_array_equal(proof.step, np.arange(0, STEPS + 1, 4))
+    np.testing.assert_array_equal(proof.time, proof.node_time[proof.step])
+    np.testing.assert_array_equal(proof.level, proof.node_level[proof.step])
+    np.testing.assert_allclose(proof.level, LEVEL * np.cumprod([1.0, *proof.bound]), rtol=1e-14)
+    parts = proof.polynomial_bound + proof.truncation + proof.remainder + proof.rise
+    np.testing.assert_allclose(proof.bound, parts, rtol=1e-14)
+    assert (proof.truncation > 0).all() and (proof.remainder > 0).all()
     # The polynomial is convex along a direction, so that it is largest on the boundary of the slice.
-    np.testing.assert_array_equal(found.rise, 0.0)
-    assert (found.basis_size, found.samples) == (53, 606)
+    np.testing.assert_array_equal(proof.rise, 0.0)
+    assert (proof.basis_size, proof.samples) == (53, 606)
 
 
-def test_motion_stays_below_the_levels_of_all_nodes_and_comes_close(found, loop, part):
+def test_motion_stays_below_the_levels_of_all_nodes_and_comes_close(proof, loop, part):
     shape = part[1].shape
-    for first, level in ((0, found.level[0]), (12, found.level[3])):
+    for first, level in ((0, proof.level[0]), (12, proof.level[3])):
         for node in range(first + 1, first + 5):
             stage = FunnelStage(loop, first, node, shape[first], shape[node], level)
             largest, _ = maximize(stage.true_values, (6, 2), 3, full_ball=(True, True), starts=300, polished=5)
-            assert largest * level <= found.node_level[node]
+            assert largest * level <= proof.node_level[node]
         # What is proven in excess: known terms of higher degrees where the polynomial is largest, and the remainder.
-        assert found.node_level[node] < 1.005 * largest * level
-    straight = np.interp(np.arange(STEPS + 1), found.step, found.level)
-    assert found.interpolation_excess == pytest.approx((found.node_level / straight).max() - 1.0, abs=1e-15)
-    assert 0.0 <= found.interpolation_excess < 0.01
+        assert proof.node_level[node] < 1.005 * largest * level
+    straight = np.interp(np.arange(STEPS + 1), proof.step, proof.level)
+    assert proof.interpolation_excess == pytest.approx((proof.node_level / straight).max() - 1.0, abs=1e-15)
+    assert 0.0 <= proof.interpolation_excess < 0.01
 
 
-def test_flights_stay_inside_under_disturbances_that_change_between_stages(found, loop, part):
+def test_flights_stay_inside_under_disturbances_that_change_between_stages(proof, loop, part):
     random = np.random.Generator(np.random.Philox(7))
     starts = boundary_deviations(part[1].shape[0], LEVEL, uniform_directions(random, 500, 6))
     directions = uniform_directions(random, 24, 2)
     inside = 0.8 * starts
     redrawn = uniform_directions(random, 4 * 500, 2).reshape(4, 500, 2)
     for deviations, disturbance in ((starts, redrawn), (inside, redrawn), (starts, greedy_disturbance(directions))):
-        flown = fly(loop, part[1].shape, deviations, disturbance)
-        assert (flown <= found.node_level[:, np.newaxis] * (1 + 1e-12)).all()
+        levels = fly(loop, part[1].shape, deviations, disturbance)
+        assert (levels <= proof.node_level[:, np.newaxis] * (1 + 1e-12)).all()
     # The last ones use most of the level; their disturbance even changes within stages, of which nothing is proven.
-    assert flown[-1].max() > 0.5 * found.level[-1]
+    assert levels[-1].max() > 0.5 * proof.level[-1]
     too_strong = fly(loop, part[1].shape, starts, 3.0 * greedy_constant(loop, part, starts, directions))
-    assert too_strong[-1].max() > found.level[-1]
+    assert too_strong[-1].max() > proof.level[-1]
 
 
 def greedy_constant(loop, part, starts, directions):
@@ -94,22 +97,22 @@ def greedy_constant(loop, part, starts, directions):
     return directions[np.argmax(ends, axis=0)]
 
 
-def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, found, part):
+def test_half_widths_and_heat_rates_are_the_largest_in_the_levels(inputs, proof, part):
     air = environment.disturbed_air(inputs.planet, inputs.uncertainty)
     linearization, gains = part
     random = np.random.Generator(np.random.Philox(8))
     for step in (0, 12, 14):
-        level = found.node_level[step]
+        level = proof.node_level[step]
         deviations = boundary_deviations(gains.shape[step], level, uniform_directions(random, 20_000, 6))
         state = linearization.state[2 * step] + deviations
         w = uniform_directions(random, 20_000, 2).T
         rates = environment.heat_rate(inputs.vehicle, air, state[:, 0], state[:, 3], w)
-        assert 0.98 * found.node_heat_rate[step] < rates.max() <= found.node_heat_rate[step]
-        assert found.node_heat_rate[step] > found.node_nominal_heat_rate[step]
+        assert 0.98 * proof.node_heat_rate[step] < rates.max() <= proof.node_heat_rate[step]
+        assert proof.node_heat_rate[step] > proof.node_nominal_heat_rate[step]
         if step % 4 == 0:
             largest = np.abs(deviations).max(axis=0)
-            assert (largest <= found.half_width[step // 4]).all()
-            assert (largest > 0.97 * found.half_width[step // 4]).all()
+            assert (largest <= proof.half_width[step // 4]).all()
+            assert (largest > 0.97 * proof.half_width[step // 4]).all()
 
 
 def test_a_slice_too_large_is_where_the_proof_ends(inputs, part, tmp_path):

@@ -77,7 +77,7 @@ def design(inputs, funnels):
 
 
 @pytest.fixture(scope="module")
-def found(inputs, model, regulator):
+def stage_fields(inputs, model, regulator):
     """The fields of the study of a stage."""
     with pytest.MonkeyPatch.context() as patch:
         # Clarabel takes ten times as long; the tests of the programs compare it.
@@ -101,12 +101,12 @@ def several(inputs, model, regulator):
 # --- one stage --------------------------------------------------------------------------------------------------------
 
 
-def test_counts_are_those_of_formulas_and_of_ranks(inputs, found):
+def test_counts_are_those_of_formulas_and_of_ranks(inputs, stage_fields):
     rows = {
         name: row
         for name, *row in zip(
             *(
-                found[key].tolist()
+                stage_fields[key].tolist()
                 for key in ("variety", "monomials", "basis_size", "coefficients", "gram_unknowns", "samples")
             ),
             strict=True,
@@ -117,27 +117,27 @@ def test_counts_are_those_of_formulas_and_of_ranks(inputs, found):
     assert rows["S^2"] == [10, 9, 35, 45, 25]
     assert rows["S^1"] == [6, 5, 15, 15, 9]
     assert rows["S^5 x S^7"][0] == 120
-    computed = found["product_rank"] > 0
+    computed = stage_fields["product_rank"] > 0
     assert computed.sum() == 5  # the last variety is counted only
-    np.testing.assert_array_equal(found["product_rank"][computed], found["samples"][computed])
-    np.testing.assert_array_equal(found["basis_rank"][computed], found["basis_size"][computed])
+    np.testing.assert_array_equal(stage_fields["product_rank"][computed], stage_fields["samples"][computed])
+    np.testing.assert_array_equal(stage_fields["basis_rank"][computed], stage_fields["basis_size"][computed])
     # d = 1 fits to a Gram matrix of degree 2 only if the motion is linear.
-    np.testing.assert_array_equal(found["exponent_degree"], [4, 6, 8])
-    assert found["gram_degree"] == 4
-    assert stage_study.counts(inputs(taylor_order=1).recursion)["exponent_degree"][1] == found["gram_degree"]
+    np.testing.assert_array_equal(stage_fields["exponent_degree"], [4, 6, 8])
+    assert stage_fields["gram_degree"] == 4
+    assert stage_study.counts(inputs(taylor_order=1).recursion)["exponent_degree"][1] == stage_fields["gram_degree"]
 
 
-def test_all_forms_give_one_bound(found):
-    np.testing.assert_allclose(found["form_bound"], BENCHMARK, rtol=2e-6)
-    np.testing.assert_allclose(found["form_bound"], found["form_bound"][0], rtol=1e-7)
-    assert (found["form_safe_bound"] >= found["form_bound"] - 1e-12).all()
-    assert list(found["form_status"]) == ["optimal"] * 4
+def test_all_forms_give_one_bound(stage_fields):
+    np.testing.assert_allclose(stage_fields["form_bound"], BENCHMARK, rtol=2e-6)
+    np.testing.assert_allclose(stage_fields["form_bound"], stage_fields["form_bound"][0], rtol=1e-7)
+    assert (stage_fields["form_safe_bound"] >= stage_fields["form_bound"] - 1e-12).all()
+    assert list(stage_fields["form_status"]) == ["optimal"] * 4
     # From below: the polynomial takes the value of its bound, and inside of the disc none above.
-    bound = found["form_safe_bound"][0]
-    assert bound - 1e-7 < found["polynomial_maximum"] <= found["disc_maximum"] <= bound
-    assert 1e-7 < found["true_maximum"] - bound < 1e-5
-    assert found["identity_error"] < 1e-12 and found["least_value"] > 0.0
-    assert found["fit_error"] < 1e-12
+    bound = stage_fields["form_safe_bound"][0]
+    assert bound - 1e-7 < stage_fields["polynomial_maximum"] <= stage_fields["disc_maximum"] <= bound
+    assert 1e-7 < stage_fields["true_maximum"] - bound < 1e-5
+    assert stage_fields["identity_error"] < 1e-12 and stage_fields["least_value"] > 0.0
+    assert stage_fields["fit_error"] < 1e-12
 
 
 def test_stages_with_linear_motion_have_known_bounds(several):
@@ -148,35 +148,35 @@ def test_stages_with_linear_motion_have_known_bounds(several):
     np.testing.assert_allclose(several.linear_still_bound, several.linear_still_exact, rtol=1e-7)
 
 
-def test_too_few_samples_give_a_bound_that_is_too_small(found):
-    np.testing.assert_array_equal(found["few_rank"], [50, 200, 406])
-    assert (found["few_bound"][:2] < 0.99 * BENCHMARK).all()
+def test_too_few_samples_give_a_bound_that_is_too_small(stage_fields):
+    np.testing.assert_array_equal(stage_fields["few_rank"], [50, 200, 406])
+    assert (stage_fields["few_bound"][:2] < 0.99 * BENCHMARK).all()
     # The identity shows it at fresh points; values below zero are seldom met.
-    assert found["few_least_value"][0] < 0.0 and (found["few_identity_error"][:2] > 1e-2).all()
-    assert found["few_bound"][2] == pytest.approx(BENCHMARK, rel=2e-6)
-    assert found["few_least_value"][2] > 0.0 and found["few_identity_error"][2] < 1e-10
+    assert stage_fields["few_least_value"][0] < 0.0 and (stage_fields["few_identity_error"][:2] > 1e-2).all()
+    assert stage_fields["few_bound"][2] == pytest.approx(BENCHMARK, rel=2e-6)
+    assert stage_fields["few_least_value"][2] > 0.0 and stage_fields["few_identity_error"][2] < 1e-10
 
 
-def test_the_exponent_matters_only_without_whitening(found):
-    np.testing.assert_allclose(found["exponent_whitened_bound"], BENCHMARK, rtol=2e-6)
-    zero, one, two = found["exponent_bound"]
+def test_the_exponent_matters_only_without_whitening(stage_fields):
+    np.testing.assert_allclose(stage_fields["exponent_whitened_bound"], BENCHMARK, rtol=2e-6)
+    zero, one, two = stage_fields["exponent_bound"]
     np.testing.assert_allclose(zero, BENCHMARK, rtol=2e-6)
     assert (one > 1.5 * BENCHMARK).all() and (two > 10.0 * BENCHMARK).all()
     # The samples do not determine a polynomial of degree six: other samples, other bounds.
     assert np.ptp(one) > 0.5
 
 
-def test_bases_and_samples_condition_as_expected(found):
-    si, km, scaled, whitened, hermite, variance_one, orthonormal = found["basis_condition"]
+def test_bases_and_samples_condition_as_expected(stage_fields):
+    si, km, scaled, whitened, hermite, variance_one, orthonormal = stage_fields["basis_condition"]
     assert si > 1e4 * km > 1e6 * scaled and scaled > 5.0 * whitened
     assert hermite > whitened > 2.0 * variance_one > 2.0 * orthonormal
     assert variance_one < 2.5 and orthonormal == pytest.approx(1.0, abs=1e-12)
-    assert (found["design_condition"][1:] > 5.0 * found["design_condition"][0]).all()
-    np.testing.assert_allclose(found["design_bound"], BENCHMARK, rtol=2e-6)
+    assert (stage_fields["design_condition"][1:] > 5.0 * stage_fields["design_condition"][0]).all()
+    np.testing.assert_allclose(stage_fields["design_bound"], BENCHMARK, rtol=2e-6)
 
 
-def test_the_bound_does_not_depend_on_coordinates(found):
-    np.testing.assert_allclose(found["invariance_bound"], found["invariance_bound"][0], rtol=1e-7)
+def test_the_bound_does_not_depend_on_coordinates(stage_fields):
+    np.testing.assert_allclose(stage_fields["invariance_bound"], stage_fields["invariance_bound"][0], rtol=1e-7)
 
 
 # --- stationary disturbances ------------------------------------------------------------------------------------------
@@ -216,8 +216,8 @@ def test_newton_finds_stationary_points_of_a_cubic():
         hessian = np.moveaxis(np.array([[2.0 + 0.6 * u, 0.0 * u], [0.0 * u, -1.0 + 0.0 * v]]), -1, 0)
         return u**2 + 0.1 * u**3 - v**2 / 2.0, np.stack([2.0 * u + 0.3 * u**2, -v], axis=1), hessian
 
-    found, gradient, start = stationary.newton(polynomial)
-    np.testing.assert_allclose(found, centre, atol=1e-12)
+    point, gradient, start = stationary.newton(polynomial)
+    np.testing.assert_allclose(point, centre, atol=1e-12)
     assert np.abs(gradient).max() < 1e-12
     np.testing.assert_array_equal(start, polynomial(np.zeros(2))[1])
 
@@ -264,8 +264,8 @@ def test_the_worst_disturbance_is_one_of_the_two_along_the_gradient_of_the_densi
 
 
 def test_equations_of_motion_are_those_of_inertial_flight(inputs, monkeypatch):
-    found = inputs().call(equations_of_motion.compute)
-    assert found.position_rate_deviation < 1e-14 and found.velocity_rate_deviation < 1e-13
+    deviations = inputs().call(equations_of_motion.compute)
+    assert deviations.position_rate_deviation < 1e-14 and deviations.velocity_rate_deviation < 1e-13
     rates = environment.entry_rates
 
     def banked_left(*given):
@@ -292,9 +292,9 @@ def test_the_euler_step_differs_in_second_order(inputs, loop, regulator, design)
 
 
 def test_without_disturbance_the_level_never_rises(inputs, model, regulator):
-    found = inputs(steps_per_slice=24).call(undisturbed_funnel.compute, model, regulator)
-    assert found.undisturbed_outcome == "complete"
-    assert (np.diff(found.undisturbed_level) < 0.0).all() and found.undisturbed_level[-1] > 0.0
+    undisturbed = inputs(steps_per_slice=24).call(undisturbed_funnel.compute, model, regulator)
+    assert undisturbed.undisturbed_outcome == "complete"
+    assert (np.diff(undisturbed.undisturbed_level) < 0.0).all() and undisturbed.undisturbed_level[-1] > 0.0
 
 
 def test_a_larger_slice_reaches_a_larger_one(several):
@@ -310,15 +310,15 @@ def test_a_funnel_that_diverges_ends_with_its_message(inputs, model):
         studied_density_factors=np.array([8.0]),
         coarse_stages=10,
     )
-    found = wide.call(divergence.compute, model)
-    assert found.change.tolist() == ["disturbance of the density", "initial set"]
-    assert "the funnel diverges" in found.change_outcome[0] and found.change_outcome[1] == "complete"
-    diverged, same = found.change_level
+    changes = wide.call(divergence.compute, model)
+    assert changes.change.tolist() == ["disturbance of the density", "initial set"]
+    assert "the funnel diverges" in changes.change_outcome[0] and changes.change_outcome[1] == "complete"
+    diverged, same = changes.change_level
     ended = np.flatnonzero(np.isnan(diverged))[0]
     assert 2 < ended < 10 and np.isfinite(diverged[:ended]).all() and np.isnan(diverged[ended:]).all()
     assert (diverged[2:ended] > same[2:ended]).all()
     # The flights stay finite all the same, and those of the unchanged case inside of its funnel.
-    assert (found.change_lost == 0).all() and found.change_flown[1] < same.max()
+    assert (changes.change_lost == 0).all() and changes.change_flown[1] < same.max()
 
 
 @pytest.fixture(scope="module")
@@ -395,7 +395,7 @@ def variant(study, name):
 
 
 def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part, spacings, monkeypatch):
-    made, propagated, propagate = (
+    funnel, propagated, propagate = (
         SimpleNamespace(level=spacings.level[0, 1], outcome="complete"),
         [],
         programs.propagate,
@@ -406,12 +406,12 @@ def test_the_funnel_of_the_reading_is_taken_where_it_is_the_same(small_of, part,
         return propagate(recursion, loop, gains, design, spacing, **options)
 
     monkeypatch.setattr(discretization, "propagate", recorded)
-    found = small_of().call(discretization.compute, *part, made)
-    np.testing.assert_array_equal(found.level, spacings.level)
+    by_spacing = small_of().call(discretization.compute, *part, funnel)
+    np.testing.assert_array_equal(by_spacing.level, spacings.level)
     assert (4, "flow") not in propagated
     for other in ({"condition": "euler"}, {"sampling": "raw"}, {"inflated": True}, {"additive": True}):
         propagated.clear()
-        small_of(**other).call(discretization.compute, *part, made)
+        small_of(**other).call(discretization.compute, *part, funnel)
         assert (4, "flow") in propagated
 
 
@@ -447,10 +447,10 @@ def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
     assert variant(coarse, "order 1")[-1] < variant(coarse, "order 2")[-1]
 
 
-@pytest.mark.parametrize("made", ["spacings", "coarse", "found", "still", "several"])
-def test_artifacts_are_kept(made, request, tmp_path):
-    artifact = request.getfixturevalue(made)
-    artifact = StageStudy(**artifact) if made == "found" else artifact
+@pytest.mark.parametrize("name", ["spacings", "coarse", "stage_fields", "still", "several"])
+def test_artifacts_are_kept(name, request, tmp_path):
+    artifact = request.getfixturevalue(name)
+    artifact = StageStudy(**artifact) if name == "stage_fields" else artifact
     path = tmp_path / "made.h5"
     artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
     loaded = artifacts.load(path, type(artifact))
@@ -469,7 +469,7 @@ def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("inputs", "message"),
     [
         ({"studied_levels": [0.4, 3.0]}, "studied_levels: give one level for each of studied_slices"),
         ({"stationary_slice": 1.0}, "stationary_slice"),
@@ -477,9 +477,9 @@ def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
         ({"studied_bank_factors": [0.0]}, "studied_bank_factors"),
     ],
 )
-def test_studies_that_cannot_be_are_refused(changed, said):
-    own = {name: {"value": value, "source": "assumed: test"} for name, value in changed.items()}
+def test_studies_that_cannot_be_are_refused(inputs, message):
+    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
     overlay = {"readings": {"mine": {"based_on": "corrected", "studies": own}}}
     with pytest.raises(InputError) as error:
         load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
-    assert said in str(error.value)
+    assert message in str(error.value)

@@ -134,11 +134,11 @@ def readings(funnels):
 
     def rows(**artifacts):
         items = {name: MAKERS[name]() for name in ("funnel", "constant", "redrawn", "adversarial")}
-        made = {
+        inputs_and_records = {
             name: (funnels.all_inputs(name), SimpleNamespace(**items | (artifacts if name == "corrected" else {})))
             for name in funnels.study.readings
         }
-        return tables.readings(made, {})
+        return tables.readings(inputs_and_records, {})
 
     return rows
 
@@ -301,8 +301,8 @@ def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
 
 
 def test_inputs_of_the_size_alone_do_not_count_as_different(funnels):
-    changed, default = (
+    other, default = (
         funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)
         for number, radius in ((5, 1.0), (7, 2.0))
     )
-    assert tables._differences(changed, default) == "nose_radius 1"
+    assert tables._differences(other, default) == "nose_radius 1"

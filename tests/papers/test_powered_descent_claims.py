@@ -20,8 +20,8 @@ READINGS = ("corrected", "printed", "target4")
 
 
 def evaluate(pipeline, reading, large=False, **replaced):
-    made = pipeline.artifacts(reading, large) | replaced
-    return pipeline.evaluate(reading, made)
+    records = pipeline.artifacts(reading, large) | replaced
+    return pipeline.evaluate(reading, records)
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +32,8 @@ def evaluations(pipeline):
 @pytest.fixture(scope="module")
 def rows(published, evaluations):
     known = {erratum.id for erratum in PAPER.errata}
-    made = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=known)
-    return {row["id"]: row for row in made}
+    claim_rows = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=known)
+    return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
@@ -141,19 +141,19 @@ def test_failures_of_the_literal_reading_are_visible(rows):
 
 
 def test_values_are_those_of_the_artifacts(pipeline, evaluations):
-    found, made = evaluations["corrected"], pipeline.artifacts("corrected", large=True)
-    state = made["closed_loop_large"].final_state
-    assert found["prior_final_mass"].value == made["nominal"].mass[-1]
-    assert found["alpha_from_isp"].value == pytest.approx(4.8541e-4, abs=5e-9)
-    assert found["fig3_ellipse_confidence"].value == pytest.approx(98.889, abs=1e-3)  # 1 - exp(-9 / 2)
-    np.testing.assert_allclose(found["mc_final_mean"].value, state[:, :4].mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(found["mc_final_cov_diag"].value, state[:, :4].var(axis=0, ddof=1), rtol=1e-12)
+    corrected, records = evaluations["corrected"], pipeline.artifacts("corrected", large=True)
+    state = records["closed_loop_large"].final_state
+    assert corrected["prior_final_mass"].value == records["nominal"].mass[-1]
+    assert corrected["alpha_from_isp"].value == pytest.approx(4.8541e-4, abs=5e-9)
+    assert corrected["fig3_ellipse_confidence"].value == pytest.approx(98.889, abs=1e-3)  # 1 - exp(-9 / 2)
+    np.testing.assert_allclose(corrected["mc_final_mean"].value, state[:, :4].mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(corrected["mc_final_cov_diag"].value, state[:, :4].var(axis=0, ddof=1), rtol=1e-12)
     correlation = [np.cov(state[:, i], state[:, j])[0, 1] for i, j in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))]
-    np.testing.assert_allclose(found["mc_final_cov_upper"].value, correlation, atol=1e-12)
-    assert found["mc_final_cov_lower"].value == found["mc_final_cov_upper"].value
-    assert found["mc_mean_final_mass"].value == pytest.approx(state[:, 4].mean(), rel=1e-12)
-    assert found["mc_mean_final_mass"].standard_error == pytest.approx(2.07 / np.sqrt(len(state)), rel=0.02)
-    assert found["mc_final_mean"].trials == len(state)
+    np.testing.assert_allclose(corrected["mc_final_cov_upper"].value, correlation, atol=1e-12)
+    assert corrected["mc_final_cov_lower"].value == corrected["mc_final_cov_upper"].value
+    assert corrected["mc_mean_final_mass"].value == pytest.approx(state[:, 4].mean(), rel=1e-12)
+    assert corrected["mc_mean_final_mass"].standard_error == pytest.approx(2.07 / np.sqrt(len(state)), rel=0.02)
+    assert corrected["mc_final_mean"].trials == len(state)
 
 
 # --- verdicts can fail ------------------------------------------------------------------------------------------------
@@ -161,9 +161,9 @@ def test_values_are_those_of_the_artifacts(pipeline, evaluations):
 
 @pytest.fixture(scope="module")
 def turned(pipeline, published, rows):
-    made = pipeline.artifacts("corrected", large=True)
+    records = pipeline.artifacts("corrected", large=True)
     values = pipeline.inputs("corrected").values
-    return claims_of("powered_descent").turned(rows.values(), values, lambda name, kind: made.get(name), published)
+    return claims_of("powered_descent").turned(rows.values(), values, lambda name, kind: records.get(name), published)
 
 
 def test_every_counted_claim_is_turned_by_its_counterexample(turned):
@@ -185,11 +185,13 @@ def with_variances(ensemble, factor):
 
 def test_the_cause_of_the_deviation_is_refuted_by_a_deviation_that_stays(pipeline):
     """A prediction that is wrong whatever the mass: neither sampling nor the profile explains it."""
-    made = pipeline.artifacts("corrected", large=True)
-    wrong = {name: with_variances(made[name], 1.4) for name in made if name.startswith(("closed_loop", "prior_mass"))}
+    records = pipeline.artifacts("corrected", large=True)
+    wrong = {
+        name: with_variances(records[name], 1.4) for name in records if name.startswith(("closed_loop", "prior_mass"))
+    }
     wrong = {name: ensemble for name, ensemble in wrong.items() if hasattr(ensemble, "covariance")}
     assert evaluate(pipeline, "corrected", large=True)["midcourse_deviation_cause"].value is True
-    evaluation = pipeline.evaluate("corrected", made | wrong)["midcourse_deviation_cause"]
+    evaluation = pipeline.evaluate("corrected", records | wrong)["midcourse_deviation_cause"]
     assert evaluation.value is False and not evaluation.undetermined
 
 
@@ -198,15 +200,15 @@ def test_a_pure_turn_of_the_control_is_a_jump(pipeline):
     turned = np.where(gains.segment[:, np.newaxis] == 0, [3000.0, 4000.0], [4000.0, 3000.0])
     steady = np.tile([3000.0, 4000.0], (len(gains.time), 1))
     for feedforward, jumps in ((turned, True), (steady, False)):
-        made = pipeline.artifacts("corrected") | {"gains": replace(gains, feedforward=feedforward)}
-        assert pipeline.evaluate("corrected", made)["control_jump_26s"].value is jumps
+        records = pipeline.artifacts("corrected") | {"gains": replace(gains, feedforward=feedforward)}
+        assert pipeline.evaluate("corrected", records)["control_jump_26s"].value is jumps
 
 
 def test_without_the_study_a_reading_still_has_its_verdicts(pipeline):
-    made = pipeline.artifacts("target4")
-    assert "choices" not in made and "fixed_point" not in made
-    found = pipeline.evaluate("target4", made)
-    assert {name for name, evaluation in found.items() if evaluation is None} == {
+    records = pipeline.artifacts("target4")
+    assert "choices" not in records and "fixed_point" not in records
+    new_evaluations = pipeline.evaluate("target4", records)
+    assert {name for name, evaluation in new_evaluations.items() if evaluation is None} == {
         *("control_is_optimal", "eq23_equality", "eq37_equals_eq39", "eq46_boundary_conditions"),
         "alg1_meets_boundary_conditions",
     }
@@ -219,9 +221,9 @@ def test_the_reason_of_the_prior_mass_counts_what_was_tried(pipeline, published,
     choices = pipeline.choices()
     masses = choices.final_mass
     assert masses.shape == (2, 2, 2, 3, 2, 4)
-    tried = measures.tried_masses(choices, published)
-    assert (tried.number, tried.converged) == (192, 24)
-    assert tried.lowest_converged == pytest.approx(1349.40, abs=5e-3) == masses[..., 0, -1].min()
+    masses_of_choices = measures.tried_masses(choices, published)
+    assert (masses_of_choices.number, masses_of_choices.converged) == (192, 24)
+    assert masses_of_choices.lowest_converged == pytest.approx(1349.40, abs=5e-3) == masses[..., 0, -1].min()
     # What rounds to the printed number: exchanged speeds, in a first pass whose flight has no feedback.
     near = np.argwhere(np.abs(masses - 1346) <= 0.5)
     assert [tuple(index) for index in near] == [(0, 1, 1, constant, 1, 0) for constant in range(3)]
@@ -249,8 +251,8 @@ def test_the_chi_square_of_a_choice_is_that_of_its_mean(pipeline, published):
     difference = np.array([100.111, 49.807, 0.092, -0.005]) - choices.mean[index]
     error = choices.covariance[index] / 2000 + choices.mean_error[index]
     assert chi_square[index] == pytest.approx(difference @ np.linalg.inv(error) @ difference)
-    tried = measures.tried_means(choices, published)
-    assert tried.chi_square == chi_square.min() > 30 and tried.p_value < 1e-5
+    means_of_choices = measures.tried_means(choices, published)
+    assert means_of_choices.chi_square == chi_square.min() > 30 and means_of_choices.p_value < 1e-5
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------

@@ -14,9 +14,11 @@ from marsedl.replication.errors import MarsedlError
 MAXIMUM_THRUST = 18_000.0
 
 
-def assert_digits(found, expected, tolerances):
+def assert_digits(values, expected, tolerances):
     """Each number within its own tolerance."""
-    assert (np.abs(np.subtract(found, expected)) <= tolerances).all(), f"{found} is not {expected} within {tolerances}"
+    assert (np.abs(np.subtract(values, expected)) <= tolerances).all(), (
+        f"{values} is not {expected} within {tolerances}"
+    )
 
 
 def problems(pipeline):
@@ -33,43 +35,49 @@ def segment_end(artifact, number):
 
 
 def test_mass_after_each_pass(pipeline):
-    made = pipeline.nominal()
-    masses = made.mass_of_pass[:, -1]
+    trajectory = pipeline.nominal()
+    masses = trajectory.mass_of_pass[:, -1]
     # The first pass is far from converged and hence depends on how the switch is flown, by 0.01 kg in known programs.
     assert masses[0] == 1500.0
     assert masses[1] == pytest.approx(1350.152, abs=0.01)
     # 1e-4: last digit of the known values, and the quadrature of another grid.
     np.testing.assert_allclose(masses[2:5], [1349.4379, 1349.4446, 1349.4446], atol=1e-4)
-    assert made.mass[-1] == pytest.approx(1349.4446, abs=1e-4)
-    assert made.mass[segment_end(made, 0)] == pytest.approx(1390.5594, abs=1e-4)
+    assert trajectory.mass[-1] == pytest.approx(1349.4446, abs=1e-4)
+    assert trajectory.mass[segment_end(trajectory, 0)] == pytest.approx(1390.5594, abs=1e-4)
 
 
 def test_changes_of_the_mass_profile_by_pass(pipeline):
-    made = pipeline.nominal()
+    trajectory = pipeline.nominal()
     # The last passes are at rounding level.
-    np.testing.assert_allclose(made.largest_change[:6], [150, 1.28, 1.42e-2, 1.68e-4, 1.73e-6, 1.89e-8], rtol=5e-3)
-    np.testing.assert_allclose(made.integrated_change[:6], [3479, 28.5, 0.305, 2.86e-3, 3.1e-5, 3.5e-7], rtol=2e-2)
-    for changes in (made.largest_change, made.integrated_change):
+    np.testing.assert_allclose(
+        trajectory.largest_change[:6], [150, 1.28, 1.42e-2, 1.68e-4, 1.73e-6, 1.89e-8], rtol=5e-3
+    )
+    np.testing.assert_allclose(
+        trajectory.integrated_change[:6], [3479, 28.5, 0.305, 2.86e-3, 3.1e-5, 3.5e-7], rtol=2e-2
+    )
+    for changes in (trajectory.largest_change, trajectory.integrated_change):
         assert (changes[1:6] / changes[:5] < 0.05).all()
-    assert made.integrated_change[-1] < pipeline.stage_inputs("corrected", "nominal").mass_tolerance
-    np.testing.assert_array_equal(made.largest_change, np.abs(np.diff(made.mass_of_pass, axis=0)).max(axis=1))
+    assert trajectory.integrated_change[-1] < pipeline.stage_inputs("corrected", "nominal").mass_tolerance
+    np.testing.assert_array_equal(
+        trajectory.largest_change, np.abs(np.diff(trajectory.mass_of_pass, axis=0)).max(axis=1)
+    )
 
 
 @pytest.mark.parametrize("guess", [1000.0, 1250.0])
 def test_the_fixed_point_does_not_depend_on_the_starting_guess(pipeline, guess):
-    inputs, made = pipeline.stage_inputs("corrected", "nominal"), pipeline.nominal()
+    inputs, trajectory = pipeline.stage_inputs("corrected", "nominal"), pipeline.nominal()
     divert = inputs.call(segments.divert_of)
     plant, start = (
         flight.Plant(inputs.gravity, inputs.call(segments.mass_flow), 0.0),
         np.append(divert.means[0], 1500.0),
     )
-    mass = np.full(len(made.time), guess)
+    mass = np.full(len(trajectory.time), guess)
     for _ in range(5):
-        models = [segments.linear_model(part, inputs.gravity) for (part,) in segments.split(made.segment, mass)]
+        models = [segments.linear_model(part, inputs.gravity) for (part,) in segments.split(trajectory.segment, mass)]
         steerings = segments.steered(segments.problems_along(divert, models))
         mass, _ = nominal.fly_mean(divert.times, steerings, plant, start)
     # Four passes come within 1e-4 kg, the fifth a hundred times closer.
-    np.testing.assert_allclose(mass, made.mass, atol=1e-5)
+    np.testing.assert_allclose(mass, trajectory.mass, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -90,14 +98,14 @@ FIRST_PASSES = [("first_pass", 1350.152), ("first_pass_without_feedback", 1341.6
 
 @pytest.mark.parametrize(("profile", "final_mass"), FIRST_PASSES)
 def test_a_profile_of_the_first_pass_is_what_the_design_assumes(pipeline, profile, final_mass):
-    made = pipeline.nominal(mass_profile=profile)
-    assert made.mass[-1] == pytest.approx(final_mass, abs=0.01)
-    np.testing.assert_array_equal(made.mass, made.mass_of_pass[1])
+    trajectory = pipeline.nominal(mass_profile=profile)
+    assert trajectory.mass[-1] == pytest.approx(final_mass, abs=0.01)
+    np.testing.assert_array_equal(trajectory.mass, trajectory.mass_of_pass[1])
     # Both iterations end at the same profile, and the design of the gains is that of the stored mean.
-    np.testing.assert_allclose(made.mass_of_pass[-1], pipeline.nominal().mass, atol=1e-6)
+    np.testing.assert_allclose(trajectory.mass_of_pass[-1], pipeline.nominal().mass, atol=1e-6)
     gains = pipeline.gains(mass_profile=profile)
-    np.testing.assert_allclose(gains.mean, made.mean, atol=1e-8)
-    np.testing.assert_allclose(gains.feedforward, made.feedforward, atol=1e-5)
+    np.testing.assert_allclose(gains.mean, trajectory.mean, atol=1e-8)
+    np.testing.assert_allclose(gains.feedforward, trajectory.feedforward, atol=1e-5)
     assert np.abs(gains.feedforward - pipeline.gains().feedforward).max() > 1.0
 
 
@@ -150,10 +158,10 @@ MEAN_MOTION = [  # time, mean state, mass, thrust fraction
 
 @pytest.mark.parametrize(("time", "mean", "mass", "fraction"), MEAN_MOTION)
 def test_mean_motion(pipeline, node, time, mean, mass, fraction):
-    gains, made = pipeline.gains(), pipeline.nominal()
+    gains, trajectory = pipeline.gains(), pipeline.nominal()
     k = node(gains, time)
     assert_digits(gains.mean[k], mean, [5.1e-3, 5.1e-3, 5.1e-4, 5.1e-4])
-    assert made.mass[k] == pytest.approx(mass, abs=5.1e-3)
+    assert trajectory.mass[k] == pytest.approx(mass, abs=5.1e-3)
     assert np.linalg.norm(gains.feedforward[k]) / MAXIMUM_THRUST == pytest.approx(fraction, abs=5.1e-5)
 
 
@@ -164,13 +172,13 @@ def test_mean_motion_is_the_same_in_both_artifacts(pipeline):
 
 
 def test_thrust_jumps_at_the_switch_and_state_and_mass_do_not(pipeline, node):
-    gains, made = pipeline.gains(), pipeline.nominal()
+    gains, trajectory = pipeline.gains(), pipeline.nominal()
     before, after = node(gains, 26.0), node(gains, 26.0, after_switch=True)
     fraction = np.linalg.norm(gains.feedforward, axis=1) / MAXIMUM_THRUST
     assert fraction[before] == pytest.approx(0.5768, abs=5.1e-5)
     assert fraction[after] == pytest.approx(0.2125, abs=5.1e-5)
     np.testing.assert_allclose(gains.mean[before], gains.mean[after], atol=1e-10)  # rounding
-    assert made.mass[before] == pytest.approx(made.mass[after], abs=1e-10)
+    assert trajectory.mass[before] == pytest.approx(trajectory.mass[after], abs=1e-10)
     first = gains.segment == 0
     lowest = fraction[first].argmin()
     assert fraction[first][lowest] == pytest.approx(0.342, abs=5e-4)
@@ -203,15 +211,15 @@ def test_gramian_costate_and_mean_cost(pipeline, number, costate, gramian, mean_
     np.testing.assert_allclose(gains.mean_costate[number], costate, rtol=1e-6)
     end = model.gramian[segment_end(model, number)]
     for axis in (0, 1):
-        found = end[axis, axis], -end[axis, axis + 2], end[axis + 2, axis + 2]
-        np.testing.assert_allclose(found, gramian, rtol=1e-6)
+        entries = end[axis, axis], -end[axis, axis + 2], end[axis + 2, axis + 2]
+        np.testing.assert_allclose(entries, gramian, rtol=1e-6)
     assert gains.mean_cost[number] == pytest.approx(mean_cost, rel=1e-6)
 
 
 def test_the_linear_model_is_that_of_a_point_mass(pipeline):
-    made, model = pipeline.nominal(), pipeline.linearization()
+    trajectory, model = pipeline.nominal(), pipeline.linearization()
     np.testing.assert_array_equal(model.state_matrix, np.broadcast_to(np.eye(4, k=2), model.state_matrix.shape))
-    np.testing.assert_allclose(model.control_matrix, np.eye(4, 2, k=-2) / made.mass[:, None, None], rtol=1e-14)
+    np.testing.assert_allclose(model.control_matrix, np.eye(4, 2, k=-2) / trajectory.mass[:, None, None], rtol=1e-14)
     np.testing.assert_array_equal(model.affine, np.broadcast_to([0, 0, 0, -3.71], model.affine.shape))
     local = model.time - np.where(model.segment == 0, 0.0, 26.0)
     drop = np.stack([0 * local, -3.71 * local**2 / 2, 0 * local, -3.71 * local], axis=1)
@@ -284,10 +292,10 @@ def test_axes_do_not_couple_agree_in_segment_one_and_the_gain_jumps(pipeline, no
     ],
 )
 def test_riccati_solution_at_the_start(pipeline, reading, number, axis, riccati):
-    found = pipeline.gains(reading).riccati_initial[number]
+    solution = pipeline.gains(reading).riccati_initial[number]
     # Half a unit of the last digit known.
-    np.testing.assert_allclose(found[[axis, axis, axis + 2], [axis, axis + 2, axis + 2]], riccati, rtol=5e-7)
-    assert np.linalg.eigvalsh(found).min() > 0
+    np.testing.assert_allclose(solution[[axis, axis, axis + 2], [axis, axis + 2, axis + 2]], riccati, rtol=5e-7)
+    assert np.linalg.eigvalsh(solution).min() > 0
 
 
 def test_costs_of_the_feedback(pipeline):
@@ -325,8 +333,8 @@ VARIANCES = [  # time, r1 for the target 5, r1 for the target 4, r2
 def test_predicted_variances(pipeline, node, time, downrange, downrange_target4, altitude):
     for reading, expected in (("corrected", downrange), ("target4", downrange_target4)):
         gains = pipeline.gains(reading)
-        found = np.diag(gains.covariance[node(gains, time)])[:2]
-        np.testing.assert_allclose(found, [expected, altitude], rtol=0, atol=5.1e-4)
+        variances = np.diag(gains.covariance[node(gains, time)])[:2]
+        np.testing.assert_allclose(variances, [expected, altitude], rtol=0, atol=5.1e-4)
 
 
 def test_peaks_of_the_predicted_variances(pipeline):

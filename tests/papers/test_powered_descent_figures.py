@@ -26,13 +26,13 @@ def draw(pipeline):
     def draw_once(stem, reading="corrected"):
         if (stem, reading) not in drawn:
             product = PAPER.figures[stem]
-            made = {
+            records = {
                 need.split(".")[-1]: pipeline.ensemble(reading, need.split(".")[1])
                 if need.startswith("montecarlo")
                 else pipeline.stage(need, reading)
                 for need in product.needs
             }
-            drawn[stem, reading] = pipeline.product("figures", stem, reading, made)
+            drawn[stem, reading] = pipeline.product("figures", stem, reading, records)
         return drawn[stem, reading]
 
     return draw_once
@@ -77,11 +77,11 @@ def test_no_curve_joins_both_sides_of_the_switch(draw, stem):
 
 def test_fig01_has_one_curve_per_pass(draw, pipeline):
     (axes,) = draw("fig01").axes
-    made = pipeline.nominal()
+    nominal = pipeline.nominal()
     lines = curves(axes, BLUE)
-    assert len(lines) == len(made.mass_of_pass) - 1 == 8
+    assert len(lines) == len(nominal.mass_of_pass) - 1 == 8
     assert axes.get_yscale() == "log"
-    for line, (before, after) in zip(lines, pairwise(made.mass_of_pass), strict=True):
+    for line, (before, after) in zip(lines, pairwise(nominal.mass_of_pass), strict=True):
         shown = line.get_ydata()
         np.testing.assert_array_equal(shown[~np.isnan(shown)], np.abs(after - before)[~np.isnan(shown)])
         assert (after == before)[np.isnan(shown)].all()
@@ -162,18 +162,18 @@ def test_fig04_shows_the_components_of_the_same_trials(draw, pipeline):
 
 
 def test_fig05_shows_mass_and_its_difference_from_the_prior(draw, pipeline, node):
-    ensemble, made = pipeline.ensemble(), pipeline.nominal()
+    ensemble, nominal = pipeline.ensemble(), pipeline.nominal()
     axes, difference = draw("fig05").axes
     assert len(curves(axes, BLUE)) == len(curves(difference, BLUE)) == DRAWN
     np.testing.assert_array_equal(curves(axes, BLUE)[3].get_ydata(), ensemble.kept_history[3, :, 4])
-    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), made.mass)
+    np.testing.assert_array_equal(curves(axes, BLACK)[0].get_ydata(), nominal.mass)
     (mean,) = curves(difference, VERMILION)
     at_20 = node(ensemble, 20.0)
     third = curves(difference, BLUE)[3].get_ydata()
     assert third[0] == 0.0
-    expected = ensemble.kept_history[3, at_20, 4] - made.mass[node(made, 20.0)]
+    expected = ensemble.kept_history[3, at_20, 4] - nominal.mass[node(nominal, 20.0)]
     assert third[at_20] == pytest.approx(expected, abs=1e-9)
-    expected = ensemble.mean[at_20, 4] - made.mass[node(made, 20.0)]
+    expected = ensemble.mean[at_20, 4] - nominal.mass[node(nominal, 20.0)]
     assert mean.get_ydata()[at_20] == pytest.approx(expected, abs=1e-9)
     assert "2,000 flights" in mean.get_label()
 

@@ -24,8 +24,8 @@ DURATIONS = (26.0, 15.0)
 
 def simulator(pipeline, case="closed_loop", reading="corrected", **changes):
     inputs = pipeline.stage_inputs(reading, "montecarlo_chunk", **changes)
-    made = {"nominal": pipeline.nominal(reading), "gains": pipeline.gains(reading)}
-    return inputs.call(montecarlo.block_simulator, **made, case=case)
+    records = {"nominal": pipeline.nominal(reading), "gains": pipeline.gains(reading)}
+    return inputs.call(montecarlo.block_simulator, **records, case=case)
 
 
 def assert_identical(first, second):
@@ -72,7 +72,7 @@ def oracle(gains, seed, trial, step, scheme, feedback=True, prior=None, hold=Non
         for k in range(count):
             t = step * k
             if hold and k % hold == 0:
-                thrust = partial(lambda held, t, x: held, law(t, state))
+                thrust = partial(lambda command, t, x: command, law(t, state))
             states.append(state)
             thrusts.append(np.linalg.norm(thrust(t, state)))
             force = NOISE_DENSITY * next(draws) / np.sqrt(step)
@@ -114,15 +114,15 @@ def test_kernel_flies_the_equations(pipeline, scheme, case, trial, hold):
     prior = pipeline.nominal() if case == "prior_mass" else None
     states, thrusts = oracle(gains, seed, trial, step, scheme, case != "open_loop", prior, hold)
     interval = {"command_interval": hold and hold * step}
-    flown = simulator(pipeline, case, integrator=scheme, time_step=step, **interval)(trial, trial + 1)
+    trajectories = simulator(pipeline, case, integrator=scheme, time_step=step, **interval)(trial, trial + 1)
     outputs = np.r_[0:261:5, 261:412:5]  # every 0.5 s, the switch twice
     # Rounding of 410 steps, of the order of 1e-12 of the largest state.
-    np.testing.assert_allclose(flown.history[..., 0], states[outputs], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(flown.final_state[:, 0], states[-1], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrusts[outputs], rtol=1e-9)
-    np.testing.assert_allclose(flown.observed[:, DEPTH, 0], -states[outputs, 1], rtol=1e-9, atol=1e-9)
-    assert flown.observed_maximum[THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
-    assert flown.observed_maximum[DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
+    np.testing.assert_allclose(trajectories.history[..., 0], states[outputs], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(trajectories.final_state[:, 0], states[-1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(trajectories.observed[:, THRUST, 0], thrusts[outputs], rtol=1e-9)
+    np.testing.assert_allclose(trajectories.observed[:, DEPTH, 0], -states[outputs, 1], rtol=1e-9, atol=1e-9)
+    assert trajectories.observed_maximum[THRUST, 0] == pytest.approx(thrusts.max(), rel=1e-9)
+    assert trajectories.observed_maximum[DEPTH, 0] == pytest.approx(-states[:, 1].min(), rel=1e-9)
 
 
 def test_initial_states_have_the_given_moments(pipeline):
@@ -145,21 +145,21 @@ def test_correlated_initial_states():
 
 
 def test_the_control_after_the_switch_is_that_of_the_second_segment(pipeline, node):
-    flown, gains = simulator(pipeline)(0, 20), pipeline.gains()
+    trajectories, gains = simulator(pipeline)(0, 20), pipeline.gains()
     switch = 52
-    np.testing.assert_array_equal(flown.history[switch], flown.history[switch + 1])
+    np.testing.assert_array_equal(trajectories.history[switch], trajectories.history[switch + 1])
     for output, after in ((switch, False), (switch + 1, True)):
         k = node(gains, 26.0, after)
-        error = flown.history[output, :4].T - gains.mean[k]
+        error = trajectories.history[output, :4].T - gains.mean[k]
         expected = np.linalg.norm(gains.feedforward[k] - error @ gains.gain[k].T, axis=1)
-        np.testing.assert_allclose(flown.observed[output, THRUST], expected, rtol=1e-9)
-    assert (flown.observed[switch + 1, THRUST] < 0.6 * flown.observed[switch, THRUST]).all()
+        np.testing.assert_allclose(trajectories.observed[output, THRUST], expected, rtol=1e-9)
+    assert (trajectories.observed[switch + 1, THRUST] < 0.6 * trajectories.observed[switch, THRUST]).all()
 
 
 @pytest.mark.parametrize("interval", [0.1, 0.5])
 def test_a_held_command_changes_only_when_it_is_renewed(pipeline, interval):
-    flown = simulator(pipeline, command_interval=interval, output_interval=0.1)(0, 3)
-    thrust, hold = flown.observed[:260, THRUST], round(interval / 0.1)
+    trajectories = simulator(pipeline, command_interval=interval, output_interval=0.1)(0, 3)
+    thrust, hold = trajectories.observed[:260, THRUST], round(interval / 0.1)
     steady = np.diff(thrust, axis=0) == 0
     renewed = np.arange(1, 260) % hold == 0
     assert steady[~renewed].all() and not steady[renewed].any()
@@ -168,8 +168,8 @@ def test_a_held_command_changes_only_when_it_is_renewed(pipeline, interval):
 def test_a_command_held_for_ever_shorter_times_is_the_continuous_one(pipeline):
     exact = simulator(pipeline, time_step=0.01)(0, 20).final_state[:4]
     errors = [
-        np.abs(simulator(pipeline, time_step=0.01, command_interval=held)(0, 20).final_state[:4] - exact).max()
-        for held in (0.5, 0.25, 0.125)
+        np.abs(simulator(pipeline, time_step=0.01, command_interval=hold)(0, 20).final_state[:4] - exact).max()
+        for hold in (0.5, 0.25, 0.125)
     ]
     assert errors[0] > 1.7 * errors[1] > 1.7**2 * errors[2] > 0  # first order in the interval
 
@@ -213,14 +213,14 @@ def fly_quietly(pipeline, noise_density, spread, trials):
 
 
 def test_a_flight_without_noise_and_dispersion_follows_the_mean_and_the_prior_mass(pipeline, node):
-    flown, gains, prior = fly_quietly(pipeline, 0.0, 0.0, 1), pipeline.gains(), pipeline.nominal()
+    trajectories, gains, prior = fly_quietly(pipeline, 0.0, 0.0, 1), pipeline.gains(), pipeline.nominal()
     times = np.concatenate([np.arange(0, 26.1, 0.5), np.arange(26, 41.1, 0.5)])
     nodes = [node(gains, time, after_switch=number > 52) for number, time in enumerate(times)]
     # The fourth-order error of steps of 0.1 s, against motion over hundreds of metres.
-    np.testing.assert_allclose(flown.history[:, :4, 0], gains.mean[nodes], rtol=0, atol=1e-5)
-    np.testing.assert_allclose(flown.history[:, 4, 0], prior.mass[nodes], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(trajectories.history[:, :4, 0], gains.mean[nodes], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(trajectories.history[:, 4, 0], prior.mass[nodes], rtol=0, atol=1e-5)
     thrust = np.linalg.norm(gains.feedforward[nodes], axis=1)
-    np.testing.assert_allclose(flown.observed[:, THRUST, 0], thrust, rtol=1e-6)
+    np.testing.assert_allclose(trajectories.observed[:, THRUST, 0], thrust, rtol=1e-6)
 
 
 def test_the_noise_is_injected(pipeline):
@@ -269,8 +269,8 @@ def test_a_case_in_one_go_is_its_chunks_gathered(pipeline):
     def give(function, **others):
         return arguments_of(function, inputs.values, lambda name, kind: artifacts.get(name), **others)
 
-    made = compute_record(pipeline.paper.stages["montecarlo"].entries, give, options)
-    assert_identical(made, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
+    record = compute_record(pipeline.paper.stages["montecarlo"].entries, give, options)
+    assert_identical(record, pipeline.fly("corrected", gains, trials=1200, block_size=500, chunks=3))
 
 
 def test_a_trial_does_not_depend_on_the_number_of_trials(pipeline):
@@ -292,11 +292,11 @@ def test_replay_is_the_trial_of_the_ensemble(pipeline, trial):
     if trial < len(ensemble.kept_history):
         np.testing.assert_array_equal(alone.history[..., 0], ensemble.kept_history[trial])
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
-    made = {"nominal": pipeline.nominal(), "gains": gains}
-    text = inputs.call(montecarlo.replay, **made, trial=Trial("closed_loop", trial, ensemble))
+    records = {"nominal": pipeline.nominal(), "gains": gains}
+    text = inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, ensemble))
     assert "the same to the last bit" in text and f"trial {trial} of closed_loop: completed" in text
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
-    assert "DIFFERS" in inputs.call(montecarlo.replay, **made, trial=Trial("closed_loop", trial, other))
+    assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("closed_loop", trial, other))
 
 
 def test_another_seed_gives_other_trials(pipeline):
@@ -306,15 +306,15 @@ def test_another_seed_gives_other_trials(pipeline):
 
 def test_moments_and_maxima_are_those_of_the_trials(pipeline):
     ensemble = pipeline.fly("corrected", pipeline.gains(), trials=300, block_size=100)
-    flown = simulator(pipeline)(0, 300)
+    trajectories = simulator(pipeline)(0, 300)
     # Rounding only: blocks are merged instead of summed at once.
-    np.testing.assert_allclose(ensemble.mean, flown.history.mean(axis=-1), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(ensemble.mean, trajectories.history.mean(axis=-1), rtol=1e-12, atol=1e-12)
     for k in (0, 20, 52, 53, 83):
-        np.testing.assert_allclose(ensemble.covariance[k], np.cov(flown.history[k]), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(ensemble.observed_mean, flown.observed.mean(axis=-1), rtol=1e-12)
-    np.testing.assert_array_equal(ensemble.maximum_over_trials, flown.observed.max(axis=-1))
-    np.testing.assert_array_equal(ensemble.observed_maximum, flown.observed_maximum.T)
-    np.testing.assert_array_equal(ensemble.final_state, flown.final_state.T)
+        np.testing.assert_allclose(ensemble.covariance[k], np.cov(trajectories.history[k]), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ensemble.observed_mean, trajectories.observed.mean(axis=-1), rtol=1e-12)
+    np.testing.assert_array_equal(ensemble.maximum_over_trials, trajectories.observed.max(axis=-1))
+    np.testing.assert_array_equal(ensemble.observed_maximum, trajectories.observed_maximum.T)
+    np.testing.assert_array_equal(ensemble.final_state, trajectories.final_state.T)
     assert (ensemble.histogram.sum(axis=-1) == 300).all()
     expected = np.concatenate([np.arange(0, 26.1, 0.5), np.arange(26, 41.1, 0.5)])
     np.testing.assert_allclose(ensemble.time, expected, atol=1e-12)
@@ -324,11 +324,11 @@ def test_moments_and_maxima_are_those_of_the_trials(pipeline):
 @pytest.mark.parametrize(("time_step", "output_interval"), [(0.1, 0.5), (0.3, 0.7), (1.0, 0.5), (0.07, 3.0)])
 def test_outputs_end_with_each_segment_whatever_the_steps(pipeline, time_step, output_interval):
     sizes = {"time_step": time_step, "output_interval": output_interval}
-    made = pipeline.fly("corrected", pipeline.gains(), trials=10, **sizes)
-    assert len(made.time) == made.mean.shape[0] == made.kept_history.shape[1]
-    ends = made.time[[0, np.flatnonzero(made.segment == 0)[-1], -1]]
+    ensemble = pipeline.fly("corrected", pipeline.gains(), trials=10, **sizes)
+    assert len(ensemble.time) == ensemble.mean.shape[0] == ensemble.kept_history.shape[1]
+    ends = ensemble.time[[0, np.flatnonzero(ensemble.segment == 0)[-1], -1]]
     np.testing.assert_allclose(ends, [0.0, 26.0, 41.0], atol=1e-12)
-    assert np.diff(made.time).max() <= output_interval + 1e-12
+    assert np.diff(ensemble.time).max() <= output_interval + 1e-12
     steps, every = flight.step_count(26.0, time_step, output_interval)
     assert 26.0 / steps <= time_step + 1e-12 and steps % every == 0
 
@@ -338,16 +338,16 @@ def test_outputs_end_with_each_segment_whatever_the_steps(pipeline, time_step, o
 
 def test_crashes_are_counted_and_not_dropped(pipeline):
     # Open loop, with an output at every step, so that a crash is visible in the history.
-    flown = simulator(pipeline, "open_loop", output_interval=0.1)(0, 600)
-    below = (flown.history[:, 1] < 0).any(axis=0)
+    trajectories = simulator(pipeline, "open_loop", output_interval=0.1)(0, 600)
+    below = (trajectories.history[:, 1] < 0).any(axis=0)
     assert 0 < below.sum() < 600
-    np.testing.assert_array_equal(flown.outcome == CRASHED, below)
-    np.testing.assert_array_equal(flown.outcome == COMPLETED, ~below)
-    np.testing.assert_array_equal(flown.observed_maximum[DEPTH], -flown.history[:, 1].min(axis=0))
+    np.testing.assert_array_equal(trajectories.outcome == CRASHED, below)
+    np.testing.assert_array_equal(trajectories.outcome == COMPLETED, ~below)
+    np.testing.assert_array_equal(trajectories.observed_maximum[DEPTH], -trajectories.history[:, 1].min(axis=0))
     ensemble = pipeline.fly("corrected", pipeline.gains(), "open_loop", trials=600, output_interval=0.1)
     assert (ensemble.outcome == CRASHED).sum() == below.sum()
     assert (ensemble.count, ensemble.excluded, len(ensemble.outcome)) == (600, 0, 600)
-    np.testing.assert_allclose(ensemble.mean[-1], flown.final_state.mean(axis=1), rtol=1e-10)
+    np.testing.assert_allclose(ensemble.mean[-1], trajectories.final_state.mean(axis=1), rtol=1e-10)
 
 
 def test_a_crash_between_two_outputs_is_seen():
@@ -356,10 +356,12 @@ def test_a_crash_between_two_outputs_is_seen():
     upwards = np.tile([0.0, WET_MASS * (GRAVITY + 2.0)], (nodes, 1))
     control = flight.Schedule(0.1, steps, np.zeros((nodes, 2, 4)), np.zeros((nodes, 4)), upwards)
     starts = np.array([[0.0, altitude, 0.0, -8.0, WET_MASS] for altitude in (10.0, 15.9, 16.1, 30.0)])
-    flown = flight.fly([control], flight.Plant(GRAVITY, 0.0, 0.0), starts, flight.Draws(0), steps_per_output=[steps])
-    np.testing.assert_allclose(flown.history[:, 1], [starts[:, 1], starts[:, 1] + 20.0], atol=1e-9)
-    assert flown.outcome.tolist() == [CRASHED, CRASHED, COMPLETED, COMPLETED]
-    np.testing.assert_allclose(flown.observed_maximum[DEPTH], 16.0 - starts[:, 1], atol=1e-9)
+    trajectories = flight.fly(
+        [control], flight.Plant(GRAVITY, 0.0, 0.0), starts, flight.Draws(0), steps_per_output=[steps]
+    )
+    np.testing.assert_allclose(trajectories.history[:, 1], [starts[:, 1], starts[:, 1] + 20.0], atol=1e-9)
+    assert trajectories.outcome.tolist() == [CRASHED, CRASHED, COMPLETED, COMPLETED]
+    np.testing.assert_allclose(trajectories.observed_maximum[DEPTH], 16.0 - starts[:, 1], atol=1e-9)
 
 
 def absurd(gains):
@@ -371,8 +373,8 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
     gains, inputs = pipeline.gains(), pipeline.stage_inputs("corrected", "montecarlo_chunk")
     nominal = pipeline.nominal()
     good, bad = (
-        inputs.call(montecarlo.simulate, nominal=nominal, gains=flown, flown=Flown("closed_loop", 400, 200, chunk, 2))
-        for chunk, flown in enumerate((gains, absurd(gains)))
+        inputs.call(montecarlo.simulate, nominal=nominal, gains=law, flown=Flown("closed_loop", 400, 200, chunk, 2))
+        for chunk, law in enumerate((gains, absurd(gains)))
     )
     both = pipeline.stage_inputs("corrected", "montecarlo_gather").call(montecarlo.gather, [good, bad])
     assert (both.count, both.excluded) == (200, 200)
@@ -387,13 +389,13 @@ def test_non_finite_trials_are_counted_and_kept_apart(pipeline):
 
 def test_a_case_with_only_non_finite_trials_can_still_be_stored(pipeline, tmp_path):
     gains, inputs = absurd(pipeline.gains()), pipeline.stage_inputs("corrected", "montecarlo_chunk")
-    made = {"nominal": pipeline.nominal(), "gains": gains}
-    chunk = inputs.call(montecarlo.simulate, **made, flown=Flown("closed_loop", 100, 100))
+    records = {"nominal": pipeline.nominal(), "gains": gains}
+    chunk = inputs.call(montecarlo.simulate, **records, flown=Flown("closed_loop", 100, 100))
     gather = pipeline.stage_inputs("corrected", "montecarlo_gather")
-    for made in (chunk, gather.call(montecarlo.gather, [chunk])):
-        artifacts.save(tmp_path / "case.h5", made, paper="powered_descent", reading="corrected", provenance={})
-        loaded = artifacts.load(tmp_path / "case.h5", type(made), paper="powered_descent", reading="corrected")
-        assert_identical(made, loaded)
+    for records in (chunk, gather.call(montecarlo.gather, [chunk])):
+        artifacts.save(tmp_path / "case.h5", records, paper="powered_descent", reading="corrected", provenance={})
+        loaded = artifacts.load(tmp_path / "case.h5", type(records), paper="powered_descent", reading="corrected")
+        assert_identical(records, loaded)
 
 
 # --- integrators ------------------------------------------------------------------------------------------------------
@@ -423,11 +425,11 @@ def test_euler_maruyama_has_a_mean_bias_that_halves_with_the_step(errors):
         0.5: (-0.074, -1.46, 1.15, 0.602, -1.75),
     }
     for step, bias in known.items():
-        found = by_step(errors, "bias", "euler_maruyama", step)
+        means = by_step(errors, "bias", "euler_maruyama", step)
         # Two samples of 2,000 trials, and half a digit of the known values.
         error = by_step(errors, "bias_standard_error", "euler_maruyama", step)
         digit = 5e-3 if step == 0.5 else 5e-4
-        assert (np.abs(found - bias) < 4 * np.sqrt(2) * error + digit).all()
+        assert (np.abs(means - bias) < 4 * np.sqrt(2) * error + digit).all()
     small, large = (by_step(errors, "bias", "euler_maruyama", step)[1:] for step in (0.1, 0.2))
     np.testing.assert_allclose(large / small, 2.0, rtol=0.1)  # first order, with a second-order rest
 

@@ -131,13 +131,13 @@ FRACTIONS = [  # time; mean, 95 % quantile and maximum over 2,000 trials
 def test_control_magnitude(pipeline, node, time, mean, quantile, largest):
     ensemble = pipeline.ensemble()
     k = node(ensemble, time, after_switch=True)
-    found, bin_width = histogram_percentile(ensemble.histogram[k, THRUST], ensemble.histogram_edges[THRUST], 0.95)
+    magnitude, bin_width = histogram_percentile(ensemble.histogram[k, THRUST], ensemble.histogram_edges[THRUST], 0.95)
     spread = (quantile - mean) / 1.645  # of a nearly Gaussian quantity
     error = spread * np.sqrt(2 / PAPER_TRIALS)
     assert ensemble.observed_mean[k, THRUST] / MAXIMUM_THRUST == pytest.approx(mean, abs=5e-4 + SIGMAS * error)
     # A 95 % quantile has 2.11 times the standard error of the mean.
     tolerance = 5e-4 + SIGMAS * 2.11 * error + bin_width / MAXIMUM_THRUST
-    assert found / MAXIMUM_THRUST == pytest.approx(quantile, abs=tolerance)
+    assert magnitude / MAXIMUM_THRUST == pytest.approx(quantile, abs=tolerance)
     # The maximum of 2,000 Gaussians spreads by 0.29 of their standard deviation; both runs vary.
     tolerance = 5e-4 + SIGMAS * 0.29 * np.sqrt(2) * spread
     assert ensemble.maximum_over_trials[k, THRUST] / MAXIMUM_THRUST == pytest.approx(largest, abs=tolerance)
@@ -236,8 +236,8 @@ def open_loop_covariance(model, noise_density, initial):
 def test_open_loop_covariance_is_exact(pipeline, open_loop):
     inputs = pipeline.stage_inputs("corrected", "montecarlo")
     exact = open_loop_covariance(pipeline.linearization(), 360.0, inputs.initial_covariance)
-    found = np.cov(open_loop.final_state[:, :4], rowvar=False)
-    assert wishart_deviance(found, TRIALS, exact).p_value > 1e-4
+    covariance = np.cov(open_loop.final_state[:, :4], rowvar=False)
+    assert wishart_deviance(covariance, TRIALS, exact).p_value > 1e-4
     # and it is what is known: from noise alone, and from 2,000 trials with the initial dispersion
     alone = np.sqrt(np.diag(open_loop_covariance(pipeline.linearization(), 360.0, 0.0 * exact)))
     np.testing.assert_allclose(alone, [38.7, 38.4, 1.64, 1.64], rtol=SIGMAS / np.sqrt(2 * PAPER_TRIALS))

@@ -92,9 +92,9 @@ def test_the_fully_correlated_reading_is_a_field_of_one_normal_number(random_fie
     np.testing.assert_allclose(covariance, np.outer(deviation, deviation), rtol=1e-6)
     # The study flies the same field with an infinite length, in the same normal numbers.
     study = random_field.field_study("corrected")
-    flown = random_field.ensemble("correlated", trials=study.trials)
+    ensemble = random_field.ensemble("correlated", trials=study.trials)
     known = study.percentile[list(HYPOTHESES).index("fully correlated")]
-    assert delta_v_percentile(flown, 0)[0] == pytest.approx(known, rel=2e-3)
+    assert delta_v_percentile(ensemble, 0)[0] == pytest.approx(known, rel=2e-3)
 
 
 def test_the_study_flies_the_laws_that_the_readings_fly(random_field):
@@ -102,8 +102,8 @@ def test_the_study_flies_the_laws_that_the_readings_fly(random_field):
     study = random_field.field_study("corrected")
     own = int(np.argmin(np.abs(study.variance - 0.148)))
     for reading, unit in (("corrected", "km/s"), ("metres", "m/s")):
-        flown = random_field.ensemble(reading, trials=study.trials)
-        percentiles = [delta_v_percentile(flown, law)[0] for law in range(len(flown.delta_v))]
+        ensemble = random_field.ensemble(reading, trials=study.trials)
+        percentiles = [delta_v_percentile(ensemble, law)[0] for law in range(len(ensemble.delta_v))]
         np.testing.assert_allclose(study.law_percentile[SPEED_UNITS.index(unit), own], percentiles, rtol=1e-9)
     assert study.law_percentile[0, :, 0] == pytest.approx(study.law_percentile[1, :, 0], nan_ok=True)
 
@@ -154,8 +154,8 @@ def test_correlated_initial_deviations_are_flown_and_designed_for(random_field):
     gains = random_field.gains("corrected", **changes)
     matrix = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
     np.testing.assert_allclose(gains.covariance[1, 0], matrix * np.outer(deviations, deviations), rtol=1e-9)
-    flown = random_field.ensemble("corrected", trials=2000, **changes)
-    covariance = flown.covariance[0, 0, :3, :3]
+    ensemble = random_field.ensemble("corrected", trials=2000, **changes)
+    covariance = ensemble.covariance[0, 0, :3, :3]
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(covariance / np.outer(scale, scale), matrix, atol=4.0 / np.sqrt(2000))
     np.testing.assert_allclose(scale, deviations, rtol=4.0 / np.sqrt(4000))
@@ -168,10 +168,10 @@ def test_the_nominal_of_the_double_integrator_is_the_integral_of_its_acceleratio
     point_mass = random_field.inputs("corrected", double_integrator_force_mean=-3e-3).point_mass
     control = np.array([0.01, -0.02, 0.0, 0.03, 0.005])
     time = np.linspace(0.0, 5.0, 100_001)
-    held = control[np.minimum(time.astype(int), 4)] - 3e-3
+    acceleration = control[np.minimum(time.astype(int), 4)] - 3e-3
     step = time[1]
-    velocity = 0.1 + np.append(0.0, np.cumsum(held[:-1] * step))
-    place = 0.1 + np.append(0.0, np.cumsum(velocity[:-1] * step + 0.5 * held[:-1] * step**2))
+    velocity = 0.1 + np.append(0.0, np.cumsum(acceleration[:-1] * step))
+    place = 0.1 + np.append(0.0, np.cumsum(velocity[:-1] * step + 0.5 * acceleration[:-1] * step**2))
     own = nominal_states(point_mass, control, time)
     np.testing.assert_allclose(own[0], place, atol=1e-9)
     np.testing.assert_allclose(own[1], velocity, atol=1e-9)

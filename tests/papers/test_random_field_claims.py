@@ -82,16 +82,16 @@ def sizes():
 
 def artifacts(random_field, reading):
     """Everything that the claims of a reading are made from, at reduced size."""
-    flown = reading if reading in FLOWN else "corrected"
-    made = {name: random_field.stage(name, flown) for name in ("nominal", "linearization", "gains")}
-    made["aerocapture"] = random_field.ensemble(flown, trials=FLOWN[flown])
+    flown_reading = reading if reading in FLOWN else "corrected"
+    records = {name: random_field.stage(name, flown_reading) for name in ("nominal", "linearization", "gains")}
+    records["aerocapture"] = random_field.ensemble(flown_reading, trials=FLOWN[flown_reading])
     if reading == "corrected":
-        made |= {name: random_field.stage(name, reading) for name in ("certificates", "field_study")}
-        made |= {"convergence": cycle(), "regularization": sizes()}
+        records |= {name: random_field.stage(name, reading) for name in ("certificates", "field_study")}
+        records |= {"convergence": cycle(), "regularization": sizes()}
     if reading in random_field.paper.stages["double_integrator"].claimed_in:
         for name in ("double_integrator", "double_integrator_flights"):
-            made[name] = random_field.stage(name, reading)
-    return made
+            records[name] = random_field.stage(name, reading)
+    return records
 
 
 def evaluate(random_field, reading="corrected", inputs=None, **replaced):
@@ -106,30 +106,30 @@ def evaluations(random_field):
 @pytest.fixture(scope="module")
 def rows(random_field_published, evaluations):
     known = {erratum.id for erratum in PAPER.errata}
-    made = collect(list(random_field_published.values()), DECLARATIONS, evaluations, known_errata=known)
-    return {row["id"]: row for row in made}
+    claim_rows = collect(list(random_field_published.values()), DECLARATIONS, evaluations, known_errata=known)
+    return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
 def test_every_table_and_summary_of_the_catalogue_has_its_function():
-    made = {
+    function_names = {
         name
         for name, function in inspect.getmembers(tables, inspect.isfunction)
         if function.__module__ == tables.__name__ and not name.startswith("_")
     }
-    assert made - {"only_density"} == set(PAPER.tables) | set(PAPER.summaries)
+    assert function_names - {"only_density"} == set(PAPER.tables) | set(PAPER.summaries)
     assert not set(PAPER.figures) & (set(PAPER.tables) | set(PAPER.summaries))
 
 
 def test_every_printed_claim_is_evaluated_in_every_reading(random_field, random_field_published, evaluations):
-    wanted = {name for name, claim in random_field_published.items() if claim.kind != "context"}
-    assert len(wanted) == 82
+    claim_names = {name for name, claim in random_field_published.items() if claim.kind != "context"}
+    assert len(claim_names) == 82
     assert set(evaluations) > {*FLOWN, "cc_to_4", "tf_500", "doc_fit"}
-    for name, found in evaluations.items():
-        assert set(found) == wanted, name
-        missing = {claim for claim, evaluation in found.items() if evaluation is None}
+    for name, of_reading in evaluations.items():
+        assert set(of_reading) == claim_names, name
+        missing = {claim for claim, evaluation in of_reading.items() if evaluation is None}
         expected = set() if name == "corrected" else set(STUDIED)
         if name not in random_field.paper.stages["double_integrator"].claimed_in:
             expected |= set(DOUBLE)
@@ -179,18 +179,18 @@ def test_all_inputs_are_used_as_stated_by_the_printed_reading(rows):
     assert len(stated) == 44
     # The tests fly fewer trials.
     assert {name for name, verdict in stated.items() if verdict != "as_stated"} == {"acap_trials", "dint_trials"}
-    changed = {name for name in stated if rows[name]["readings"]["corrected"]["verdict"] == "not_as_stated"} - {
+    not_as_stated = {name for name in stated if rows[name]["readings"]["corrected"]["verdict"] == "not_as_stated"} - {
         "acap_trials",
         "dint_trials",
     }
-    assert changed == {"acap_sigma2_max", "acap_partition", "acap_p_f"}
+    assert not_as_stated == {"acap_sigma2_max", "acap_partition", "acap_p_f"}
 
 
 def test_the_printed_reading_fails_visibly(rows, evaluations, tmp_path):
-    found = evaluations["printed"]
-    assert np.isnan(found["acap_dv_p99_closed"].value)
-    assert "node 17 is 450 and node 18 is 400" in found["acap_dv_p99_closed"].evidence
-    assert np.isnan(found["acap_dv_p99_open"].value) and "below the ground" in found["acap_dv_p99_open"].evidence
+    printed = evaluations["printed"]
+    assert np.isnan(printed["acap_dv_p99_closed"].value)
+    assert "node 17 is 450 and node 18 is 400" in printed["acap_dv_p99_closed"].evidence
+    assert np.isnan(printed["acap_dv_p99_open"].value) and "below the ground" in printed["acap_dv_p99_open"].evidence
     for name in ("acap_dv_p99_closed", "acap_dv_p99_open"):
         assert rows[name]["readings"]["printed"]["verdict"] == "differs"
     for name in ("acap_max_variance_above_h_trans", "acap_end_steps_longer", "acap_control_saturated"):
@@ -221,19 +221,19 @@ def test_other_readings_do_what_the_reasons_say(rows):
 
 
 def test_facts_that_do_not_depend_on_trials(evaluations):
-    found = evaluations["corrected"]
-    assert found["acap_entry_fpa"].value == pytest.approx(-10.0265, abs=5e-4)
-    assert found["acap_time_max_q"].value == pytest.approx(146.82, abs=0.02)
-    assert found["acap_guess_hits_target"].numbers["apoapsis"] == pytest.approx(5.0, abs=1e-9)
+    corrected = evaluations["corrected"]
+    assert corrected["acap_entry_fpa"].value == pytest.approx(-10.0265, abs=5e-4)
+    assert corrected["acap_time_max_q"].value == pytest.approx(146.82, abs=0.02)
+    assert corrected["acap_guess_hits_target"].numbers["apoapsis"] == pytest.approx(5.0, abs=1e-9)
     assert evaluations["printed"]["acap_guess_hits_target"].numbers["apoapsis"] == pytest.approx(5.61, abs=0.01)
     # 0.148 exp(-75/20), and exp(+75/20) as printed
-    assert found["acap_max_variance_above_h_trans"].numbers["low"] == pytest.approx(5.8997, abs=1e-4)
+    assert corrected["acap_max_variance_above_h_trans"].numbers["low"] == pytest.approx(5.8997, abs=1e-4)
     printed_sign = evaluations["sign_printed"]["acap_max_variance_above_h_trans"]
     assert printed_sign.numbers["low"] == pytest.approx(250.861, abs=1e-3)
-    np.testing.assert_allclose(found["dint_constraint_slopes"].value, [-0.025, 0.025], rtol=1e-5)
-    assert found["dint_constraint_apex"].value == [0.7, 0.1]
-    assert found["dint_p_x"].value == pytest.approx(0.00135, rel=1e-12)
-    assert found["acap_initial_covariance"].value == 0.0
+    np.testing.assert_allclose(corrected["dint_constraint_slopes"].value, [-0.025, 0.025], rtol=1e-5)
+    assert corrected["dint_constraint_apex"].value == [0.7, 0.1]
+    assert corrected["dint_p_x"].value == pytest.approx(0.00135, rel=1e-12)
+    assert corrected["acap_initial_covariance"].value == 0.0
 
 
 def with_lost(ensemble, law, count):
@@ -247,24 +247,24 @@ def with_lost(ensemble, law, count):
 @pytest.mark.parametrize("count", [0, 20, 49])
 def test_lost_trials_count_as_worse_than_any(random_field, count):
     ensemble = with_lost(artifacts(random_field, "corrected")["aerocapture"], LAST, count)
-    found = evaluate(random_field, aerocapture=ensemble)["acap_dv_p99_closed"]
+    evaluation = evaluate(random_field, aerocapture=ensemble)["acap_dv_p99_closed"]
     worst_last = sorted(np.where(np.isnan(ensemble.delta_v[LAST]), 1e9, ensemble.delta_v[LAST]))
     rank = 0.99 * (TRIALS - 1)
     low, high = worst_last[int(rank)], worst_last[int(rank) + 1]
-    assert found.value == pytest.approx(low + (rank - int(rank)) * (high - low), rel=1e-12)
-    assert found.standard_error > 0 and found.trials == TRIALS
-    assert ("hyperbolic" in found.evidence) == (count > 0)
+    assert evaluation.value == pytest.approx(low + (rank - int(rank)) * (high - low), rel=1e-12)
+    assert evaluation.standard_error > 0 and evaluation.trials == TRIALS
+    assert ("hyperbolic" in evaluation.evidence) == (count > 0)
 
 
 def test_a_percentile_among_lost_trials_does_not_exist(random_field, random_field_published):
     for law, name in ((0, "acap_dv_p99_open"), (LAST, "acap_dv_p99_closed")):
         ensemble = with_lost(artifacts(random_field, "corrected")["aerocapture"], law, 51)
-        found = evaluate(random_field, aerocapture=ensemble)
-        assert np.isnan(found[name].value) and "there is no 99th percentile" in found[name].evidence
-        assert judge(random_field_published[name], found[name]).verdict == "differs"
+        new_evaluations = evaluate(random_field, aerocapture=ensemble)
+        assert np.isnan(new_evaluations[name].value) and "there is no 99th percentile" in new_evaluations[name].evidence
+        assert judge(random_field_published[name], new_evaluations[name]).verdict == "differs"
         # Statements about the distribution of the trials are not met by those that are left.
         for statement in ("acap_abs_value_error_source", "acap_lc_mismatch_iteration_2", "acap_lc_approximates_dv"):
-            assert found[statement].value is False, statement
+            assert new_evaluations[statement].value is False, statement
 
 
 def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_published):
@@ -273,8 +273,8 @@ def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_
         own = np.quantile(ensemble.delta_v[law], 0.99)
         moved = ensemble.delta_v.copy()
         moved[law] += printed - own
-        found = evaluate(random_field, aerocapture=replace(ensemble, delta_v=moved))[name]
-        assert judge(random_field_published[name], found).verdict == "reproduced"
+        evaluation = evaluate(random_field, aerocapture=replace(ensemble, delta_v=moved))[name]
+        assert judge(random_field_published[name], evaluation).verdict == "reproduced"
 
 
 @pytest.mark.parametrize(("count", "trials"), [(0, 50), (1, 1000), (15, 5000), (49, 50), (50, 50)])
@@ -296,11 +296,11 @@ def test_distances_of_distributions_and_tails():
 
 def test_without_the_absolute_value_the_predicted_means_are_right(random_field, evaluations):
     """Of the last law, linearised about a nominal that overshoots: Delta v_1 - (v_p+ - v_p-) instead of the modulus."""
-    made, inputs = artifacts(random_field, "corrected"), random_field.all_inputs("corrected")
-    assert made["gains"].apoapsis[LAST - 1] > 5.0
-    ends = made["aerocapture"].final_state[LAST, :, :3] + [inputs.planet.planet_radius, 0.0, 0.0]
+    records, inputs = artifacts(random_field, "corrected"), random_field.all_inputs("corrected")
+    assert records["gains"].apoapsis[LAST - 1] > 5.0
+    ends = records["aerocapture"].final_state[LAST, :, :3] + [inputs.planet.planet_radius, 0.0, 0.0]
     raising, change = orbits.burns(*ends.T, *targets(inputs.planet, inputs.mission))
-    predicted = made["gains"].delta_v_mean[LAST]
+    predicted = records["gains"].delta_v_mean[LAST]
     kinked, smooth = (raising + abs(change)).mean() - predicted, (raising - change).mean() - predicted
     assert kinked > 15.0 and abs(smooth) < 1.0
     evidence = evaluations["corrected"]["acap_abs_value_error_source"].evidence
@@ -310,7 +310,7 @@ def test_without_the_absolute_value_the_predicted_means_are_right(random_field, 
 # --- verdicts can fail ------------------------------------------------------------------------------------------------
 
 
-def changed(array, value, *index, add=False):
+def with_value(array, value, *index, add=False):
     array = np.array(array)
     array[index] = array[index] + value if add else value
     return array
@@ -320,16 +320,16 @@ def violated(a, share=0.02):
     """Trials beyond the upper limit in the interval from 150 s."""
     ensemble = a["aerocapture"]
     row = int(np.argmin(np.abs(ensemble.time - 150.0)))
-    more = changed(ensemble.histogram, int(share * TRIALS), LAST, row, 0, -1, add=True)
+    more = with_value(ensemble.histogram, int(share * TRIALS), LAST, row, 0, -1, add=True)
     return {"aerocapture": replace(ensemble, histogram=more)}
 
 
 def test_every_counted_claim_is_turned_by_its_counterexample(random_field, random_field_published, rows):
-    found = artifacts(random_field, "corrected")
+    records = artifacts(random_field, "corrected")
     turned = CLAIMS.turned(
         rows.values(),
         random_field.inputs("corrected").values,
-        lambda name, kind: found.get(name),
+        lambda name, kind: records.get(name),
         random_field_published,
     )
     counted = {
@@ -358,10 +358,10 @@ def test_what_cannot_fail_is_not_counted(rows):
 
 def test_lost_flights_prove_no_statement_about_the_last_law(random_field):
     """Zero lift at the peak counts for nothing where the flights are lost."""
-    found = artifacts(random_field, "corrected")
-    still = replace(found["gains"], control=changed(found["gains"].control, 0.0, LAST, 4))
+    records = artifacts(random_field, "corrected")
+    still = replace(records["gains"], control=with_value(records["gains"].control, 0.0, LAST, 4))
     assert evaluate(random_field, gains=still)["acap_zero_lift_at_max_q"].value is True
-    lost = with_lost(found["aerocapture"], LAST, 51)
+    lost = with_lost(records["aerocapture"], LAST, 51)
     assert evaluate(random_field, gains=still, aerocapture=lost)["acap_zero_lift_at_max_q"].value is False
 
 
@@ -369,17 +369,17 @@ def test_lift_is_judged_in_the_interval_that_holds_the_peak(random_field):
     """Not over its neighbours, which may cancel it."""
     gains = artifacts(random_field, "corrected")["gains"]
     for k, met in ((4, False), (3, True), (5, True)):
-        control = changed(gains.control, 0.0, LAST, 4)
-        control = changed(control, 0.3, LAST, k)
-        found = evaluate(random_field, gains=replace(gains, control=control))
-        assert found["acap_zero_lift_at_max_q"].value is met, k
+        control = with_value(gains.control, 0.0, LAST, 4)
+        control = with_value(control, 0.3, LAST, k)
+        new_evaluations = evaluate(random_field, gains=replace(gains, control=control))
+        assert new_evaluations["acap_zero_lift_at_max_q"].value is met, k
 
 
 def test_deviations_of_next_to_nothing_do_not_decide_which_prediction_is_better(random_field):
     """A prediction ten times too large where a state hardly deviates changes nothing."""
     gains = artifacts(random_field, "corrected")["gains"]
     before = evaluate(random_field)["acap_lc_better_for_guess_state"]
-    wrong = replace(gains, covariance=changed(gains.covariance, 100.0 * gains.covariance[0, 1], 0, 1))
+    wrong = replace(gains, covariance=with_value(gains.covariance, 100.0 * gains.covariance[0, 1], 0, 1))
     assert evaluate(random_field, gains=wrong)["acap_lc_better_for_guess_state"].evidence == before.evidence
     assert "left out" in before.evidence
 
@@ -389,29 +389,31 @@ def test_a_cycle_is_no_steady_descent(random_field):
     ensemble = artifacts(random_field, "corrected")["aerocapture"]
     for shifts, met in (((0, -5, -10), True), ((0, -10, -5), False), ((0, 0, 0), False)):
         delta_v = np.array([ensemble.delta_v[0], *(ensemble.delta_v[1] + shift for shift in shifts)])
-        found = evaluate(random_field, aerocapture=replace(ensemble, delta_v=delta_v))
-        assert found["acap_p99_decreases_each_iteration"].value is met, shifts
+        new_evaluations = evaluate(random_field, aerocapture=replace(ensemble, delta_v=delta_v))
+        assert new_evaluations["acap_p99_decreases_each_iteration"].value is met, shifts
 
 
 def test_control_that_falls_in_between_does_not_rise_from_iteration_to_iteration(random_field):
     gains = artifacts(random_field, "corrected")["gains"]
     control = gains.control[[0, 2, 1, 3]]
-    found = evaluate(random_field, gains=replace(gains, control=control))
-    assert found["acap_lift_up_early"].value is False and found["acap_lift_down_late"].value is False
+    new_evaluations = evaluate(random_field, gains=replace(gains, control=control))
+    assert (
+        new_evaluations["acap_lift_up_early"].value is False and new_evaluations["acap_lift_down_late"].value is False
+    )
 
 
 def test_few_violations_more_are_not_told_from_what_is_allotted(random_field, random_field_published):
-    found, printed = artifacts(random_field, "corrected"), random_field_published["acap_control_within_bounds"]
+    records, printed = artifacts(random_field, "corrected"), random_field_published["acap_control_within_bounds"]
     verdicts = {}
     for share in (0.0, 0.001, 0.02):
-        evaluation = evaluate(random_field, **violated(found, share=share))["acap_control_within_bounds"]
+        evaluation = evaluate(random_field, **violated(records, share=share))["acap_control_within_bounds"]
         verdicts[share] = judge(printed, evaluation).verdict
         if share == 0.001:
             assert "trials would settle it" in evaluation.undetermined
     assert verdicts[0.001] == "undetermined" and verdicts[0.02] == "fails"
-    row = int(np.argmin(np.abs(found["aerocapture"].time - 150.0)))
-    counts = found["aerocapture"].histogram[LAST, row, 0]
-    beyond = evaluate(random_field, **violated(found, share=0.02))["acap_control_within_bounds"]
+    row = int(np.argmin(np.abs(records["aerocapture"].time - 150.0)))
+    counts = records["aerocapture"].histogram[LAST, row, 0]
+    beyond = evaluate(random_field, **violated(records, share=0.02))["acap_control_within_bounds"]
     interval = stats.binomtest(int(counts[0] + counts[-1]) + 100, TRIALS).proportion_ci(0.9973, method="exact")
     assert (beyond.numbers["low"], beyond.numbers["high"]) == pytest.approx((100 * interval.low, 100 * interval.high))
 
@@ -421,11 +423,13 @@ def test_all_trials_decide_on_the_chance_constraint(random_field, random_field_p
     flights = random_field.stage("double_integrator_flights", "corrected")
     total, printed = int(flights.count[1]), random_field_published[DOUBLE[0]]
     for share, verdict in ((0.0028, "undetermined"), (0.02, "fails")):
-        many = changed(flights.any_violations, round(share * total), 1, -1)
-        found = evaluate(random_field, double_integrator_flights=replace(flights, any_violations=many))[DOUBLE[0]]
-        assert found.trials == total and judge(printed, found).verdict == verdict
-        assert found.numbers["share"] == pytest.approx(100 * share, abs=0.05)
-    assert found.numbers["chance"] < 1e-6
+        many = with_value(flights.any_violations, round(share * total), 1, -1)
+        new_evaluations = evaluate(random_field, double_integrator_flights=replace(flights, any_violations=many))[
+            DOUBLE[0]
+        ]
+        assert new_evaluations.trials == total and judge(printed, new_evaluations).verdict == verdict
+        assert new_evaluations.numbers["share"] == pytest.approx(100 * share, abs=0.05)
+    assert new_evaluations.numbers["chance"] < 1e-6
 
 
 def test_lines_of_the_printed_slopes_would_lie_far_from_the_law_and_near_the_open_loop(random_field):
@@ -451,24 +455,24 @@ def test_lines_of_the_printed_slopes_would_lie_far_from_the_law_and_near_the_ope
 
 def table(random_field, published, stem, reading="corrected", **replaced):
     """A table from what the catalogue declares for it, and no more; it can be written."""
-    made = artifacts(random_field, reading) | replaced
-    found = random_field.product("tables", stem, reading, made, published=published)
-    assert csv_text(found)
-    return found
+    records = artifacts(random_field, reading) | replaced
+    product = random_field.product("tables", stem, reading, records, published=published)
+    assert csv_text(product)
+    return product
 
 
 def test_iterations_beside_the_paper(random_field, random_field_published, evaluations):
-    found = table(random_field, random_field_published, "iterations")
-    assert found["law"].tolist() == ["open loop", "iteration 1", "iteration 2", "iteration 3"]
-    assert found["99th percentile in the paper (m/s)"].fillna(0).tolist() == [717, 0, 0, 314]
-    last, evaluation = found.iloc[-1], evaluations["corrected"]["acap_dv_p99_closed"]
+    frame = table(random_field, random_field_published, "iterations")
+    assert frame["law"].tolist() == ["open loop", "iteration 1", "iteration 2", "iteration 3"]
+    assert frame["99th percentile in the paper (m/s)"].fillna(0).tolist() == [717, 0, 0, 314]
+    last, evaluation = frame.iloc[-1], evaluations["corrected"]["acap_dv_p99_closed"]
     assert last["99th percentile (m/s)"] == evaluation.value
     assert last["99th percentile: standard error (m/s)"] == evaluation.standard_error
     worst = evaluations["corrected"]["acap_control_within_bounds"].numbers["worst"]
     assert last["beyond the control limits at the worst step (%)"] == pytest.approx(worst, rel=1e-12)
     floored = artifacts(random_field, "corrected")["aerocapture"].final_state[LAST, :, 3] > 0
     assert last["trials at the density's floor"] == floored.sum() > 0
-    assert found["allotted per step (%)"].tolist() == pytest.approx([0.27] * 4)
+    assert frame["allotted per step (%)"].tolist() == pytest.approx([0.27] * 4)
     assert len(table(random_field, random_field_published, "iterations", "printed")) == 1
     lost = table(random_field, random_field_published, "iterations", "literal_gains")
     assert lost["99th percentile (m/s)"].isna().tolist() == [False, True, True, True]
@@ -476,27 +480,27 @@ def test_iterations_beside_the_paper(random_field, random_field_published, evalu
 
 
 def test_state_deviations_are_those_of_the_trials(random_field, random_field_published):
-    found = table(random_field, random_field_published, "state_deviations")
-    made = artifacts(random_field, "corrected")
-    laws = {law: rows.reset_index(drop=True) for law, rows in found.groupby("law")}
-    assert all(rows["t (s)"].tolist() == list(made["gains"].partition[1:]) for rows in laws.values())
-    index = int(np.flatnonzero(made["aerocapture"].time == laws["iteration 3"]["t (s)"][5])[0])
-    flown_deviation = np.sqrt(made["aerocapture"].covariance[LAST, index, 1, 1])
+    frame = table(random_field, random_field_published, "state_deviations")
+    records = artifacts(random_field, "corrected")
+    laws = {law: rows.reset_index(drop=True) for law, rows in frame.groupby("law")}
+    assert all(rows["t (s)"].tolist() == list(records["gains"].partition[1:]) for rows in laws.values())
+    index = int(np.flatnonzero(records["aerocapture"].time == laws["iteration 3"]["t (s)"][5])[0])
+    flown_deviation = np.sqrt(records["aerocapture"].covariance[LAST, index, 1, 1])
     assert laws["iteration 3"]["v flown (m/s)"][5] == pytest.approx(flown_deviation, rel=1e-3)
-    predicted = np.degrees(np.sqrt(made["gains"].covariance[0, 6, 2, 2]))
+    predicted = np.degrees(np.sqrt(records["gains"].covariance[0, 6, 2, 2]))
     assert laws["open loop"]["gamma predicted (deg)"][5] == pytest.approx(predicted, rel=1e-9)
     assert len(table(random_field, random_field_published, "state_deviations", "printed")) == 1
 
 
 def test_violations_per_step(random_field, random_field_published):
-    found = table(random_field, random_field_published, "control_violations")
-    assert len(found) == 3 * 14
+    frame = table(random_field, random_field_published, "control_violations")
+    assert len(frame) == 3 * 14
     # The design fills its limits where the lift is zero: exactly what is allotted.
-    assert found["predicted by the design (%)"].max() == pytest.approx(0.27, abs=2e-4)
+    assert frame["predicted by the design (%)"].max() == pytest.approx(0.27, abs=2e-4)
     against = "against what is allotted"
-    assert set(found[against]) <= {"less", "not told apart"}
-    made = violated(artifacts(random_field, "corrected"), share=0.01)
-    broken = table(random_field, random_field_published, "control_violations", **made)
+    assert set(frame[against]) <= {"less", "not told apart"}
+    records = violated(artifacts(random_field, "corrected"), share=0.01)
+    broken = table(random_field, random_field_published, "control_violations", **records)
     assert broken["from (s)"][broken[against] == "more"].tolist() == [150.0]
     assert len(table(random_field, random_field_published, "control_violations", "printed")) == 1
     assert "more" in set(table(random_field, random_field_published, "control_violations", "metres")[against])
@@ -506,66 +510,68 @@ def test_double_integrator_tables(random_field, random_field_published):
     design = random_field.stage("double_integrator", "corrected")
     cost = table(random_field, random_field_published, "double_integrator_cost")
     assert cost["cost"].tolist() == pytest.approx([6.7213e-6], rel=1e-4)
-    found = table(random_field, random_field_published, "double_integrator").set_index(["law", "t"])
-    last = found.loc[("feedback", 5.0)]
+    rows = table(random_field, random_field_published, "double_integrator").set_index(["law", "t"])
+    last = rows.loc[("feedback", 5.0)]
     assert last["deviation of r, predicted"] == pytest.approx(0.05 / 3, abs=2e-6)
     assert last["ellipse beyond line 1"] == design.support[1, 5, 0]
-    assert np.isnan(last["mean control"]) and found.loc[("feedback", 0.0), "mean control"] == design.control[1, 0]
-    found = table(random_field, random_field_published, "double_integrator_violations")
-    assert len(found) == 2 * 6 * 3
-    found = found.set_index(["law", "t", "beyond"])
-    last = found.loc[("feedback", 5.0, "line 1")]
+    assert np.isnan(last["mean control"]) and rows.loc[("feedback", 0.0), "mean control"] == design.control[1, 0]
+    rows = table(random_field, random_field_published, "double_integrator_violations")
+    assert len(rows) == 2 * 6 * 3
+    rows = rows.set_index(["law", "t", "beyond"])
+    last = rows.loc[("feedback", 5.0, "line 1")]
     assert last["predicted (%)"] == pytest.approx(0.135, abs=2e-3)  # the constraint is active
     assert last["constrained"]
-    assert found.loc[("open loop", 5.0, "either line"), "all trials against what is allotted"] == "more"
+    assert rows.loc[("open loop", 5.0, "either line"), "all trials against what is allotted"] == "more"
     left_out = table(random_field, random_field_published, "double_integrator_violations", "cc_to_4")
     left_out = left_out[(left_out["law"] == "feedback") & (left_out["t"] == 5)]
     assert set(left_out["all trials against what is allotted"]) == {"more"} and not left_out["constrained"].any()
 
 
 def test_tables_of_the_studies(random_field, random_field_published):
-    found = table(random_field, random_field_published, "convergence_history")
-    assert len(found) == 3 * 5
-    ends = found.groupby("variant", sort=False).last()
+    frame = table(random_field, random_field_published, "convergence_history")
+    assert len(frame) == 3 * 5
+    ends = frame.groupby("variant", sort=False).last()
     assert ends["end of the iteration"].tolist() == ["cycling", "converged", "stopped"]
     assert ends["period of the cycle"].tolist() == [2, 1, 0]
-    found = table(random_field, random_field_published, "navigation_errors")
-    assert found["99th percentile (m/s)"].fillna(0).tolist() == [0, 303, 322]
-    assert found["beyond the control limits at the worst step (%)"][0] == pytest.approx(40)  # 120 of 300
-    found = table(random_field, random_field_published, "other_fields")
+    frame = table(random_field, random_field_published, "navigation_errors")
+    assert frame["99th percentile (m/s)"].fillna(0).tolist() == [0, 303, 322]
+    assert frame["beyond the control limits at the worst step (%)"][0] == pytest.approx(40)  # 120 of 300
+    frame = table(random_field, random_field_published, "other_fields")
     study = random_field.stage("field_study", "corrected")
-    assert found["99th percentile (m/s)"].tolist()[:2] == [717, study.percentile[0]]
-    assert found["share of the printed one"].tolist()[:2] == [1.0, study.percentile[0] / 717]
-    assert all("(hypothesis)" in name for name in found["field"][2 : 1 + len(study.hypothesis)])
-    found = table(random_field, random_field_published, "other_variances")
-    assert len(found) == 2 + study.law_percentile.size == 2 + 2 * 6 * 4
-    assert found["99th percentile (m/s)"].tolist()[:3] == [717, 314, study.law_percentile[0, 0, 0]]
-    row = found[(found["factor of the variance"] == 2.0) & (found["law"] == "iteration 3")].iloc[-1]
+    assert frame["99th percentile (m/s)"].tolist()[:2] == [717, study.percentile[0]]
+    assert frame["share of the printed one"].tolist()[:2] == [1.0, study.percentile[0] / 717]
+    assert all("(hypothesis)" in name for name in frame["field"][2 : 1 + len(study.hypothesis)])
+    frame = table(random_field, random_field_published, "other_variances")
+    assert len(frame) == 2 + study.law_percentile.size == 2 + 2 * 6 * 4
+    assert frame["99th percentile (m/s)"].tolist()[:3] == [717, 314, study.law_percentile[0, 0, 0]]
+    row = frame[(frame["factor of the variance"] == 2.0) & (frame["law"] == "iteration 3")].iloc[-1]
     assert row["unit of delta-v in the cost"] == "m/s" and row["99th percentile (m/s)"] == study.law_percentile[1, 3, 3]
     assert row["beyond the control limits at the worst step (%)"] == 100 * study.law_worst_step[1, 3, 3] / study.trials
-    found = table(random_field, random_field_published, "certificates")
-    assert found["other solver"].tolist() == ["SCS"] and found["other solver: difference of the cost"][0] < 1e-6
+    frame = table(random_field, random_field_published, "certificates")
+    assert frame["other solver"].tolist() == ["SCS"] and frame["other solver: difference of the cost"][0] < 1e-6
 
 
 def test_summaries_over_readings(random_field, random_field_published):
     chosen = ("corrected", "printed", "literal_gains", "metres", "doc_fit")
-    made = random_field.of_readings(tables.Records, {name: artifacts(random_field, name) for name in chosen})
-    found = tables.readings(made, random_field_published).set_index("reading")
-    assert list(found.index) == ["in the paper", *chosen]
-    assert found.iloc[0][["open loop: 99th percentile (m/s)", "last iteration: 99th percentile (m/s)"]].tolist() == [
+    records_by_reading = random_field.of_readings(
+        tables.Records, {name: artifacts(random_field, name) for name in chosen}
+    )
+    summary = tables.readings(records_by_reading, random_field_published).set_index("reading")
+    assert list(summary.index) == ["in the paper", *chosen]
+    assert summary.iloc[0][["open loop: 99th percentile (m/s)", "last iteration: 99th percentile (m/s)"]].tolist() == [
         *(717, 314)
     ]
-    printed = found.loc["printed"]
+    printed = summary.loc["printed"]
     assert printed["why there is no law"].startswith("the partition does not increase")
     assert printed["end of the iteration"] == "refused" and np.isnan(printed["mean control"])
-    found = tables.readings_laws(made, random_field_published)
-    assert found["reading"].value_counts().to_dict() == {**dict.fromkeys(chosen, 4), "printed": 1}
-    literal = found[(found["reading"] == "literal_gains") & (found["law"] != "open loop")]
+    summary = tables.readings_laws(records_by_reading, random_field_published)
+    assert summary["reading"].value_counts().to_dict() == {**dict.fromkeys(chosen, 4), "printed": 1}
+    literal = summary[(summary["reading"] == "literal_gains") & (summary["law"] != "open loop")]
     assert literal["99th percentile (m/s)"].isna().all()
-    found = tables.densities(made, random_field_published)
+    summary = tables.densities(records_by_reading, random_field_published)
     # Only what differs in nothing but the density.
-    assert found["nominal density"].tolist() == ["in the paper", "corrected", "doc_fit"]
-    assert found["entry flight path angle, less the printed (deg)"][1] == pytest.approx(-0.0137, abs=5e-4)
+    assert summary["nominal density"].tolist() == ["in the paper", "corrected", "doc_fit"]
+    assert summary["entry flight path angle, less the printed (deg)"][1] == pytest.approx(-0.0137, abs=5e-4)
 
 
 def test_densities_say_which_reading_comes_closest(random_field, random_field_published):
@@ -574,10 +580,10 @@ def test_densities_say_which_reading_comes_closest(random_field, random_field_pu
         items["nominal"], entry_flight_path_angle=np.radians(-10.01), time_of_largest_dynamic_pressure=150.0
     )
     none = replace(items["aerocapture"], delta_v=np.full_like(items["aerocapture"].delta_v, np.nan))
-    made = random_field.of_readings(
+    records_by_reading = random_field.of_readings(
         tables.Records, {"corrected": items, "doc_fit": items | {"nominal": other, "aerocapture": none}}
     )
-    found = tables.densities_apart(made, random_field_published)
-    assert found["closest reading"].tolist() == ["doc_fit", *["corrected"] * 3]
-    assert found["distance of the closest"].tolist()[:2] == pytest.approx([0.0028, 0.18], abs=5e-3)
-    assert found["largest less least"].isna().tolist() == [False, False, True, True]
+    summary = tables.densities_apart(records_by_reading, random_field_published)
+    assert summary["closest reading"].tolist() == ["doc_fit", *["corrected"] * 3]
+    assert summary["distance of the closest"].tolist()[:2] == pytest.approx([0.0028, 0.18], abs=5e-3)
+    assert summary["largest less least"].isna().tolist() == [False, False, True, True]

@@ -79,62 +79,66 @@ def entry_rates(state, control, profile, variation=0.0):
 
 def fly(inputs, states, nodes, controls):
     """States at the nodes, (nodes, 3, trials), by an adaptive integrator; states (3, trials), one control each."""
-    profile, found = environment.profile(inputs.air), [np.asarray(states, dtype=float)]
+    profile, states_at_nodes = environment.profile(inputs.air), [np.asarray(states, dtype=float)]
     for (start, end), control in zip(pairwise(nodes), controls, strict=True):
-        shape = found[-1].shape
+        shape = states_at_nodes[-1].shape
 
         def rates(_, flat, control=control, shape=shape):
             return entry_rates(flat.reshape(shape), control, profile).ravel()
 
-        tolerance = np.repeat(UNITS * 1e-10, found[-1].size // 3)
+        tolerance = np.repeat(UNITS * 1e-10, states_at_nodes[-1].size // 3)
         # Short steps, as the density's second derivative jumps at the nodes of its table.
-        flown = solve_ivp(
-            rates, (start, end), found[-1].ravel(), method="DOP853", rtol=1e-11, atol=tolerance, max_step=5.0
+        solution = solve_ivp(
+            rates, (start, end), states_at_nodes[-1].ravel(), method="DOP853", rtol=1e-11, atol=tolerance, max_step=5.0
         )
-        found.append(flown.y[:, -1].reshape(shape))
-    return np.array(found)
+        states_at_nodes.append(solution.y[:, -1].reshape(shape))
+    return np.array(states_at_nodes)
 
 
-def exit_state(made, law):
+def exit_state(gains, law):
     """Radius, velocity and path angle of a law's nominal at the end."""
-    return np.array([made.altitude[law, -1] + RADIUS, made.velocity[law, -1], made.flight_path_angle[law, -1]])
+    return np.array([gains.altitude[law, -1] + RADIUS, gains.velocity[law, -1], gains.flight_path_angle[law, -1]])
 
 
 # --- nominal flight ---------------------------------------------------------------------------------------------------
 
 
 def test_nominal_numbers(random_field, spline):
-    found = random_field.nominal("corrected", **spline)
-    assert np.degrees(found.entry_flight_path_angle) == pytest.approx(-10.0264, abs=5.1e-5)
-    assert found.time_of_largest_dynamic_pressure == pytest.approx(146.8, abs=0.051)
-    assert found.largest_dynamic_pressure == pytest.approx(2281.0, abs=0.51)
-    assert found.lowest_altitude == pytest.approx(44.63e3, abs=5.1)
-    assert found.altitude[-1] == pytest.approx(127.4e3, abs=51.0)
-    assert found.velocity[-1] == pytest.approx(4484.4, abs=0.051)
-    assert found.delta_v == pytest.approx(278.80, abs=0.0051)
+    trajectory = random_field.nominal("corrected", **spline)
+    assert np.degrees(trajectory.entry_flight_path_angle) == pytest.approx(-10.0264, abs=5.1e-5)
+    assert trajectory.time_of_largest_dynamic_pressure == pytest.approx(146.8, abs=0.051)
+    assert trajectory.largest_dynamic_pressure == pytest.approx(2281.0, abs=0.51)
+    assert trajectory.lowest_altitude == pytest.approx(44.63e3, abs=5.1)
+    assert trajectory.altitude[-1] == pytest.approx(127.4e3, abs=51.0)
+    assert trajectory.velocity[-1] == pytest.approx(4484.4, abs=0.051)
+    assert trajectory.delta_v == pytest.approx(278.80, abs=0.0051)
 
 
 def test_the_interpolation_of_the_density_does_not_decide_the_nominal(random_field, spline):
     """Known: 1e-4 deg and 0.02 s between a natural and a monotone cubic."""
-    found, other = random_field.nominal(), random_field.nominal("corrected", **spline)
-    assert np.degrees(found.entry_flight_path_angle - other.entry_flight_path_angle) == pytest.approx(0.0, abs=1.5e-4)
-    assert found.time_of_largest_dynamic_pressure == pytest.approx(other.time_of_largest_dynamic_pressure, abs=0.025)
+    trajectory, other = random_field.nominal(), random_field.nominal("corrected", **spline)
+    assert np.degrees(trajectory.entry_flight_path_angle - other.entry_flight_path_angle) == pytest.approx(
+        0.0, abs=1.5e-4
+    )
+    assert trajectory.time_of_largest_dynamic_pressure == pytest.approx(
+        other.time_of_largest_dynamic_pressure, abs=0.025
+    )
 
 
 @pytest.mark.parametrize("reading", ["corrected", *DENSITIES])
 def test_the_guess_reaches_the_target(random_field, reading):
-    found = random_field.nominal(reading)
-    assert found.apoapsis == pytest.approx(5.0, abs=1e-9)
-    assert found.clean_up_burn == pytest.approx(0.0, abs=1e-6)
-    assert found.lowest_altitude == pytest.approx(45e3, rel=0.07)
-    assert found.altitude[0] == 125e3 and found.velocity[0] == 6100.0 and found.time[-1] == 400.0
+    trajectory = random_field.nominal(reading)
+    assert trajectory.apoapsis == pytest.approx(5.0, abs=1e-9)
+    assert trajectory.clean_up_burn == pytest.approx(0.0, abs=1e-6)
+    assert trajectory.lowest_altitude == pytest.approx(45e3, rel=0.07)
+    assert trajectory.altitude[0] == 125e3 and trajectory.velocity[0] == 6100.0 and trajectory.time[-1] == 400.0
 
 
 def test_only_the_profiles_of_mars_gram_2021_come_near_the_printed_angle_and_time(random_field):
     def distance(reading):
-        found = random_field.nominal(reading)
-        angle = np.degrees(found.entry_flight_path_angle) - PRINTED_ANGLE
-        return angle, abs(found.time_of_largest_dynamic_pressure - PRINTED_TIME)
+        trajectory = random_field.nominal(reading)
+        angle = np.degrees(trajectory.entry_flight_path_angle) - PRINTED_ANGLE
+        return angle, abs(trajectory.time_of_largest_dynamic_pressure - PRINTED_TIME)
 
     sample, daily_mean = distance("corrected"), distance("marsgram_daily_mean")
     assert daily_mean[0] + PRINTED_ANGLE == pytest.approx(-10.0049, abs=1.5e-4)  # as above, of the interpolation
@@ -147,24 +151,24 @@ def test_only_the_profiles_of_mars_gram_2021_come_near_the_printed_angle_and_tim
 
 
 def test_nominal_is_a_flight_of_eq_71(random_field, everything):
-    found = random_field.nominal()
-    start = np.array([[RADIUS + 125e3], [6100.0], [found.entry_flight_path_angle]])
-    nodes = found.time[::200]
-    flown = fly(everything, start, nodes, np.zeros(len(nodes) - 1))[:, :, 0]
-    states = np.column_stack([found.altitude + RADIUS, found.velocity, found.flight_path_angle])[::200]
-    assert np.abs((flown - states) / UNITS).max() < 1e-5  # 1 cm, 1 mm/s
-    pressure = 0.5 * np.exp(environment.profile(everything.air)(found.altitude)[0]) * found.velocity**2
-    np.testing.assert_allclose(found.dynamic_pressure, pressure, rtol=1e-12)
-    assert pressure.max() <= found.largest_dynamic_pressure <= pressure.max() * (1.0 + 1e-5)
-    assert abs(found.time_of_largest_dynamic_pressure - found.time[pressure.argmax()]) <= 0.125
-    expected = np.sqrt(0.148 * np.exp((np.minimum(found.altitude, 120e3) - 120e3) / 20e3))
-    np.testing.assert_allclose(found.variation_deviation, expected, rtol=1e-12)
+    trajectory = random_field.nominal()
+    start = np.array([[RADIUS + 125e3], [6100.0], [trajectory.entry_flight_path_angle]])
+    nodes = trajectory.time[::200]
+    trajectories = fly(everything, start, nodes, np.zeros(len(nodes) - 1))[:, :, 0]
+    states = np.column_stack([trajectory.altitude + RADIUS, trajectory.velocity, trajectory.flight_path_angle])[::200]
+    assert np.abs((trajectories - states) / UNITS).max() < 1e-5  # 1 cm, 1 mm/s
+    pressure = 0.5 * np.exp(environment.profile(everything.air)(trajectory.altitude)[0]) * trajectory.velocity**2
+    np.testing.assert_allclose(trajectory.dynamic_pressure, pressure, rtol=1e-12)
+    assert pressure.max() <= trajectory.largest_dynamic_pressure <= pressure.max() * (1.0 + 1e-5)
+    assert abs(trajectory.time_of_largest_dynamic_pressure - trajectory.time[pressure.argmax()]) <= 0.125
+    expected = np.sqrt(0.148 * np.exp((np.minimum(trajectory.altitude, 120e3) - 120e3) / 20e3))
+    np.testing.assert_allclose(trajectory.variation_deviation, expected, rtol=1e-12)
 
 
 def test_a_given_entry_angle_is_flown(random_field):
-    found = random_field.nominal("printed")
-    assert np.degrees(found.entry_flight_path_angle) == pytest.approx(PRINTED_ANGLE, abs=1e-12)
-    assert found.apoapsis > 5.0  # shallower than that of this density
+    trajectory = random_field.nominal("printed")
+    assert np.degrees(trajectory.entry_flight_path_angle) == pytest.approx(PRINTED_ANGLE, abs=1e-12)
+    assert trajectory.apoapsis > 5.0  # shallower than that of this density
 
 
 # --- linear model -----------------------------------------------------------------------------------------------------
@@ -183,15 +187,15 @@ def motion(everything):
 
 def along(random_field, everything, law):
     """The model along the trajectory about which the program of the next law is posed, with its control."""
-    made, start = random_field.gains(), random_field.nominal()
-    control = made.control[law]
+    gains, start = random_field.gains(), random_field.nominal()
+    control = gains.control[law]
     _, states = flight.propagate_nominal(
         *plant(everything),
-        flight.open_loop(made.partition, control),
+        flight.open_loop(gains.partition, control),
         nominal.initial_state(everything.planet, everything.vehicle, start.entry_flight_path_angle),
         time_step=everything.simulation.time_step / 2,
     )
-    return linearization.along(motion(everything), made.partition, control, states), control
+    return linearization.along(motion(everything), gains.partition, control, states), control
 
 
 @pytest.mark.parametrize("law", [0, 3], ids=["guess", "last"])
@@ -200,21 +204,21 @@ def test_matrices_are_derivatives_of_the_flown_intervals(random_field, everythin
     model, control = along(random_field, everything, law)
     if law == 0:
         for name in ("state", "transition", "control"):
-            found = getattr(random_field.linearization(), name)
-            np.testing.assert_allclose(found, getattr(model, name), rtol=1e-9, atol=1e-12, err_msg=name)
+            matrix = getattr(random_field.linearization(), name)
+            np.testing.assert_allclose(matrix, getattr(model, name), rtol=1e-9, atol=1e-12, err_msg=name)
     flying = plant(everything)
     offsets, weights = 0.01 * np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 0.12
     moves = offsets[:, np.newaxis, np.newaxis] * np.diag(UNITS)
 
-    def after(length, states, held):
+    def after(length, states, command):
         """Final states, (trials, 3)."""
-        law = flight.open_loop([0.0, length], [held])
+        law = flight.open_loop([0.0, length], [command])
         return flight.fly(*flying, law, states, time_step=0.5, seed=0, varied=False).final_state[:3].T
 
     for k, length in enumerate(np.diff(NODES)):
         ends = after(length, (model.state[k] + moves).reshape(-1, 3), control[k]).reshape(4, 3, 3) / UNITS
-        found = np.tensordot(weights, ends, 1).T
-        np.testing.assert_allclose(found, in_units(model.transition[k]), rtol=0, atol=1e-6, err_msg=f"A_{k}")
+        matrix = np.tensordot(weights, ends, 1).T
+        np.testing.assert_allclose(matrix, in_units(model.transition[k]), rtol=0, atol=1e-6, err_msg=f"A_{k}")
         ends = np.concatenate([after(length, model.state[k : k + 1], control[k] + o) for o in offsets]) / UNITS
         np.testing.assert_allclose(weights @ ends, model.control[k] / UNITS, rtol=0, atol=1e-6, err_msg=f"B_{k}")
 
@@ -257,10 +261,10 @@ def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(ran
     """w_k = x_{k+1} - A_k x_k of flights in a field so weak that they are linear: all 903 covariances at once."""
     trials, amplitude, model = 2000, 1e-4, random_field.linearization()
     weak = environment.kernel(everything.air, variance=amplitude**2 * everything.air.variance_at_top)
-    inputs, made = random_field.inputs("corrected"), (random_field.nominal(), random_field.gains())
-    simulate = inputs.call(montecarlo.block_simulator, *made, number=0, covariance=weak)
-    flown = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
-    deviations = (flown[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
+    inputs, records = random_field.inputs("corrected"), (random_field.nominal(), random_field.gains())
+    simulate = inputs.call(montecarlo.block_simulator, *records, number=0, covariance=weak)
+    histories = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
+    deviations = (histories[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
     deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
     disturbance = deviations[:, 1:] - np.einsum("kij,tkj->tki", model.transition, deviations[:, :-1])
     sampled = np.cov((disturbance / amplitude / UNITS).reshape(trials, -1).T)
@@ -297,13 +301,13 @@ def test_cost_gradients(random_field, everything):
 
 def test_a_partition_that_does_not_increase_gives_the_open_loop_alone(random_field):
     """The printed partition: the fault names its nodes, no program is posed, and only zero control is left."""
-    model, made = random_field.linearization("printed"), random_field.gains("printed")
-    assert model.refused == "the partition does not increase: node 17 is 450 and node 18 is 400" == made.refused
-    assert made.outcome == "refused" and made.period == 0
-    np.testing.assert_array_equal(made.partition, [0.0, 400.0])
-    assert made.control.shape == (1, 1) and not made.control.any() and not made.gain.any()
-    assert len(made.objective) == len(made.status) == len(made.condition_number) == 0
-    assert made.apoapsis[0] == random_field.nominal("printed").apoapsis
+    model, gains = random_field.linearization("printed"), random_field.gains("printed")
+    assert model.refused == "the partition does not increase: node 17 is 450 and node 18 is 400" == gains.refused
+    assert gains.outcome == "refused" and gains.period == 0
+    np.testing.assert_array_equal(gains.partition, [0.0, 400.0])
+    assert gains.control.shape == (1, 1) and not gains.control.any() and not gains.gain.any()
+    assert len(gains.objective) == len(gains.status) == len(gains.condition_number) == 0
+    assert gains.apoapsis[0] == random_field.nominal("printed").apoapsis
     with pytest.raises(MarsedlError, match="no design to certify: the partition does not increase: node 17"):
         random_field.certificates("printed")
 
@@ -330,21 +334,21 @@ THREE_SIGMA = {
 
 @pytest.mark.parametrize("iteration", LAW_NUMBERS)
 def test_law_numbers(random_field, spline, iteration):
-    made = random_field.gains("corrected", **spline)
-    gain = np.abs(made.gain[iteration][:, 1:] * UNITS).max()  # those on the known initial state multiply zero
-    assert made.largest_gain[iteration] == pytest.approx(gain, rel=1e-12)
-    found = (
-        made.delta_v_mean[iteration],
-        made.design_delta_v_deviation[iteration],
-        made.delta_v_deviation[iteration],
-        made.apoapsis[iteration],
+    gains = random_field.gains("corrected", **spline)
+    gain = np.abs(gains.gain[iteration][:, 1:] * UNITS).max()  # those on the known initial state multiply zero
+    assert gains.largest_gain[iteration] == pytest.approx(gain, rel=1e-12)
+    numbers = (
+        gains.delta_v_mean[iteration],
+        gains.design_delta_v_deviation[iteration],
+        gains.delta_v_deviation[iteration],
+        gains.apoapsis[iteration],
         gain,
     )
-    for value, (expected, tolerance) in zip(found, LAW_NUMBERS[iteration], strict=True):
+    for value, (expected, tolerance) in zip(numbers, LAW_NUMBERS[iteration], strict=True):
         assert value == pytest.approx(expected, abs=tolerance)
     # Half a digit, and as much again for solvers that stop at 1e-8 in a flat optimum.
-    np.testing.assert_allclose(made.control[iteration][:10], CONTROLS[iteration], rtol=0, atol=1e-3)
-    deviation = 3.0 * made.design_control_deviation[iteration][:10]
+    np.testing.assert_allclose(gains.control[iteration][:10], CONTROLS[iteration], rtol=0, atol=1e-3)
+    deviation = 3.0 * gains.design_control_deviation[iteration][:10]
     np.testing.assert_allclose(deviation, THREE_SIGMA[iteration], rtol=0, atol=1e-3)
 
 
@@ -368,10 +372,10 @@ SPREAD = """
 
 @pytest.mark.parametrize("row", SPREAD.strip().splitlines(), ids=lambda row: f"{row.split()[0]} s")
 def test_predicted_spread_over_time(random_field, spline, row):
-    made = random_field.gains("corrected", **spline)
+    gains = random_field.gains("corrected", **spline)
     time, *texts = row.split()
-    k = np.flatnonzero(made.partition == float(time))[0]
-    deviations = np.sqrt(np.diagonal(made.covariance[[0, 3], k], axis1=1, axis2=2)) / [1e3, 1.0, np.radians(1.0)]
+    k = np.flatnonzero(gains.partition == float(time))[0]
+    deviations = np.sqrt(np.diagonal(gains.covariance[[0, 3], k], axis1=1, axis2=2)) / [1e3, 1.0, np.radians(1.0)]
     for number, (value, text) in enumerate(zip(deviations.ravel(), texts, strict=True)):
         digit = 10.0 ** -len(text.split(".")[1])
         # A whole digit for the third law, whose optimum is flat.
@@ -381,41 +385,41 @@ def test_predicted_spread_over_time(random_field, spline, row):
 def test_predicted_spread_of_the_density_variation(random_field):
     """At the nodes of the trajectory about which the last program was posed, which is that of the law before."""
     known = ".3847 .1434 .0971 .0738 .0628 .0589 .0596 .0639 .0716 .0832 .1003 .1252 .1619 .2170 .3847"
-    made = random_field.gains()
-    found = made.variation_deviation[2][np.searchsorted(made.time, made.partition)]
-    np.testing.assert_allclose(found, [float(text) for text in known.split()], rtol=0, atol=6e-5)
+    gains = random_field.gains()
+    deviation = gains.variation_deviation[2][np.searchsorted(gains.time, gains.partition)]
+    np.testing.assert_allclose(deviation, [float(text) for text in known.split()], rtol=0, atol=6e-5)
 
 
 @pytest.mark.parametrize(
     ("reading", "deviation"), [("kink_undershoot", 136.3), ("corrected", 41.1), ("kink_overshoot", 54.1)]
 )
 def test_at_the_kink_the_predicted_spread_is_that_of_the_branch(random_field, reading, deviation):
-    made = random_field.gains(reading)
-    assert made.delta_v_deviation[0] == pytest.approx(deviation, abs=0.051)
+    gains = random_field.gains(reading)
+    assert gains.delta_v_deviation[0] == pytest.approx(deviation, abs=0.051)
     row = random_field.linearization(reading).delta_v_gradient[
         ["kink_undershoot", "corrected", "kink_overshoot"].index(reading)
     ]
-    assert made.delta_v_deviation[0] == pytest.approx(np.sqrt(row @ made.covariance[0, -1] @ row), rel=1e-12)
+    assert gains.delta_v_deviation[0] == pytest.approx(np.sqrt(row @ gains.covariance[0, -1] @ row), rel=1e-12)
 
 
 @pytest.mark.parametrize("reading", ["corrected", "metres", "pf_printed", "both_branches"])
 def test_laws_keep_to_the_constraints_of_their_programs(random_field, reading):
-    made = random_field.gains(reading)
+    gains = random_field.gains(reading)
     inputs = random_field.stage_inputs(reading, "gains")
-    assert (made.status == "optimal").all() and len(made.status) == 3
+    assert (gains.status == "optimal").all() and len(gains.status) == 3
     quantile = ndtri(1.0 - (1.0 - 0.9973) / 2.0)
     assert quantile == pytest.approx(3.0, abs=1e-3)
-    reached = np.abs(made.control) + quantile * made.design_control_deviation
+    reached = np.abs(gains.control) + quantile * gains.design_control_deviation
     assert reached.max() <= 1.0 + 1e-6
-    assert np.abs(np.diff(made.control, axis=0)).max() <= 0.1 + 1e-6
+    assert np.abs(np.diff(gains.control, axis=0)).max() <= 0.1 + 1e-6
     # One of them binds in every iteration, and the true spread is smaller than the design's.
-    assert (np.abs(np.diff(made.control, axis=0)).max(axis=1) > 0.1 - 1e-6).all()
-    assert (made.control_deviation <= made.design_control_deviation + 1e-9).all()
+    assert (np.abs(np.diff(gains.control, axis=0)).max(axis=1) > 0.1 - 1e-6).all()
+    assert (gains.control_deviation <= gains.design_control_deviation + 1e-9).all()
     assert reached.max() > 1.0 - 1e-5
     for law in (1, 2, 3):
-        before = exit_state(made, law - 1)
+        before = exit_state(gains, law - 1)
         gradient = orbits.gradient(lambda *at: orbits.apoapsis_radius(*at, MU), before)
-        change = gradient @ (made.reference[law, -1] - before) / RADIUS
+        change = gradient @ (gains.reference[law, -1] - before) / RADIUS
         assert abs(change) <= 0.1 + 1e-6
         if reading != "both_branches":  # one branch promises a gain beyond the kink
             assert abs(change) > 0.1 - 1e-4
@@ -425,74 +429,77 @@ def test_laws_keep_to_the_constraints_of_their_programs(random_field, reading):
 @pytest.mark.parametrize("reading", ["corrected", "pf_printed", "metres"])
 def test_costs_are_those_of_eqs_50_to_53(random_field, reading):
     """First program: J1 from the design's covariances, J2 from a normal quantile, entry by entry."""
-    made, model = random_field.gains(reading), random_field.linearization(reading)
+    gains, model = random_field.gains(reading), random_field.linearization(reading)
     unit = 1.0 if reading == "metres" else 1e-3
     quantile = ndtri(1.0 - (0.1 if reading == "pf_printed" else 0.01))
     cost = sum(
-        model.pressure_gradient[k] @ made.design_covariance[1, k] @ model.pressure_gradient[k] for k in range(INTERVALS)
+        model.pressure_gradient[k] @ gains.design_covariance[1, k] @ model.pressure_gradient[k]
+        for k in range(INTERVALS)
     )
-    cost += 2e-2 * (made.design_control_deviation[1] ** 2).sum()
+    cost += 2e-2 * (gains.design_control_deviation[1] ** 2).sum()
     gradient = model.delta_v_gradient[1]
-    mean = model.delta_v + gradient @ (made.reference[1, -1] - model.state[-1])
-    percentile = mean + quantile * np.sqrt(gradient @ made.design_covariance[1, -1] @ gradient)
-    assert made.quadratic_cost[0] == pytest.approx(cost, rel=1e-6)
-    assert made.percentile[1] == pytest.approx(percentile, rel=1e-8)
-    assert made.delta_v_mean[1] == pytest.approx(mean, rel=1e-10)
-    assert made.objective[0] == pytest.approx(cost + unit * percentile, rel=1e-7)
-    assert made.objective.shape == (3,)
+    mean = model.delta_v + gradient @ (gains.reference[1, -1] - model.state[-1])
+    percentile = mean + quantile * np.sqrt(gradient @ gains.design_covariance[1, -1] @ gradient)
+    assert gains.quadratic_cost[0] == pytest.approx(cost, rel=1e-6)
+    assert gains.percentile[1] == pytest.approx(percentile, rel=1e-8)
+    assert gains.delta_v_mean[1] == pytest.approx(mean, rel=1e-10)
+    assert gains.objective[0] == pytest.approx(cost + unit * percentile, rel=1e-7)
+    assert gains.objective.shape == (3,)
 
 
 def test_predictions_are_those_of_the_law_step_by_step(random_field):
     """Cov(X) and Cov(U) by propagating what every disturbance does to every state, interval by interval."""
-    made, model = random_field.gains(), random_field.linearization()
+    gains, model = random_field.gains(), random_field.linearization()
     size = 3 * INTERVALS
     noise = np.tile([10.0, 1.0, 1e-4], INTERVALS) ** 2
     true = model.disturbance_covariance.reshape(size, size)
     effect, states, controls = np.zeros((3, size)), [np.zeros((3, size))], []
     for k in range(INTERVALS):
-        controls.append(sum(made.gain[1, k, l] @ states[l] for l in range(k + 1)))
+        controls.append(sum(gains.gain[1, k, l] @ states[l] for l in range(k + 1)))
         effect = model.transition[k] @ effect + np.outer(model.control[k], controls[k])
         effect[:, 3 * k : 3 * k + 3] += np.eye(3)
         states.append(effect)
     for name, covariance in (("", true), ("design_", true + np.diag(noise))):
-        found, spread = getattr(made, f"{name}covariance")[1], getattr(made, f"{name}control_deviation")[1]
+        state_covariance, spread = getattr(gains, f"{name}covariance")[1], getattr(gains, f"{name}control_deviation")[1]
         for k in range(INTERVALS + 1):
             expected = states[k] @ covariance @ states[k].T
-            np.testing.assert_allclose(found[k] / np.outer(UNITS, UNITS), expected / np.outer(UNITS, UNITS), atol=1e-9)
+            np.testing.assert_allclose(
+                state_covariance[k] / np.outer(UNITS, UNITS), expected / np.outer(UNITS, UNITS), atol=1e-9
+            )
         expected = [np.sqrt(row @ covariance @ row) for row in controls]
         np.testing.assert_allclose(spread, expected, atol=1e-7)
-    assert not made.gain[1][:, -1].any()
+    assert not gains.gain[1][:, -1].any()
     for k in range(INTERVALS):
-        assert not made.gain[:, k, k + 1 :].any()
+        assert not gains.gain[:, k, k + 1 :].any()
 
 
 def test_nominals_of_the_laws_are_flights_with_their_mean_controls(random_field, everything):
-    made = random_field.gains()
+    gains = random_field.gains()
     for law in range(4):
         start = np.array([[RADIUS + 125e3], [6100.0], [random_field.nominal().entry_flight_path_angle]])
-        flown = fly(everything, start, NODES, made.control[law])[-1, :, 0]
-        assert np.abs((flown - exit_state(made, law)) / UNITS).max() < 1e-5
-        assert made.apoapsis[law] == pytest.approx(orbits.apoapsis_radius(*flown, MU) / RADIUS, abs=2e-6)
-        delta_v = orbits.total_delta_v(*flown, 5 * RADIUS, 2 * RADIUS, MU)
-        assert made.nominal_delta_v[law] == pytest.approx(delta_v, abs=1e-3)
+        trajectories = fly(everything, start, NODES, gains.control[law])[-1, :, 0]
+        assert np.abs((trajectories - exit_state(gains, law)) / UNITS).max() < 1e-5
+        assert gains.apoapsis[law] == pytest.approx(orbits.apoapsis_radius(*trajectories, MU) / RADIUS, abs=2e-6)
+        delta_v = orbits.total_delta_v(*trajectories, 5 * RADIUS, 2 * RADIUS, MU)
+        assert gains.nominal_delta_v[law] == pytest.approx(delta_v, abs=1e-3)
 
 
 def test_without_disturbances_the_program_is_a_linear_one_in_the_mean_control(random_field, everything):
-    made = random_field.gains("corrected", variance_at_top=0.0, navigation_deviations=np.zeros(3), iterations=1)
+    gains = random_field.gains("corrected", variance_at_top=0.0, navigation_deviations=np.zeros(3), iterations=1)
     model = random_field.linearization("corrected", variance_at_top=0.0)
     assert not model.disturbance_covariance.any() and model.condition_number == 1.0
-    assert not made.gain.any()
+    assert not gains.gain.any()
     for name in ("covariance", "design_covariance", "control_deviation", "design_control_deviation"):
-        assert not getattr(made, name).any(), name
+        assert not getattr(gains, name).any(), name
     whole = np.zeros((3, INTERVALS))
     for k in range(INTERVALS):
         whole = model.transition[k] @ whole
         whole[:, k] += model.control[k]
     slope, apoapsis = model.delta_v_gradient[1] @ whole, model.apoapsis_gradient @ whole / RADIUS
     least = linprog(slope, A_ub=[apoapsis, -apoapsis], b_ub=[0.1, 0.1], bounds=[(-0.1, 0.1)] * INTERVALS)
-    assert made.objective[0] == pytest.approx((model.delta_v + least.fun) / 1e3, rel=1e-9)
-    assert slope @ made.control[1] == pytest.approx(least.fun, rel=1e-6)
-    assert made.percentile[1] == pytest.approx(made.delta_v_mean[1], rel=1e-12)
+    assert gains.objective[0] == pytest.approx((model.delta_v + least.fun) / 1e3, rel=1e-9)
+    assert slope @ gains.control[1] == pytest.approx(least.fun, rel=1e-6)
+    assert gains.percentile[1] == pytest.approx(gains.delta_v_mean[1], rel=1e-12)
 
 
 def test_two_branches_promise_no_more_than_either(random_field, everything):
@@ -516,8 +523,8 @@ def test_two_branches_promise_no_more_than_either(random_field, everything):
     ]
     assert len(values) == 2 and both.percentile == pytest.approx(max(values), rel=1e-12)
     # Neither promises what lies below the least delta-v, as one branch does.
-    made = random_field.gains("both_branches")
-    assert (made.delta_v_mean > 278.0).all() and random_field.gains().delta_v_mean.min() < 275.0
+    gains = random_field.gains("both_branches")
+    assert (gains.delta_v_mean > 278.0).all() and random_field.gains().delta_v_mean.min() < 275.0
 
 
 def test_unbounded_gains_are_refused_or_reported(random_field):
@@ -528,10 +535,10 @@ def test_unbounded_gains_are_refused_or_reported(random_field):
     assert model.condition_number == pytest.approx(eigenvalues[-1] / eigenvalues[0], rel=0.02)
     with pytest.raises(MarsedlError, match=r"condition number 2\.\d+e\+13.*navigation_deviations above zero"):
         random_field.gains("corrected", navigation_deviations=np.zeros(3))
-    made = random_field.gains("literal_gains")
-    assert np.abs(made.gain[1:, :, 1:] * UNITS).max(axis=(1, 2, 3)).min() > 1e12
-    assert made.condition_number.min() > 1e12
-    assert made.design_delta_v_deviation[1:] == pytest.approx([1.1, 0.2, 0.2], abs=0.051)
+    gains = random_field.gains("literal_gains")
+    assert np.abs(gains.gain[1:, :, 1:] * UNITS).max(axis=(1, 2, 3)).min() > 1e12
+    assert gains.condition_number.min() > 1e12
+    assert gains.design_delta_v_deviation[1:] == pytest.approx([1.1, 0.2, 0.2], abs=0.051)
     healthy = random_field.gains()
     assert healthy.condition_number.max() < 1e4
     assert np.abs(healthy.gain[1:, :, 1:] * UNITS).max() < 10.0
@@ -541,41 +548,43 @@ def test_unbounded_gains_are_refused_or_reported(random_field):
 
 
 def test_certificates(random_field):
-    found, made = random_field.certificates(), random_field.gains()
-    assert found.objective == pytest.approx(made.objective[0], rel=1e-9)
-    assert found.history_objective == pytest.approx(found.objective, rel=1e-7)
-    assert found.history_gain_difference < 1e-4
-    assert found.other_solver == "SCS" and found.other_objective == pytest.approx(found.objective, rel=1e-6)
-    assert found.identity_residual < 1e-11 and found.triangular_residual < 1e-12
-    assert found.control_covariance_residual < 1e-13
-    assert found.mean_shift < 1e-10 and found.gain_shift < 1e-10
-    assert found.convexity > -1e-12
-    assert found.largest_gain_difference < 1e-4
+    certificates, gains = random_field.certificates(), random_field.gains()
+    assert certificates.objective == pytest.approx(gains.objective[0], rel=1e-9)
+    assert certificates.history_objective == pytest.approx(certificates.objective, rel=1e-7)
+    assert certificates.history_gain_difference < 1e-4
+    assert certificates.other_solver == "SCS" and certificates.other_objective == pytest.approx(
+        certificates.objective, rel=1e-6
+    )
+    assert certificates.identity_residual < 1e-11 and certificates.triangular_residual < 1e-12
+    assert certificates.control_covariance_residual < 1e-13
+    assert certificates.mean_shift < 1e-10 and certificates.gain_shift < 1e-10
+    assert certificates.convexity > -1e-12
+    assert certificates.largest_gain_difference < 1e-4
     for name in ("process_score", "disturbance_score", "normality_score"):
-        assert 0.0 < getattr(found, name) < 5.0, name
-    assert found.samples == 300
+        assert 0.0 < getattr(certificates, name) < 5.0, name
+    assert certificates.samples == 300
 
 
 @pytest.mark.parametrize("reading", ["both_branches", "metres"])
 def test_certificates_of_other_costs(random_field, reading):
     """Of two percentiles; and in m/s, where the quadratic terms are less than a thousandth of the cost."""
-    found = random_field.certificates(reading)
-    assert found.history_objective == pytest.approx(found.objective, rel=1e-7)
-    assert found.other_objective == pytest.approx(found.objective, rel=1e-6)
-    assert found.identity_residual < 1e-11 and found.control_covariance_residual < 1e-12
+    certificates = random_field.certificates(reading)
+    assert certificates.history_objective == pytest.approx(certificates.objective, rel=1e-7)
+    assert certificates.other_objective == pytest.approx(certificates.objective, rel=1e-6)
+    assert certificates.identity_residual < 1e-11 and certificates.control_covariance_residual < 1e-12
 
 
 def test_dependence_of_the_disturbances(random_field):
     """From the covariance of the states and its inverse, which hold all conditional variances."""
-    found, model = random_field.certificates(), random_field.linearization()
+    certificates, model = random_field.certificates(), random_field.linearization()
     noise = (np.array([10.0, 1.0, 1e-4]) / UNITS) ** 2
     covariance = stacked(model.disturbance_covariance) + np.diag(np.tile(noise, INTERVALS))
     deviation = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(deviation, deviation))
     for k in range(INTERVALS):
         correlation[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = 0.0
-    assert found.largest_correlation == pytest.approx(correlation.max(), rel=1e-9)
-    assert found.deviation_ratio == pytest.approx(deviation[1::3].max() / deviation[1::3].min(), rel=1e-9)
+    assert certificates.largest_correlation == pytest.approx(correlation.max(), rel=1e-9)
+    assert certificates.deviation_ratio == pytest.approx(deviation[1::3].max() / deviation[1::3].min(), rel=1e-9)
     size = 3 * INTERVALS
     response, row = np.zeros((size, size)), np.zeros((3, size))
     for k in range(INTERVALS):
@@ -593,8 +602,8 @@ def test_dependence_of_the_disturbances(random_field):
                 return 1.0 / np.linalg.inv(states[np.ix_(picked, picked)])[-1, -1]
 
             shares.append(1.0 - given(before) / given(last))
-    assert found.history_information == pytest.approx(max(shares), rel=1e-5)
-    assert found.history_information > 0.5
+    assert certificates.history_information == pytest.approx(max(shares), rel=1e-5)
+    assert certificates.history_information > 0.5
 
 
 # --- studies ----------------------------------------------------------------------------------------------------------
@@ -622,22 +631,22 @@ def test_one_branch_cycles_with_period_two_and_both_converge(random_field):
 def test_the_study_of_convergence_begins_with_the_iterations_of_the_reading(random_field):
     study = random_field.convergence()
     for row, reading in enumerate(("corrected", "both_branches")):
-        made = random_field.gains(reading)
-        np.testing.assert_allclose(study.apoapsis[row, :4], made.apoapsis, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(study.predicted[row, :4], made.percentile, rtol=0, atol=1e-4)
+        gains = random_field.gains(reading)
+        np.testing.assert_allclose(study.apoapsis[row, :4], gains.apoapsis, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(study.predicted[row, :4], gains.percentile, rtol=0, atol=1e-4)
     ensemble = random_field.ensemble()
     for law in range(4):
         expected = flight_statistics.delta_v_percentile(ensemble, law, trials=300)
-        found = study.percentile[0, law], study.percentile_error[0, law]
-        np.testing.assert_allclose(found, expected, rtol=1e-3)  # the same trials
+        percentile = study.percentile[0, law], study.percentile_error[0, law]
+        np.testing.assert_allclose(percentile, expected, rtol=1e-3)  # the same trials
 
 
 def test_navigation_errors_bound_the_gains(random_field):
-    study, made = random_field.regularization(), random_field.gains()
+    study, gains = random_field.regularization(), random_field.gains()
     one = np.flatnonzero(study.factor == 1.0)[0]
     np.testing.assert_allclose(study.position_error, 10.0 * study.factor)
-    assert study.predicted_deviation[one] == pytest.approx(made.delta_v_deviation[-1], rel=1e-6)
-    assert study.design_deviation[one] == pytest.approx(made.design_delta_v_deviation[-1], rel=1e-6)
+    assert study.predicted_deviation[one] == pytest.approx(gains.delta_v_deviation[-1], rel=1e-6)
+    assert study.design_deviation[one] == pytest.approx(gains.design_delta_v_deviation[-1], rel=1e-6)
     ensemble = random_field.ensemble()
     expected = flight_statistics.delta_v_percentile(ensemble, 3, trials=300)[0]
     assert study.percentile[one] == pytest.approx(expected, rel=1e-3)
@@ -707,14 +716,16 @@ CONTROL_DEVIATIONS = (9.392e-4, 1.1400e-3, 1.1951e-3, 1.2425e-3, 1.2520e-3)
 
 
 def test_double_integrator_numbers(random_field):
-    found = random_field.double_integrator()
-    assert found.status == "optimal"
-    assert found.objective == pytest.approx(6.7213e-6, abs=5.1e-11)
-    assert found.unconstrained_objective == pytest.approx(3.1434e-6, abs=5.1e-11)
-    np.testing.assert_allclose(found.control_deviation[CLOSED], CONTROL_DEVIATIONS, rtol=0, atol=6e-8)
-    assert found.objective == pytest.approx((found.control_deviation[CLOSED] ** 2).sum(), rel=1e-6)
-    assert np.abs(found.control).max() < 1e-10  # the coasting mean goes to the target by itself
-    deviation = np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3))
+    double_integrator = random_field.double_integrator()
+    assert double_integrator.status == "optimal"
+    assert double_integrator.objective == pytest.approx(6.7213e-6, abs=5.1e-11)
+    assert double_integrator.unconstrained_objective == pytest.approx(3.1434e-6, abs=5.1e-11)
+    np.testing.assert_allclose(double_integrator.control_deviation[CLOSED], CONTROL_DEVIATIONS, rtol=0, atol=6e-8)
+    assert double_integrator.objective == pytest.approx(
+        (double_integrator.control_deviation[CLOSED] ** 2).sum(), rel=1e-6
+    )
+    assert np.abs(double_integrator.control).max() < 1e-10  # the coasting mean goes to the target by itself
+    deviation = np.sqrt(np.diagonal(double_integrator.covariance, axis1=2, axis2=3))
     # A whole digit, as the study's solver stopped earlier.
     np.testing.assert_allclose(deviation[CLOSED, :, 0], POSITION_DEVIATIONS, rtol=0, atol=1.1e-6)
     np.testing.assert_allclose(deviation[CLOSED, :, 1], VELOCITY_DEVIATIONS, rtol=0, atol=1.1e-6)
@@ -724,25 +735,25 @@ def test_double_integrator_numbers(random_field):
 
 def test_double_integrator_constraints(random_field):
     """Active at the last node: the first line, and the final covariance in the position."""
-    found = random_field.double_integrator()
+    double_integrator = random_field.double_integrator()
     normals_, bounds = np.array([[0.212766, 8.51064], [0.30303, -12.1212]]), np.array([1.0, -1.0])
     np.testing.assert_allclose(normals_ @ [0.7, 0.1], bounds, atol=2e-6)  # both lines through this point
     np.testing.assert_allclose(-normals_[:, 0] / normals_[:, 1], [-0.025, 0.025], rtol=1e-5)  # and not +-0.5
-    spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals_, found.covariance[CLOSED], normals_))
+    spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals_, double_integrator.covariance[CLOSED], normals_))
     quantile = ndtri(1.0 - 0.00135)
-    excess = found.mean[CLOSED] @ normals_.T + quantile * spread - bounds
+    excess = double_integrator.mean[CLOSED] @ normals_.T + quantile * spread - bounds
     assert excess.max() < 1e-6
     assert excess[-1, 0] == pytest.approx(0.0, abs=1e-5)
     final = np.array([0.05, 0.01]) / 3.0
-    relative = found.covariance[CLOSED, -1] / np.outer(final, final)
+    relative = double_integrator.covariance[CLOSED, -1] / np.outer(final, final)
     assert np.linalg.eigvalsh(relative)[-1] == pytest.approx(1.0, abs=1e-5)
     assert relative[0, 0] > 1.0 - 1e-3
-    np.testing.assert_allclose(found.mean[CLOSED, -1], [0.6, 0.1], atol=1e-9)
+    np.testing.assert_allclose(double_integrator.mean[CLOSED, -1], [0.6, 0.1], atol=1e-9)
     # Ellipses of the same probability reach further than half planes: sqrt(-2 ln 0.0027) = 3.44 against 3.00.
     known = np.array([0.9707, 0.9769, 0.9840, 0.9941, 0.9999, 1.0031])
-    np.testing.assert_allclose(found.support[CLOSED, :, 0] + 1.0, known, rtol=0, atol=6e-5)
+    np.testing.assert_allclose(double_integrator.support[CLOSED, :, 0] + 1.0, known, rtol=0, atol=6e-5)
     radius = np.sqrt(-2.0 * np.log(1.0 - 0.9973))
-    np.testing.assert_allclose(found.support[CLOSED], excess + (radius - quantile) * spread, atol=1e-12)
+    np.testing.assert_allclose(double_integrator.support[CLOSED], excess + (radius - quantile) * spread, atol=1e-12)
 
 
 def test_a_constraint_never_lowers_the_cost(random_field):
@@ -788,49 +799,55 @@ def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
 
 def test_without_force_the_double_integrator_flies_its_linear_model(random_field):
     """Every trial, to rounding: x_{k+1} = A x_k + B (sum over l of K_kl (x_l - xbar_l))."""
-    found = random_field.double_integrator()
+    double_integrator = random_field.double_integrator()
     inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
-    flown = inputs.call(block_simulator, found, CLOSED, varied=False)(0, 64).history[::10]
-    deviations = [flown[0, :2] - found.mean[CLOSED, 0][:, np.newaxis]]
+    history = inputs.call(block_simulator, double_integrator, CLOSED, varied=False)(0, 64).history[::10]
+    deviations = [history[0, :2] - double_integrator.mean[CLOSED, 0][:, np.newaxis]]
     for k in range(5):
-        control = sum(found.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
-        np.testing.assert_allclose(flown[k, flight.CONTROL], control + found.control[CLOSED, k], atol=1e-14)
-        deviations.append(found.transition[k] @ deviations[k] + np.outer(found.input[k], control))
-        expected = deviations[-1] + found.mean[CLOSED, k + 1][:, np.newaxis]
-        np.testing.assert_allclose(flown[k + 1, :2], expected, rtol=0, atol=1e-13)
+        control = sum(double_integrator.gain[CLOSED, k, l] @ deviations[l] for l in range(k + 1))
+        np.testing.assert_allclose(
+            history[k, flight.CONTROL], control + double_integrator.control[CLOSED, k], atol=1e-14
+        )
+        deviations.append(
+            double_integrator.transition[k] @ deviations[k] + np.outer(double_integrator.input[k], control)
+        )
+        expected = deviations[-1] + double_integrator.mean[CLOSED, k + 1][:, np.newaxis]
+        np.testing.assert_allclose(history[k + 1, :2], expected, rtol=0, atol=1e-13)
     drawn = normals(inputs.seed, 0, range(64), 2) * [0.05 / 3, 0.01 / 3]
     np.testing.assert_allclose(deviations[0], drawn.T, atol=1e-16)
 
 
 def test_double_integrator_flights_agree_with_linear_covariance(random_field):
     """5,000 trials of another program agreed within 2 % open loop, 1 % (r) and 3 % (v) closed loop."""
-    found, flown = random_field.double_integrator(), random_field.double_integrator_flights()
-    assert list(flown.count) == [2000, 2000] and not flown.excluded.any()
-    predicted = np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3))
-    sampled = np.sqrt(np.diagonal(flown.covariance[:, flown.node], axis1=2, axis2=3))[..., :2]
+    double_integrator, flights = random_field.double_integrator(), random_field.double_integrator_flights()
+    assert list(flights.count) == [2000, 2000] and not flights.excluded.any()
+    predicted = np.sqrt(np.diagonal(double_integrator.covariance, axis1=2, axis2=3))
+    sampled = np.sqrt(np.diagonal(flights.covariance[:, flights.node], axis1=2, axis2=3))[..., :2]
     error = 4.0 / np.sqrt(2.0 * 2000)
     assert np.abs(sampled[OPEN] / predicted[OPEN] - 1.0).max() < 0.02 + error
     assert (np.abs(sampled[CLOSED] / predicted[CLOSED] - 1.0).max(axis=0) < np.array([0.01, 0.03]) + error).all()
     deviation = predicted / np.sqrt(2000)
-    np.testing.assert_array_less(np.abs(flown.mean[:, flown.node, :2] - found.mean), 5.0 * deviation + 1e-3 * 0.02)
+    np.testing.assert_array_less(
+        np.abs(flights.mean[:, flights.node, :2] - double_integrator.mean), 5.0 * deviation + 1e-3 * 0.02
+    )
 
 
 def test_violations_count_the_trials_beyond_the_lines(random_field):
-    flown, made = random_field.double_integrator_flights(), random_field.double_integrator()
+    flights, double_integrator = random_field.double_integrator_flights(), random_field.double_integrator()
     inputs = random_field.stage_inputs("corrected", "double_integrator_flights")
     for number in (OPEN, CLOSED):
-        states = inputs.call(block_simulator, made, number)(0, 2000).history[flown.node][:, :2]
+        states = inputs.call(block_simulator, double_integrator, number)(0, 2000).history[flights.node][:, :2]
         first = states[:, 0] * 0.212766 + states[:, 1] * 8.51064 > 1.0
         second = states[:, 0] * 0.30303 - states[:, 1] * 12.1212 > -1.0
-        for name, trials in (("", 2000), ("paper_", flown.paper_trials)):
+        for name, trials in (("", 2000), ("paper_", flights.paper_trials)):
             lines = np.stack([first[:, :trials].sum(axis=1), second[:, :trials].sum(axis=1)], axis=1)
-            np.testing.assert_array_equal(getattr(flown, f"{name}violations")[number], lines)
+            np.testing.assert_array_equal(getattr(flights, f"{name}violations")[number], lines)
             either = (first | second)[:, :trials].sum(axis=1)
-            np.testing.assert_array_equal(getattr(flown, f"{name}any_violations")[number], either)
-    assert flown.paper_trials == 1000
+            np.testing.assert_array_equal(getattr(flights, f"{name}any_violations")[number], either)
+    assert flights.paper_trials == 1000
     known = np.array([0.0, 0.0002, 0.011, 0.070, 0.289, 0.641])  # of 5,000 trials
     error = np.sqrt(known * (1 - known) * (1 / 2000 + 1 / 5000))
-    np.testing.assert_array_less(np.abs(flown.any_violations[OPEN] / 2000 - known), 4.0 * error + 0.002)
+    np.testing.assert_array_less(np.abs(flights.any_violations[OPEN] / 2000 - known), 4.0 * error + 0.002)
 
 
 def test_the_true_field_violates_a_little_more_than_allotted(random_field):
@@ -844,27 +861,27 @@ def test_the_true_field_violates_a_little_more_than_allotted(random_field):
 
 
 def test_the_last_node_is_violated_if_it_is_not_constrained(random_field):
-    flown = random_field.double_integrator_flights("cc_to_4")
+    flights = random_field.double_integrator_flights("cc_to_4")
     error = np.sqrt(0.289 * 0.711 * (1 / 2000 + 1 / 5000))
-    assert flown.any_violations[CLOSED, -1] / 2000 == pytest.approx(0.289, abs=4.0 * error)
+    assert flights.any_violations[CLOSED, -1] / 2000 == pytest.approx(0.289, abs=4.0 * error)
 
 
 def test_a_final_covariance_that_cannot_be_reached_is_named_with_what_can(random_field):
     """Without lines in the way: the least that can be reached can, and a hundredth less cannot."""
-    wanted, free = np.array([5e-4, 1e-4]), {"double_integrator_bounds": np.array([10.0, 10.0])}
+    deviations, free = np.array([5e-4, 1e-4]), {"double_integrator_bounds": np.array([10.0, 10.0])}
 
     def solved(factor):
-        bound = wanted * np.sqrt(factor)
+        bound = deviations * np.sqrt(factor)
         return random_field.double_integrator("corrected", double_integrator_final_three_sigma=bound, **free)
 
     with pytest.raises(MarsedlError) as error:
         solved(1.0)
-    said = str(error.value)
-    assert said.startswith("double integrator: ") and "\n" not in said and "line" not in said
-    least = float(re.search(r"final covariance.* least reachable largest eigenvalue .* is (\S+),", said).group(1))
+    message = str(error.value)
+    assert message.startswith("double integrator: ") and "\n" not in message and "line" not in message
+    least = float(re.search(r"final covariance.* least reachable largest eigenvalue .* is (\S+),", message).group(1))
     assert least > 100.0
-    found = solved(1.001 * least)
-    relative = found.covariance[CLOSED, -1] / np.outer(wanted, wanted) * 9.0
+    solution = solved(1.001 * least)
+    relative = solution.covariance[CLOSED, -1] / np.outer(deviations, deviations) * 9.0
     assert np.linalg.eigvalsh(relative)[-1] == pytest.approx(1.001 * least, rel=1e-4)
     with pytest.raises(MarsedlError, match=r"final covariance.* least reachable"):
         solved(0.99 * least)
@@ -875,8 +892,8 @@ def test_lines_that_the_start_violates_are_named(random_field):
     deviations = np.array([0.05, 0.1])
     with pytest.raises(MarsedlError) as error:
         random_field.double_integrator("corrected", double_integrator_initial_three_sigma=deviations)
-    said = str(error.value)
+    message = str(error.value)
     for line, normal in ((1, (0.212766, 8.51064)), (2, (0.30303, -12.1212))):
-        reached = re.search(rf"line {line} at step 0: .*?probability 0.00135 \D*?(-?[\d.]+)", said).group(1)
+        reached = re.search(rf"line {line} at step 0: .*?probability 0.00135 \D*?(-?[\d.]+)", message).group(1)
         spread = ndtri(1.0 - 0.00135) * np.linalg.norm(normal * deviations / 3.0)
         assert float(reached) == pytest.approx(np.dot(normal, [0.1, 0.1]) + spread, rel=1e-4)

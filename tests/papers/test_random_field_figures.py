@@ -87,12 +87,12 @@ def band(axes, along=0):
 
 def arrows(axes):
     """Vectors of the arrows of a sketch, by colour."""
-    found = {}
+    vector_of_color = {}
     for text in axes.texts:
         patch = getattr(text, "arrow_patch", None)
         if patch:
-            found[patch.get_edgecolor()] = np.array(text.xy) - np.array(text.xyann)
-    return lambda color: next(vector for drawn, vector in found.items() if same_color(drawn, color))
+            vector_of_color[patch.get_edgecolor()] = np.array(text.xy) - np.array(text.xyann)
+    return lambda color: next(vector for drawn, vector in vector_of_color.items() if same_color(drawn, color))
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
@@ -117,8 +117,8 @@ def test_one_sample_suffices(draw, stem):
 def test_samples_drawn_are_not_those_of_flights_and_certificates():
     drawn = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
     assert len(drawn) >= 5
-    flown = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
-    assert not drawn & (flown | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
+    flight_streams = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
+    assert not drawn & (flight_streams | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
 
 
 # --- examples of fields -----------------------------------------------------------------------------------------------
@@ -177,19 +177,19 @@ def test_fig01_panels_share_their_random_numbers(inputs_of):
 def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
     inputs = inputs_of("fig02")
     before, after = draw("fig02").axes
-    for axes, held in ((before, False), (after, True)):
+    for axes, is_conditioned in ((before, False), (after, True)):
         ends = []
         for line in axes.lines:
             x, y, z = line.get_data_3d()
             assert (x == inputs.example_extent).all() or (y == inputs.example_extent).all()
-            assert (np.ptp(z) < 1e-3) == held
-            if held:
+            assert (np.ptp(z) < 1e-3) == is_conditioned
+            if is_conditioned:
                 np.testing.assert_allclose(z, inputs.example_edge, atol=1e-4)
             ends += [(x[0], y[0], z[0]), (x[-1], y[-1], z[-1])]
         # On paper, both edges run into the corner that is furthest to the right.
-        seen = [proj3d.proj_transform(*end, axes.get_proj())[0] for end in ends]
-        assert np.argmax(seen) in (1, 3) and seen[1] == pytest.approx(seen[3])
-        assert min(seen[1] - seen[0], seen[3] - seen[2]) > 0.02
+        across = [proj3d.proj_transform(*end, axes.get_proj())[0] for end in ends]
+        assert np.argmax(across) in (1, 3) and across[1] == pytest.approx(across[3])
+        assert min(across[1] - across[0], across[3] - across[2]) > 0.02
 
 
 def test_fig02_panels_share_their_random_numbers(inputs_of):
@@ -218,16 +218,16 @@ def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_fi
     assert [text.get_text() for text in legend.get_legend().get_texts()] == [
         *("first sample", "second sample", "third sample", "nominal path", "every 50 s of the path")
     ]
-    (flown,) = curves(path, BLACK, "-")
-    np.testing.assert_allclose(flown.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
+    (nominal_curve,) = curves(path, BLACK, "-")
+    np.testing.assert_allclose(nominal_curve.get_xydata(), np.column_stack([nominal.time, nominal.altitude / 1e3]))
     for color in (BLUE, ORANGE, GREEN):
-        (sample,), (seen,) = curves(field, color, "-"), curves(process, color, "-")
-        expected = np.interp(flown.get_ydata(), sample.get_ydata(), sample.get_xdata())
-        np.testing.assert_allclose(seen.get_ydata(), expected, rtol=1e-9, atol=1e-12)
+        (sample,), (process_curve,) = curves(field, color, "-"), curves(process, color, "-")
+        expected = np.interp(nominal_curve.get_ydata(), sample.get_ydata(), sample.get_xdata())
+        np.testing.assert_allclose(process_curve.get_ydata(), expected, rtol=1e-9, atol=1e-12)
         (places,), (times,) = (curves(axes, color, "None") for axes in (field, process))
         np.testing.assert_array_equal(places.get_xdata(), times.get_ydata())
         np.testing.assert_array_equal(times.get_xdata(), np.arange(0, 400, 50))
-        np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *flown.get_xydata().T))
+        np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *nominal_curve.get_xydata().T))
 
 
 def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
@@ -310,14 +310,14 @@ def ellipses(axes, color, style):
 @pytest.mark.parametrize("law", [OPEN, CLOSED])
 def test_fig05_ellipses_hold_the_stated_probability(draw, random_field, law):
     axes = draw("fig05").axes[law]
-    design, flown = (random_field.stage(f"double_integrator{name}", "corrected") for name in ("", "_flights"))
+    design, flights = (random_field.stage(f"double_integrator{name}", "corrected") for name in ("", "_flights"))
     predicted, sampled = ellipses(axes, BLACK, "--"), ellipses(axes, GREY, "-")
     assert len(predicted) == len(sampled) == 6
     for k in range(6):
-        node = flown.node[k]
+        node = flights.node[k]
         for curve, mean, covariance in (
             (predicted[k], design.mean[law, k], design.covariance[law, k]),
-            (sampled[k], flown.mean[law, node, :2], flown.covariance[law, node, :2, :2]),
+            (sampled[k], flights.mean[law, node, :2], flights.covariance[law, node, :2, :2]),
         ):
             away = curve - mean
             distance = np.einsum("pi,ij,pj->p", away, np.linalg.inv(covariance), away)
@@ -334,7 +334,7 @@ def test_fig05_ellipses_hold_the_stated_probability(draw, random_field, law):
 
 def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field):
     figure = draw("fig05")
-    flown = random_field.stage("double_integrator_flights", "corrected")
+    flights = random_field.stage("double_integrator_flights", "corrected")
     for law, axes in enumerate(figure.axes):
         upper, lower = (line.get_xydata() for line in curves(axes, VERMILION, "--", least=2))
         for line, normal, bound in ((upper, [0.212766, 8.51064], 1.0), (lower, [0.30303, -12.1212], -1.0)):
@@ -343,7 +343,7 @@ def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field
             assert line[1, 0] < 0.1  # to the left of all that is drawn, where the region is wide
         trials = [line.get_xydata() for line in curves(axes, SKY)]
         assert len(trials) == DRAWN
-        np.testing.assert_array_equal(trials[3], flown.kept_history[law, 3, :, :2])
+        np.testing.assert_array_equal(trials[3], flights.kept_history[law, 3, :, :2])
         for points in (*trials, upper, lower, *ellipses(axes, BLACK, "--"), *ellipses(axes, GREY, "-")):
             for values, (least, largest) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
                 assert least < values.min() and values.max() < largest
@@ -352,9 +352,9 @@ def test_fig05_lines_meet_in_the_apex_and_everything_is_shown(draw, random_field
 
 
 def test_fig05_counts_trials_that_are_not_finite(draw, random_field):
-    flown = random_field.stage("double_integrator_flights", "corrected")
-    changed = replace(flown, excluded=np.array([3, 0]))
-    figure = draw("fig05", artifacts={"double_integrator_flights": changed})
+    flights = random_field.stage("double_integrator_flights", "corrected")
+    with_lost = replace(flights, excluded=np.array([3, 0]))
+    figure = draw("fig05", artifacts={"double_integrator_flights": with_lost})
     assert [axes.get_title() for axes in figure.axes] == ["open loop, 3 not finite", "closed loop"]
 
 
@@ -387,14 +387,14 @@ def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field)
     radii = [np.hypot(*patch.get_xy().T) for patch in whole.patches]
     np.testing.assert_allclose([r.min() for r in radii], [edge, 1.0])
     np.testing.assert_allclose([r.max() for r in radii], [edge, 1.0])
-    (approach, _), (flown, flown_angle), (coast, _), (second, _), (target, _) = (
+    (approach, _), (flight, flown_angle), (coast, _), (second, _), (target, _) = (
         polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE, BLUE, GREEN)
     )
-    exit_apoapsis = flown[-1] + 0.8 * (5 - flown[-1])
+    exit_apoapsis = flight[-1] + 0.8 * (5 - flight[-1])
     np.testing.assert_allclose([target.min(), target.max(), second.min(), coast.max()], [2, 5, 2, exit_apoapsis])
     np.testing.assert_allclose(second[[0, -1]], [exit_apoapsis, 2.0])
-    np.testing.assert_allclose(flown, 1 + nominal.altitude / 3397e3)
-    assert flown[0] == pytest.approx(edge) and approach.max() == pytest.approx(5.0, abs=0.01)
+    np.testing.assert_allclose(flight, 1 + nominal.altitude / 3397e3)
+    assert flight[0] == pytest.approx(edge) and approach.max() == pytest.approx(5.0, abs=0.01)
     points = [curves(whole, color, "-")[0].get_xydata() for color in (GREY, VERMILION, ORANGE, BLUE)]
     for earlier, later in pairwise(points):
         np.testing.assert_allclose(earlier[-1], later[0], atol=1e-9)
@@ -406,9 +406,9 @@ def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field)
 def test_fig06_curves_have_the_flight_path_angle_of_the_flight(draw, random_field):
     whole, _ = draw("fig06").axes
     nominal = random_field.nominal()
-    approach, flown, coast = (polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE))
+    approach, flight_curve, coast = (polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE))
     # r' / (r angle') = tan(gamma), which holds only if the angle runs as fast as the flight says.
-    slope = np.gradient(np.log(flown[0]), flown[1], edge_order=2)
+    slope = np.gradient(np.log(flight_curve[0]), flight_curve[1], edge_order=2)
     np.testing.assert_allclose(slope, np.tan(nominal.flight_path_angle), atol=2e-5)
     for (radius, angle), joint, at in ((approach, -1, 0), (coast, 0, -1)):
         slope = np.gradient(np.log(radius), angle, edge_order=2)[joint]
@@ -488,7 +488,7 @@ def test_readings_without_laws_and_with_lost_flights_are_drawn_too(draw, stem, r
     assert all(axes.get_xlabel() for axes in figure.axes[-1:])
 
 
-def said(axes):
+def text_of(axes):
     """Everything that is written in a panel, on one line."""
     return " ".join(" ".join(text.get_text() for text in axes.texts).split())
 
@@ -518,7 +518,7 @@ def test_a_reading_without_laws_says_why(draw):
     reason = "the partition does not increase: node 17 is 450 and node 18 is 400"
     for stem, panels in (("fig11", slice(2, 4)), ("fig13", slice(0, 1))):
         for axes in draw(stem, "printed").axes[panels]:
-            assert reason in said(axes)
+            assert reason in text_of(axes)
     for stem in ("fig14", "fig15"):
         assert reason in draw(stem, "printed").axes[0].get_title()
     assert len(draw("fig12", "printed").axes) == len(draw("fig16", "printed").axes) == 1
@@ -537,7 +537,7 @@ def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field
             inside = np.isfinite(delta_v) & (delta_v >= edges[0]) & (delta_v <= edges[-1])
             assert (values * np.diff(edges)).sum() == pytest.approx(inside.mean())
             lost = np.isnan(delta_v).sum()
-            assert (f"{lost:,} lost" in said(axes)) == (lost > 0)
+            assert (f"{lost:,} lost" in text_of(axes)) == (lost > 0)
     assert (np.isnan(random_field.ensemble("literal_gains").delta_v).sum(axis=1) > 0).any()
     assert tuple(inputs_of("fig12").delta_v_window) == (200.0, 400.0)
 
@@ -551,10 +551,10 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
         inside = 0.5 * np.diff([erf((edge - gains.delta_v_mean[number]) / gains.delta_v_deviation[number] / np.sqrt(2))
                                 for edge in axes.get_xlim()])  # fmt: skip
         assert np.trapezoid(height, value) == pytest.approx(inside, rel=1e-3)
-        (flown,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
-        assert flown.get_xdata()[0] == delta_v_percentile(ensemble, number)[0]
+        (sampled,), (predicted,) = curves(axes, BLUE, "-", least=2), curves(axes, BLACK, ":", least=2)
+        assert sampled.get_xdata()[0] == delta_v_percentile(ensemble, number)[0]
         middle = sum(axes.get_xlim()) / 2
-        for line in (flown, predicted):  # not across the remarks
+        for line in (sampled, predicted):  # not across the remarks
             assert line.get_ydata()[1] == (0.6 if line.get_xdata()[0] > middle else 1.0)
         # The 99th percentile of a normal distribution, by its own distribution function.
         score = (predicted.get_xdata()[0] - gains.delta_v_mean[number]) / gains.delta_v_deviation[number]
@@ -565,7 +565,7 @@ def test_fig12_marks_both_percentiles_and_the_window(draw, random_field):
 
 def test_fig12_says_where_no_percentile_exists(draw):
     (axes,) = draw("fig12", "printed").axes
-    assert "too many lost" in said(axes) and not curves(axes, BLUE, "-", least=2)
+    assert "too many lost" in text_of(axes) and not curves(axes, BLUE, "-", least=2)
 
 
 def test_fig13_bars_are_those_of_the_design_and_end_at_the_limits(draw, random_field):
@@ -637,22 +637,22 @@ def test_fig14_linear_covariance_is_within_two_per_cent_of_the_flights(draw, ran
     for axes, unit in zip(draw("fig14").axes, (1e3, 1.0, np.pi / 180), strict=False):
         lower, upper = curves(axes, BLUE, "--", least=50)
         predicted = np.diff(bars(axes.containers[0]))[:, 0]
-        flown = np.interp(random_field.gains().partition, upper.get_xdata(), upper.get_ydata() - lower.get_ydata())
+        sampled = np.interp(random_field.gains().partition, upper.get_xdata(), upper.get_ydata() - lower.get_ydata())
         large = predicted * unit > 1e-2 * (predicted * unit).max()
         assert large.sum() > 6
-        np.testing.assert_allclose(predicted[large], flown[large], rtol=error)
+        np.testing.assert_allclose(predicted[large], sampled[large], rtol=error)
 
 
 def test_errors_that_leave_the_axes_are_stated(draw):
     control = draw("fig15", "literal_gains").axes[-1]
     assert control.get_ylim() == (-1.6, 1.6) and re.search(
-        r"stars beyond the axis: up to \d(\.\d)?e\+\d\d", said(control)
+        r"stars beyond the axis: up to \d(\.\d)?e\+\d\d", text_of(control)
     )
     for axes in draw("fig14", "printed").axes[:3]:
-        stated = float(re.search(r"linear covariance up to ([\d.e+]+)", said(axes)).group(1))
+        stated = float(re.search(r"linear covariance up to ([\d.e+]+)", text_of(axes)).group(1))
         assert stated > 2 * axes.get_ylim()[1]
         assert np.abs(curves(axes, BLUE, "--", least=50)[0].get_ydata()).max() < axes.get_ylim()[1]
-    assert not any(said(axes) for axes in draw("fig15").axes)
+    assert not any(text_of(axes) for axes in draw("fig15").axes)
 
 
 def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(draw, random_field):
@@ -687,8 +687,8 @@ def test_fig17_prediction_is_the_field_along_the_nominal(draw, random_field):
     np.testing.assert_allclose(upper.get_ydata(), expected)
     flown_lower, flown_upper = curves(axes, BLUE, "--")
     error = 3 / np.sqrt(2 * random_field.ensemble().count[-1])
-    flown = (flown_upper.get_ydata() - flown_lower.get_ydata()) / 2
-    np.testing.assert_allclose(flown, upper.get_ydata(), rtol=0.04 + error)
+    sampled = (flown_upper.get_ydata() - flown_lower.get_ydata()) / 2
+    np.testing.assert_allclose(sampled, upper.get_ydata(), rtol=0.04 + error)
     assert len(curves(axes, GREY)) == DRAWN
 
 
@@ -866,7 +866,7 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
     assert "growth length doubled: no percentile, 286 lost" in shown and "no percentile, 82 or more lost" in shown
     nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))
     (axes,) = inputs_of("field_study").call(figures.field_study, nothing).axes
-    assert "no 99th percentile" in said(axes)
+    assert "no 99th percentile" in text_of(axes)
 
 
 def test_delta_v_map_has_a_kink_whose_sides_are_the_linear_branches(draw, random_field):
@@ -897,10 +897,12 @@ def test_delta_v_map_shows_what_designs_expect_and_what_follows(draw, random_fie
         radius, velocity, path_angle = gains.reference[number, -1]
         place = orbits.apoapsis_radius(radius, velocity, path_angle, 4.2828e13) / 3397e3
         assert points["v"].get_xdata()[0] == pytest.approx(place)
-    (flown,) = curves(left, GREY, "None", least=100)
-    np.testing.assert_array_equal(flown.get_ydata(), ensemble.delta_v[0][:3000])
+    (flight_points,) = curves(left, GREY, "None", least=100)
+    np.testing.assert_array_equal(flight_points.get_ydata(), ensemble.delta_v[0][:3000])
     # The curve passes through the flights: delta-v is all but a function of the apoapsis.
     curve = next(line for line in curves(left, BLACK, "-", least=50))
-    inside = (flown.get_xdata() > curve.get_xdata()[0]) & (flown.get_xdata() < curve.get_xdata()[-1])
-    miss = np.interp(flown.get_xdata()[inside], *curve.get_data()) - flown.get_ydata()[inside]
-    assert np.abs(miss).max() < 0.1 * (flown.get_ydata()[inside].max() - flown.get_ydata()[inside].min())
+    inside = (flight_points.get_xdata() > curve.get_xdata()[0]) & (flight_points.get_xdata() < curve.get_xdata()[-1])
+    miss = np.interp(flight_points.get_xdata()[inside], *curve.get_data()) - flight_points.get_ydata()[inside]
+    assert np.abs(miss).max() < 0.1 * (
+        flight_points.get_ydata()[inside].max() - flight_points.get_ydata()[inside].min()
+    )

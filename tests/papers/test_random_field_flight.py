@@ -100,11 +100,13 @@ def assert_identical(first, second, trials=slice(None)):
 def oracle_variations(air, trials):
     """Density variations at the nodes, (trials, nodes), drawn from the top down."""
     drawn = normals(SEED, flight.FIELD_STREAM, range(trials), len(air.altitude))
-    found = np.empty((trials, len(air.altitude)))
-    found[:, -1] = air.top_deviation * drawn[:, 0]
+    variations = np.empty((trials, len(air.altitude)))
+    variations[:, -1] = air.top_deviation * drawn[:, 0]
     for down, node in enumerate(reversed(range(len(air.altitude) - 1)), start=1):
-        found[:, node] = air.retention[node] * found[:, node + 1] + air.innovation_deviation[node] * drawn[:, down]
-    return found
+        variations[:, node] = (
+            air.retention[node] * variations[:, node + 1] + air.innovation_deviation[node] * drawn[:, down]
+        )
+    return variations
 
 
 def oracle_mean_density(air):
@@ -126,10 +128,10 @@ def runge_kutta(rates, x, h):
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(x + h * k3))
 
 
-def commanded(law, k, seen):
+def commanded(law, k, states):
     """Eq. 8 by its definition: seen holds the states (trials, n) at the nodes 0 .. k."""
     return law.control[k] + sum(
-        (x - xbar) @ gain for x, xbar, gain in zip(seen, law.reference, law.gain[k], strict=False)
+        (x - xbar) @ gain for x, xbar, gain in zip(states, law.reference, law.gain[k], strict=False)
     )
 
 
@@ -139,17 +141,17 @@ class Oracle:
     def __init__(self, air, law, initial, trials, inputs=INPUTS):
         self.air, self.inputs, self.variations = air, inputs, oracle_variations(air, trials)
         self.mean_density, self.trials = oracle_mean_density(air), np.arange(trials)
-        x, seen = np.array(np.broadcast_to(initial, (trials, 3))), []
+        x, states_at_nodes = np.array(np.broadcast_to(initial, (trials, 3))), []
         self.states, self.found, self.pressure, self.control = [x], [], [], []
         self.floored = np.zeros(trials)
         for k, (start, end) in enumerate(zip(law.start[:-1], law.start[1:], strict=True)):
-            seen.append(x)
-            u = commanded(law, k, seen)
-            flown = np.clip(u, *inputs.control_limits)
+            states_at_nodes.append(x)
+            u = commanded(law, k, states_at_nodes)
+            applied = np.clip(u, *inputs.control_limits)
             for _ in range(round((end - start) / STEP)):
                 self.store(x, u)
                 self.floored += 1 + self.found[-1] < inputs.density_floor
-                x = runge_kutta(partial(self.rates, u=flown), x, STEP)
+                x = runge_kutta(partial(self.rates, u=applied), x, STEP)
                 self.states.append(x)
         self.store(x, u)
 
@@ -190,32 +192,32 @@ class Oracle:
 # ---- aerocapture: against the oracle ---------------------------------------------------------------------------------
 
 
-def assert_as_the_oracle(flown, oracle, every):
+def assert_as_the_oracle(trajectories, oracle, every):
     history = oracle.history(every)
-    np.testing.assert_allclose(flown.history, history, rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(flown.final_state[: flight.FLOORED], history[-1, :3], rtol=1e-8, atol=1e-8)
-    np.testing.assert_array_equal(flown.final_state[flight.FLOORED], oracle.floored)
-    np.testing.assert_array_equal(flown.observed[:, 0], flown.history[:, flight.BANK_COSINE])
-    np.testing.assert_array_equal(flown.observed[:, flight.BANK_MAGNITUDE], np.abs(flown.observed[:, 0]))
+    np.testing.assert_allclose(trajectories.history, history, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(trajectories.final_state[: flight.FLOORED], history[-1, :3], rtol=1e-8, atol=1e-8)
+    np.testing.assert_array_equal(trajectories.final_state[flight.FLOORED], oracle.floored)
+    np.testing.assert_array_equal(trajectories.observed[:, 0], trajectories.history[:, flight.BANK_COSINE])
+    np.testing.assert_array_equal(trajectories.observed[:, flight.BANK_MAGNITUDE], np.abs(trajectories.observed[:, 0]))
     control = np.array(oracle.control)
-    for maximum, expected in zip(flown.observed_maximum, (control, np.abs(control)), strict=True):
+    for maximum, expected in zip(trajectories.observed_maximum, (control, np.abs(control)), strict=True):
         np.testing.assert_allclose(maximum, expected.max(axis=0), rtol=1e-8, atol=1e-8)
 
 
 def test_open_loop_flights_are_those_of_plain_numpy(air):
     law = flight.open_loop(PARTITION, 0.2 * np.sin(np.arange(14.0)))
-    flown, oracle = fly(air, law, 130), Oracle(air, law, ENTRY, 130)
-    assert_as_the_oracle(flown, oracle, 50)
+    trajectories, oracle = fly(air, law, 130), Oracle(air, law, ENTRY, 130)
+    assert_as_the_oracle(trajectories, oracle, 50)
     assert oracle.floored.sum() > 0  # the test sees the floor
-    assert flown.history[-1, flight.ALTITUDE].std() > 1e3  # and the field
-    assert (flown.outcome == COMPLETED).all() and (flown.length == 17).all()
+    assert trajectories.history[-1, flight.ALTITUDE].std() > 1e3  # and the field
+    assert (trajectories.outcome == COMPLETED).all() and (trajectories.length == 17).all()
 
 
 def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
     spread = normals(SEED, flight.INITIAL_STREAM, range(130), 3) * [300.0, 1.0, 1e-4]
-    flown = fly(air, law, initial=ENTRY + spread, every=10)
-    assert_as_the_oracle(flown, Oracle(air, law, ENTRY + spread, 130), 10)
-    saturated = np.abs(flown.observed[:, 0]) > 1.0
+    trajectories = fly(air, law, initial=ENTRY + spread, every=10)
+    assert_as_the_oracle(trajectories, Oracle(air, law, ENTRY + spread, 130), 10)
+    saturated = np.abs(trajectories.observed[:, 0]) > 1.0
     assert 0.05 < saturated.mean() < 0.95  # both kinds of command occur
 
 
@@ -224,9 +226,9 @@ def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
     log_density, slope, _ = profile(coarse)
     short = AirTables(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
     law = flight.open_loop(PARTITION, np.zeros(14))
-    flown = fly(short, law, 20)
-    assert_as_the_oracle(flown, Oracle(short, law, ENTRY, 20), 50)
-    assert flown.history[:, flight.ALTITUDE].min() < 48e3 and flown.history[0, flight.ALTITUDE, 0] > 120e3
+    trajectories = fly(short, law, 20)
+    assert_as_the_oracle(trajectories, Oracle(short, law, ENTRY, 20), 50)
+    assert trajectories.history[:, flight.ALTITUDE].min() < 48e3 and trajectories.history[0, flight.ALTITUDE, 0] > 120e3
 
 
 def test_dynamic_pressure_of_the_actual_density(air):
@@ -246,12 +248,12 @@ def test_without_variation_every_gain_flies_the_nominal(air, law):
     reference, control = law.reference, np.zeros(14)
     law = law._replace(control=control)
     calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
-    for flown in (fly(air, law, varied=False), fly(calm, law)):
-        np.testing.assert_allclose(flown.final_state[0], reference[-1, 0] - RADIUS, rtol=1e-9)
-        np.testing.assert_allclose(flown.final_state[1], reference[-1, 1], rtol=1e-9)
-        np.testing.assert_allclose(flown.final_state[2], reference[-1, 2], rtol=1e-9)
-        assert (flown.history[:, flight.DENSITY_VARIATION] == 0.0).all()
-        assert np.abs(flown.observed_maximum).max() < 1e-6
+    for trajectories in (fly(air, law, varied=False), fly(calm, law)):
+        np.testing.assert_allclose(trajectories.final_state[0], reference[-1, 0] - RADIUS, rtol=1e-9)
+        np.testing.assert_allclose(trajectories.final_state[1], reference[-1, 1], rtol=1e-9)
+        np.testing.assert_allclose(trajectories.final_state[2], reference[-1, 2], rtol=1e-9)
+        assert (trajectories.history[:, flight.DENSITY_VARIATION] == 0.0).all()
+        assert np.abs(trajectories.observed_maximum).max() < 1e-6
 
 
 def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):
@@ -295,16 +297,16 @@ def test_flights_are_of_fourth_order_in_the_step():
     law = flight.open_loop(partition, control)
     error = {}
     for step in (4.0, 2.0, 1.0):
-        flown = fly(air, law, 1, time_step=step, every=1)
-        error[step] = np.abs(flown.final_state[: flight.FLOORED, 0] - (exact - [RADIUS, 0.0, 0.0]))
+        trajectories = fly(air, law, 1, time_step=step, every=1)
+        error[step] = np.abs(trajectories.final_state[: flight.FLOORED, 0] - (exact - [RADIUS, 0.0, 0.0]))
     for coarse in (4.0, 2.0):
         np.testing.assert_allclose(np.log2(error[coarse] / error[coarse / 2]), 4.0, atol=0.3)
 
 
 def test_in_vacuum_energy_and_angular_momentum_stay(air):
     vacuum = air._replace(log_density=np.full(311, -2000.0), log_density_slope=np.zeros(311))
-    flown = fly(vacuum, flight.open_loop(PARTITION, np.ones(14)))
-    h, v, gamma = flown.history[:, :3].swapaxes(0, 1)
+    trajectories = fly(vacuum, flight.open_loop(PARTITION, np.ones(14)))
+    h, v, gamma = trajectories.history[:, :3].swapaxes(0, 1)
     energy, momentum = v**2 / 2 - MU / (RADIUS + h), (RADIUS + h) * v * np.cos(gamma)
     # Truncation: (angle of a step)^4, (1e-3 rad)^4.
     np.testing.assert_allclose(energy, energy[0, 0], rtol=1e-11)
@@ -345,15 +347,15 @@ def test_other_seeds_are_other_fields(air):
 
 def test_states_do_not_depend_on_how_many_are_stored(air, law):
     times = {every: flight.outputs(law, every, STEP) for every in (1, 10, 50)}
-    flown = {every: fly(air, law, 20, every=every) for every in times}
+    trajectories = {every: fly(air, law, 20, every=every) for every in times}
     for every in (10, 50):
         at = np.searchsorted(times[1], times[every])
         np.testing.assert_array_equal(times[1][at], times[every])
-        np.testing.assert_array_equal(flown[every].history, flown[1].history[at])
-        np.testing.assert_array_equal(flown[every].final_state, flown[1].final_state)
+        np.testing.assert_array_equal(trajectories[every].history, trajectories[1].history[at])
+        np.testing.assert_array_equal(trajectories[every].final_state, trajectories[1].final_state)
         assert np.isin(PARTITION, times[every]).all()
     # The command changes at the nodes and nowhere else; the last one is still in force at the end.
-    changes = np.flatnonzero(np.diff(flown[1].observed[:, 0, 0])) + 1
+    changes = np.flatnonzero(np.diff(trajectories[1].observed[:, 0, 0])) + 1
     np.testing.assert_array_equal(times[1][changes], PARTITION[1:-1])
 
 
@@ -422,22 +424,25 @@ def test_trials_end_below_the_ground_and_leave_the_others_alone(air, law):
 
 
 def test_a_group_that_crashes_as_a_whole_ends_there(air, law):
-    flown = fly(air, law, 64, initial=STEEP)
-    assert (flown.outcome == CRASHED).all() and (flown.length < 16).all()
-    assert np.isnan(flown.history[15:]).all() and np.isfinite(flown.history[0]).all()
+    trajectories = fly(air, law, 64, initial=STEEP)
+    assert (trajectories.outcome == CRASHED).all() and (trajectories.length < 16).all()
+    assert np.isnan(trajectories.history[15:]).all() and np.isfinite(trajectories.history[0]).all()
     some = fly(air, law, 3, initial=STEEP)
-    assert_identical(some, flown, slice(3))
+    assert_identical(some, trajectories, slice(3))
 
 
 @pytest.mark.parametrize("variance", [14.8, 1480.0])
 def test_huge_densities_are_flown_or_counted(profile, law, variance):
     wild = make_air(profile, variance)
-    flown = fly(wild, law, 200)
-    assert np.median(flown.final_state[flight.FLOORED]) > 100
-    assert np.nanmax(flown.history[:, flight.DENSITY_VARIATION]) > 3.0 * np.sqrt(variance) - 1.0
-    assert np.isin(flown.outcome, (COMPLETED, CRASHED, NON_FINITE)).all()
-    good = flown.outcome == COMPLETED
-    assert np.isfinite(flown.history[..., good]).all() and (flown.final_state[flight.ALTITUDE, good] >= 0.0).all()
+    trajectories = fly(wild, law, 200)
+    assert np.median(trajectories.final_state[flight.FLOORED]) > 100
+    assert np.nanmax(trajectories.history[:, flight.DENSITY_VARIATION]) > 3.0 * np.sqrt(variance) - 1.0
+    assert np.isin(trajectories.outcome, (COMPLETED, CRASHED, NON_FINITE)).all()
+    good = trajectories.outcome == COMPLETED
+    assert (
+        np.isfinite(trajectories.history[..., good]).all()
+        and (trajectories.final_state[flight.ALTITUDE, good] >= 0.0).all()
+    )
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -447,18 +452,18 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, 
     for component in range(3):
         spoiled = states.copy()
         spoiled[[3, 66], component] = bad
-        flown = fly(air, law, initial=spoiled)
+        trajectories = fly(air, law, initial=spoiled)
         others = np.delete(np.arange(70), [3, 66])
-        assert (flown.outcome[[3, 66]] == NON_FINITE).all()
+        assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
         for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(getattr(flown, name)[..., others], getattr(healthy, name)[..., others])
+            np.testing.assert_array_equal(getattr(trajectories, name)[..., others], getattr(healthy, name)[..., others])
 
 
 def test_gains_that_are_not_finite_are_counted(air, law):
     gain = law.gain.copy()
     gain[3, 2, 1] = np.nan
-    flown = fly(air, law._replace(gain=gain), 5)
-    assert (flown.outcome == NON_FINITE).all()
+    trajectories = fly(air, law._replace(gain=gain), 5)
+    assert (trajectories.outcome == NON_FINITE).all()
     gain[3, 2, 1], gain[3, 9, 1] = 0.0, np.nan  # of a later state
     assert (fly(air, law._replace(gain=gain), 5).outcome == COMPLETED).all()
 
@@ -532,10 +537,10 @@ def point_oracle(law, root, initial, grid=GRID, step=0.02):
         ends = (1 + 2 * t) * (1 - t) ** 2 * samples[trials, k] + t**2 * (3 - 2 * t) * samples[trials, k + 1]
         return ends + h * (t * (1 - t) ** 2 * slopes[trials, k] + t**2 * (t - 1) * slopes[trials, k + 1])
 
-    x, seen, stored = initial, [], []
+    x, states_at_nodes, stored = initial, [], []
     for k, (start, end) in enumerate(zip(law.start[:-1], law.start[1:], strict=True)):
-        seen.append(x)
-        u = commanded(law, k, seen)
+        states_at_nodes.append(x)
+        u = commanded(law, k, states_at_nodes)
         for _ in range(round((end - start) / step)):
             stored.append([*x.T, field(x[:, 0]), u])
             x = runge_kutta(lambda x, u=u: np.stack([x[:, 1], u + field(x[:, 0])], axis=1), x, step)
@@ -546,13 +551,13 @@ def point_oracle(law, root, initial, grid=GRID, step=0.02):
 def test_points_are_those_of_plain_numpy(root, point_law, columns, start):
     root, initial = root[:, :columns], initial_points(300)
     initial[:, 0] += start - 0.1
-    flown = fly_point(point_law, root, initial, every=5)
+    trajectories = fly_point(point_law, root, initial, every=5)
     expected = point_oracle(point_law, root, initial)[::5]
-    np.testing.assert_allclose(flown.history, expected, rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(flown.history, expected, rtol=0, atol=1e-12)  # fields are of order 1e-3
-    np.testing.assert_array_equal(flown.final_state, flown.history[-1, :2])
-    np.testing.assert_array_equal(flown.observed[:, 0], flown.history[:, flight.CONTROL])
-    np.testing.assert_array_equal(flown.observed_maximum, flown.observed.max(axis=0))
+    np.testing.assert_allclose(trajectories.history, expected, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(trajectories.history, expected, rtol=0, atol=1e-12)  # fields are of order 1e-3
+    np.testing.assert_array_equal(trajectories.final_state, trajectories.history[-1, :2])
+    np.testing.assert_array_equal(trajectories.observed[:, 0], trajectories.history[:, flight.CONTROL])
+    np.testing.assert_array_equal(trajectories.observed_maximum, trajectories.observed.max(axis=0))
     np.testing.assert_array_equal(flight.outputs(point_law, 5, 0.02)[[0, 10, -1]], [0.0, 1.0, 5.0])
 
 
@@ -560,21 +565,21 @@ def test_points_beyond_the_grid_meet_its_end_values(root):
     law = flight.open_loop(NODES, np.zeros(5), 2)
     initial = np.tile([-5.0, 0.0], (64, 1))
     initial[32:, 0] = 5.0
-    flown = fly_point(law, root, initial)
+    trajectories = fly_point(law, root, initial)
     samples = normals(SEED, flight.FIELD_STREAM, range(64), 181) @ root.T
     ends = np.where(np.arange(64) < 32, samples[:, 0], samples[:, -1])
-    np.testing.assert_allclose(flown.history[:, flight.FIELD], np.tile(ends, (6, 1)), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(flown.final_state[0], initial[:, 0] + 12.5 * ends, rtol=1e-12)
+    np.testing.assert_allclose(trajectories.history[:, flight.FIELD], np.tile(ends, (6, 1)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(trajectories.final_state[0], initial[:, 0] + 12.5 * ends, rtol=1e-12)
 
 
 def test_points_without_a_field_coast(root, point_law):
     law = point_law._replace(control=np.zeros(5))
-    for flown in (
+    for trajectories in (
         fly_point(law, root, np.tile([0.1, 0.1], (64, 1)), varied=False),
         fly_point(law, np.zeros((181, 1)), np.tile([0.1, 0.1], (64, 1))),
     ):
-        np.testing.assert_allclose(flown.final_state, np.tile([[0.6], [0.1]], 64), rtol=1e-12)
-        assert np.abs(flown.history[:, flight.FIELD :]).max() < 1e-14
+        np.testing.assert_allclose(trajectories.final_state, np.tile([[0.6], [0.1]], 64), rtol=1e-12)
+        assert np.abs(trajectories.history[:, flight.FIELD :]).max() < 1e-14
 
 
 def test_points_are_of_fourth_order_in_the_step():
@@ -592,11 +597,11 @@ def test_points_are_of_fourth_order_in_the_step():
     law = flight.open_loop(np.array([0.0, 2.0]), np.zeros(1), 2)
     error = []
     for step in (0.1, 0.05, 0.025):
-        flown = fly_point(law, grid[:, np.newaxis] - 0.5, initial, grid, time_step=step, every=1)
-        error.append(np.sqrt(np.mean((flown.final_state - exact) ** 2, axis=1)))
+        trajectories = fly_point(law, grid[:, np.newaxis] - 0.5, initial, grid, time_step=step, every=1)
+        error.append(np.sqrt(np.mean((trajectories.final_state - exact) ** 2, axis=1)))
     for coarse, fine in pairwise(error):
         np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.2)
-    assert np.abs(flown.history[:, flight.POSITION]).max() < 4.0
+    assert np.abs(trajectories.history[:, flight.POSITION]).max() < 4.0
 
 
 @pytest.mark.parametrize("first", [0, 63, 100])
@@ -618,10 +623,10 @@ def test_points_that_are_not_finite_are_counted(root, point_law):
     initial = initial_points(70)
     healthy = fly_point(point_law, root, initial)
     initial[5, 0], initial[66, 1] = np.nan, np.inf
-    flown = fly_point(point_law, root, initial)
-    np.testing.assert_array_equal(np.flatnonzero(flown.outcome == NON_FINITE), [5, 66])
+    trajectories = fly_point(point_law, root, initial)
+    np.testing.assert_array_equal(np.flatnonzero(trajectories.outcome == NON_FINITE), [5, 66])
     others = np.delete(np.arange(70), [5, 66])
-    np.testing.assert_array_equal(flown.history[..., others], healthy.history[..., others])
+    np.testing.assert_array_equal(trajectories.history[..., others], healthy.history[..., others])
 
 
 def test_points_that_do_not_fit_are_refused(root, point_law):

@@ -30,9 +30,9 @@ def refused(**inputs):
     """The one line with which a reading is refused."""
     with pytest.raises(InputError) as error:
         reading_of(**inputs)
-    said = str(error.value)
-    assert said.startswith("mine.yaml: random_field.readings.mine") and "\n" not in said
-    return said
+    message = str(error.value)
+    assert message.startswith("mine.yaml: random_field.readings.mine") and "\n" not in message
+    return message
 
 
 @pytest.mark.parametrize(
@@ -90,9 +90,9 @@ def refused(**inputs):
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
 def test_inputs_that_contradict_are_refused(inputs, fragments):
-    said = refused(**inputs)
+    message = refused(**inputs)
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in message
 
 
 @pytest.mark.parametrize(
@@ -114,8 +114,8 @@ def test_the_printed_partition_is_reported_where_a_reading_asks_for_it(random_fi
     """Only then: the same nodes in any other reading are refused before anything is computed."""
     printed = random_field.study.readings["printed"].inputs.mission
     assert printed.invalid_partition == "report"
-    said = refused(partition=list(printed.partition))
-    assert "node 17 is 450 and node 18 is 400" in said
+    message = refused(partition=list(printed.partition))
+    assert "node 17 is 450 and node 18 is 400" in message
     mine = reading_of(invalid_partition="report", partition=list(printed.partition)).inputs.mission
     assert list(mine.partition) == list(printed.partition)
 
@@ -135,9 +135,11 @@ def test_an_entry_angle_outside_of_the_bracket_is_refused(random_field):
     for bracket, sign in (((-14.0, -11.0), -1), ((-9.5, -8.5), 1)):
         with pytest.raises(MarsedlError) as error:
             random_field.nominal("corrected", entry_angle_bracket=np.radians(bracket))
-        said = str(error.value)
-        assert f"no entry angle from {bracket[0]:g} to {bracket[1]:g} deg" in said and "entry_angle_bracket" in said
-        misses = re.search(r"missed by (\S+) and (\S+) planet radii", said)
+        message = str(error.value)
+        assert (
+            f"no entry angle from {bracket[0]:g} to {bracket[1]:g} deg" in message and "entry_angle_bracket" in message
+        )
+        misses = re.search(r"missed by (\S+) and (\S+) planet radii", message)
         assert all(sign * float(text) > 0.0 for text in misses.groups())
 
 
@@ -150,13 +152,13 @@ def test_a_trajectory_that_leaves_the_density_table_is_refused(random_field):
         assert table[-1, 0] == 1e3 * highest
         with pytest.raises(MarsedlError) as error:
             random_field.nominal(reading, **changes)
-        said = str(error.value)
-        assert f"leaves the density table (0 to {highest:g} km)" in said and "\n" not in said
-        assert "density_beyond_table to 'continue'" in said
-        time, altitude = map(float, re.search(r"at (\S+) s, at (\S+) km", said).groups())
+        message = str(error.value)
+        assert f"leaves the density table (0 to {highest:g} km)" in message and "\n" not in message
+        assert "density_beyond_table to 'continue'" in message
+        time, altitude = map(float, re.search(r"at (\S+) s, at (\S+) km", message).groups())
         assert 400.0 < time < 500.0 and highest < altitude < highest + 0.5
-        flown = random_field.nominal(reading, density_beyond_table="continue", **changes)
-        assert np.interp(time, flown.time, flown.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
+        nominal = random_field.nominal(reading, density_beyond_table="continue", **changes)
+        assert np.interp(time, nominal.time, nominal.altitude) == pytest.approx(1e3 * altitude, abs=1e3)
     assert random_field.nominal("tf_500").altitude[-1] == pytest.approx(200e3, abs=10e3)
 
 

@@ -35,8 +35,8 @@ MOTION = [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]
 def simulator(random_field, reading="corrected", gains=None, number=-1, varied=True, **changes):
     """The function `simulate_block` of a reading with changed inputs, under the law of a number."""
     inputs = random_field.stage_inputs(reading, "montecarlo_chunk", **changes)
-    made = {"nominal": random_field.nominal(reading), "gains": gains or random_field.gains(reading)}
-    return inputs.call(montecarlo.block_simulator, **made, number=number, varied=varied)
+    records = {"nominal": random_field.nominal(reading), "gains": gains or random_field.gains(reading)}
+    return inputs.call(montecarlo.block_simulator, **records, number=number, varied=varied)
 
 
 def nodes_of(ensemble, partition):
@@ -115,8 +115,8 @@ def test_delta_v_has_its_least_value_at_the_kink(random_field):
         assert 0.05 < below.mean() < 0.95
         assert ensemble.delta_v[law].min() > least - 1.0
     # So that the prediction, which goes on through it, lies below what is flown.
-    made = random_field.gains()
-    offset = ensemble.delta_v.mean(axis=1) - made.delta_v_mean
+    gains = random_field.gains()
+    offset = ensemble.delta_v.mean(axis=1) - gains.delta_v_mean
     np.testing.assert_allclose(offset[1:], (10.0, 4.0, 16.0), atol=1.0)
 
 
@@ -125,10 +125,10 @@ def test_delta_v_has_its_least_value_at_the_kink(random_field):
 
 def test_open_loop_spread_is_that_of_linear_covariance(random_field):
     """Within 2 % at every node, and three standard errors; known 5,000 trials of another program."""
-    ensemble, made = random_field.ensemble(), random_field.gains()
-    found = deviations(ensemble, 0, made.partition)[1:]
-    predicted = np.sqrt(np.diagonal(made.covariance[0], axis1=1, axis2=2))[1:] / UNITS
-    assert np.abs(found / predicted - 1.0).max() < 0.02 + 3.0 / np.sqrt(2 * TRIALS)
+    ensemble, gains = random_field.ensemble(), random_field.gains()
+    spread = deviations(ensemble, 0, gains.partition)[1:]
+    predicted = np.sqrt(np.diagonal(gains.covariance[0], axis1=1, axis2=2))[1:] / UNITS
+    assert np.abs(spread / predicted - 1.0).max() < 0.02 + 3.0 / np.sqrt(2 * TRIALS)
 
 
 SPREAD = """
@@ -149,8 +149,8 @@ def test_spread_over_time(random_field, row):
     ensemble = random_field.ensemble()
     time, *texts = row.split()
     k = np.flatnonzero(ensemble.time == float(time))[0]
-    found = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
-    for value, text in zip(found.ravel(), texts, strict=True):
+    deviation = np.sqrt(np.diagonal(ensemble.covariance[[0, 3], k], axis1=1, axis2=2))[:, MOTION] / UNITS
+    for value, text in zip(deviation.ravel(), texts, strict=True):
         if text == "nan":
             continue
         # Nearly normal: four standard errors of both, half a digit.
@@ -162,12 +162,12 @@ def test_density_variation_met_by_the_flights(random_field):
     """Closed loop: known standard deviations at the nodes, and those of the field there, within 4 %."""
     known = ".3845 .1430 .0963 .0732 .0616 .0587 .0590 .0633 .0714 .0822 .0979 .1253 .1556 .2094 .3882"
     known = np.array([float(text) for text in known.split()])
-    ensemble, made = random_field.ensemble(), random_field.gains()
-    at = nodes_of(ensemble, made.partition)
-    found = np.sqrt(ensemble.covariance[3][at, flight.DENSITY_VARIATION, flight.DENSITY_VARIATION])
+    ensemble, gains = random_field.ensemble(), random_field.gains()
+    at = nodes_of(ensemble, gains.partition)
+    deviation = np.sqrt(ensemble.covariance[3][at, flight.DENSITY_VARIATION, flight.DENSITY_VARIATION])
     error = SIGMAS / np.sqrt(2 * TRIALS)
-    assert np.abs(found / known - 1.0).max() < error * BOTH + 1e-3
-    assert np.abs(found / made.variation_deviation[3][at] - 1.0).max() < 0.04 + error
+    assert np.abs(deviation / known - 1.0).max() < error * BOTH + 1e-3
+    assert np.abs(deviation / gains.variation_deviation[3][at] - 1.0).max() < 0.04 + error
 
 
 def test_dynamic_pressure_spreads_more_in_closed_loop(random_field):
@@ -180,9 +180,9 @@ def test_dynamic_pressure_spreads_more_in_closed_loop(random_field):
     at = nodes_of(ensemble, np.arange(75.0, 326.0, 25.0))
     allowed = SIGMAS / np.sqrt(2 * TRIALS) * np.sqrt(1 + TRIALS / 400)
     for law, expected in known.items():
-        found = np.sqrt(ensemble.covariance[law][at, flight.DYNAMIC_PRESSURE, flight.DYNAMIC_PRESSURE])
+        deviation = np.sqrt(ensemble.covariance[law][at, flight.DYNAMIC_PRESSURE, flight.DYNAMIC_PRESSURE])
         # Four standard errors of normal samples, which these are not quite, and half a digit.
-        np.testing.assert_allclose(found, expected, rtol=1.5 * allowed, atol=0.051)
+        np.testing.assert_allclose(deviation, expected, rtol=1.5 * allowed, atol=0.051)
 
 
 # --- commands and their limits ----------------------------------------------------------------------------------------
@@ -192,15 +192,17 @@ def test_commands_of_the_last_law(random_field):
     """Known mean and standard deviation of what is commanded, before the limits, on the intervals until 275 s."""
     mean = (0.300, 0.300, 0.296, -0.122, -0.124, -0.015, -0.077, -0.288, -0.308, -0.301)
     deviation = (0.000, 0.000, 0.045, 0.193, 0.294, 0.325, 0.319, 0.175, 0.100, 0.067)
-    ensemble, made = random_field.ensemble(), random_field.gains()
-    at = nodes_of(ensemble, made.partition[:10])
-    found = ensemble.mean[3][at, flight.BANK_COSINE]
+    ensemble, gains = random_field.ensemble(), random_field.gains()
+    at = nodes_of(ensemble, gains.partition[:10])
+    mean_command = ensemble.mean[3][at, flight.BANK_COSINE]
     spread = np.sqrt(ensemble.covariance[3][at, flight.BANK_COSINE, flight.BANK_COSINE])
-    np.testing.assert_array_less(np.abs(found - mean), SIGMAS * spread / np.sqrt(TRIALS) * BOTH + 1.1e-3 * np.ones(10))
+    np.testing.assert_array_less(
+        np.abs(mean_command - mean), SIGMAS * spread / np.sqrt(TRIALS) * BOTH + 1.1e-3 * np.ones(10)
+    )
     np.testing.assert_allclose(spread, deviation, rtol=SIGMAS / np.sqrt(2 * TRIALS) * BOTH, atol=6e-4)
     # What linear covariance predicts of it, near the largest dynamic pressure.
     busy = spread > 0.1
-    predicted = made.control_deviation[3][:10][busy]
+    predicted = gains.control_deviation[3][:10][busy]
     assert np.abs(spread[busy] / predicted - 1.0).max() < 0.05 + SIGMAS / np.sqrt(2 * TRIALS)
 
 
@@ -208,13 +210,13 @@ def test_commands_of_the_last_law(random_field):
 def test_violations_are_counted_trial_by_trial(random_field, limits):
     """And flown within the limits, whatever these are."""
     changes = {"control_limits": np.array(limits), "iterations": 2}
-    ensemble, made = random_field.ensemble(trials=1000, **changes), random_field.gains(**changes)
-    by_step, at_any = step_violations(ensemble, made.partition)
+    ensemble, gains = random_field.ensemble(trials=1000, **changes), random_field.gains(**changes)
+    by_step, at_any = step_violations(ensemble, gains.partition)
     assert by_step.shape == (3, 14) and at_any.shape == (3,)
     assert not by_step[0].any() and not at_any[0]
     for law in (1, 2):
-        flown = simulator(random_field, gains=made, number=law, **changes)(0, 1000)
-        commanded = flown.history[nodes_of(ensemble, made.partition[:-1]), flight.BANK_COSINE]
+        trajectories = simulator(random_field, gains=gains, number=law, **changes)(0, 1000)
+        commanded = trajectories.history[nodes_of(ensemble, gains.partition[:-1]), flight.BANK_COSINE]
         beyond = (commanded < limits[0]) | (commanded > limits[1])
         np.testing.assert_array_equal(by_step[law], beyond.sum(axis=1))
         assert at_any[law] == beyond.any(axis=0).sum() > 0
@@ -238,12 +240,12 @@ def test_commands_leave_their_limits_about_as_often_as_allotted(random_field):
 @pytest.mark.parametrize(("reading", "known"), [("sign_printed", 4345), ("variance_printed", 4440), ("printed", 4860)])
 def test_open_loop_trials_that_are_lost(random_field, reading, known):
     """Of 5,000 trials of another program; the counts depend on the floor of the density, which is the same."""
-    flown = simulator(random_field, reading, number=0)(0, TRIALS)
+    trajectories = simulator(random_field, reading, number=0)(0, TRIALS)
     share = known / REFERENCE_TRIALS
-    found = (flown.outcome != CAPTURED).sum() / TRIALS
+    lost_share = (trajectories.outcome != CAPTURED).sum() / TRIALS
     # "About", but for the first: two per cent of the trials.
     allowed = SIGMAS * np.sqrt(share * (1 - share) * (1 / TRIALS + 1 / REFERENCE_TRIALS))
-    assert found == pytest.approx(share, abs=allowed + (0.0 if reading == "sign_printed" else 0.02))
+    assert lost_share == pytest.approx(share, abs=allowed + (0.0 if reading == "sign_printed" else 0.02))
 
 
 def test_without_navigation_errors_most_flights_are_lost(random_field):
@@ -300,8 +302,8 @@ def test_a_lost_trial_counts_as_the_largest():
 
 def test_percentiles_of_the_first_trials(random_field):
     ensemble = random_field.ensemble()
-    found = delta_v_percentile(ensemble, 3, trials=700)
-    assert found == percentile(ensemble.delta_v[3, :700], 0.99)
+    first_percentile = delta_v_percentile(ensemble, 3, trials=700)
+    assert first_percentile == percentile(ensemble.delta_v[3, :700], 0.99)
     assert delta_v_percentile(ensemble, 3, level=0.9)[0] == pytest.approx(np.quantile(ensemble.delta_v[3], 0.9))
 
 
@@ -309,8 +311,8 @@ def test_percentiles_of_the_first_trials(random_field):
 
 
 def test_results_do_not_depend_on_chunks(random_field):
-    made = random_field.gains()
-    whole, scattered = (random_field.fly("corrected", made, trials=250, chunks=n, block_size=50) for n in (1, 3))
+    gains = random_field.gains()
+    whole, scattered = (random_field.fly("corrected", gains, trials=250, chunks=n, block_size=50) for n in (1, 3))
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(scattered, field.name), err_msg=field.name)
     larger = random_field.ensemble()
@@ -320,17 +322,17 @@ def test_results_do_not_depend_on_chunks(random_field):
 
 @pytest.mark.parametrize(("reading", "number"), [("corrected", 1234), ("literal_gains", 3), ("printed", 77)])
 def test_a_trial_flown_alone_is_that_of_the_ensemble(random_field, reading, number):
-    made = {name: random_field.stage(name, reading) for name in ("nominal", "gains")}
+    records = {name: random_field.stage(name, reading) for name in ("nominal", "gains")}
     inputs = random_field.inputs(reading)
     ensemble = random_field.ensemble(reading)
-    said = inputs.call(montecarlo.replay, **made, trial=Trial("aerocapture", number, ensemble))
+    report = inputs.call(montecarlo.replay, **records, trial=Trial("aerocapture", number, ensemble))
     laws = len(ensemble.outcome)
-    assert said.count("the same to the last bit") == laws and "DIFFERS" not in said
-    assert said.startswith(f"trial {number}, open loop: {OUTCOMES[int(ensemble.outcome[0, number])]}")
+    assert report.count("the same to the last bit") == laws and "DIFFERS" not in report
+    assert report.startswith(f"trial {number}, open loop: {OUTCOMES[int(ensemble.outcome[0, number])]}")
     if reading == "corrected":
-        assert f"{ensemble.delta_v[3, number]:18.9f}" in said
+        assert f"{ensemble.delta_v[3, number]:18.9f}" in report
     other = replace(ensemble, final_state=ensemble.final_state + 1e-9)
-    assert "DIFFERS" in inputs.call(montecarlo.replay, **made, trial=Trial("aerocapture", number, other))
+    assert "DIFFERS" in inputs.call(montecarlo.replay, **records, trial=Trial("aerocapture", number, other))
 
 
 def test_laws_and_readings_share_their_fields(random_field):
@@ -354,16 +356,16 @@ def test_laws_and_readings_share_their_fields(random_field):
 def test_ensembles_hold_what_was_flown(random_field):
     """Moments and histograms of a run in blocks, from the trials themselves."""
     ensemble = random_field.fly("corrected", random_field.gains(), trials=300, block_size=100)
-    flown = simulator(random_field)(0, 300)
-    np.testing.assert_array_equal(ensemble.final_state[3], flown.final_state.T)
-    np.testing.assert_array_equal(ensemble.kept_history[3], flown.history[..., :12].transpose(2, 0, 1))
+    trajectories = simulator(random_field)(0, 300)
+    np.testing.assert_array_equal(ensemble.final_state[3], trajectories.final_state.T)
+    np.testing.assert_array_equal(ensemble.kept_history[3], trajectories.history[..., :12].transpose(2, 0, 1))
     np.testing.assert_array_equal(ensemble.time, np.arange(0.0, 400.1, 2.5))
     for k in (0, 40, 61, 160):
-        history = flown.history[k]
+        history = trajectories.history[k]
         np.testing.assert_allclose(ensemble.mean[3, k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
         size = np.sqrt(np.diag(np.cov(history))) + 1e-9
         assert np.abs((ensemble.covariance[3, k] - np.cov(history)) / np.outer(size, size)).max() < 1e-9
-        counts = np.histogram(flown.observed[k, 0], ensemble.histogram_edges[3, 0])[0]
+        counts = np.histogram(trajectories.observed[k, 0], ensemble.histogram_edges[3, 0])[0]
         np.testing.assert_array_equal(ensemble.histogram[3, k, 0, 1:-1][1:-1], counts[1:-1])
         assert ensemble.histogram[3, k, 0].sum() == 300
     np.testing.assert_array_equal(ensemble.flying, 300)
@@ -374,7 +376,7 @@ def test_ensembles_hold_what_was_flown(random_field):
 
 def test_delta_v_is_that_of_plain_numpy(random_field):
     """All trials at once by array operations, in the same fields, under the last law: 1e-8 m/s."""
-    inputs, made = random_field.inputs("corrected"), random_field.gains()
+    inputs, gains = random_field.inputs("corrected"), random_field.gains()
     air, trials = environment.air_tables(inputs.air), 100
     drawn = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
     variation = np.empty((trials, len(air.altitude)))
@@ -399,10 +401,10 @@ def test_delta_v_is_that_of_plain_numpy(random_field):
         return np.array([velocity * sine, -drag * velocity**2 - gravity * sine, turn])
 
     start = [RADIUS + 125e3, 6100.0, random_field.nominal().entry_flight_path_angle]
-    state, seen = np.tile(start, (trials, 1)).T, []
-    for k, length in enumerate(np.diff(made.partition)):
-        seen.append(state.T - made.reference[3, k])
-        control = made.control[3, k] + sum(seen[l] @ made.gain[3, k, l] for l in range(k + 1))
+    state, deviations_at_nodes = np.tile(start, (trials, 1)).T, []
+    for k, length in enumerate(np.diff(gains.partition)):
+        deviations_at_nodes.append(state.T - gains.reference[3, k])
+        control = gains.control[3, k] + sum(deviations_at_nodes[l] @ gains.gain[3, k, l] for l in range(k + 1))
         control = np.clip(control, -1.0, 1.0)
         for _ in range(round(length / 0.5)):
             first = rates(state, control)
@@ -415,20 +417,20 @@ def test_delta_v_is_that_of_plain_numpy(random_field):
 
 def test_without_a_field_any_gains_fly_the_nominal(random_field):
     """References taken from the flight itself: no deviation, to the last bit, however large the gains."""
-    made = random_field.gains()
-    still = replace(made, gain=np.zeros_like(made.gain))
+    gains = random_field.gains()
+    still = replace(gains, gain=np.zeros_like(gains.gain))
 
-    def flown(law):
+    def trajectories_of(law):
         return simulator(random_field, gains=law, number=3, varied=False)(0, 2)
 
-    alone = flown(still)
-    at = np.searchsorted(made.time, made.partition)
-    reference = made.feedback_reference.copy()
+    alone = trajectories_of(still)
+    at = np.searchsorted(gains.time, gains.partition)
+    reference = gains.feedback_reference.copy()
     reference[3] = alone.history[at, :3, 0] + [RADIUS, 0.0, 0.0]
-    gain = 100.0 * made.gain * (1.0 + np.arange(15))[:, np.newaxis]
-    steered = flown(replace(made, gain=gain, feedback_reference=reference))
+    gain = 100.0 * gains.gain * (1.0 + np.arange(15))[:, np.newaxis]
+    steered = trajectories_of(replace(gains, gain=gain, feedback_reference=reference))
     # The altitude is stored, the radius is fed back: they differ by rounding, 1e-10 m.
     np.testing.assert_allclose(steered.final_state, alone.final_state, rtol=1e-9)
-    np.testing.assert_allclose(alone.history[:, 0, 0], made.altitude[3], rtol=0, atol=1e-3)
-    np.testing.assert_allclose(alone.history[:, 1, 0], made.velocity[3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(alone.history[:, 0, 0], gains.altitude[3], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(alone.history[:, 1, 0], gains.velocity[3], rtol=0, atol=1e-5)
     assert not alone.history[:, flight.DENSITY_VARIATION].any()

@@ -105,9 +105,9 @@ def plain(value):
 def test_no_input_changed_with_its_section(slug, monkeypatch):
     monkeypatch.chdir(ROOT)  # from where files named by inputs are read
     study = load_study(slug, input_model(slug), Path("configs") / f"{slug}.yaml")
-    found = {}
+    digests = {}
     for name, reading in study.readings.items():
         values = {key.partition(".")[2]: plain(value) for key, value in reading.inputs.plain().items()}
         assert len(values) == len(reading.inputs.names()), "two sections have an input of one name"
-        found[name] = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
-    assert found == DIGESTS[slug]
+        digests[name] = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
+    assert digests == DIGESTS[slug]

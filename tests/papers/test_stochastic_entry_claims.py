@@ -42,16 +42,18 @@ def evaluations(entry):
 def rows(entry_published, evaluations):
     known = {erratum.id for erratum in PAPER.errata}
     # Reasons are stated for the full size: here they need only be quotable.
-    made = collect(list(entry_published.values()), DECLARATIONS, evaluations, known_errata=known, require_reasons=False)
-    return {row["id"]: row for row in made}
+    claim_rows = collect(
+        list(entry_published.values()), DECLARATIONS, evaluations, known_errata=known, require_reasons=False
+    )
+    return {row["id"]: row for row in claim_rows}
 
 
 # --- everything has its counterpart -----------------------------------------------------------------------------------
 
 
 def test_every_table_and_summary_of_the_catalogue_has_its_function():
-    made = {name for name, function in inspect.getmembers(tables, inspect.isfunction)}
-    assert set(PAPER.tables) | set(PAPER.summaries) <= made
+    function_names = {name for name, function in inspect.getmembers(tables, inspect.isfunction)}
+    assert set(PAPER.tables) | set(PAPER.summaries) <= function_names
     assert {"tab01", "tab02", "tab03", "tab04"} < set(PAPER.tables)
 
 
@@ -61,10 +63,10 @@ def test_captions_are_sentences(stem):
 
 
 def test_every_printed_claim_is_evaluated_in_every_reading(entry_published, evaluations):
-    wanted = {name for name, claim in entry_published.items() if claim.kind != "context"}
-    assert len(wanted) == 114
+    claim_names = {name for name, claim in entry_published.items() if claim.kind != "context"}
+    assert len(claim_names) == 114
     for name in READINGS:
-        assert set(evaluations[name]) == wanted, name
+        assert set(evaluations[name]) == claim_names, name
         unevaluated = {claim for claim, evaluation in evaluations[name].items() if evaluation is None}
         assert unevaluated == (set() if name == "corrected" else STUDIED), name
 
@@ -177,11 +179,11 @@ def test_hypotheses_do_what_the_reasons_say(rows, evaluations):
     for reading in ("partition_24", "partition_20"):
         assert verdict("fig8_silent_after_ei", reading) == "fails"
 
-    def found(reading):
+    def downrange_interval(reading):
         low, high = evaluations[reading]["tab4_downrange_apollo_time"].value
         return high - low
 
-    assert found("velocity_adjoint") > 2 * found("corrected")
+    assert downrange_interval("velocity_adjoint") > 2 * downrange_interval("corrected")
 
 
 def test_density_that_is_not_fitted_gives_the_printed_transformation_to_some_per_cent(rows, entry_published):
@@ -196,33 +198,38 @@ def test_density_that_is_not_fitted_gives_the_printed_transformation_to_some_per
 
 
 def test_values_of_table_4_are_percentiles_in_the_printed_units(entry, evaluations):
-    made = entry.artifacts("corrected")
+    artifacts = entry.artifacts("corrected")
     for case in CASES:
-        ensemble = made[case]
+        ensemble = artifacts[case]
         error = ensemble.final_state[:, :5] - ensemble.nominal_final[:5]
         for state, name, factor, _ in measures.ROWS:
-            found = evaluations["corrected"][f"tab4_{name}_{case}"]
-            assert found.trials == len(error) == 2000
+            evaluation = evaluations["corrected"][f"tab4_{name}_{case}"]
+            assert evaluation.trials == len(error) == 2000
             if name == "velocity" and case.endswith("velocity"):
-                assert found.value[1] == np.abs(ensemble.final_state[:, 1] - 500.0).max() == -found.value[0] < 1e-9
+                assert (
+                    evaluation.value[1]
+                    == np.abs(ensemble.final_state[:, 1] - 500.0).max()
+                    == -evaluation.value[0]
+                    < 1e-9
+                )
                 continue
             np.testing.assert_allclose(
-                found.value, factor * np.quantile(error[:, state], [0.01, 0.99]), rtol=1e-12, atol=1e-15
+                evaluation.value, factor * np.quantile(error[:, state], [0.01, 0.99]), rtol=1e-12, atol=1e-15
             )
-            assert (np.array(found.standard_error) > 0).all()
+            assert (np.array(evaluation.standard_error) > 0).all()
 
 
 def test_headline_is_the_reduction_of_the_interval(evaluations):
-    found = evaluations["corrected"]
-    low, high = (np.array(found[f"tab4_downrange_{law}_velocity"].value) for law in ("apollo", "stochastic"))
-    errors = [np.hypot(*found[f"tab4_downrange_{law}_velocity"].standard_error) for law in ("apollo", "stochastic")]
+    corrected = evaluations["corrected"]
+    low, high = (np.array(corrected[f"tab4_downrange_{law}_velocity"].value) for law in ("apollo", "stochastic"))
+    errors = [np.hypot(*corrected[f"tab4_downrange_{law}_velocity"].standard_error) for law in ("apollo", "stochastic")]
     wide, narrow = np.ptp(low), np.ptp(high)
-    headline = found["headline_range_reduction"]
+    headline = corrected["headline_range_reduction"]
     assert headline.value == pytest.approx(100 * (1 - narrow / wide), rel=1e-12)
     # to first order, by perturbing either interval
     shares = errors[1] / wide, narrow * errors[0] / wide**2
     assert headline.standard_error == pytest.approx(100 * np.hypot(*shares), rel=1e-9)
-    ratio = found["halved_velocity_p1"].numbers["ratio"]
+    ratio = corrected["halved_velocity_p1"].numbers["ratio"]
     assert ratio == pytest.approx(high[0] / low[0], rel=1e-12)
 
 
@@ -242,16 +249,16 @@ def test_about_half_is_what_the_paper_calls_so(entry_published):
 
 
 def test_entry_numbers_that_follow_from_others(evaluations):
-    found = evaluations["corrected"]
-    assert found["tab2_crossrange"].value == [0.57, 0.5]
-    assert "0.5705 km" in found["tab2_crossrange"].evidence  # 11.027 deg of 3397 km, times 0.05 deg
-    assert found["ou_limit_variance"].value == pytest.approx(0.25, abs=1e-12)
-    assert found["chance_sigmas"].value == pytest.approx(3.0, abs=1e-4)
-    np.testing.assert_allclose(found["af_velocity"].value, [0, 0, 0, 1e6, 0], atol=1e-6)
-    np.testing.assert_allclose(found["adjoint_velocity"].value, [0, 0, 0, 1, 0], atol=1e-12)
-    assert found["fig9_altitude_active"].value == pytest.approx(2.0, abs=1e-3)
-    assert found["nominal_uprange"].value == pytest.approx(10.02, abs=0.005)
-    assert found["zf_column_velocity"].value[1] == 0.0
+    corrected = evaluations["corrected"]
+    assert corrected["tab2_crossrange"].value == [0.57, 0.5]
+    assert "0.5705 km" in corrected["tab2_crossrange"].evidence  # 11.027 deg of 3397 km, times 0.05 deg
+    assert corrected["ou_limit_variance"].value == pytest.approx(0.25, abs=1e-12)
+    assert corrected["chance_sigmas"].value == pytest.approx(3.0, abs=1e-4)
+    np.testing.assert_allclose(corrected["af_velocity"].value, [0, 0, 0, 1e6, 0], atol=1e-6)
+    np.testing.assert_allclose(corrected["adjoint_velocity"].value, [0, 0, 0, 1, 0], atol=1e-12)
+    assert corrected["fig9_altitude_active"].value == pytest.approx(2.0, abs=1e-3)
+    assert corrected["nominal_uprange"].value == pytest.approx(10.02, abs=0.005)
+    assert corrected["zf_column_velocity"].value[1] == 0.0
 
 
 # --- the tests of statements can fail ---------------------------------------------------------------------------------
@@ -283,9 +290,9 @@ def like(ensemble, factor):
 
 def test_every_counted_claim_is_turned_by_a_small_change(entry, entry_published, rows):
     """No counted verdict is one that could not be otherwise."""
-    made = entry.artifacts("corrected")
+    artifacts = entry.artifacts("corrected")
     turned = claims_of("stochastic_entry").turned(
-        rows.values(), entry.inputs("corrected").values, lambda name, kind: made.get(name), entry_published
+        rows.values(), entry.inputs("corrected").values, lambda name, kind: artifacts.get(name), entry_published
     )
     assert set(VERDICTS["holds"] | VERDICTS["fails"] | VERDICTS["differs"]) <= set(turned)
     assert not [name for name, change in turned.items() if change is None]
@@ -315,14 +322,14 @@ def test_exact_noise_would_meet_the_profile(entry, evaluations):
 
 def test_numbers_are_decided_by_the_artifacts(entry, entry_published):
     """A velocity that misses the trigger, an end elsewhere and a late turn are noticed."""
-    made = entry.artifacts("corrected")
-    missed = moved(made["apollo_velocity"], records.VELOCITY, shift=2.0)
-    nominal = replace(made["nominal"], downrange=made["nominal"].downrange - 600.0)
-    gains = made["gains"]
+    artifacts = entry.artifacts("corrected")
+    missed = moved(artifacts["apollo_velocity"], records.VELOCITY, shift=2.0)
+    nominal = replace(artifacts["nominal"], downrange=artifacts["nominal"].downrange - 600.0)
+    gains = artifacts["gains"]
     late = replace(gains, stochastic_covariance=scaled(gains.stochastic_covariance, 9.0, 0, slice(150, None), 3, 3))
-    found = evaluate(entry, apollo_velocity=missed, nominal=nominal, gains=late)
+    new_evaluations = evaluate(entry, apollo_velocity=missed, nominal=nominal, gains=late)
     for name in ("tab4_velocity_apollo_velocity", "nominal_uprange", "fig9_range_error_turns"):
-        assert judge(entry_published[name], found[name], DECLARATIONS.get(name)).verdict == "differs", name
+        assert judge(entry_published[name], new_evaluations[name], DECLARATIONS.get(name)).verdict == "differs", name
 
 
 def test_trials_that_ended_otherwise_are_counted_in_the_evidence(entry):
@@ -331,8 +338,8 @@ def test_trials_that_ended_otherwise_are_counted_in_the_evidence(entry):
     outcome[:3], outcome[3] = 1, 2
     final = ensemble.final_state.copy()
     outcome[4], final[4] = 3, np.nan
-    found = evaluate(entry, apollo_velocity=replace(ensemble, outcome=outcome, final_state=final))
-    evaluation = found["tab4_downrange_apollo_velocity"]
+    new_evaluations = evaluate(entry, apollo_velocity=replace(ensemble, outcome=outcome, final_state=final))
+    evaluation = new_evaluations["tab4_downrange_apollo_velocity"]
     assert "3 below the ground, 1 trigger not reached, 1 not finite" in evaluation.evidence
     assert evaluation.trials == 1999 and np.isfinite(evaluation.value).all()
 

@@ -55,9 +55,9 @@ def test_without_aerodynamic_errors_every_vehicle_is_the_mean_one(entry):
 
 
 def test_cells_are_counted_as_claims_judge_them(entry, entry_published):
-    made = entry.artifacts("corrected")
-    tails = {case: measures.final_percentiles(made[case]) for case in CASES}
-    evaluations = entry.evaluate("corrected", made)
+    records = entry.artifacts("corrected")
+    tails = {case: measures.final_percentiles(records[case]) for case in CASES}
+    evaluations = entry.evaluate("corrected", records)
     cells = [f"tab4_{row[1]}_{case}" for row in measures.ROWS for case in CASES]
     counted = [name for name in cells if entry_published[name].kind == "monte_carlo"]
     verdicts = [judge(entry_published[name], evaluations[name])[0] for name in counted]
@@ -82,8 +82,8 @@ def test_mirrored_percentiles_are_those_of_the_error_with_its_other_sign(entry):
 
 
 def test_the_sign_of_the_range_error_changes_the_range_and_no_flight(entry, entry_published):
-    made = entry.artifacts("corrected")
-    long, short = entry.evaluate("corrected", made), entry.evaluate("short_positive", made)
+    records = entry.artifacts("corrected")
+    long, short = entry.evaluate("corrected", records), entry.evaluate("short_positive", records)
     for case in CASES:
         name = f"tab4_downrange_{case}"
         np.testing.assert_array_equal(short[name].value, -np.array(long[name].value)[::-1])
@@ -92,7 +92,7 @@ def test_the_sign_of_the_range_error_changes_the_range_and_no_flight(entry, entr
     assert short["halved_velocity_p1"].numbers["ratio"] == long["halved_velocity_p99"].numbers["ratio"]
     assert short["headline_range_reduction"].value == pytest.approx(long["headline_range_reduction"].value, rel=1e-12)
     for reading, evaluations in (("corrected", long), ("short_positive", short)):
-        rows = entry.product("tables", "tab04", reading, made, published=entry_published)
+        rows = entry.product("tables", "tab04", reading, records, published=entry_published)
         value = evaluations["tab4_downrange_apollo_time"].value[0]
         assert rows["all trials"][0] == pytest.approx(value, rel=1e-12)
 
@@ -116,8 +116,8 @@ def test_table_of_combinations(entry, entry_published, study):
 
 def test_the_covariance_of_the_apollo_law_is_that_of_the_reading(entry):
     """Eqs. 42, 45 and 50 alone make the bounds similar and the correlation positive; the flights are the same."""
-    made = entry.artifacts("corrected")
-    effective, timed = entry.evaluate("corrected", made), entry.evaluate("timed_covariance", made)
+    records = entry.artifacts("corrected")
+    effective, timed = entry.evaluate("corrected", records), entry.evaluate("timed_covariance", records)
     for name, of_effective in (
         ("fig8_apollo_similar", False),
         ("fig8_more_aggressive", False),

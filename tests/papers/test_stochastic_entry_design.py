@@ -137,7 +137,7 @@ NOMINAL_ROWS = [  # s: km, m/s, deg, deg, km to go, km of crossrange
 def test_nominal_over_time(entry, expected):
     nominal = entry.nominal()
     k = np.flatnonzero(np.abs(nominal.time - expected[0]) < 1e-9)[0]
-    found = (
+    values = (
         nominal.altitude[k] / 1e3,
         nominal.velocity[k],
         np.degrees(nominal.flight_path_angle[k]),
@@ -146,7 +146,7 @@ def test_nominal_over_time(entry, expected):
         nominal.crossrange[k] / 1e3,
     )
     digits = np.array([0.0051, 0.051, 0.0051, 0.051, 0.0051, 0.00051])
-    np.testing.assert_array_less(np.abs(np.subtract(found, expected[1:])), digits)
+    np.testing.assert_array_less(np.abs(np.subtract(values, expected[1:])), digits)
 
 
 @pytest.mark.parametrize(
@@ -184,10 +184,10 @@ def test_nominal_bank_keeps_to_its_profile_between_reversals(entry):
     velocity = nominal.velocity[cycles]
     expected = np.interp(velocity, [2500.0, 5500.0], np.cos(np.radians([45.0, 75.0])))
     np.testing.assert_allclose(nominal.commanded_cosine[cycles], expected, atol=1e-12)
-    flown = np.cos(nominal.bank[cycles])
-    rolling = np.abs(flown - expected) > 1e-9
+    bank_cosine = np.cos(nominal.bank[cycles])
+    rolling = np.abs(bank_cosine - expected) > 1e-9
     assert 15 < rolling.sum() < 40  # three reversals of 6 to 10 seconds
-    assert (flown[rolling] > expected[rolling]).all()  # through lift up
+    assert (bank_cosine[rolling] > expected[rolling]).all()  # through lift up
 
 
 def test_crossrange_at_entry_is_that_of_the_azimuth(entry):
@@ -261,8 +261,8 @@ def test_matrices_are_the_derivatives_of_a_second_of_flight(entry, reading):
     for k in (5, 50, 65, 80, 95, 110, 130):
         small = 1e-4 * STATE_SCALE
         columns = [(after(k, small * e) - after(k, -small * e)) / (2 * small[j]) for j, e in enumerate(np.eye(5))]
-        found = np.column_stack(columns)
-        scaled = (found - model.transition[k]) * STATE_SCALE / STATE_SCALE[:, np.newaxis]
+        derivatives = np.column_stack(columns)
+        scaled = (derivatives - model.transition[k]) * STATE_SCALE / STATE_SCALE[:, np.newaxis]
         # Midpoint rule with steps of 0.1 s: (0.1 s)^2 of the rates' own time scales of several seconds.
         assert np.abs(scaled).max() < 2e-4, k
         control = (after(k, np.zeros(5), 1e-4) - after(k, np.zeros(5), -1e-4)) / 2e-4
@@ -287,7 +287,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
         zero = np.zeros((len(cosine), flight.FEATURES))
         law = flight.Law(flight.BY_TIME, np.zeros(2), zero, zero, cosine, 0.0)
         factors = (np.array([factor]) for factor in dispersions.factors(inputs.call(dispersions.body_of)))
-        flown = flight.fly(
+        trajectories = flight.fly(
             constants,
             air,
             law,
@@ -297,7 +297,7 @@ def test_matrices_are_those_of_the_flight_itself(entry):
             substeps=20,
             seed=1,
         )
-        return flown.history[-1, :5, 0]
+        return trajectories.history[-1, :5, 0]
 
     products = [np.eye(5)]
     for k in range(seconds):
@@ -306,21 +306,21 @@ def test_matrices_are_those_of_the_flight_itself(entry):
     for component, (column, size) in steps.items():
         deviation = np.zeros(6)
         deviation[component] = size
-        found = (history(deviation) - history(-deviation)) / (2 * size)
+        derivative = (history(deviation) - history(-deviation)) / (2 * size)
         expected = np.array(products)[:, :, column].T
-        np.testing.assert_allclose(found[[0, 1, 2, 4]], expected[[0, 1, 2, 4], -1], rtol=0.03)
+        np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4], -1], rtol=0.03)
         # On the surface: R' = (r_p / r) V cos(gamma), of which Eq. 27d has V cos(gamma) only.
         radius, velocity, angle = model.state[: seconds + 1, :3].T
         rate = expected[1] * np.cos(angle) - velocity * np.sin(angle) * expected[2]
         rate -= velocity * np.cos(angle) * expected[0] / radius
         on_surface = np.sum((RADIUS / radius * rate)[1:] + (RADIUS / radius * rate)[:-1]) / 2
-        assert found[3] == pytest.approx(on_surface, rel=0.02)
+        assert derivative[3] == pytest.approx(on_surface, rel=0.02)
     second, change = 55, 0.01
-    found = (history(np.zeros(6), change, second) - history(np.zeros(6), -change, second)) / (2 * change)
+    derivative = (history(np.zeros(6), change, second) - history(np.zeros(6), -change, second)) / (2 * change)
     expected = model.control[second]
     for k in range(second + 1, seconds):
         expected = model.transition[k] @ expected
-    np.testing.assert_allclose(found[[0, 1, 2, 4]], expected[[0, 1, 2, 4]], rtol=0.02)
+    np.testing.assert_allclose(derivative[[0, 1, 2, 4]], expected[[0, 1, 2, 4]], rtol=0.02)
 
 
 def test_control_has_no_effect_from_the_heading_alignment_on(entry):
@@ -378,11 +378,11 @@ def test_trigger_projection_is_a_projection_along_the_flight(entry, reading):
 )
 def test_trigger_projection_numbers(entry, reading, column, final_rate):
     model = entry.linearization(reading)
-    found = model.trigger_projection[:, 1]
-    np.testing.assert_array_less(np.abs(found - column), [0.0051, 1e-12, 5.1e-6, 0.0051, 5.1e-9])
+    velocity_column = model.trigger_projection[:, 1]
+    np.testing.assert_array_less(np.abs(velocity_column - column), [0.0051, 1e-12, 5.1e-6, 0.0051, 5.1e-9])
     assert model.final_rates[1] == pytest.approx(final_rate, abs=5.1e-4)
     # Z_f says how state and time exchange: its column is -rates / deceleration.
-    np.testing.assert_allclose(found[[0, 2, 3, 4]], -(model.final_rates / model.final_rates[1])[[0, 2, 3, 4]])
+    np.testing.assert_allclose(velocity_column[[0, 2, 3, 4]], -(model.final_rates / model.final_rates[1])[[0, 2, 3, 4]])
 
 
 # --- the stochastic law -----------------------------------------------------------------------------------------------
@@ -391,20 +391,20 @@ def test_trigger_projection_numbers(entry, reading, column, final_rate):
 @pytest.mark.parametrize("reading", DESIGNED)
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_the_law_is_a_certified_optimum(entry, reading, trigger):
-    made = entry.gains(reading)
-    assert made.status[trigger] == "optimal"
-    assert abs(made.gap[trigger]) < 1e-6 and abs(made.gap_above_floor[trigger]) < 1e-4
+    laws = entry.gains(reading)
+    assert laws.status[trigger] == "optimal"
+    assert abs(laws.gap[trigger]) < 1e-6 and abs(laws.gap_above_floor[trigger]) < 1e-4
     # Where the floor is nearly all of the cost, rounding hides what a limit costs: up to 1e-5 over it.
-    assert made.control_ratio[trigger].max() <= 1 + 2e-5 and made.final_ratio[trigger].max() <= 1 + 2e-5
-    assert (made.control_multiplier[trigger] >= 0).all() and (made.final_multiplier[trigger] >= 0).all()
-    assert made.complementarity[trigger] < 1e-8
+    assert laws.control_ratio[trigger].max() <= 1 + 2e-5 and laws.final_ratio[trigger].max() <= 1 + 2e-5
+    assert (laws.control_multiplier[trigger] >= 0).all() and (laws.final_multiplier[trigger] >= 0).all()
+    assert laws.complementarity[trigger] < 1e-8
     # What has a price is at its limit.
-    active = made.control_multiplier[trigger] * made.control_limit**2 > 1e-6 * made.cost[trigger]
-    np.testing.assert_allclose(made.control_ratio[trigger][active], 1.0, atol=1e-5)
-    np.testing.assert_allclose(made.final_ratio[trigger][made.final_multiplier[trigger] > 1e-9], 1.0, atol=1e-5)
+    active = laws.control_multiplier[trigger] * laws.control_limit**2 > 1e-6 * laws.cost[trigger]
+    np.testing.assert_allclose(laws.control_ratio[trigger][active], 1.0, atol=1e-5)
+    np.testing.assert_allclose(laws.final_ratio[trigger][laws.final_multiplier[trigger] > 1e-9], 1.0, atol=1e-5)
     # No law is better than the noise after the last control.
-    assert made.cost[trigger] >= made.noise_floor[trigger] * (1 - 1e-12)
-    assert made.dual_value[trigger] <= made.cost[trigger] * (1 + 1e-9)
+    assert laws.cost[trigger] >= laws.noise_floor[trigger] * (1 - 1e-12)
+    assert laws.dual_value[trigger] <= laws.cost[trigger] * (1 + 1e-9)
 
 
 def riccati(model, weight, control_weight):
@@ -424,31 +424,31 @@ def riccati(model, weight, control_weight):
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_multipliers_as_lqg_weights_give_the_law(entry, reading, trigger):
     """Theorem III.1, with a Riccati recursion of another form."""
-    made, model = entry.gains(reading), entry.linearization(reading)
+    laws, model = entry.gains(reading), entry.linearization(reading)
     objective = np.eye(5)[3] if trigger == 0 else model.trigger_projection[3]
     weight = np.outer(objective, objective)
-    weight[0, 0] += made.final_multiplier[trigger, 0]
-    weight[2, 2] += made.final_multiplier[trigger, 1]
-    gain = riccati(model, weight, made.control_weight + made.control_multiplier[trigger])
-    flown = made.stochastic_gain[trigger]
+    weight[0, 0] += laws.final_multiplier[trigger, 0]
+    weight[2, 2] += laws.final_multiplier[trigger, 1]
+    gain = riccati(model, weight, laws.control_weight + laws.control_multiplier[trigger])
+    stored_gain = laws.stochastic_gain[trigger]
     # Eq. 55b as printed loses digits by cancellation, where the Joseph form does not.
-    error = np.abs((gain - flown) * STATE_SCALE).max(axis=1)
-    assert (error <= 1e-5 * np.abs(flown * STATE_SCALE).max(axis=1) + 1e-12).all()
+    error = np.abs((gain - stored_gain) * STATE_SCALE).max(axis=1)
+    assert (error <= 1e-5 * np.abs(stored_gain * STATE_SCALE).max(axis=1) + 1e-12).all()
 
 
 @pytest.mark.parametrize("reading", DESIGNED)
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_predicted_covariance_is_that_of_simulated_linear_systems(entry, reading, trigger):
     """Eqs. 35 and 40 with random numbers; a control of the design is held over its interval."""
-    made, model = entry.gains(reading), entry.linearization(reading)
+    laws, model = entry.gains(reading), entry.linearization(reading)
     trials, random = 20_000, np.random.default_rng(7)
     state = np.sqrt(np.diag(model.initial_covariance))[:, np.newaxis] * random.standard_normal((5, trials))
     control = np.zeros(trials)
     error = 4 * np.sqrt(2 / trials)
     for k in range(len(model.control)):
-        if k in made.partition_start:
-            control = made.stochastic_gain[trigger][k] @ state
-            expected = made.stochastic_control_variance[trigger][k]
+        if k in laws.partition_start:
+            control = laws.stochastic_gain[trigger][k] @ state
+            expected = laws.stochastic_control_variance[trigger][k]
             assert control.var() == pytest.approx(expected, rel=error, abs=1e-30)
         values, vectors = np.linalg.eigh(model.noise[k] / np.outer(STATE_SCALE, STATE_SCALE))
         root = STATE_SCALE[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, 0.0))
@@ -458,7 +458,7 @@ def test_predicted_covariance_is_that_of_simulated_linear_systems(entry, reading
             + root @ random.standard_normal((5, trials))
         )
         if k in (30, 60, 90, 120, 150, 200, len(model.control) - 1):
-            covariance = made.stochastic_covariance[trigger][k + 1]
+            covariance = laws.stochastic_covariance[trigger][k + 1]
             size = np.sqrt(np.diag(covariance))
             difference = (np.cov(state) - covariance) / np.outer(size, size)
             assert np.abs(difference).max() < error, k
@@ -468,13 +468,13 @@ def test_predicted_covariance_is_that_of_simulated_linear_systems(entry, reading
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_predicted_covariance_meets_the_limits(entry, reading, trigger):
     """Limits of Eqs. 73 to 75 at 99.73 %, read off the covariance that the figures show."""
-    made, model = entry.gains(reading), entry.linearization(reading)
-    altitude, _, path_angle, _ = three_sigma(made.stochastic_covariance[trigger][-1])
+    laws, model = entry.gains(reading), entry.linearization(reading)
+    altitude, _, path_angle, _ = three_sigma(laws.stochastic_covariance[trigger][-1])
     assert altitude == pytest.approx(2.000, abs=5.1e-4)  # the altitude limit is active
     assert path_angle <= 1.5501
     cosine = model.bank_cosine[:-1]
     limit = np.minimum(0.45, np.minimum(1 - cosine, 1 + cosine)) / chance_factor(0.9973)
-    deviation = np.sqrt(made.stochastic_control_variance[trigger])
+    deviation = np.sqrt(laws.stochastic_control_variance[trigger])
     # Control limits of a coarse interval are the smallest inside of it, so they hold in every second.
     assert (deviation <= limit * (1 + 1e-6)).all()
     assert (3 * deviation[cosine > np.cos(np.radians(45.0)) - 1e-12] <= 0.2929 * 1.0001).all()
@@ -493,13 +493,13 @@ def test_predicted_covariance_meets_the_limits(entry, reading, trigger):
 )
 def test_predicted_dispersions_at_the_end(entry, reading, trigger, expected, range_velocity, objective):
     """To 1 %, as the optimum is nearly degenerate: many laws reach the floor."""
-    made = entry.gains(reading)
-    covariance = made.stochastic_covariance[trigger][-1]
+    laws = entry.gains(reading)
+    covariance = laws.stochastic_covariance[trigger][-1]
     np.testing.assert_allclose(three_sigma(covariance), expected, rtol=0.01)
     assert correlation(covariance, 3, 1) == pytest.approx(range_velocity, abs=0.02)
     weight = np.eye(5)[3] if trigger == 0 else entry.linearization(reading).trigger_projection[3]
-    found = np.sqrt(weight @ covariance @ weight) / 1e3
-    assert found == pytest.approx(objective, rel=1e-3)
+    deviation = np.sqrt(weight @ covariance @ weight) / 1e3
+    assert deviation == pytest.approx(objective, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -516,10 +516,10 @@ def test_coarse_partitions_in_the_time_case(entry, reading, interval, stopped, w
     control[np.flatnonzero(control.any(axis=1))[-1]] = 0.0
     without = solve(posed._replace(system=posed.system._replace(control=control)))
     assert np.sqrt(without.covariance[-1][3, 3]) / 1e3 == pytest.approx(stopped, abs=5.1e-4)
-    made = entry.gains(reading).stochastic_covariance[0][-1]
-    assert np.sqrt(made[3, 3]) / 1e3 == pytest.approx(whole, abs=5.1e-5)
-    assert three_sigma(made)[0] == pytest.approx(2.0, abs=5.1e-4)
-    assert three_sigma(made)[2] == pytest.approx(1.55, abs=5.1e-4)
+    covariance = entry.gains(reading).stochastic_covariance[0][-1]
+    assert np.sqrt(covariance[3, 3]) / 1e3 == pytest.approx(whole, abs=5.1e-5)
+    assert three_sigma(covariance)[0] == pytest.approx(2.0, abs=5.1e-4)
+    assert three_sigma(covariance)[2] == pytest.approx(1.55, abs=5.1e-4)
 
 
 def test_the_law_is_silent_after_entry(entry):
@@ -542,9 +542,9 @@ def test_refining_the_partition_never_raises_the_optimum(entry, trigger):
         posed = inputs.call(problem, model, trigger, interval=interval)
         starts = inputs.call(gains.partition_starts, len(model.control), interval)
         lengths = np.diff(np.append(starts, len(model.control)))
-        found = solve(posed._replace(control_weight=posed.control_weight * lengths))
-        assert abs(found.gap) < 1e-5
-        costs.append((found.dual_value, found.cost))
+        solution = solve(posed._replace(control_weight=posed.control_weight * lengths))
+        assert abs(solution.gap) < 1e-5
+        costs.append((solution.dual_value, solution.cost))
     for (_, fine), (coarse, _) in pairwise(costs):
         assert fine <= coarse * (1 + 1e-6)  # whatever is attained, against what cannot be undercut
 
@@ -561,33 +561,33 @@ def test_scaling_the_objective_leaves_the_gains(entry):
 
 
 def test_a_coarse_partition_holds_gain_in_flight_and_control_in_the_design(entry):
-    made = entry.gains("partition_24")
-    assert len(made.partition_start) == 24
-    np.testing.assert_array_equal(made.partition_start, np.arange(0, 238, 10))
+    laws = entry.gains("partition_24")
+    assert len(laws.partition_start) == 24
+    np.testing.assert_array_equal(laws.partition_start, np.arange(0, 238, 10))
     for trigger in range(2):
-        by_interval = made.stochastic_gain[trigger][made.partition_start]
-        held = np.repeat(by_interval, 10, axis=0)[: len(made.stochastic_gain[trigger])]
-        np.testing.assert_array_equal(made.stochastic_gain[trigger], held)
+        by_interval = laws.stochastic_gain[trigger][laws.partition_start]
+        gain_of_interval = np.repeat(by_interval, 10, axis=0)[: len(laws.stochastic_gain[trigger])]
+        np.testing.assert_array_equal(laws.stochastic_gain[trigger], gain_of_interval)
     assert len(entry.gains("partition_20").partition_start) == 20
     # On the limit from entry on, against the silence that the paper shows.
-    three = 3 * np.sqrt(made.stochastic_control_variance[0])
+    three = 3 * np.sqrt(laws.stochastic_control_variance[0])
     assert three[0] == pytest.approx(0.45, rel=1e-3)
 
 
 def test_the_printed_gain_equation_overflows(entry):
-    made = entry.gains("printed")
+    laws = entry.gains("printed")
     for trigger in range(2):
-        finite = np.isfinite(made.stochastic_gain[trigger]).all(axis=1)
+        finite = np.isfinite(laws.stochastic_gain[trigger]).all(axis=1)
         effective = entry.linearization("printed").control.any(axis=1)
         last = np.flatnonzero(effective)[-1]
         assert not finite[:60].any()  # marched backwards, it overflows well before entry
         assert finite[last:].all()
-        gain = made.stochastic_gain[trigger][last]
+        gain = laws.stochastic_gain[trigger][last]
         assert 1e20 < np.abs(gain).max() < 1e60
-        assert "gains are finite" in made.status[trigger]
+        assert "gains are finite" in laws.status[trigger]
         for name in ("cost", "gap", "dual_value", "complementarity"):
-            assert np.isnan(getattr(made, name)[trigger])
-    assert np.isfinite(made.apollo_gain).all() and np.isfinite(made.apollo_covariance).all()
+            assert np.isnan(getattr(laws, name)[trigger])
+    assert np.isfinite(laws.apollo_gain).all() and np.isfinite(laws.apollo_covariance).all()
 
 
 # --- the Apollo law ---------------------------------------------------------------------------------------------------
@@ -596,29 +596,29 @@ def test_the_printed_gain_equation_overflows(entry):
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_adjoint_predicts_the_final_range_of_deviations(entry, trigger):
     """By flying deviations forwards through the linear system, with and without a held control."""
-    made, model = entry.gains(), entry.linearization()
+    laws, model = entry.gains(), entry.linearization()
     goal = np.eye(5)[3] if trigger == 0 else model.trigger_projection[3]
     for start in (0, 40, 70, 100, 140):
-        states, held = STATE_SCALE * np.eye(5), np.zeros(5)
+        states, control_response = STATE_SCALE * np.eye(5), np.zeros(5)
         states = states.T.copy()
         for k in range(start, len(model.control)):
             states = model.transition[k] @ states
-            held = model.transition[k] @ held + model.control[k]
-        np.testing.assert_allclose(made.adjoint[trigger][start] * STATE_SCALE, goal @ states, rtol=1e-9, atol=1e-9)
-        assert made.control_adjoint[trigger][start] == pytest.approx(goal @ held, rel=1e-9)
+            control_response = model.transition[k] @ control_response + model.control[k]
+        np.testing.assert_allclose(laws.adjoint[trigger][start] * STATE_SCALE, goal @ states, rtol=1e-9, atol=1e-9)
+        assert laws.control_adjoint[trigger][start] == pytest.approx(goal @ control_response, rel=1e-9)
         # Overcontrol by 5: the command would turn the predicted error into minus four times itself.
-        gain = made.apollo_gain[trigger][start]
-        turned = made.adjoint[trigger][start] + made.control_adjoint[trigger][start] * gain
-        np.testing.assert_allclose(turned, -4 * made.adjoint[trigger][start], rtol=1e-9, atol=1e-12)
+        gain = laws.apollo_gain[trigger][start]
+        turned = laws.adjoint[trigger][start] + laws.control_adjoint[trigger][start] * gain
+        np.testing.assert_allclose(turned, -4 * laws.adjoint[trigger][start], rtol=1e-9, atol=1e-12)
 
 
 def test_velocity_adjoint_is_blind_to_a_shift_in_time(entry):
     """theta'f = 0 at the end: a vehicle that is merely later or earlier ends at the same place."""
-    made, model = entry.gains(), entry.linearization()
-    final = made.adjoint[1][-1]
+    laws, model = entry.gains(), entry.linearization()
+    final = laws.adjoint[1][-1]
     np.testing.assert_allclose(final, model.trigger_projection.T @ np.eye(5)[3])
     assert abs(final @ model.final_rates) < 1e-12 * np.abs(final * model.final_rates).max()
-    assert abs(made.adjoint[0][-1] @ model.final_rates) > 100.0  # the time trigger's is not
+    assert abs(laws.adjoint[0][-1] @ model.final_rates) > 100.0  # the time trigger's is not
 
 
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
@@ -648,15 +648,15 @@ def effective_gain(model, gain, slopes):
 @pytest.mark.parametrize("reading", ["corrected", "density_blind"])
 @pytest.mark.parametrize("trigger", range(2), ids=TRIGGERS)
 def test_covariance_of_the_apollo_law_is_that_of_the_law_as_flown(entry, reading, trigger):
-    made, model = entry.gains(reading), entry.linearization(reading)
-    effective = effective_gain(model, made.apollo_gain[trigger], (model.slope / model.slope[:, [1]])[:-1])
+    laws, model = entry.gains(reading), entry.linearization(reading)
+    effective = effective_gain(model, laws.apollo_gain[trigger], (model.slope / model.slope[:, [1]])[:-1])
     covariance = model.initial_covariance
     for k in range(len(effective)):
         variance = effective[k] @ covariance @ effective[k]
-        assert made.apollo_control_variance[trigger][k] == pytest.approx(variance, rel=1e-7, abs=1e-25)
+        assert laws.apollo_control_variance[trigger][k] == pytest.approx(variance, rel=1e-7, abs=1e-25)
         closed = model.transition[k] + np.outer(model.control[k], effective[k])
         covariance = closed @ covariance @ closed.T + model.noise[k]
-    np.testing.assert_allclose(made.apollo_covariance[trigger][-1], covariance, rtol=1e-8)
+    np.testing.assert_allclose(laws.apollo_covariance[trigger][-1], covariance, rtol=1e-8)
 
 
 @pytest.mark.parametrize("case", ["apollo_time", "apollo_velocity"])
@@ -667,7 +667,7 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     With the slopes of the reference itself. Those of Eq. 27 without reversals, of the linear model, differ by up to
     10 % of the command, and by a factor of 2 while a reversal is rolled.
     """
-    model, made = entry.linearization(), entry.gains()
+    model, laws = entry.linearization(), entry.gains()
     # A threshold that no flight passes before its largest velocity, where the table holds for a later branch.
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk", flight_substeps=20, apollo_least_drag=0.75)
     mean, air = inputs.call(dispersions.entry_mean), environment.undisturbed(inputs.call(environment.atmosphere))
@@ -676,26 +676,26 @@ def test_flown_commands_of_the_apollo_law_are_those_of_an_effective_gain(entry, 
     starts[:, component] += [size, -size]
     body = inputs.call(dispersions.body_of)
     vehicles = flight.Vehicles(starts, *(np.full(2, factor) for factor in dispersions.factors(body)))
-    flown = flight.fly(
+    trajectories = flight.fly(
         inputs.call(flight.settings, air),
         air,
-        inputs.call(gains.law, model, made, case),
+        inputs.call(gains.law, model, laws, case),
         vehicles,
         trigger="time",
         end_time=140.0,
         substeps=20,
         seed=1,
     )
-    change = (flown.history[:-1, :, 0] - flown.history[:-1, :, 1]) / (2 * size)
+    change = (trajectories.history[:-1, :, 0] - trajectories.history[:-1, :, 1]) / (2 * size)
     # One trial is on either side of a row of the table: the mean of both slopes.
     sides = np.diff(model.state, axis=0) / np.diff(model.state[:, 1])[:, np.newaxis]
     slopes = np.vstack([sides[:1], (sides[1:] + sides[:-1]) / 2])
-    effective = effective_gain(model, made.apollo_gain[TRIGGERS.index(case[7:])], slopes)[:140]
+    effective = effective_gain(model, laws.apollo_gain[TRIGGERS.index(case[7:])], slopes)[:140]
     terms = effective * change[:, :5]
-    found = change[:, records.BANK_COSINE]
+    command_change = change[:, records.BANK_COSINE]
     times = np.arange(40, 140)
     # Terms of both signs nearly cancel.
-    error = np.abs(found - terms.sum(axis=1))[times] / np.abs(terms).max(axis=1)[times]
+    error = np.abs(command_change - terms.sum(axis=1))[times] / np.abs(terms).max(axis=1)[times]
     assert error.max() < 0.02 and np.median(error) < 2e-3
 
 
@@ -721,7 +721,7 @@ def test_predicted_dispersions_of_the_apollo_law(entry, reading, kind, trigger, 
     ("trigger", "expected"), [(0, (2.17, 44.3, 1.15, 2.42)), (1, (2.51, 51.7, 1.66, 7.05))], ids=TRIGGERS
 )
 def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_the_apollo_law(entry, trigger, expected):
-    inputs, made, model = entry.inputs("corrected"), entry.gains(), entry.linearization()
+    inputs, laws, model = entry.inputs("corrected"), entry.gains(), entry.linearization()
     drag_factor, lift_factor = dispersions.factors(inputs.call(dispersions.body_of))
     inverse = model.inverse_scale_height
     slopes = np.stack(
@@ -737,7 +737,7 @@ def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_t
         ),
         axis=-1,
     )
-    effective = effective_gain(model, made.apollo_gain[trigger], (slopes / slopes[:, [1]])[:-1])
+    effective = effective_gain(model, laws.apollo_gain[trigger], (slopes / slopes[:, [1]])[:-1])
     covariance = propagate(system(model), effective, model.initial_covariance).covariance[-1]
     np.testing.assert_allclose(three_sigma(covariance), expected, rtol=0.02)
     assert correlation(covariance, 3, 1) == pytest.approx((-0.68, -0.98)[trigger], abs=0.01)
@@ -745,48 +745,48 @@ def test_slopes_of_the_longitudinal_equations_explain_the_other_dispersions_of_t
 
 def test_floor_and_what_the_linear_laws_leave_above_it(entry):
     """Noise after the heading alignment alone; the stochastic law and Apollo's against time are on it."""
-    made, model = entry.gains(), entry.linearization()
+    laws, model = entry.gains(), entry.linearization()
     for trigger, floor in enumerate((85.4, 466.9)):
         weight = np.eye(5)[3] if trigger == 0 else model.trigger_projection[3]
         covariance = np.zeros((5, 5))
         for k in np.flatnonzero(~model.control.any(axis=1)):
             covariance = model.transition[k] @ covariance @ model.transition[k].T + model.noise[k]
-        found = np.sqrt(weight @ covariance @ weight)
-        assert found == pytest.approx(floor, abs=0.06)
-        assert np.sqrt(made.noise_floor[trigger]) == pytest.approx(found, rel=1e-9)
-        for law in (made.stochastic_covariance, made.timed_covariance):
-            assert np.sqrt(weight @ law[trigger][-1] @ weight) == pytest.approx(found, rel=2e-4)
-        flown = np.sqrt(weight @ made.apollo_covariance[trigger][-1] @ weight)
-        assert flown > found
+        floor_deviation = np.sqrt(weight @ covariance @ weight)
+        assert floor_deviation == pytest.approx(floor, abs=0.06)
+        assert np.sqrt(laws.noise_floor[trigger]) == pytest.approx(floor_deviation, rel=1e-9)
+        for law in (laws.stochastic_covariance, laws.timed_covariance):
+            assert np.sqrt(weight @ law[trigger][-1] @ weight) == pytest.approx(floor_deviation, rel=2e-4)
+        apollo_deviation = np.sqrt(weight @ laws.apollo_covariance[trigger][-1] @ weight)
+        assert apollo_deviation > floor_deviation
 
 
 # --- certificates and trade-off ---------------------------------------------------------------------------------------
 
 
 def test_other_formulations_find_the_same_optimum(entry):
-    found = entry.certificates()
-    np.testing.assert_allclose(found.cone_ratio, 1.0, atol=2e-6)
-    assert (np.abs(found.coarse_gap) < 1e-6).all()
+    certificates = entry.certificates()
+    np.testing.assert_allclose(certificates.cone_ratio, 1.0, atol=2e-6)
+    assert (np.abs(certificates.coarse_gap) < 1e-6).all()
     # The paper's route: from the best start within half a per cent, and never below the optimum inside the limits.
-    kept = found.search_worst < 1 + 1e-3
-    assert (np.where(kept, found.search_ratio, np.inf).min(axis=1) < 1.005).all()
-    assert (found.search_ratio[kept] > 1 - 2e-3).all()
+    kept = certificates.search_worst < 1 + 1e-3
+    assert (np.where(kept, certificates.search_ratio, np.inf).min(axis=1) < 1.005).all()
+    assert (certificates.search_ratio[kept] > 1 - 2e-3).all()
     # With the trigger on velocity every start will do; from small weights the time case ends far outside the limits.
-    assert (found.search_success[1] == 1).all() and (found.search_ratio[1] < 1.001).all()
-    assert found.search_success[0, -1] == 0 and found.search_worst[0, -1] > 1.5
-    assert (found.weights_gain_error < 1e-7).all()
-    assert (found.perturbed_cost > 0).all()
+    assert (certificates.search_success[1] == 1).all() and (certificates.search_ratio[1] < 1.001).all()
+    assert certificates.search_success[0, -1] == 0 and certificates.search_worst[0, -1] > 1.5
+    assert (certificates.weights_gain_error < 1e-7).all()
+    assert (certificates.perturbed_cost > 0).all()
 
 
 def test_perturbed_gains_are_worse(entry):
     """The Lagrangian of the law with gains moved at random in every interval, by an independent covariance sweep."""
-    made, model, random = entry.gains(), entry.linearization(), np.random.default_rng(3)
+    laws, model, random = entry.gains(), entry.linearization(), np.random.default_rng(3)
     for trigger in range(2):
         weight = np.eye(5)[3] if trigger == 0 else model.trigger_projection[3]
         final = np.outer(weight, weight) + np.diag(
-            [made.final_multiplier[trigger, 0], 0, made.final_multiplier[trigger, 1], 0, 0]
+            [laws.final_multiplier[trigger, 0], 0, laws.final_multiplier[trigger, 1], 0, 0]
         )
-        price = made.control_weight + made.control_multiplier[trigger]
+        price = laws.control_weight + laws.control_multiplier[trigger]
 
         def lagrangian(gain, final=final, price=price):
             covariance, cost = model.initial_covariance, 0.0
@@ -796,7 +796,7 @@ def test_perturbed_gains_are_worse(entry):
                 covariance = closed @ covariance @ closed.T + model.noise[k]
             return cost + np.sum(final * covariance)
 
-        gain = made.stochastic_gain[trigger]
+        gain = laws.stochastic_gain[trigger]
         best = lagrangian(gain)
         for size in (0.3, 0.1):
             rises = [lagrangian(gain * (1 + size * random.standard_normal(gain.shape))) / best - 1 for _ in range(3)]
@@ -804,19 +804,19 @@ def test_perturbed_gains_are_worse(entry):
 
 
 def test_tradeoff_of_partition_and_altitude_limit(entry):
-    found, made = entry.tradeoff(), entry.gains()
-    np.testing.assert_allclose(found.floor**2, made.noise_floor, rtol=1e-9)
-    assert (found.range_deviation >= found.floor[:, np.newaxis] * (1 - 1e-6)).all()
-    assert (np.abs(found.gap) < 1e-5).all()
-    assert (np.diff(found.range_deviation[0][1:]) > 0).all()  # 4, 8, 20 s: coarser is worse in the time case
-    np.testing.assert_allclose(found.range_deviation[1], found.floor[1], rtol=1e-4)  # not in the velocity case
+    tradeoff, laws = entry.tradeoff(), entry.gains()
+    np.testing.assert_allclose(tradeoff.floor**2, laws.noise_floor, rtol=1e-9)
+    assert (tradeoff.range_deviation >= tradeoff.floor[:, np.newaxis] * (1 - 1e-6)).all()
+    assert (np.abs(tradeoff.gap) < 1e-5).all()
+    assert (np.diff(tradeoff.range_deviation[0][1:]) > 0).all()  # 4, 8, 20 s: coarser is worse in the time case
+    np.testing.assert_allclose(tradeoff.range_deviation[1], tradeoff.floor[1], rtol=1e-4)  # not in the velocity case
     # A tighter altitude limit costs range, and the printed limit on the reading's own partition costs none.
-    limited = found.limited_deviation
+    limited = tradeoff.limited_deviation
     assert (np.diff(limited, axis=-1) <= 1e-3 * limited[..., 1:]).all()
     assert (limited[..., 0] > 1.5 * limited[..., 1]).all()
-    np.testing.assert_allclose(limited[0, :, 1], found.floor, rtol=1e-3)
+    np.testing.assert_allclose(limited[0, :, 1], tradeoff.floor, rtol=1e-3)
     # Silent at entry with fine intervals only.
-    assert found.early_control[0, 0] < 1e-3 < 0.44 < found.early_control[0, 1]
+    assert tradeoff.early_control[0, 0] < 1e-3 < 0.44 < tradeoff.early_control[0, 1]
     # An altitude limit that no control can meet is a gap in the curve, not an error.
     unreachable = entry.tradeoff(
         altitude_limit_study=np.array([1.0, 2000.0]), partition_study=np.array([20.0]), partition_interval=10.0

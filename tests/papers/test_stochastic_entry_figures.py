@@ -37,8 +37,10 @@ def draw(entry):
 
     def draw_once(stem, reading="corrected", artifacts=None, **changes):
         if artifacts or changes:
-            made = made_of(stem, reading) | (artifacts or {})
-            return entry.inputs(reading, PAPER.figures[stem].inputs, **changes).call(getattr(figures, stem), **made)
+            records_of_figure = made_of(stem, reading) | (artifacts or {})
+            return entry.inputs(reading, PAPER.figures[stem].inputs, **changes).call(
+                getattr(figures, stem), **records_of_figure
+            )
         if (stem, reading) not in drawn:
             drawn[stem, reading] = entry.product("figures", stem, reading, made_of(stem, reading))
         return drawn[stem, reading]
@@ -168,8 +170,8 @@ def test_fig02_process_has_a_few_per_cent_too_much_deviation(draw):
 
 
 def test_fig02_and_the_flights_use_different_random_numbers():
-    flown = dispersions.ENTRY_STREAM, dispersions.DENSITY_STREAM, dispersions.AERODYNAMICS_STREAM
-    assert dispersions.PROCESS_STREAM not in flown
+    flight_streams = dispersions.ENTRY_STREAM, dispersions.DENSITY_STREAM, dispersions.AERODYNAMICS_STREAM
+    assert dispersions.PROCESS_STREAM not in flight_streams
 
 
 @pytest.mark.parametrize("case", ["apollo_time", "stochastic_velocity"])
@@ -283,8 +285,8 @@ def test_fig08_names_the_stretches_in_which_a_curve_leaves_the_axes():
 
 def test_fig08_and_fig13_say_that_the_printed_gain_is_not_finite(draw):
     for stem in ("fig08", "fig13"):
-        said = [label for label in labels(draw(stem, "printed")) if "no finite gain" in label]
-        assert len(said) == 2 and all(label.startswith("stochastic") for label in said)
+        remarks = [label for label in labels(draw(stem, "printed")) if "no finite gain" in label]
+        assert len(remarks) == 2 and all(label.startswith("stochastic") for label in remarks)
 
 
 def test_fig13_ellipses_hold_the_stated_probability(draw, entry):
@@ -505,7 +507,7 @@ def test_reversal_histograms_have_the_areas_of_their_shares(draw, entry):
         assert areas[-1] == pytest.approx(0.998, abs=0.001)  # all but a thousandth on either side
         assert sum(areas[:-1:2]) == pytest.approx(areas[-1], abs=0.01)
         shown = [re.match(r"(\d) reversals?, ([\d.]+) %: mean ([+-][\d.]+)", text) for text in labels_of(axes)]
-        shown = [found.groups() for found in shown if found]
+        shown = [match.groups() for match in shown if match]
         assert len(shown) == len(areas) // 2
         for (count, share, mean), area in zip(shown, areas[::2], strict=False):
             of_count = number == int(count)

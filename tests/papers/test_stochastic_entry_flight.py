@@ -69,13 +69,13 @@ def test_aerodynamic_errors_are_uniform_and_of_one_variable(entry, reading, lift
 @pytest.mark.parametrize("case", CASES)
 def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
     nominal = entry.nominal(reading)
-    flown = undispersed(entry, case, reading)
-    error = flown.final_state[:6, 0] - nominal_final(nominal)
+    trajectories = undispersed(entry, case, reading)
+    error = trajectories.final_state[:6, 0] - nominal_final(nominal)
     assert np.abs(error[[0, 3, 5]]).max() < 5e-3  # of 4 steps a second instead of 20
     assert np.abs(error[1]) < 0.05 and np.abs(error[2]) < 1e-4
-    assert flown.final_state[records.END_TIME, 0] == pytest.approx(nominal.end_time, abs=0.05)
-    assert flown.final_state[records.REVERSALS, 0] == len(nominal.reversal_time) == 3
-    assert flown.final_state[records.NEGATIVE_DENSITIES, 0] == 0
+    assert trajectories.final_state[records.END_TIME, 0] == pytest.approx(nominal.end_time, abs=0.05)
+    assert trajectories.final_state[records.REVERSALS, 0] == len(nominal.reversal_time) == 3
+    assert trajectories.final_state[records.NEGATIVE_DENSITIES, 0] == 0
 
 
 @pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
@@ -84,13 +84,13 @@ def test_without_dispersion_the_apollo_law_waits_for_the_largest_velocity(entry,
     """The drag passes 0.5 m/s^2 before the velocity peaks, when the same velocities stand for another altitude."""
     nominal = entry.nominal(reading)
     assert nominal.time[np.argmax(nominal.drag > 0.5)] < nominal.time[np.argmax(nominal.velocity)] - 1.0
-    flown = undispersed(entry, case, reading, flight_substeps=20)
-    np.testing.assert_allclose(flown.final_state[:6, 0], nominal_final(nominal), rtol=0, atol=1e-6)
+    trajectories = undispersed(entry, case, reading, flight_substeps=20)
+    np.testing.assert_allclose(trajectories.final_state[:6, 0], nominal_final(nominal), rtol=0, atol=1e-6)
 
 
 def test_the_nominal_law_does_not_need_a_design(entry):
-    flown = undispersed(entry, "nominal_velocity", flight_substeps=20)
-    np.testing.assert_allclose(flown.final_state[:6, 0], nominal_final(entry.nominal()), rtol=0, atol=1e-5)
+    trajectories = undispersed(entry, "nominal_velocity", flight_substeps=20)
+    np.testing.assert_allclose(trajectories.final_state[:6, 0], nominal_final(entry.nominal()), rtol=0, atol=1e-5)
 
 
 # --- limits and ends --------------------------------------------------------------------------------------------------
@@ -99,19 +99,19 @@ def test_the_nominal_law_does_not_need_a_design(entry):
 @pytest.mark.parametrize("reading", ["corrected", "printed_heading", "printed_heading_sign"])
 @pytest.mark.parametrize("case", CASES)
 def test_bank_limits(entry, case, reading):
-    flown = entry.simulator(case, reading)(0, 500)
-    times = len(flown.history)
-    flying = np.arange(times)[:, np.newaxis] < flown.length
-    bank, cosine = flown.observed[:, records.BANK], flown.history[:, records.BANK_COSINE]
+    trajectories = entry.simulator(case, reading)(0, 500)
+    times = len(trajectories.history)
+    flying = np.arange(times)[:, np.newaxis] < trajectories.length
+    bank, cosine = trajectories.observed[:, records.BANK], trajectories.history[:, records.BANK_COSINE]
     rounding = 1e-9
-    assert flown.observed_maximum[records.BANK_CHANGE].max() <= np.radians(15.0) + rounding
+    assert trajectories.observed_maximum[records.BANK_CHANGE].max() <= np.radians(15.0) + rounding
     changes = np.abs(np.diff(np.where(flying, bank, np.nan), axis=0))[flying[1:]]  # nothing is stored after the end
     assert changes.max() <= np.radians(15.0) + rounding
     assert changes.max() > np.radians(14.99)  # reversals do use the rate
     assert (np.abs(cosine[flying]) <= 1.0).all()
     # The bank of a command at the limit can be off by the seconds that rolling takes, 45 degrees in 3 s.
-    aligning = np.maximum.accumulate(flown.history[:, records.VELOCITY] <= 1100.0, axis=0) & flying
-    slow = aligning & (flown.history[:, records.VELOCITY] < 900.0)
+    aligning = np.maximum.accumulate(trajectories.history[:, records.VELOCITY] <= 1100.0, axis=0) & flying
+    slow = aligning & (trajectories.history[:, records.VELOCITY] < 900.0)
     assert (cosine[aligning] >= np.cos(np.radians(45.0)) - rounding).all()
     assert (cosine[slow] >= np.cos(np.radians(35.0)) - rounding).all()
     since = np.cumsum(aligning, axis=0)
@@ -122,9 +122,9 @@ def test_bank_limits(entry, case, reading):
 
 
 def test_first_bank_is_commanded_without_a_limit(entry):
-    flown = entry.simulator("stochastic_time")(0, 50)
-    np.testing.assert_allclose(np.degrees(flown.observed[0, records.BANK]), -75.0, atol=0.1)
-    np.testing.assert_array_equal(flown.observed[0, records.BANK_CHANGE], 0.0)
+    trajectories = entry.simulator("stochastic_time")(0, 50)
+    np.testing.assert_allclose(np.degrees(trajectories.observed[0, records.BANK]), -75.0, atol=0.1)
+    np.testing.assert_array_equal(trajectories.observed[0, records.BANK_CHANGE], 0.0)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -146,10 +146,10 @@ def test_flights_end_where_they_should(entry, case):
 
 def test_velocity_only_falls_through_the_trigger_once(entry):
     """The first crossing counts: one period before the end every trial was still faster."""
-    flown = entry.simulator("stochastic_velocity")(0, 300)
-    flying = np.arange(len(flown.history))[:, np.newaxis] < flown.length
-    assert (flown.history[:, records.VELOCITY][flying] > 500.0).all()
-    since = flown.final_state[records.END_TIME] - (flown.length - 1)
+    trajectories = entry.simulator("stochastic_velocity")(0, 300)
+    flying = np.arange(len(trajectories.history))[:, np.newaxis] < trajectories.length
+    assert (trajectories.history[:, records.VELOCITY][flying] > 500.0).all()
+    since = trajectories.final_state[records.END_TIME] - (trajectories.length - 1)
     assert (since > 0).all() and (since <= 1.0).all()
 
 
@@ -176,8 +176,8 @@ def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
     whole, parts = (entry.fly("corrected", entry.gains(), chunks=number, **options) for number in (1, chunks))
     assert_identical(whole, parts)
     inputs = entry.stage_inputs("corrected", "montecarlo")
-    made = entry.whole(inputs, entry.needed("montecarlo", "corrected"), **options)
-    assert_identical(whole, made)
+    ensemble = entry.whole(inputs, entry.needed("montecarlo", "corrected"), **options)
+    assert_identical(whole, ensemble)
 
 
 def test_trials_do_not_depend_on_the_size_of_blocks_nor_on_their_number(entry):
@@ -212,9 +212,9 @@ def test_replay_is_the_trial_of_the_ensemble(entry, number):
     alone = entry.simulator(case)(number, number + 1)
     np.testing.assert_array_equal(alone.final_state[:, 0], ensemble.final_state[number])
     inputs, needed = entry.stage_inputs("corrected", "montecarlo"), entry.needed("montecarlo", "corrected")
-    said = inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
-    assert f"trial {number} of {case}: completed" in said and "the same to the last bit" in said
-    assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in said
+    report = inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, ensemble))
+    assert f"trial {number} of {case}: completed" in report and "the same to the last bit" in report
+    assert f"{int(ensemble.final_state[number, records.REVERSALS])} bank reversals" in report
     other = replace(ensemble, final_state=np.nextafter(ensemble.final_state, 0.0))
     assert "DIFFERS" in inputs.call(montecarlo.replay, **needed, trial=Trial(case, number, other))
 
@@ -252,8 +252,8 @@ def test_trials_that_do_not_reach_the_trigger_are_counted(entry):
     np.testing.assert_array_equal(cut.final_state[late, records.END_TIME], limit)
     assert (cut.final_state[late, records.VELOCITY] > 500.0).all()
     number = int(np.flatnonzero(late)[0])
-    said = inputs.call(montecarlo.replay, **needed, trial=Trial("apollo_velocity", number))
-    assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in said
+    report = inputs.call(montecarlo.replay, **needed, trial=Trial("apollo_velocity", number))
+    assert f"trial {number} of apollo_velocity: trigger not reached within the time limit" in report
 
 
 def test_crashes_are_counted_and_not_dropped(entry):
@@ -271,12 +271,12 @@ def test_crashes_are_counted_and_not_dropped(entry):
     np.testing.assert_array_equal(late.outcome == CRASHED, below)
     all_down = until(380.0)
     assert (all_down.outcome == CRASHED).all() and all_down.count == 200
-    said = inputs.call(
+    report = inputs.call(
         montecarlo.replay,
         **needed | {"nominal": replace(needed["nominal"], end_time=380.0)},
         trial=Trial("stochastic_time", 7),
     )
-    assert "trial 7 of stochastic_time: below the ground" in said
+    assert "trial 7 of stochastic_time: below the ground" in report
 
 
 def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path):
@@ -324,8 +324,8 @@ def test_printed_heading_alignment_leaves_kilometres_of_crossrange(entry):
     late = nominal.time >= nominal.alignment_time + 30
     np.testing.assert_allclose(np.degrees(nominal.bank[late]), 35.0, atol=1e-9)
     assert (np.diff(np.abs(nominal.crossrange[late])) > 0).all()  # and growing
-    flown = entry.ensemble("printed_heading", "apollo_time", trials=500)
-    assert np.median(np.abs(flown.final_state[:, records.CROSSRANGE])) == pytest.approx(6e3, rel=0.1)
+    ensemble = entry.ensemble("printed_heading", "apollo_time", trials=500)
+    assert np.median(np.abs(ensemble.final_state[:, records.CROSSRANGE])) == pytest.approx(6e3, rel=0.1)
     mended = entry.ensemble("corrected", "apollo_time")
     assert np.median(np.abs(mended.final_state[:, records.CROSSRANGE])) < 20.0
 
@@ -390,9 +390,9 @@ def test_flights_are_of_fourth_order_in_the_step(entry, trigger, end_time):
         ).final_state
 
     reference = final(64)
-    found = {substeps: final(substeps) for substeps in (1, 2, 4, 8)}
-    assert all((state[records.REVERSALS] == reference[records.REVERSALS]).all() for state in found.values())
-    error = {substeps: np.median(np.abs(state - reference), axis=1) for substeps, state in found.items()}
+    final_states = {substeps: final(substeps) for substeps in (1, 2, 4, 8)}
+    assert all((state[records.REVERSALS] == reference[records.REVERSALS]).all() for state in final_states.values())
+    error = {substeps: np.median(np.abs(state - reference), axis=1) for substeps, state in final_states.items()}
     rows = [records.ALTITUDE, records.FLIGHT_PATH_ANGLE, records.DOWNRANGE, records.CROSSRANGE]
     rows.append(records.VELOCITY if trigger == "time" else records.END_TIME)
     for coarse, fine in ((1, 2), (2, 4), (4, 8)):

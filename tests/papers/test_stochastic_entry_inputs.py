@@ -29,9 +29,9 @@ def refused(entry, **inputs):
     """The one line with which a reading is refused."""
     with pytest.raises(InputError) as error:
         reading_of(entry, **inputs)
-    said = str(error.value)
-    assert said.startswith("mine.yaml: stochastic_entry.readings.mine") and "\n" not in said
-    return said
+    message = str(error.value)
+    assert message.startswith("mine.yaml: stochastic_entry.readings.mine") and "\n" not in message
+    return message
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,9 @@ def refused(entry, **inputs):
     ids=lambda value: ",".join(value) if isinstance(value, dict) else "",
 )
 def test_inputs_that_contradict_are_refused(entry, inputs, fragments):
-    said = refused(entry, **inputs)
+    message = refused(entry, **inputs)
     for fragment in fragments:
-        assert fragment in said
+        assert fragment in message
 
 
 @pytest.mark.parametrize(
@@ -126,15 +126,15 @@ def test_density_tables_that_are_none_are_refused(entry, tmp_path, text, fragmen
     path = tmp_path / "mine.csv"
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    said = refused(entry, density_profile="table", density_table=str(path))
+    message = refused(entry, density_profile="table", density_table=str(path))
     for fragment in ("density_table", "mine.csv", *fragments):
-        assert fragment in said
+        assert fragment in message
 
 
 def test_a_source_that_a_table_does_not_hold_is_refused(entry):
     path = CONFIG.parents[1] / "data" / "atmosphere" / "mars_density.csv"
-    said = refused(entry, density_profile="table", density_table=f"{path}#venus")
-    assert "there is no source 'venus'; choose one of" in said and "marsgram_2021a_sample_daily_mean" in said
+    message = refused(entry, density_profile="table", density_table=f"{path}#venus")
+    assert "there is no source 'venus'; choose one of" in message and "marsgram_2021a_sample_daily_mean" in message
 
 
 def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
@@ -147,9 +147,9 @@ def test_a_density_table_is_flown_as_its_numbers(entry, tmp_path):
     path.write_text("altitude_m,density_kg_m3\n" + "\n".join(rows) + "\n", encoding="utf-8")
     mine = reading_of(entry, density_profile="table", density_table=str(path))
     assert np.shape(mine.inputs.air.density_table) == (len(altitude), 2)  # the numbers, not the path
-    flown = nominal.compute(**arguments_of(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
-    assert flown.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
-    assert flown.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
+    trajectory = nominal.compute(**arguments_of(nominal.compute, mine.inputs.plain(), lambda name, kind: None))
+    assert trajectory.end_time == pytest.approx(entry.nominal().end_time, abs=1e-3)
+    assert trajectory.downrange[-1] == pytest.approx(entry.nominal().downrange[-1], abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -178,12 +178,12 @@ def test_a_nominal_that_does_not_slow_down_is_refused(entry):
 def test_a_limit_that_cannot_be_met_is_named_with_what_can(entry, limits, number, unit):
     with pytest.raises(MarsedlError) as error:
         entry.gains("corrected", **limits)
-    said = str(error.value)
-    assert "\n" not in said and "the stochastic law of the time trigger" in said
-    assert f"final limit {number} " in said and "cannot be met" in said
-    assert "0 is altitude_limit, 1 is flight_path_angle_limit" in said
+    message = str(error.value)
+    assert "\n" not in message and "the stochastic law of the time trigger" in message
+    assert f"final limit {number} " in message and "cannot be met" in message
+    assert "0 is altitude_limit, 1 is flight_path_angle_limit" in message
     # A standard deviation is a third of the limit; the least that can be attained is far more.
-    least, limit = map(float, re.search(r"allow is (\S+), the limit (\S+);", said).groups())
+    least, limit = map(float, re.search(r"allow is (\S+), the limit (\S+);", message).groups())
     assert limit == pytest.approx(unit / 3.0, rel=1e-3)
     assert least > 10 * limit
     # And that is right: twice as much can be met.

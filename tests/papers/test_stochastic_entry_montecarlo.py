@@ -53,14 +53,14 @@ def test_final_errors_agree_with_another_program(entry, reading, case):
 def test_ensembles_hold_what_was_flown(entry, case):
     """Moments, maxima and histograms of a run in blocks, from the trials themselves."""
     ensemble = entry.fly("corrected", entry.gains(), case, trials=300, block_size=100)
-    flown = entry.simulator(case)(0, 300)
-    np.testing.assert_array_equal(ensemble.final_state, flown.final_state.T)
-    np.testing.assert_array_equal(ensemble.observed_maximum, flown.observed_maximum.T)
+    trajectories = entry.simulator(case)(0, 300)
+    np.testing.assert_array_equal(ensemble.final_state, trajectories.final_state.T)
+    np.testing.assert_array_equal(ensemble.observed_maximum, trajectories.observed_maximum.T)
     np.testing.assert_array_equal(ensemble.nominal_final, nominal_final(entry.nominal()))
-    assert len(ensemble.time) == len(flown.history)
+    assert len(ensemble.time) == len(trajectories.history)
     for k in (0, 60, 150, 225, 235):
-        flying = flown.length > k
-        history, bank = flown.history[k][:, flying], flown.observed[k][:, flying]
+        flying = trajectories.length > k
+        history, bank = trajectories.history[k][:, flying], trajectories.observed[k][:, flying]
         assert ensemble.flying[k] == flying.sum() > 100
         np.testing.assert_allclose(ensemble.mean[k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
         size = np.sqrt(np.diag(np.cov(history))) + 1e-9
@@ -122,24 +122,24 @@ def test_spread_over_time(entry, time):
     """Standard deviations of the time trigger's flights, known to two digits from 1,000 trials."""
     for k, case in enumerate(("stochastic_time", "apollo_time")):
         ensemble = entry.ensemble("corrected", case, **FRAGILE)
-        found = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4] / UNITS
+        deviation = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4] / UNITS
         known = np.array(SPREAD[time][4 * k : 4 * k + 4])
         # The path angle has heavy tails: errors from the fourth moments of the flights.
         state = time_history(entry, case)[time, :4]
         centred = state - state.mean(axis=1, keepdims=True)
         variance, fourth = (centred**2).mean(axis=1), (centred**4).mean(axis=1)
         error = np.sqrt(variance) / UNITS * variance_standard_error(variance, fourth, TRIALS) / (2 * variance)
-        np.testing.assert_allclose(np.sqrt(variance) / UNITS, found, rtol=1e-3)
+        np.testing.assert_allclose(np.sqrt(variance) / UNITS, deviation, rtol=1e-3)
         allowed = SIGMAS * error * np.sqrt(1 + TRIALS / 1000) + DIGITS
-        np.testing.assert_array_less(np.abs(found - known), allowed)
+        np.testing.assert_array_less(np.abs(deviation - known), allowed)
 
 
 @pytest.mark.parametrize("time", LINEAR)
 def test_predicted_spread_over_time(entry, time):
     covariance = entry.gains().stochastic_covariance[0][time]
-    found = np.sqrt(np.diagonal(covariance))[:4] / UNITS
+    deviation = np.sqrt(np.diagonal(covariance))[:4] / UNITS
     # A nearly degenerate optimum: the known one was converged less.
-    np.testing.assert_array_less(np.abs(found - LINEAR[time]), 0.04 * np.array(LINEAR[time]) + DIGITS)
+    np.testing.assert_array_less(np.abs(deviation - LINEAR[time]), 0.04 * np.array(LINEAR[time]) + DIGITS)
 
 
 def test_linear_model_holds_until_the_first_reversal(entry):
@@ -147,10 +147,10 @@ def test_linear_model_holds_until_the_first_reversal(entry):
     ensemble = entry.ensemble("corrected", "stochastic_time")
     predicted = entry.gains().stochastic_covariance[0]
     for time in (10, 30, 50, 60):
-        found = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4]
+        deviation = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4]
         expected = np.sqrt(np.diagonal(predicted[time]))[:4]
         # Four standard errors, and 6 % for what the model leaves out: rotation, and r_p / r in the range.
-        np.testing.assert_allclose(found, expected, rtol=SIGMAS / np.sqrt(2 * TRIALS) + 0.06)
+        np.testing.assert_allclose(deviation, expected, rtol=SIGMAS / np.sqrt(2 * TRIALS) + 0.06)
 
 
 def test_trigger_times_are_predicted_by_the_linear_model(entry):
@@ -176,8 +176,8 @@ def test_velocity_trigger_makes_range_and_altitude_errors_smaller_than_at_equal_
 def test_correlation_of_range_and_velocity_at_the_fixed_time(entry):
     for case, known in (("apollo_time", -0.57), ("stochastic_time", 0.03)):
         final = errors(entry.ensemble("corrected", case))
-        found = np.corrcoef(final[:, 3], final[:, 1])[0, 1]
-        assert found == pytest.approx(known, abs=SIGMAS * np.sqrt(1 / TRIALS + 1 / 1000))
+        correlation = np.corrcoef(final[:, 3], final[:, 1])[0, 1]
+        assert correlation == pytest.approx(known, abs=SIGMAS * np.sqrt(1 / TRIALS + 1 / 1000))
 
 
 # --- reversals and crossrange -----------------------------------------------------------------------------------------
@@ -307,8 +307,8 @@ def test_uncorrected_density_error_is_that_of_the_linear_model(entry):
 
 
 def test_nothing_is_below_the_floor(entry):
-    budget, made = entry.error_budget(), entry.gains()
-    np.testing.assert_allclose(budget.floor**2, made.noise_floor, rtol=1e-9)
+    budget, gains = entry.error_budget(), entry.gains()
+    np.testing.assert_allclose(budget.floor**2, gains.noise_floor, rtol=1e-9)
     error = SIGMAS / np.sqrt(2 * budget.trials)
     for name in ("density", "all"):
         assert (budget.deviation[:, :, source(name)] > budget.floor * (1 - error)).all()

@@ -172,8 +172,8 @@ class Oracle:
         def finish(trials, time, *at):
             state, _, crossrange = self.features(time, *at)
             state[0] -= inputs.planet_radius
-            found = np.vstack([state, inputs.planet_radius * crossrange, np.full(n, time), reversals])
-            final[:, trials] = found[:, trials]
+            final_states = np.vstack([state, inputs.planet_radius * crossrange, np.full(n, time), reversals])
+            final[:, trials] = final_states[:, trials]
 
         time, cycle = 0.0, 0
         while flying.any() and time < end_time - 1e-9:
@@ -233,45 +233,45 @@ def test_kernel_flies_the_vectors_of_the_oracle(entry, reading, case):
     oracle = Oracle(inputs, entry.linearization(reading), entry.gains(reading), case, trials)
     end_time = entry.nominal(reading).end_time if case.endswith("time") else inputs.time_limit
     expected = oracle.fly(end_time, substeps)
-    flown = entry.simulator(case, reading, flight_substeps=substeps)(0, len(trials))
+    trajectories = entry.simulator(case, reading, flight_substeps=substeps)(0, len(trials))
     # Each formulation has the truncation error of its own coordinates: micrometres with 20 steps a second, tenths of a
     # millimetre where a density knot is met badly. A trial that close to the deadband could turn a second apart.
     assert (oracle.margin > 1e-2).all()
-    found = flown.final_state
+    final_states = trajectories.final_state
     tolerance = np.array([1e-3, 1e-5, 1e-7, 1e-3, 1e-10, 1e-4, 1e-5, 0.0])  # m, m/s, rad, m, kg/m^3, m, s, 1
-    np.testing.assert_array_less(np.abs(found[:8] - expected).max(axis=1), tolerance + 1e-300)
-    assert (flown.outcome == COMPLETED).all()
+    np.testing.assert_array_less(np.abs(final_states[:8] - expected).max(axis=1), tolerance + 1e-300)
+    assert (trajectories.outcome == COMPLETED).all()
 
 
 # --- density ----------------------------------------------------------------------------------------------------------
 
 
-def density_over_mean(entry, flown):
+def density_over_mean(entry, trajectories):
     """Ratio of the met density to the table's mean at the stored states, (times, trials)."""
     air = entry.stage_inputs("corrected", "montecarlo_chunk").call(environment.atmosphere)
-    mean = np.exp(np.interp(flown.history[:, records.ALTITUDE], air.altitude, air.log_density))
-    return flown.history[:, records.DENSITY] / mean
+    mean = np.exp(np.interp(trajectories.history[:, records.ALTITUDE], air.altitude, air.log_density))
+    return trajectories.history[:, records.DENSITY] / mean
 
 
 def test_density_met_is_the_exact_sampler_of_the_same_stream(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     air, trials = inputs.call(environment.atmosphere), np.arange(100, 300)
     factor, _ = density_factors(inputs, air, trials)
-    flown = entry.simulator("apollo_time")(100, 300)
-    altitude = flown.history[:, records.ALTITUDE]
+    trajectories = entry.simulator("apollo_time")(100, 300)
+    altitude = trajectories.history[:, records.ALTITUDE]
     expected = np.stack([np.interp(h, air.altitude, f) for h, f in zip(altitude.T, factor, strict=True)], axis=1)
-    np.testing.assert_allclose(density_over_mean(entry, flown), expected, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(density_over_mean(entry, trajectories), expected, rtol=1e-11, atol=1e-13)
 
 
 def test_negative_densities_are_set_to_zero_and_counted(entry):
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
     air = inputs.call(environment.atmosphere)
     _, negative = density_factors(inputs, air, np.arange(1000))
-    flown = entry.simulator("apollo_time")(0, 1000)
-    np.testing.assert_array_equal(flown.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
+    trajectories = entry.simulator("apollo_time")(0, 1000)
+    np.testing.assert_array_equal(trajectories.final_state[records.NEGATIVE_DENSITIES], negative.sum(axis=1))
     # At entry the deviation is 38 %, so that 1 in 200 samples is below -1; the flight meets a vacuum there.
     at_entry = negative[:, air.altitude == 125e3][:, 0]
-    np.testing.assert_array_equal(flown.history[0, records.DENSITY] == 0.0, at_entry)
+    np.testing.assert_array_equal(trajectories.history[0, records.DENSITY] == 0.0, at_entry)
     assert at_entry.mean() == pytest.approx(stats.norm.cdf(-1 / np.sqrt(0.148)), abs=4 * np.sqrt(0.005 / 1000))
     # Below 80 km never: more than seven standard deviations.
     assert not negative[:, air.altitude < 80e3].any()
@@ -280,11 +280,11 @@ def test_negative_densities_are_set_to_zero_and_counted(entry):
 def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     """Normalized variations have unit variance, and forget as exp(-integral of 2/H), over 2,000 flights."""
     trials = 2000
-    flown = entry.simulator("apollo_time")(0, trials)
+    trajectories = entry.simulator("apollo_time")(0, trials)
     inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    altitude = flown.history[:, records.ALTITUDE]
+    altitude = trajectories.history[:, records.ALTITUDE]
     deviation = np.sqrt(0.148 * np.exp((np.minimum(altitude, 120e3) - 120e3) / 20e3))
-    process = (density_over_mean(entry, flown) - 1.0) / deviation
+    process = (density_over_mean(entry, trajectories) - 1.0) / deviation
     # Interpolation between nodes of correlation exp(-200 m/H) takes up to 1.3 % of the variance away in the middle.
     error = 4 * np.sqrt(2 / trials)
     variance = process[20:].var(axis=1, ddof=1)  # before 20 s negative densities are cut off
@@ -293,6 +293,6 @@ def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     for first, last in ((22, 23), (22, 24), (40, 42), (60, 64), (70, 90)):
         # lambda = 2/H, and ln density is the integral of 1/H.
         kept = np.exp(2 * (log_density(altitude[first].mean())[0] - log_density(altitude[last].mean())[0]))
-        found = np.corrcoef(process[first], process[last])[0, 1]
+        correlation = np.corrcoef(process[first], process[last])[0, 1]
         # Four standard errors of a correlation, and what the smoothing of interpolation may add.
-        assert found == pytest.approx(kept, abs=4 * (1 - kept**2) / np.sqrt(trials) + 0.014)
+        assert correlation == pytest.approx(kept, abs=4 * (1 - kept**2) / np.sqrt(trials) + 0.014)

@@ -21,11 +21,11 @@ class Flown:
     def __init__(self, pipeline, published):
         self.pipeline, self.published, self.slug = pipeline, published, pipeline.paper.slug
         cases = [case for case, size in pipeline.model.CASES.items() if size.endswith(".trials")]
-        made = {name: pipeline.stage(name, "corrected") for name in ("nominal", "linearization", "gains")}
-        self.exact = made | {case: self.fly(case) for case in cases}
+        records = {name: pipeline.stage(name, "corrected") for name in ("nominal", "linearization", "gains")}
+        self.exact = records | {case: self.fly(case) for case in cases}
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(streaming, "EXACT_TRIALS", EXACT)
-            self.streamed = made | {case: self.fly(case) for case in cases}
+            self.streamed = records | {case: self.fly(case) for case in cases}
             self.first = cases[0]
             self.in_chunks = self.fly(self.first, chunks=3)
 
@@ -38,40 +38,40 @@ class Flown:
 
 
 @pytest.fixture(scope="module", params=PAPERS)
-def flown(request):
+def cases(request):
     known = {"powered_descent": ("pipeline", "published"), "stochastic_entry": ("entry", "entry_published")}
     return Flown(*map(request.getfixturevalue, known[request.param]))
 
 
-def test_results_do_not_depend_on_chunks(flown):
-    whole = flown.streamed[flown.first]
+def test_results_do_not_depend_on_chunks(cases):
+    whole = cases.streamed[cases.first]
     assert type(whole).__name__ == "StreamedFlightEnsemble" and whole.final_state.shape[0] == EXACT
     for field in fields(whole):
-        np.testing.assert_array_equal(getattr(whole, field.name), getattr(flown.in_chunks, field.name), strict=True)
+        np.testing.assert_array_equal(getattr(whole, field.name), getattr(cases.in_chunks, field.name), strict=True)
 
 
-def test_artifacts_of_large_cases_are_loaded_in_the_place_of_others(flown, tmp_path):
-    whole, path = flown.streamed[flown.first], tmp_path / "montecarlo.h5"
-    artifacts.save(path, whole, paper=flown.slug, reading="mine", provenance={})
-    records = import_module(f"marsedl.papers.{flown.slug}.records")
-    loaded = artifacts.load(path, records.FlightEnsemble, paper=flown.slug, reading="mine")
+def test_artifacts_of_large_cases_are_loaded_in_the_place_of_others(cases, tmp_path):
+    whole, path = cases.streamed[cases.first], tmp_path / "montecarlo.h5"
+    artifacts.save(path, whole, paper=cases.slug, reading="mine", provenance={})
+    records = import_module(f"marsedl.papers.{cases.slug}.records")
+    loaded = artifacts.load(path, records.FlightEnsemble, paper=cases.slug, reading="mine")
     assert type(loaded) is type(whole)
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(loaded, field.name))
 
 
-def test_percentiles_of_the_final_state_are_within_their_bound(flown):
-    for case in (name for name in flown.exact if name in flown.pipeline.model.CASES):
-        exact, streamed = flown.exact[case], flown.streamed[case]
+def test_percentiles_of_the_final_state_are_within_their_bound(cases):
+    for case in (name for name in cases.exact if name in cases.pipeline.model.CASES):
+        exact, streamed = cases.exact[case], cases.streamed[case]
         for component in range(exact.final_state.shape[1]):
             for level in (0.01, 0.5, 0.95):
-                (found, error), (expected, known) = (
+                (percentile, error), (expected, known) = (
                     streaming.final_percentile(ensemble, component, level) for ensemble in (streamed, exact)
                 )
                 samples = exact.final_state[:, component] - streamed.centre[component]
                 between = [np.quantile(samples, level, method=method) for method in ("lower", "higher")]
                 bound = streaming.RELATIVE_ACCURACY * max(np.abs(between))
-                assert abs(found - expected) <= bound + 1e-12 * abs(expected)
+                assert abs(percentile - expected) <= bound + 1e-12 * abs(expected)
                 assert error == pytest.approx(known, rel=0.02, abs=bound + 1e-6)
         # Bins are finest at the centre: where percentiles are asked for it is within the spread of the trials.
         spread = exact.final_state.std(axis=0)
@@ -79,59 +79,61 @@ def test_percentiles_of_the_final_state_are_within_their_bound(flown):
         assert (off <= 2 * spread + 1e-6).sum() >= len(spread) - 2  # all but counts
 
 
-def test_claims_agree_with_those_of_all_trials(flown):
-    exact, streamed = (flown.pipeline.evaluate("corrected", made) for made in (flown.exact, flown.streamed))
+def test_claims_agree_with_those_of_all_trials(cases):
+    exact, streamed = (cases.pipeline.evaluate("corrected", records) for records in (cases.exact, cases.streamed))
     assert exact.keys() == streamed.keys()
     compared = 0
     for name, expected in exact.items():
-        found = streamed[name]
+        evaluation = streamed[name]
         if expected is None or expected.value is None:
-            assert found is None or found.value is None
+            assert evaluation is None or evaluation.value is None
             continue
-        assert found.trials == expected.trials, name
+        assert evaluation.trials == expected.trials, name
         if isinstance(expected.value, bool):
-            assert found.value == expected.value, name
+            assert evaluation.value == expected.value, name
         elif expected.standard_error is None:
-            np.testing.assert_allclose(found.value, expected.value, rtol=1e-9, atol=1e-12, err_msg=name)
+            np.testing.assert_allclose(evaluation.value, expected.value, rtol=1e-9, atol=1e-12, err_msg=name)
         else:
             error = np.asarray(expected.standard_error)
-            np.testing.assert_array_less(np.abs(np.subtract(found.value, expected.value)), 0.01 * error + 1e-12, name)
+            np.testing.assert_array_less(
+                np.abs(np.subtract(evaluation.value, expected.value)), 0.01 * error + 1e-12, name
+            )
             # Those of a covariance come from the kept trials.
-            np.testing.assert_allclose(found.standard_error, error, rtol=0.1, err_msg=name)
+            np.testing.assert_allclose(evaluation.standard_error, error, rtol=0.1, err_msg=name)
             compared += 1
     assert compared >= 4
 
 
-def test_tables_and_figures_are_made_and_tell_all_trials(flown):
-    paper, told = flown.pipeline.paper, ""
+def test_tables_and_figures_are_made_and_tell_all_trials(cases):
+    paper, text = cases.pipeline.paper, ""
     for stem in (*paper.tables, *paper.figures):
         needs = [need.split(".")[-1] for need in paper.product(stem).needs]
-        if not set(needs) <= flown.streamed.keys():
+        if not set(needs) <= cases.streamed.keys():
             continue
         if stem in paper.tables:
-            told += "\n".join(" ".join(cells) for cells in printed_cells(flown.product("tables", stem)))
+            text += "\n".join(" ".join(cells) for cells in printed_cells(cases.product("tables", stem)))
         else:
-            plt.close(flown.product("figures", stem))
-    assert "2,000" in told
+            plt.close(cases.product("figures", stem))
+    assert "2,000" in text
 
 
 def test_a_case_without_finite_trials_is_told_as_such(entry, entry_published, monkeypatch):
     """The stochastic law as printed has no gains; its claims, tables and figures say so of a large case too."""
     monkeypatch.setattr(streaming, "EXACT_TRIALS", EXACT // 10)
     cases = list(entry.model.CASES)
-    made = {name: entry.stage(name, "printed") for name in ("nominal", "linearization", "gains")}
+    records = {name: entry.stage(name, "printed") for name in ("nominal", "linearization", "gains")}
     gains = entry.gains("printed")
-    made |= {case: entry.fly("printed", gains, case, trials=TRIALS // 10, block_size=BLOCK) for case in cases}
-    lost = made["stochastic_velocity"]
+    records |= {case: entry.fly("printed", gains, case, trials=TRIALS // 10, block_size=BLOCK) for case in cases}
+    lost = records["stochastic_velocity"]
     assert streaming.is_streamed(lost) and (lost.count, lost.excluded) == (0, TRIALS // 10)
-    found = entry.evaluate("printed", made)
-    assert np.isnan(found["tab4_downrange_stochastic_velocity"].value).all()
-    assert "200 not finite" in found["tab4_downrange_stochastic_velocity"].evidence
-    rows = entry.product("tables", "tab04", "printed", made, published=entry_published)
+    evaluations = entry.evaluate("printed", records)
+    assert np.isnan(evaluations["tab4_downrange_stochastic_velocity"].value).all()
+    assert "200 not finite" in evaluations["tab4_downrange_stochastic_velocity"].evidence
+    rows = entry.product("tables", "tab04", "printed", records, published=entry_published)
     assert set(rows["trials"][rows["law"] == "stochastic"]) == {0}
-    ends = entry.product("tables", "endings", "printed", made).iloc[-1]
+    ends = entry.product("tables", "endings", "printed", records).iloc[-1]
     assert (ends["trials"], ends["completed"], ends["not finite"]) == (200, 0, 200)
-    split = entry.product("tables", "reversal_split", "printed", made).iloc[-1]
+    split = entry.product("tables", "reversal_split", "printed", records).iloc[-1]
     assert (split["law"], split["trigger"], split["trials"]) == ("stochastic", "velocity", 0)
     for stem in ("reversals", "floor"):
-        plt.close(entry.product("figures", stem, "printed", made))
+        plt.close(entry.product("figures", stem, "printed", records))

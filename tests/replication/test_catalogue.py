@@ -32,13 +32,13 @@ def test_every_paper_has_the_files_that_its_catalogue_asks_for(slug):
     paper, folder = catalogue(slug), ROOT / "src" / "marsedl" / "papers" / slug
     products = {"figures.py": paper.figures, "tables.py": {**paper.tables, **paper.summaries}}
     products["closeups.py"] = paper.closeups
-    asked = FILES_OF_EVERY_PAPER | {name for name, stems in products.items() if stems}
+    needed = FILES_OF_EVERY_PAPER | {name for name, stems in products.items() if stems}
     entries = [entry for stage in paper.stages.values() for entry in stage.entries]
-    asked |= {f"{entry.split(':')[0].rpartition('.')[2]}.py" for entry in entries}
+    needed |= {f"{entry.split(':')[0].rpartition('.')[2]}.py" for entry in entries}
     present = {path.name for path in folder.glob("*.py")}
-    assert present >= asked
+    assert present >= needed
     assert (folder / "claims" / "__init__.py").exists()
-    assert not present & (products.keys() - asked), "the catalogue names nothing of this file"
+    assert not present & (products.keys() - needed), "the catalogue names nothing of this file"
     for name in ("configs", "data/published"):
         assert (ROOT / name / f"{slug}.yaml").exists()
     assert STAGES_OF_CASES & set(paper.stages) == (STAGES_OF_CASES if input_model(slug).CASES else set())

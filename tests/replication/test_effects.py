@@ -225,20 +225,20 @@ def test_errata_are_ranked_by_what_they_change():
         erratum("E4", "slip"),
         erratum("E5", "lost"),
     ]
-    found = {effect.id: effect for effect in effects.errata_effects(rows, errata, READINGS)}
-    assert {name: effect.rank for name, effect in found.items()} == {
+    effect_of_id = {effect.id: effect for effect in effects.errata_effects(rows, errata, READINGS)}
+    assert {name: effect.rank for name, effect in effect_of_id.items()} == {
         "E5": "no_result",
         "E4": "headline",
         "E3": "verdict",
         "E2": "verdict",  # from differs to undetermined
         "E1": "not_isolated",
     }
-    assert list(found) == ["E5", "E4", "E2", "E3", "E1"], "in the order of the catalogue within a rank"
-    assert found["E5"].no_result == (("delta_v", "lost"),)
-    (change,) = found["E4"].headline
+    assert list(effect_of_id) == ["E5", "E4", "E2", "E3", "E1"], "in the order of the catalogue within a rank"
+    assert effect_of_id["E5"].no_result == (("delta_v", "lost"),)
+    (change,) = effect_of_id["E4"].headline
     assert (change.reading, change.difference, change.counts) == ("slip", 40.0, True)
-    assert found["E3"].verdicts == (VerdictChange("turned", "air", "corrected", "holds", "fails", True),)
-    assert found["E4"].title == "Title of E4"
+    assert effect_of_id["E3"].verdicts == (VerdictChange("turned", "air", "corrected", "holds", "fails", True),)
+    assert effect_of_id["E4"].title == "Title of E4"
 
 
 def test_an_erratum_that_changes_nothing_is_notation():
@@ -249,8 +249,8 @@ def test_an_erratum_that_changes_nothing_is_notation():
 def test_of_errata_that_change_the_headline_the_largest_comes_first():
     rows = [delta_v()]
     rows[0]["readings"]["coarse"]["value"] = 406.0
-    found = effects.errata_effects(rows, [erratum("E1", "slip"), erratum("E2", "coarse")], READINGS)
-    assert [(effect.id, effect.rank) for effect in found] == [("E2", "headline"), ("E1", "headline")]
+    ranked = effects.errata_effects(rows, [erratum("E1", "slip"), erratum("E2", "coarse")], READINGS)
+    assert [(effect.id, effect.rank) for effect in ranked] == [("E2", "headline"), ("E1", "headline")]
 
 
 def test_a_reading_is_compared_with_its_nearest_base_that_mends_the_erratum():
@@ -278,11 +278,11 @@ def test_what_fewer_trials_may_leave_open_is_no_change():
 
 def test_the_deciding_number_is_that_of_the_first_headline_claim_with_numbers():
     rows = [statement("first", {"corrected": result(True, "holds")}, headline=1), delta_v(headline=2)]
-    found = effects.deciding(rows, READINGS, INPUTS, [erratum("E4", "slip")])
-    assert (found.claim, found.value, found.error, found.trials) == ("delta_v", 300.0, 0.5, 100_000)
-    assert (found.printed, found.limit, found.unit, found.component) == (310, None, "m/s", ())
-    assert [choice.reading for choice in found.choices] == ["slip", "air_slip", "coarse", "air", "lost"]
-    slip, both, *_, lost = found.choices
+    deciding = effects.deciding(rows, READINGS, INPUTS, [erratum("E4", "slip")])
+    assert (deciding.claim, deciding.value, deciding.error, deciding.trials) == ("delta_v", 300.0, 0.5, 100_000)
+    assert (deciding.printed, deciding.limit, deciding.unit, deciding.component) == (310, None, "m/s", ())
+    assert [choice.reading for choice in deciding.choices] == ["slip", "air_slip", "coarse", "air", "lost"]
+    slip, both, *_, lost = deciding.choices
     assert (slip.inputs, slip.errata) == (("guidance.tail",), ("E4",)), "numbers of trials are none"
     assert both.inputs == ("air.density", "guidance.tail")
     assert lost.change is None
@@ -295,9 +295,9 @@ def test_of_a_row_the_number_that_decides_is_followed():
         "slip": result([0.35, 4.0], "differs", [0.01, 0.1], 100),
     }
     rows = [row("variances", readings, printed=[0.24, 3.9], unit="(m/s)^2, m^2", resolution=0.01, headline=1)]
-    found = effects.deciding(rows, READINGS, INPUTS, [])
-    assert (found.component, found.unit, found.value, found.printed) == ((1,), "m^2", 5.0, 3.9)
-    assert found.choices[0].change.difference == -1.0
+    deciding = effects.deciding(rows, READINGS, INPUTS, [])
+    assert (deciding.component, deciding.unit, deciding.value, deciding.printed) == ((1,), "m^2", 5.0, 3.9)
+    assert deciding.choices[0].change.difference == -1.0
 
 
 def test_without_a_headline_number_the_measure_of_a_statement_decides():
@@ -307,9 +307,9 @@ def test_without_a_headline_number_the_measure_of_a_statement_decides():
         "slip": result(False, "fails", margin=margin("tightness", 4.0, 1.25, unit="%")),
     }
     rows = [statement("bound", alone, headline=1), statement("tight", tight, headline=2)]
-    found = effects.deciding(rows, READINGS, INPUTS, [])
-    assert (found.claim, found.measure, found.limit, found.printed) == ("tight", "tightness", 1.25, None)
-    assert [choice.change.after for choice in found.choices] == [4.0]
+    deciding = effects.deciding(rows, READINGS, INPUTS, [])
+    assert (deciding.claim, deciding.measure, deciding.limit, deciding.printed) == ("tight", "tightness", 1.25, None)
+    assert [choice.change.after for choice in deciding.choices] == [4.0]
     assert effects.deciding(rows[:1], READINGS, INPUTS, []) is None
 
 
@@ -322,24 +322,24 @@ def open_by_label(rows):
 
 def test_open_inputs_have_the_range_that_readings_give_the_number():
     rows = [delta_v(withheld=["the step (`simulation.step`)"]), with_turned("fails", "fails")]
-    found = open_by_label(rows)
-    step = found["the step"]
+    inputs_by_label = open_by_label(rows)
+    step = inputs_by_label["the step"]
     assert (step.inputs, step.used, step.low, step.high) == (("simulation.step",), ("0.1",), 306.0, 307.0)
     assert (step.named, step.refuted, step.claims) == (1, 2, ("delta_v",))
-    assert next(iter(found)) == "the step", "most named first"
-    density = found["what air.density is"]
+    assert next(iter(inputs_by_label)) == "the step", "most named first"
+    density = inputs_by_label["what air.density is"]
     assert [(change.reading, change.against) for change in density.changes] == [("air", "corrected")]
     assert (density.low, density.high, density.named) == (306.0, 306.0, 0)
 
 
 def test_an_input_that_accompanies_another_is_no_choice_of_its_own():
     rows = [delta_v(withheld=["what keeps gains finite (`guidance.navigation`)"])]
-    found = open_by_label(rows)
-    gains = found["what keeps gains finite"]
+    inputs_by_label = open_by_label(rows)
+    gains = inputs_by_label["what keeps gains finite"]
     assert (gains.no_result, gains.changes, gains.together) == (("lost",), (), ())
-    assert found["what guidance.refusal is"].no_result == ()
-    assert "what guidance.tail is" not in found, "it is printed"
-    assert found["what simulation.seed is"].low is None
+    assert inputs_by_label["what guidance.refusal is"].no_result == ()
+    assert "what guidance.tail is" not in inputs_by_label, "it is printed"
+    assert inputs_by_label["what simulation.seed is"].low is None
 
 
 def test_inputs_that_vary_together_alone_are_one():
@@ -349,20 +349,20 @@ def test_inputs_that_vary_together_alone_are_one():
 
 def test_open_inputs_that_no_reading_varies_alone_name_each_other():
     rows = [delta_v(withheld=["gains (`guidance.navigation`)", "refusal (`guidance.refusal`)", "the machine"])]
-    found = open_by_label(rows)
-    assert found["gains"].together == ("guidance.refusal",)
-    assert found["refusal"].together == ("guidance.navigation",)
-    assert (found["the machine"].inputs, found["the machine"].named) == ((), 1)
+    inputs_by_label = open_by_label(rows)
+    assert inputs_by_label["gains"].together == ("guidance.refusal",)
+    assert inputs_by_label["refusal"].together == ("guidance.navigation",)
+    assert (inputs_by_label["the machine"].inputs, inputs_by_label["the machine"].named) == ((), 1)
 
 
 # -------------------------------------------------------------------------------------------------- changed verdicts
 
 
 def test_readings_that_change_no_verdict_are_named():
-    found = effects.changing([delta_v()])
-    assert list(found.claims) == ["delta_v"]
-    assert [(change.reading, change.after) for change in found.claims["delta_v"]] == [
+    changing = effects.changing([delta_v()])
+    assert list(changing.claims) == ["delta_v"]
+    assert [(change.reading, change.after) for change in changing.claims["delta_v"]] == [
         ("air_slip", "reproduced"),
         ("coarse", "undetermined"),
     ]
-    assert found.same == ("printed", "slip", "air", "lost")
+    assert changing.same == ("printed", "slip", "air", "lost")

@@ -333,9 +333,9 @@ def test_every_link_and_source_stays_inside_and_leads_somewhere(site, pages):
 
 def test_all_that_is_searched_for_has_an_address(site, pages):
     text = (site[0] / "out" / "assets" / "search-data.js").read_text(encoding="utf-8")
-    found = json.loads(text.removeprefix("const SEARCHED = ").removesuffix(";\n"))
-    assert found == sorted(found)
-    addresses = [entry[0].split("#") for entry in found]
+    targets = json.loads(text.removeprefix("const SEARCHED = ").removesuffix(";\n"))
+    assert targets == sorted(targets)
+    addresses = [entry[0].split("#") for entry in targets]
     assert all(anchor in pages[page].ids for page, anchor in addresses)
     assert "</script" not in text
     paper = site[1][0]
@@ -366,15 +366,15 @@ def test_every_claim_reading_erratum_figure_and_input_is_shown(site, pages):
         assert erratum.title in text
     for entry in (*paper.figures, *paper.tables):
         assert f"snakemake {entry.files[0]}" in text
-    for said in ("design, compiled", "8 optimal", "linearization", "Does it land?", "It lands.", "[200, 100]"[1:4]):
-        assert said in text
+    for fragment in ("design, compiled", "8 optimal", "linearization", "Does it land?", "It lands.", "[200, 100]"[1:4]):
+        assert fragment in text
 
 
 def test_the_page_about_all_has_digests_versions_and_other_machines(site, pages):
     text = words(pages["about.html"])
     assert all(digest in text for digest in site[2]["digests"].values())
-    for said in ("2.3.1", "On other machines", "0.0417", "make all", "12.3"):
-        assert said in text
+    for fragment in ("2.3.1", "On other machines", "0.0417", "make all", "12.3"):
+        assert fragment in text
 
 
 def test_values_stand_beside_the_print_with_their_errors(pages):

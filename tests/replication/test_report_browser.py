@@ -84,8 +84,8 @@ def test_axe_finds_nothing(browser, copied, width, scheme):
     for name in PAGES:
         page, _ = opened(browser, copied, f"{name}.html", width, color_scheme=scheme, bypass_csp=True)
         page.evaluate(AXE.read_text(encoding="utf-8"))
-        found = page.evaluate("() => axe.run(document, {resultTypes: ['violations']})")["violations"]
-        assert [(name, one["id"], one["nodes"][0]["html"]) for one in found] == []
+        violations = page.evaluate("() => axe.run(document, {resultTypes: ['violations']})")["violations"]
+        assert [(name, one["id"], one["nodes"][0]["html"]) for one in violations] == []
         page.close()
 
 

@@ -31,7 +31,7 @@ def rules():
     return {line for line in process.stdout.splitlines() if re.fullmatch(r"[a-z]\w+", line)} - TARGETS
 
 
-def asked(text, attempt):
+def amount(text, attempt):
     """What an expression of the profile asks for in an attempt; these are numbers times the attempt, no more."""
     number, _, name = text.partition(" * ")
     assert name == "attempt"
@@ -49,10 +49,10 @@ def test_resources_are_no_less_than_what_was_measured_and_grow_with_the_attempt(
     for rule, row in table.items():
         resources = profile["set-resources"][rule]
         memory, minutes = resources["mem_mb"], resources["runtime"]
-        assert asked(memory, 1) >= measure.SNAKEMAKE_MB + measure.MEMORY_FACTOR * row["memory_mb"], rule
-        assert asked(minutes, 1) >= measure.TIME_FACTOR * row["seconds"] / 60, rule
-        assert asked(memory, 2) > asked(memory, 1), rule
-        assert asked(minutes, 2) > asked(minutes, 1), rule
+        assert amount(memory, 1) >= measure.SNAKEMAKE_MB + measure.MEMORY_FACTOR * row["memory_mb"], rule
+        assert amount(minutes, 1) >= measure.TIME_FACTOR * row["seconds"] / 60, rule
+        assert amount(memory, 2) > amount(memory, 1), rule
+        assert amount(minutes, 2) > amount(minutes, 1), rule
 
 
 def test_the_largest_jobs_ask_for_the_most(profile):
@@ -60,11 +60,11 @@ def test_the_largest_jobs_ask_for_the_most(profile):
     longest = max(table, key=lambda rule: table[rule]["seconds"])
     largest = max(table, key=lambda rule: table[rule]["memory_mb"])
     resources = profile["set-resources"]
-    assert asked(resources[longest]["runtime"], 1) == max(
-        asked(entry["runtime"], 1) for rule, entry in resources.items() if rule in table
+    assert amount(resources[longest]["runtime"], 1) == max(
+        amount(entry["runtime"], 1) for rule, entry in resources.items() if rule in table
     )
-    assert asked(resources[largest]["mem_mb"], 1) == max(
-        asked(entry["mem_mb"], 1) for rule, entry in resources.items() if rule in table
+    assert amount(resources[largest]["mem_mb"], 1) == max(
+        amount(entry["mem_mb"], 1) for rule, entry in resources.items() if rule in table
     )
 
 

@@ -295,15 +295,15 @@ def test_a_job_over_its_time_is_killed_and_gets_more(undone, cluster):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seen", [False, True])
-def test_a_node_that_dies_and_comes_back_takes_its_jobs_up_again(undone, cluster, seen):
+@pytest.mark.parametrize("noticed", [False, True])
+def test_a_node_that_dies_and_comes_back_takes_its_jobs_up_again(undone, cluster, noticed):
     """It comes back before or after the controller has seen that it is gone."""
     folder, expected = undone
     with Submitted(cluster, folder, CASE) as run:
         job = run.running(CHUNK)
         run.stage(job)
         cluster.kill_node()
-        if seen:
+        if noticed:
             cluster.wait_for_node("down", seconds=180)
         else:
             time.sleep(15)  # no machine starts faster than this, and Slurm takes no younger job for lost

@@ -191,15 +191,22 @@ def figure(records: dict[str, list[Cost]]) -> Figure:
             if panel >= 2 and cost is not records[slug][0]:
                 continue  # of the paper, not of the method
             if panel == FLIGHTS:
-                number, in_c, *others = (1e3 * time if time else np.nan for time in numbers(cost))
+                number, in_c, *further_numbers = (1e3 * time if time else np.nan for time in numbers(cost))
                 axes.plot(in_c, height, "x", color="black", markersize=5, zorder=3)
                 everything.append(in_c)
             else:
-                number, *others = numbers(cost)
-            everything += [number, *others]
+                number, *further_numbers = numbers(cost)
+            everything += [number, *further_numbers]
             axes.plot(number, height, "o", color=COLORS[slug])
-            axes.plot(others, [height] * len(others), "o", color=COLORS[slug], markerfacecolor="none", markersize=9)
-            number = number if np.isfinite(number) else others[0]
+            axes.plot(
+                further_numbers,
+                [height] * len(further_numbers),
+                "o",
+                color=COLORS[slug],
+                markerfacecolor="none",
+                markersize=9,
+            )
+            number = number if np.isfinite(number) else further_numbers[0]
             text = f"{number:,}" if isinstance(number, int) else f"{number:.3g}"
             axes.annotate(text, (number, height), (0, 6), textcoords="offset points", ha="center", fontsize=7)
         positive = [value for value in everything if value > 0]

@@ -204,10 +204,10 @@ class BranchEndError(RuntimeError):
     `beyond` is what the solver found next, on another branch, or None if it found nothing.
     """
 
-    def __init__(self, name, reached, wanted, solution, beyond):
+    def __init__(self, name, reached, target, solution, beyond):
         """Take what happened."""
-        super().__init__(f"the branch ends between {name} = {reached:.6g} and {wanted:.6g}")
-        self.reached, self.wanted, self.solution, self.beyond = reached, wanted, solution, beyond
+        super().__init__(f"the branch ends between {name} = {reached:.6g} and {target:.6g}")
+        self.reached, self.target, self.solution, self.beyond = reached, target, solution, beyond
 
 
 # ---- transcription ---------------------------------------------------------------------------------------------------
@@ -317,9 +317,9 @@ class Program:
                 for row, variable in enumerate(problem.states):
                     if variable.name in fixed:
                         states[row, node] = fixed[variable.name] / variable.scale
-            rest = [getattr(v, side) / v.scale for v in (*problem.controls * intervals, *problem.free)]
+            control_limits = [getattr(v, side) / v.scale for v in (*problem.controls * intervals, *problem.free)]
             last = getattr(problem.final_time, side) / problem.final_time.scale
-            limits.append(np.concatenate([states.ravel(order="F"), rest, [last]]))
+            limits.append(np.concatenate([states.ravel(order="F"), control_limits, [last]]))
         self._lower, self._upper = limits
         bounds = [
             np.concatenate(
@@ -585,7 +585,7 @@ class _Equations:
         parameter_names = [*(v.name for v in problem.free), *problem.given]
         x0, x1 = kind.sym("x0", n), kind.sym("x1", n)
         u, p, h = kind.sym("u", m), kind.sym("p", len(parameter_names)), kind.sym("h")
-        rest = casadi.vertsplit(u) + (casadi.vertsplit(p) if parameter_names else [])
+        controls_and_parameters = casadi.vertsplit(u) + (casadi.vertsplit(p) if parameter_names else [])
 
         def number(name, value):
             if not kind(value).is_scalar():
@@ -593,7 +593,7 @@ class _Equations:
             return value
 
         def with_cost(state):
-            arguments = [*casadi.vertsplit(state), *rest]
+            arguments = [*casadi.vertsplit(state), *controls_and_parameters]
             cost = problem.running_cost(*arguments) if problem.running_cost else 0.0
             return casadi.vertcat(_rates(problem, arguments), number("running_cost", cost))
 
@@ -605,7 +605,9 @@ class _Equations:
                 values = [number(c.name, c.expression(*ends)) for c in problem.boundary]
                 self.boundary = casadi.Function("boundary", [x0, x1], [casadi.vertcat(*values)])
             if problem.path:
-                values = [number(c.name, c.expression(*casadi.vertsplit(x0), *rest)) for c in problem.path]
+                values = [
+                    number(c.name, c.expression(*casadi.vertsplit(x0), *controls_and_parameters)) for c in problem.path
+                ]
                 self.path = casadi.Function("path", [x0, u, p], [casadi.vertcat(*values)])
             if problem.end_cost is not None:
                 parameters = _Named(zip(parameter_names, casadi.vertsplit(p) if parameter_names else [], strict=True))

@@ -154,13 +154,13 @@ class Desensitized:
             fixed = len(parameters) - len(base.given)
 
             def of_parameters(*arguments):
-                state, rest = arguments[: len(names)], arguments[len(names) :]
-                given, inner = rest[: len(base.given)], rest[len(base.given) :]
+                state, after_states = arguments[: len(names)], arguments[len(names) :]
+                given, inner = after_states[: len(base.given)], after_states[len(base.given) :]
                 return base.rates(*state, *inner[: len(controls)], *inner[len(controls) :], *given)
 
             values = np.broadcast_to(parameters[fixed:], (len(guess.controls), len(base.given)))
-            others = [*np.transpose(guess.controls), *parameters[:fixed]]
-            forced = linearize_intervals(of_parameters, guess.states, values, steps, scheme, others)
+            controls_and_free = [*np.transpose(guess.controls), *parameters[:fixed]]
+            forced = linearize_intervals(of_parameters, guess.states, values, steps, scheme, controls_and_free)
             responses = scheme_responses(scheme, matrix, forced.control_matrix @ direction, steps).sum(axis=1)
         return propagate_columns(scheme_transitions(scheme, matrix, steps), initial, responses)
 

@@ -126,10 +126,10 @@ def _convolution(a, b, k, start):
     return total
 
 
-def _empty_like(first, *others):
-    if all(a.shape == first.shape and a.dtype == np.float64 for a in (first, *others)):
+def _empty_like(first, *further):
+    if all(a.shape == first.shape and a.dtype == np.float64 for a in (first, *further)):
         return np.empty(first.shape)  # what the general rule takes ten times as long to say
-    arrays = (first, *others)
+    arrays = (first, *further)
     return np.empty(np.broadcast_shapes(*(a.shape for a in arrays)), dtype=np.result_type(*arrays, 0.0))
 
 

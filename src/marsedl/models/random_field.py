@@ -151,7 +151,7 @@ def altitude_exponential(
 # ---- covariance matrices ---------------------------------------------------------------------------------------------
 
 
-def covariance_matrix(kernel, points, others=None):
+def covariance_matrix(kernel, points, second_points=None):
     r"""Covariance of the field between all pairs of points (random field, Eq. 3; along a trajectory Eq. 16c).
 
         $C_{ij} = \Sigma(z_i, z_j^\prime)$
@@ -159,7 +159,7 @@ def covariance_matrix(kernel, points, others=None):
     Args:
         kernel: function of two arrays of coordinates.
         points: z, (k,) on a line or (k, d).
-        others: $z^\prime$, (m,) or (m, d); the same points if None.
+        second_points: $z^\prime$, (m,) or (m, d); the same points if None.
 
     Returns:
         C, unit of the field squared, (k, m).
@@ -168,10 +168,12 @@ def covariance_matrix(kernel, points, others=None):
         ValueError: if points are of another shape, or the kernel returns other shapes or numbers that are not finite.
     """
     points = _checked_points("points", points)
-    others = points if others is None else _checked_points("others", others)
-    if points.shape[1:] != others.shape[1:]:
-        raise ValueError(f"points and others must have the same dimension: shapes {points.shape} and {others.shape}")
-    return _evaluate(kernel, points[:, np.newaxis], others[np.newaxis], (len(points), len(others)))
+    second_points = points if second_points is None else _checked_points("second_points", second_points)
+    if points.shape[1:] != second_points.shape[1:]:
+        raise ValueError(
+            f"points and second_points must have the same dimension: shapes {points.shape} and {second_points.shape}"
+        )
+    return _evaluate(kernel, points[:, np.newaxis], second_points[np.newaxis], (len(points), len(second_points)))
 
 
 def require_positive_semidefinite(covariance, name):

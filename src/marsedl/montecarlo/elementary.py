@@ -100,10 +100,10 @@ def sine_cosine(angle):
     """
     shifted = angle * 6.36619772367581382433e-01 + _ROUNDER
     n = shifted - _ROUNDER
-    rest = angle - n * _HALF_PI_1
-    x = rest - n * _HALF_PI_2
+    reduced = angle - n * _HALF_PI_1
+    x = reduced - n * _HALF_PI_2
     # With what the second subtraction rounded away, so that the argument is rounded once.
-    x = x + (((rest - x) - n * _HALF_PI_2) - n * _HALF_PI_3)
+    x = x + (((reduced - x) - n * _HALF_PI_2) - n * _HALF_PI_3)
     return _of_quarter_turns(np.float64(shifted).view(np.int64), x)
 
 

@@ -131,8 +131,10 @@ def legend_entry(axes: Axes, label: str, **style: Any) -> Line2D:
 def legend_below(figure: Any, panels: Iterable[Axes], columns: int = 3) -> None:
     """Put one legend below a figure, with what the axes have labels of, each label once."""
     handles = [handle for axes in panels for handle in axes.get_legend_handles_labels()[0]]
-    known = {handle.get_label(): handle for handle in handles}
-    figure.legend(handles=list(known.values()), loc="outside lower center", ncols=min(columns, len(known)))
+    handle_of_label = {handle.get_label(): handle for handle in handles}
+    figure.legend(
+        handles=list(handle_of_label.values()), loc="outside lower center", ncols=min(columns, len(handle_of_label))
+    )
 
 
 def note(axes: Axes, text: str, height: float, width: int = 44) -> None:
@@ -172,12 +174,14 @@ def _lines(axes: Axes, curve: Field, label: str | None, style: dict[str, Any]) -
 
 def name_axes(axes: Axes, curve: Field) -> None:
     """Label the axes unless they have labels; ValueError if they show another unit."""
-    for axis, shown in ((axes.yaxis, curve), (axes.xaxis, curve.x)):
-        if shown is None:
+    for axis, quantity in ((axes.yaxis, curve), (axes.xaxis, curve.x)):
+        if quantity is None:
             continue
-        if _UNITS.setdefault(axis, shown.unit) != shown.unit:
-            raise ValueError(f"axes in {_UNITS[axis]} cannot show '{shown.name}' in {shown.unit}: give the same unit")
+        if _UNITS.setdefault(axis, quantity.unit) != quantity.unit:
+            raise ValueError(
+                f"axes in {_UNITS[axis]} cannot show '{quantity.name}' in {quantity.unit}: give the same unit"
+            )
         if not axis.get_label_text() and axis.get_tick_params().get(
             "labelleft" if axis is axes.yaxis else "labelbottom", True
         ):
-            axis.set_label_text(shown.label)
+            axis.set_label_text(quantity.label)

@@ -113,16 +113,18 @@ def field(
         if dimension not in dims:
             raise ValueError(f"'{path}' of {kind.__name__} has no dimension '{dimension}'; {nearest(dimension, dims)}")
         index[dims.index(dimension)] = place
-    shown = [dim for dim, part in zip(dims, index, strict=True) if isinstance(part, slice)]
+    remaining_dims = [dim for dim, part in zip(dims, index, strict=True) if isinstance(part, slice)]
     if isinstance(x, str):
-        coordinates = x or next((dim for dim in shown[-1:] if dim in layout(kind).fields and dim != field_name), "")
+        coordinates = x or next(
+            (dim for dim in remaining_dims[-1:] if dim in layout(kind).fields and dim != field_name), ""
+        )
         x = _coordinates(record, coordinates, at or {}) if coordinates else None
     words = dict.fromkeys(declared.dims[place].label(component) for place, component in chosen.items())
-    own = _unit(path, declared, chosen)
+    stored_unit = _unit(path, declared, chosen)
     return Field(
-        converted(np.asarray(getattr(record, field_name))[tuple(index)], own, unit or own, path),
+        converted(np.asarray(getattr(record, field_name))[tuple(index)], stored_unit, unit or stored_unit, path),
         name or (" ".join(words) if len(words) == 1 else declared.label),
-        unit or own,
+        unit or stored_unit,
         x,
         np.asarray(getattr(record, pieces)) if pieces else None,
     )
@@ -140,9 +142,9 @@ def standard_deviation(record: Any, path: str, *, unit: str = "", at: Mapping[st
     Raises ValueError as `field` does.
     """
     variance = field(record, path, at=at)
-    own = variance.unit.removesuffix("^2").removeprefix("(").removesuffix(")")
+    stored_unit = variance.unit.removesuffix("^2").removeprefix("(").removesuffix(")")
     root = np.sqrt(np.maximum(variance.values, 0.0))  # rounding can make a vanishing variance negative
-    return variance.of(converted(root, own, unit or own, path), unit=unit or own)
+    return variance.of(converted(root, stored_unit, unit or stored_unit, path), unit=unit or stored_unit)
 
 
 def sigma_bounds(
@@ -175,8 +177,8 @@ def _chosen(path: str, dims: tuple, components: list[str]) -> dict[int, str]:
     if len(components) == 1 and len(places) == 2 and dims[places[0]] is dims[places[1]]:
         components = components * 2
     if len(components) > len(places):
-        known = " and ".join(str(dims[place]) for place in places) or "no dimension"
-        raise ValueError(f"'{path}' chooses {len(components)} components, but the field has names along {known}")
+        named_dims = " and ".join(str(dims[place]) for place in places) or "no dimension"
+        raise ValueError(f"'{path}' chooses {len(components)} components, but the field has names along {named_dims}")
     for place, component in zip(places, components, strict=False):
         if component not in dims[place].names:
             raise ValueError(

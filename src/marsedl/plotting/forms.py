@@ -55,8 +55,8 @@ def covariance_ellipse(
     covariance = np.array(
         [[field(record, f"covariance.{first}.{second}", at=at).values for second in components] for first in components]
     )
-    own = [field(record, f"mean.{component}", at=at).unit for component in components]
-    scale = np.array([converted(1.0, unit, mean.unit) for unit, mean in zip(own, means, strict=True)])
+    stored_units = [field(record, f"mean.{component}", at=at).unit for component in components]
+    scale = np.array([converted(1.0, unit, mean.unit) for unit, mean in zip(stored_units, means, strict=True)])
     curve = ellipse([mean.values for mean in means], covariance * np.outer(scale, scale), sigma)
     right, up = (mean.of(values) for mean, values in zip(means, curve.T, strict=True))
     plot(axes, Field(up.values, up.name, up.unit, right), **style)
@@ -151,11 +151,11 @@ def iterations(axes: Axes, values: Field, *, error: Field | None = None, first: 
     """
     last = len(values.values) - 1
     passes = Field(np.arange(last + 1), "iteration", "1")
-    shown = dataclasses.replace(values, x=passes).where(slice(first, None))
+    curve = dataclasses.replace(values, x=passes).where(slice(first, None))
     style = {"marker": "o", "markersize": 4} | style
     if error is None:
-        plot(axes, shown, **style)
+        plot(axes, curve, **style)
     else:
-        name_axes(axes, shown)
-        axes.errorbar(shown.x.values, shown.values, 3 * error.values[first:], **{"capsize": 2} | style)
+        name_axes(axes, curve)
+        axes.errorbar(curve.x.values, curve.values, 3 * error.values[first:], **{"capsize": 2} | style)
     axes.set_xticks(np.arange(0, last + 1, max(1, last // 10)))

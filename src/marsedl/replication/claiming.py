@@ -306,8 +306,8 @@ def _test(measure: Measure, compare: Callable, limit: object) -> Test:
     number, bound = _texts(value[at], limits[at])
     which = ""
     if value.size > 1:
-        own = np.ptp(limits.astype(float)) > 0
-        which = "nearest to its limit " if own else ("at most " if upper else "at least ")
+        has_own_limits = np.ptp(limits.astype(float)) > 0
+        which = "nearest to its limit " if has_own_limits else ("at most " if upper else "at least ")
     unit = f" {measure.unit}" if measure.unit else ""
     spread = f" ± {error[at]:.2g}" if error[at] > 0 else ""
     relation = f"{'' if passed.all() else 'not '}{_WORDS[compare]} {bound}{unit}"
@@ -397,8 +397,8 @@ class Claims:
         folder = import_module(package)
         modules = [import_module(f"{package}.{module.name}") for module in pkgutil.iter_modules(folder.__path__)]
         for module in modules:
-            own = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
-            for function in filter(inspect.isfunction, own):
+            members = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
+            for function in filter(inspect.isfunction, members):
                 for marked in getattr(function, "claims", ()):
                     self._add(self.claims, marked.id, marked)
                 kind = typing.get_type_hints(function).get("return")
@@ -552,10 +552,10 @@ class Claims:
         return _Reading(self._providers, values, artifact, others | {"published": published})
 
     @staticmethod
-    def _add(known: dict, key: object, value: object) -> None:
-        if key in known:
+    def _add(table: dict, key: object, value: object) -> None:
+        if key in table:
             raise InputError(f"{getattr(key, '__name__', key)}: two functions of claims give it; rename one")
-        known[key] = value
+        table[key] = value
 
 
 @cache

@@ -637,10 +637,10 @@ def _check_ids(published, declarations, evaluations_by_reading, default_reading,
             _refuse_unknown(f"{paper}: claim {name}: unknown erratum", declaration.errata, known_errata)
 
 
-def _refuse_unknown(problem: str, names: Iterable[str], known: Collection[str]) -> None:
-    unknown = [name for name in names if name not in known]
+def _refuse_unknown(problem: str, names: Iterable[str], valid_names: Collection[str]) -> None:
+    unknown = [name for name in names if name not in valid_names]
     if unknown:
-        raise InputError(f"{problem}: {', '.join(unknown)}; {nearest(unknown[0], known)}")
+        raise InputError(f"{problem}: {', '.join(unknown)}; {nearest(unknown[0], valid_names)}")
 
 
 def explains(declaration) -> bool:
@@ -694,8 +694,8 @@ def _reason(claim, declaration, verdict, first, evaluations, judged, left_out) -
     if clash:
         raise InputError(f"{where}: {sorted(clash)[0]!r} is the name of a reading and of a number")
     try:
-        own = quotable[first]
-        text = declaration.reason.format_map(type(own)({**quotable, **own}))
+        own_numbers = quotable[first]
+        text = declaration.reason.format_map(type(own_numbers)({**quotable, **own_numbers}))
     except (LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{where}: the reason quotes a number that does not exist: {error!r}") from error
     # what the sentence names itself is not named twice
@@ -892,7 +892,7 @@ def summary(rows: Iterable[Mapping[str, Any]], reading: str | None = None) -> di
     kinds = [kind_of_result(row) for row in rows]
 
     def count(names: Iterable[str], kind: str | None = None) -> dict[str, int]:
-        chosen = [verdict for verdict, own in zip(verdicts, kinds, strict=True) if kind in (None, own)]
+        chosen = [verdict for verdict, kind_of_row in zip(verdicts, kinds, strict=True) if kind in (None, kind_of_row)]
         return {verdict: chosen.count(verdict) for verdict in names}
 
     return {

@@ -738,7 +738,7 @@ class _Closure:
         if not attributes:
             self._add_whole(module_name)
             return
-        name, rest = attributes[0], attributes[1:]
+        name, further_attributes = attributes[0], attributes[1:]
         is_bound = name in module.bound_by_effects or name in _HARMLESS_MODULE_ATTRIBUTES
         if name in module.definitions:
             is_bound = True
@@ -746,10 +746,10 @@ class _Closure:
         for imported in module.imports.get(name, ()):
             is_bound = True
             self._bindings.add((module_name, imported))
-            self._follow_import(imported, rest)
+            self._follow_import(imported, further_attributes)
         if module.is_package and self.module(f"{module_name}.{name}") is not None:
             is_bound = True
-            self._follow_member(f"{module_name}.{name}", rest)
+            self._follow_member(f"{module_name}.{name}", further_attributes)
         if "__getattr__" in module.definitions and not is_bound:
             self._add_symbol(module, "__getattr__")
         elif not is_bound and not module.stars:  # what a star brings counts whole already
@@ -817,10 +817,10 @@ class _Closure:
                     types.setdefault((symbol, field_name), set()).add(kind)
         read: dict[str, set[str]] = {}
         while pending:
-            kind, attribute, *rest = pending.pop()
+            kind, attribute, *further_attributes = pending.pop()
             read.setdefault(kind, set()).add(attribute)
-            if rest:
-                pending += [(of, *rest) for of in types.get((kind, attribute), ())]
+            if further_attributes:
+                pending += [(of, *further_attributes) for of in types.get((kind, attribute), ())]
         return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
 
     def listing(self) -> list[str]:

@@ -160,25 +160,25 @@ def _given(counterexample, amount, values, artifact, others) -> tuple:
     first, _, name = counterexample.target.partition(".")
     if counterexample.change == "swapped":
 
-        def swap(asked: str, kind: type):
-            large = asked.endswith(LARGE)
-            if asked.removesuffix(LARGE) == counterexample.target:
+        def swap(artifact_name: str, kind: type):
+            large = artifact_name.endswith(LARGE)
+            if artifact_name.removesuffix(LARGE) == counterexample.target:
                 return artifact(counterexample.other + LARGE * large, kind)
-            return artifact(asked, kind)
+            return artifact(artifact_name, kind)
 
         return values, swap, others
     if counterexample.target in values:
-        changed = _changed(counterexample, amount, values[counterexample.target], None, ())
-        return {**values, counterexample.target: changed}, artifact, others
+        changed_input = _changed(counterexample, amount, values[counterexample.target], None, ())
+        return {**values, counterexample.target: changed_input}, artifact, others
     if first == "measured":
         rows = dict(others.get("measured") or {})
         if name not in rows:
             raise InputError(f"counterexample of '{name}': there is no such measurement; {nearest(name, rows)}")
         return values, artifact, {**others, "measured": {**rows, name: _changed(counterexample, amount, rows[name])}}
 
-    def change(asked: str, kind: type):
-        record = artifact(asked, kind)
-        if record is None or asked.removesuffix(LARGE) != first:
+    def change(artifact_name: str, kind: type):
+        record = artifact(artifact_name, kind)
+        if record is None or artifact_name.removesuffix(LARGE) != first:
             return record
         return _with_field(counterexample, amount, record, name, artifact, kind)
 

@@ -102,10 +102,10 @@ def taken_by(
         InputError: a parameter is not a section, stage or case.
 
     """
-    sections, needs, others = model.sections(), {False: [], True: []}, []
+    sections, needs, others_taken = model.sections(), {False: [], True: []}, []
     for parameter, optional in parameters.items():
         if parameter in OTHERS:
-            others.append(parameter)
+            others_taken.append(parameter)
         elif parameter in model.CASES or parameter in stages:
             needs[optional].append(f"{FLIGHTS}.{parameter}" if parameter in model.CASES else parameter)
         elif parameter not in sections:
@@ -115,7 +115,7 @@ def taken_by(
                 f"{nearest(parameter, valid_names)}"
             )
     inputs = tuple(sorted(inputs_read(digests.reads(entry), sections)))
-    return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others))
+    return Taken(inputs, tuple(needs[False]), tuple(needs[True]), tuple(others_taken))
 
 
 def inputs_read(reads: Mapping[str, list[str]], sections: Mapping[str, type[Section]]) -> Iterator[str]:

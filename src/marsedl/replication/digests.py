@@ -290,12 +290,12 @@ def _number(cell: str) -> Any:
 def _leaf_difference(name: str, a: dict[str, tuple[str, Any]], b: dict[str, tuple[str, Any]]) -> list[Difference]:
     """One row per group for numbers and one for all else."""
     numbers: dict[str, list[tuple[float, float, str]]] = {}
-    others: dict[str, list[tuple[str, str]]] = {}
+    text_differences: dict[str, list[tuple[str, str]]] = {}
     for place in [*a, *(place for place in b if place not in a)]:
         if place not in a or place not in b:
             group, value = a[place] if place in a else b[place]
             side = "first" if place in a else "second"
-            others.setdefault(group, []).append((f"only in the {side}: {_shortened(value)}", place))
+            text_differences.setdefault(group, []).append((f"only in the {side}: {_shortened(value)}", place))
             continue
         (group, value_a), (_, value_b) = a[place], b[place]
         if _is_number(value_a) and _is_number(value_b):
@@ -303,13 +303,13 @@ def _leaf_difference(name: str, a: dict[str, tuple[str, Any]], b: dict[str, tupl
             if absolute > 0:
                 numbers.setdefault(group, []).append((absolute, relative, place))
         elif value_a != value_b or type(value_a) is not type(value_b):
-            others.setdefault(group, []).append((f"{_shortened(value_a)} and {_shortened(value_b)}", place))
+            text_differences.setdefault(group, []).append((f"{_shortened(value_a)} and {_shortened(value_b)}", place))
     rows = []
     for group, differences in numbers.items():
         absolute, _, place = max(differences, key=lambda item: item[0])
         what = f"{len(differences)} number{'s' * (len(differences) > 1)} differ{'s' * (len(differences) == 1)}"
         rows.append(Difference(name, group, what, absolute, max(item[1] for item in differences), place))
-    for group, texts in others.items():
+    for group, texts in text_differences.items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         rows.append(Difference(name, group, texts[0][0] + more, place=texts[0][1]))
     return rows

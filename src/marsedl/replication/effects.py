@@ -269,12 +269,12 @@ def _cause(row: Row, titles: Mapping[str, str], meanings: Mapping[str, str]) -> 
 def _first_of(texts: Sequence[str], before: str = "") -> str:
     """As many texts as fit into a line, and the number of the others."""
     for count in range(len(texts), 0, -1):
-        rest = f" and {len(texts) - count} more" if count < len(texts) else ""
-        line = f"{before}{'; '.join(texts[:count])}{rest}"
+        remainder = f" and {len(texts) - count} more" if count < len(texts) else ""
+        line = f"{before}{'; '.join(texts[:count])}{remainder}"
         if len(line.split()) <= MOST_WORDS:
             return line
-    rest = f" and {len(texts) - 1} more" if len(texts) > 1 else ""
-    return f"{before}{_cut(texts[0], MOST_WORDS - len((before + rest).split()))}{rest}"
+    remainder = f" and {len(texts) - 1} more" if len(texts) > 1 else ""
+    return f"{before}{_cut(texts[0], MOST_WORDS - len((before + remainder).split()))}{remainder}"
 
 
 def _outside(row: Row, margin: Mapping | None) -> str:
@@ -419,27 +419,31 @@ def _margin_error(margin: Mapping[str, Any]) -> float:
 def _pairs(row: Row, reading: str, against: str) -> list[tuple[_Sample, _Sample, bool]]:
     """What two readings give, first with equal numbers of trials, and the most of them; and whether they are equal."""
     pairs = [
-        (own, other, own.trials == other.trials) for own in _samples(row, reading) for other in _samples(row, against)
+        (sample, other, sample.trials == other.trials)
+        for sample in _samples(row, reading)
+        for other in _samples(row, against)
     ]
     return sorted(pairs, key=lambda pair: (-pair[2], -(pair[0].trials or 0), -(pair[1].trials or 0)))
 
 
 def _changes(row: Row, reading: str, against: str) -> list[Change]:
     """How the numbers of a claim differ between two readings: none if they have none in common."""
-    for own, other, equal in _pairs(row, reading, against):
-        common = [key for key in own.numbers if key in other.numbers]
+    for sample, other, equal in _pairs(row, reading, against):
+        common = [key for key in sample.numbers if key in other.numbers]
         if common:
-            return [_change(row, key, reading, against, own.numbers[key], other.numbers[key], equal) for key in common]
+            return [
+                _change(row, key, reading, against, sample.numbers[key], other.numbers[key], equal) for key in common
+            ]
     return []
 
 
-def _change(row, key, reading, against, own: _Number, other: _Number, equal: bool) -> Change:
-    difference = own.value - other.value
-    same = equal and own == other  # the same flights
-    error = 0.0 if same else math.hypot(own.error, other.error)
+def _change(row, key, reading, against, number: _Number, other: _Number, equal: bool) -> Change:
+    difference = number.value - other.value
+    same = equal and number == other  # the same flights
+    error = 0.0 if same else math.hypot(number.error, other.error)
     sure = SIGMAS * error + other.slack
     size = abs(difference) / sure if sure else math.inf if difference else 0.0
-    values = other.value, own.value, difference, error, other.unit
+    values = other.value, number.value, difference, error, other.unit
     return Change(row["id"], *key, reading, against, *values, size, equal)
 
 
@@ -451,10 +455,10 @@ def _unit(unit: str, component: tuple[int, ...]) -> str:
 
 def _verdict_change(row: Row, reading: str, against: str) -> VerdictChange | None:
     """How the verdict on a claim differs between two readings; what fewer trials alone may leave open is no change."""
-    for own, other, equal in _pairs(row, reading, against)[:1]:
-        both = {own.verdict, other.verdict}
+    for sample, other, equal in _pairs(row, reading, against)[:1]:
+        both = {sample.verdict, other.verdict}
         if len(both) == 2 and both <= set(COUNTED_VERDICTS) and (equal or UNDECIDED not in both):
-            return VerdictChange(row["id"], reading, against, other.verdict, own.verdict, equal)
+            return VerdictChange(row["id"], reading, against, other.verdict, sample.verdict, equal)
     return None
 
 
@@ -556,7 +560,7 @@ def _erratum_effect(rows: Sequence[Row], erratum: Erratum, readings: Mapping[str
     return ErratumEffect(
         erratum.id,
         erratum.title,
-        next(rank for rank, changed in by_rank.items() if changed),
+        next(rank for rank, changes in by_rank.items() if changes),
         tuple(pairs),
         tuple(sorted(changes, key=lambda change: -change.size)),
         tuple(no_result),
@@ -587,7 +591,7 @@ def deciding(
         return None
     row, key = number
     by_name = {reading.name: reading for reading in readings}
-    kept = list(errata)
+    listed_errata = list(errata)
     choices = []
     for name in by_name:
         if name == DEFAULT_READING or not any(_lineage(name, by_name)):
@@ -596,16 +600,16 @@ def deciding(
         if change is None and not _has_no_result(row, name):
             continue
         names = _differing(inputs, name, DEFAULT_READING)
-        choices.append(Choice(name, names, tuple(e.id for e in kept if name in e.kept_by), change))
-    own = _samples(row, DEFAULT_READING)[0]
-    number, statement = own.numbers[key], row["kind"] == "qualitative"
+        choices.append(Choice(name, names, tuple(e.id for e in listed_errata if name in e.kept_by), change))
+    sample = _samples(row, DEFAULT_READING)[0]
+    number, statement = sample.numbers[key], row["kind"] == "qualitative"
     return Deciding(
         row["id"],
         *key,
         number.unit,
         number.value,
         number.error,
-        own.trials,
+        sample.trials,
         None if statement else _leaves(row["printed"])[key[1]],
         row["readings"][DEFAULT_READING]["margin"]["limit"] if statement else None,
         tuple(sorted(choices, key=lambda choice: -abs(choice.change.difference) if choice.change else math.inf)),
@@ -616,16 +620,16 @@ def _deciding_number(rows: Sequence[Row], readings: Sequence[ReadingEntry]) -> t
     """The claim with the deciding number, and its measure and component."""
     headline = _headline(rows)
     for row in headline:
-        if row["kind"] in ("deterministic", "monte_carlo") and (own := _samples(row, DEFAULT_READING)):
-            numbers, margin = own[0].numbers, row["readings"][DEFAULT_READING]["margin"]
+        if row["kind"] in ("deterministic", "monte_carlo") and (samples := _samples(row, DEFAULT_READING)):
+            numbers, margin = samples[0].numbers, row["readings"][DEFAULT_READING]["margin"]
             printed = _leaves(row["printed"])
             if numbers and margin and margin["value"] is not None:
                 return row, min(numbers, key=lambda key: abs(numbers[key].value - printed[key[1]] - margin["value"]))
     for row in headline:
-        if row["kind"] == "qualitative" and (own := _samples(row, DEFAULT_READING)) and own[0].numbers:
-            (key,) = own[0].numbers
-            others = [r.name for r in readings if r.name != DEFAULT_READING]
-            if any(_change_of(row, key, name, DEFAULT_READING) for name in others):
+        if row["kind"] == "qualitative" and (samples := _samples(row, DEFAULT_READING)) and samples[0].numbers:
+            (key,) = samples[0].numbers
+            other_readings = [r.name for r in readings if r.name != DEFAULT_READING]
+            if any(_change_of(row, key, name, DEFAULT_READING) for name in other_readings):
                 return row, key
     return None
 
@@ -699,13 +703,13 @@ def _varied(names, inputs, readings, assumed, labelled) -> tuple[list[tuple[str,
         lineage = list(_lineage(name, readings))
         for against in dict.fromkeys([DEFAULT_READING, *lineage] if lineage else []):
             differing = set(_differing(inputs, name, against))
-            others = differing.difference(names)
-            if others == differing or not others <= assumed | labelled:
+            unnamed = differing.difference(names)
+            if unnamed == differing or not unnamed <= assumed | labelled:
                 continue
-            if not others & labelled:
+            if not unnamed & labelled:
                 alone.setdefault(name, against)
             elif labelled.intersection(names):
-                joint.setdefault(name, (against, others & labelled))
+                joint.setdefault(name, (against, unnamed & labelled))
     if alone:
         return list(alone.items()), ()
     beside = set().union(*(others for _, others in joint.values()))
@@ -714,23 +718,23 @@ def _varied(names, inputs, readings, assumed, labelled) -> tuple[list[tuple[str,
 
 def changing(rows: Sequence[Row]) -> Changing:
     """Return where verdicts differ from those of the default reading, and the readings that change none."""
-    others = dict.fromkeys(name for row in rows for name in row["readings"] if name != DEFAULT_READING)
+    other_readings = dict.fromkeys(name for row in rows for name in row["readings"] if name != DEFAULT_READING)
     claims = {}
     for row in rows:
         if row["kind"] == "input":
             continue
-        changes = tuple(c for name in others if (c := _verdict_change(row, name, DEFAULT_READING)))
+        changes = tuple(c for name in other_readings if (c := _verdict_change(row, name, DEFAULT_READING)))
         if changes:
             claims[row["id"]] = changes
-    changed = {change.reading for changes in claims.values() for change in changes}
-    return Changing(claims, tuple(name for name in others if name not in changed))
+    changing_readings = {change.reading for changes in claims.values() for change in changes}
+    return Changing(claims, tuple(name for name in other_readings if name not in changing_readings))
 
 
 # ------------------------------------------------------------------------------------------------------------- words
 
 
-def _named_inputs(text: str, known: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(name for name in re.findall(r"\b\w+\.\w+\b", text) if name in known)
+def _named_inputs(text: str, names: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(name for name in re.findall(r"\b\w+\.\w+\b", text) if name in names)
 
 
 def _label(text: str, meanings: Mapping[str, str]) -> str:

@@ -75,20 +75,20 @@ class Quotes:
 
     def look_up(self, names: list[str]) -> Any:
         """Return the number or vector of "reading.claim.standard_error", of which only the claim must be there."""
-        first, known = names[0], names if self.claims is None else self.claims
+        first, claims = names[0], names if self.claims is None else self.claims
         of_reading = len(names) > 1 and first in self.readings
-        claim, *rest = names[1:] if of_reading else names
+        claim, *number_names = names[1:] if of_reading else names
         # Before anything is judged, "a.b" may as well be a number b of a claim a.
-        if len(names) > 1 and not of_reading and (claim not in known or len(rest) > 1):
+        if len(names) > 1 and not of_reading and (claim not in claims or len(number_names) > 1):
             raise ValueError(f"there is no reading '{first}'; {nearest(first, self.readings)}")
         if self.claims is None:
             raise _AbsentError
-        if claim not in known:
-            raise ValueError(f"there is no claim '{claim}'; {nearest(claim, known)}")
-        if len(rest) > 1:
+        if claim not in claims:
+            raise ValueError(f"there is no claim '{claim}'; {nearest(claim, claims)}")
+        if len(number_names) > 1:
             raise ValueError(f"'{'.'.join(names)}' names more than a claim and a number of it")
         reading = first if of_reading else self.reading
-        number = _beside(self.claims[claim], reading, rest[0] if rest else "value")
+        number = _beside(self.claims[claim], reading, number_names[0] if number_names else "value")
         if number is None:
             raise _AbsentError
         return number
@@ -118,8 +118,8 @@ def _beside(row: Mapping[str, Any], reading: str, name: str) -> Any:
         return (result.get("margin") or {}).get("value")
     numbers = result.get("numbers", {})
     if name not in numbers and result.get("verdict") is not None:
-        known = ["printed", "margin", *_BESIDE, *numbers]
-        raise ValueError(f"claim '{row['id']}' has no number '{name}'; {nearest(name, known)}")
+        valid_names = ["printed", "margin", *_BESIDE, *numbers]
+        raise ValueError(f"claim '{row['id']}' has no number '{name}'; {nearest(name, valid_names)}")
     return numbers.get(name)
 
 

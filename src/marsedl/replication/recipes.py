@@ -31,8 +31,8 @@ def recipe_changes(stored: Mapping[str, Any], recipe: Mapping[str, Any]) -> Iter
     if old != new:
         yield f"{_short(', '.join(item for item in old if item not in new))} among the libraries"
     old, new = stored.get("needs", {}), recipe["needs"]
-    if others := sorted(name for name in new if old.get(name) != new[name]):
-        yield f"another {', '.join(others[:NAMED_CHANGES])}"
+    if changed_needs := sorted(name for name in new if old.get(name) != new[name]):
+        yield f"another {', '.join(changed_needs[:NAMED_CHANGES])}"
 
 
 def _short(value: object) -> str:

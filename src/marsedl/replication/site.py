@@ -270,10 +270,10 @@ def _check(paper: PaperReport) -> None:
         for entry in paper.inputs:
             if reading.name not in entry.values:
                 raise InputError(f"report: {paper.slug}: input {entry.name} has no value in reading {reading.name}")
-    known = {row["id"] for row in paper.claims}
+    claim_ids = {row["id"] for row in paper.claims}
     for entry in paper.figures:
         for claim in entry.claims:
-            if claim not in known:
+            if claim not in claim_ids:
                 raise InputError(f"report: {paper.slug}: figure {entry.name} is about unknown claim {claim!r}")
     if paper.picture and paper.picture not in {entry.name for entry in paper.figures}:
         raise InputError(f"report: {paper.slug}: the picture {paper.picture!r} is none of its figures")
@@ -286,13 +286,13 @@ def _refuse_repeats(what: str, names: Sequence[str]) -> None:
 
 
 def _figure(slug: str, entry: FigureEntry, pictures: Mapping, claims: Mapping[str, Any]) -> dict[str, Any]:
-    drawn = pictures[slug, entry.name]
+    picture = pictures[slug, entry.name]
     return {
         "entry": entry,
         "path": f"pictures/{slug}/{entry.name}.png",
-        "width": drawn.width,
-        "height": drawn.height,
-        "wide": drawn.width > _SIDE,
+        "width": picture.width,
+        "height": picture.height,
+        "wide": picture.width > _SIDE,
         "claims": [claims[name] for name in entry.claims if name in claims],
     }
 
@@ -321,10 +321,10 @@ def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]
     result |= row["readings"].get(row["reading"]) or {}
     # A verdict from fewer flights does not stand beside one from more.
     compared = {name: other.get("at_equal_trials") or other for name, other in row["readings"].items()}
-    others: dict[str, list[str]] = {}
+    readings_by_verdict: dict[str, list[str]] = {}
     for name, other in compared.items():
-        others.setdefault(other["verdict"] or "not evaluated", []).append(name)
-    own = compared[row["reading"]]["verdict"] if row["readings"] else row["verdict"]
+        readings_by_verdict.setdefault(other["verdict"] or "not evaluated", []).append(name)
+    own = compared.get(row["reading"], row)["verdict"]
     statement = row["kind"] == "qualitative"
     meanings = {entry.name: entry.meaning for entry in paper.inputs}
     named = re.findall(r"\b\w+\.\w+\b", " ".join(row.get("withheld") or []))
@@ -338,9 +338,9 @@ def _claim(row: Mapping[str, Any], paper: PaperReport, titles: Mapping[str, str]
         "shown": effects.shown(row) if row["readings"] else "",
         "why": effects.why(row, titles, meanings),
         "own": own,
-        "same": others.pop(own, []),
+        "same": readings_by_verdict.pop(own, []),
         "equal_trials": any(other.get("at_equal_trials") for other in row["readings"].values()),
-        "others": others,
+        "others": readings_by_verdict,
         "components": _components(row),
         "dots": _dots(row),
         "errata": [name for name in row["errata"] or () if name in titles],
@@ -386,8 +386,8 @@ def _dots(row: Mapping[str, Any]) -> dict[str, Any] | None:
     What lies further from the printed value, or the limit, than ten times the default reading or half of the others is
     named and not drawn.
     """
-    own = row["readings"].get(row["reading"])
-    margin = own and own.get("margin")
+    result_here = row["readings"].get(row["reading"])
+    margin = result_here and result_here.get("margin")
     if row["kind"] == "qualitative":
         if not margin or margin["value"] is None:
             return None
@@ -405,8 +405,8 @@ def _dots(row: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     away = sorted(abs(value - mark) for value in finite.values())
     reach = 10 * max(abs(finite[row["reading"]] - mark), away[len(away) // 2])
-    drawn = {name: value for name, value in finite.items() if abs(value - mark) <= reach}
-    least, most = min([*drawn.values(), mark]), max([*drawn.values(), mark])
+    near_values = {name: value for name, value in finite.items() if abs(value - mark) <= reach}
+    least, most = min([*near_values.values(), mark]), max([*near_values.values(), mark])
     if least == most:
         return None
 
@@ -417,14 +417,14 @@ def _dots(row: Mapping[str, Any]) -> dict[str, Any] | None:
         "own": place(finite[row["reading"]]),
         "mark": place(mark),
         "of": of,
-        "others": sorted({place(value) for name, value in drawn.items() if name != row["reading"]}),
+        "others": sorted({place(value) for name, value in near_values.items() if name != row["reading"]}),
         "least": format_number(least),
         "most": format_number(most),
         "printed": format_number(mark),
         "value": format_number(finite[row["reading"]]),
         "unit": "%" if unit == "percent" else unit,
-        "count": len(drawn),
-        "beyond": [name for name in finite if name not in drawn],
+        "count": len(near_values),
+        "beyond": [name for name in finite if name not in near_values],
     }
 
 
@@ -473,7 +473,7 @@ def _deciding(paper: PaperReport, titles: Mapping[str, str]) -> dict[str, Any] |
         ]
         return "; ".join(named[:2]) + (f" and {len(named) - 2} more" if len(named) > 2 else "")
 
-    drawn = {choice.reading for choice in bars}
+    drawn_readings = {choice.reading for choice in bars}
     return {
         "number": deciding,
         "unit": effects.shown_unit(deciding.unit),
@@ -491,7 +491,7 @@ def _deciding(paper: PaperReport, titles: Mapping[str, str]) -> dict[str, Any] |
             }
             for choice in bars
         ],
-        "more": [choice.reading for choice in moved if choice.reading not in drawn],
+        "more": [choice.reading for choice in moved if choice.reading not in drawn_readings],
         "still": [choice.reading for choice in deciding.choices if choice.change and not choice.change.counts],
         "none": [choice.reading for choice in deciding.choices if choice.change is None],
     }
@@ -534,9 +534,9 @@ def _readings(paper: PaperReport, changing: effects.Changing) -> dict[str, Any]:
         }
         for reading in paper.readings
     ]
-    changed = [entry for entry in entries if entry["claims"]]
+    with_changes = [entry for entry in entries if entry["claims"]]
     return {
-        "changed": sorted(changed, key=lambda entry: -len(entry["claims"])),
+        "changed": sorted(with_changes, key=lambda entry: -len(entry["claims"])),
         "same": [entry for entry in entries if not entry["claims"]],
     }
 
@@ -546,18 +546,18 @@ def _differences(reading: ReadingEntry, inputs: Sequence[InputEntry]) -> list[tu
     if reading.based_on is None:
         return []
     pairs = [(entry, entry.values[reading.based_on], entry.values[reading.name]) for entry in inputs]
-    return [(entry, base.value, own.value, own.source) for entry, base, own in pairs if base.value != own.value]
+    return [(entry, base.value, value.value, value.source) for entry, base, value in pairs if base.value != value.value]
 
 
 def _input(entry: InputEntry, readings: Sequence[ReadingEntry]) -> dict[str, Any]:
     """An input: what the default reading (or else the first) uses, and the other values with their readings."""
     first = DEFAULT_READING if DEFAULT_READING in entry.values else readings[0].name
-    own, others = entry.values[first], {}
+    first_value, readings_by_value = entry.values[first], {}
     for reading in readings:
         value = entry.values[reading.name]
-        if value.value != own.value:
-            others.setdefault((value.value, value.source), []).append(reading.name)
-    return {"entry": entry, "own": own, "others": others}
+        if value.value != first_value.value:
+            readings_by_value.setdefault((value.value, value.source), []).append(reading.name)
+    return {"entry": entry, "own": first_value, "others": readings_by_value}
 
 
 # -------------------------------------------------------------------------------------------------------------- search

@@ -225,12 +225,12 @@ def _parts(record: Any, name: str, declared: Any, dims: tuple[str, ...], column:
     place = max(number for number, extent in enumerate(array.shape) if extent == len(units))
     axis = declared.dims[place]
     names = [axis.label(c) for c in axis.names] if isinstance(axis, Axis) else [str(n + 1) for n in range(len(units))]
-    rest = dims[:place] + dims[place + 1 :]
+    remaining_dims = dims[:place] + dims[place + 1 :]
     return [
         (
             f"{label}: {component}",
             *_converted(name, array.take(n, place), unit, declared, replace(column, unit="")),
-            rest,
+            remaining_dims,
         )
         for n, (component, unit) in enumerate(zip(names, units, strict=True))
     ]

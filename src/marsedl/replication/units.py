@@ -23,25 +23,25 @@ CONVERSIONS = {  # from the unit of a record to that in which it is shown
 }
 
 
-def converted(values: Any, unit: str, shown: str, name: str = "a value") -> np.ndarray:
+def converted(values: Any, unit: str, target_unit: str, name: str = "a value") -> np.ndarray:
     """Return values in another unit.
 
     Args:
         values: in `unit`, any shape.
         unit: their unit.
-        shown: the unit to convert to.
+        target_unit: the unit to convert to.
         name: of the field, for the message of an error.
 
     Raises:
         ValueError: there is no such conversion.
 
     """
-    if shown == unit:
+    if target_unit == unit:
         return np.asarray(values)
-    if (unit, shown) not in CONVERSIONS:
-        known = ", ".join(other for known, other in CONVERSIONS if known == unit)
+    if (unit, target_unit) not in CONVERSIONS:
+        targets = ", ".join(other for source, other in CONVERSIONS if source == unit)
         raise ValueError(
-            f"field '{name}' is in {unit}, which is not converted to {shown}"
-            + (f"; it can be shown in {known}" if known else "")
+            f"field '{name}' is in {unit}, which is not converted to {target_unit}"
+            + (f"; it can be shown in {targets}" if targets else "")
         )
-    return np.asarray(values) * CONVERSIONS[unit, shown]
+    return np.asarray(values) * CONVERSIONS[unit, target_unit]

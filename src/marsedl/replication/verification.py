@@ -97,8 +97,8 @@ def offline_works() -> bool:
 def other_locale() -> str:
     """Return a locale of this machine that is not the plain one: the first by name with a language, else any."""
     locales = sorted((_output_of("locale", "-a") or "").split())
-    others = [name for name in locales if name not in ("C", "POSIX")]
-    return next((name for name in others if "_" in name), others[0] if others else "C.UTF-8")
+    languages = [name for name in locales if name not in ("C", "POSIX")]
+    return next((name for name in languages if "_" in name), languages[0] if languages else "C.UTF-8")
 
 
 def _output_of(*command: str) -> str | None:
@@ -466,8 +466,8 @@ def _of_readings(reference: Mapping[str, dict | str], readings: set[str]) -> dic
 
 def _artifacts_of(build: Path, reference: Iterable[str], shared: Shared) -> dict[str, Path]:
     """The files of the artifacts that a reference holds numbers of, by "reading/artifact"."""
-    others = ("claims/", _PUBLISHED, _VERDICTS, _COUNTEREXAMPLES)
-    names = {name.rpartition("/")[0] for name in reference if not name.startswith(others)}
+    other_prefixes = ("claims/", _PUBLISHED, _VERDICTS, _COUNTEREXAMPLES)
+    names = {name.rpartition("/")[0] for name in reference if not name.startswith(other_prefixes)}
     of_readings = [(name, *name.split("/")) for name in sorted(names)]
     return {
         name: build / shared.file(reading, artifact)

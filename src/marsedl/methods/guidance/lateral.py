@@ -37,8 +37,8 @@ def deadband(time, start_time, start_width, end_time, end_width):
     Returns:
         eps_max, in the unit of the widths.
     """
-    rest = np.minimum(np.maximum((end_time - time) / (end_time - start_time), 0.0), 1.0)
-    return rest * start_width + (1.0 - rest) * end_width
+    remaining_share = np.minimum(np.maximum((end_time - time) / (end_time - start_time), 0.0), 1.0)
+    return remaining_share * start_width + (1.0 - remaining_share) * end_width
 
 
 @jitable
@@ -118,20 +118,20 @@ def heading_alignment_limit(velocity, change_velocity, high, low):
 
 
 @jitable
-def rate_limited_bank(command, flown, largest_change):
+def rate_limited_bank(command, previous, largest_change):
     r"""Bank to be flown: the command, as far as it can be reached from the bank flown before (Eq. 71, corrected).
 
         $\sigma = \text{clip}(\sigma_\text{cmd}, \; \sigma_\text{flown} - L \, dt, \; \sigma_\text{flown} + L \, dt)$
 
     Args:
         command: $\sigma_\text{cmd}$, rad.
-        flown: $\sigma_\text{flown}$, rad.
+        previous: $\sigma_\text{flown}$, rad.
         largest_change: $L \, dt$, rad.
 
     Returns:
         $\sigma$, rad.
     """
-    return np.minimum(np.maximum(command, flown - largest_change), flown + largest_change)
+    return np.minimum(np.maximum(command, previous - largest_change), previous + largest_change)
 
 
 @jitable

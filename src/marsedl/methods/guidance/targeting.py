@@ -101,9 +101,9 @@ def target_direction_from_sines(
     velocity_north = horizontal * cos_azimuth
     inverse_speed = 1.0 / np.sqrt(velocity_east * velocity_east + velocity_north * velocity_north)
     ahead = (east * velocity_east + north * velocity_north) * inverse_speed
-    left = (north * velocity_east - east * velocity_north) * inverse_speed
+    leftward = (north * velocity_east - east * velocity_north) * inverse_speed
 
-    return (np.sqrt(east * east + north * north), up), (left, np.sqrt(up * up + ahead * ahead)), ahead
+    return (np.sqrt(east * east + north * north), up), (leftward, np.sqrt(up * up + ahead * ahead)), ahead
 
 
 def require_target_ahead(downrange_angle):

@@ -63,10 +63,14 @@ class MultiplierProgram:
         if degree < 1:
             raise ValueError(f"the degree of the monomials must be 1 or more, not {degree}")
         self.spheres, self.degree = Spheres(dimensions), degree
-        others = len(self.spheres.dimensions) - 1
-        self.full_ball = tuple(map(bool, (*[False] * others, full_ball) if np.ndim(full_ball) == 0 else full_ball))
-        if len(self.full_ball) != others + 1:
-            raise ValueError(f"expected one flag of a full ball for each of {others + 1} spheres, not {full_ball}")
+        further_spheres = len(self.spheres.dimensions) - 1
+        self.full_ball = tuple(
+            map(bool, (*[False] * further_spheres, full_ball) if np.ndim(full_ball) == 0 else full_ball)
+        )
+        if len(self.full_ball) != further_spheres + 1:
+            raise ValueError(
+                f"expected one flag of a full ball for each of {further_spheres + 1} spheres, not {full_ball}"
+            )
         self.solver, self.tolerance = solver, tolerance
         self.exponents = self.spheres.monomials(2 * degree)  # of b, (n, v), the constant first
         self._half = self.spheres.monomials(degree)
@@ -115,11 +119,11 @@ class MultiplierProgram:
         if moments is None or any(variable.value is None for variable in self._variables):
             nothing = [np.full(shape, np.nan) for shape in self._shapes[1:]]
             return MultiplierCertificate(np.inf, *nothing, np.inf, np.inf, iterations, self.solver, status)
-        bound, gram, *others = [variable.value for variable in self._variables]
+        bound, gram, *grams = [variable.value for variable in self._variables]
         bound, gram = float(shift + scale * bound), scale * nearest_semidefinite(gram)
         free = self._shapes[2][0]
-        multipliers = scale * np.array(others[:free]).reshape(self._shapes[2])
-        ball_grams = scale * np.array([nearest_semidefinite(m) for m in others[free:]]).reshape(self._shapes[3])
+        multipliers = scale * np.array(grams[:free]).reshape(self._shapes[2])
+        ball_grams = scale * np.array([nearest_semidefinite(m) for m in grams[free:]]).reshape(self._shapes[3])
         residual = self._residual(coefficients, bound, gram, multipliers, ball_grams)
         return MultiplierCertificate(
             bound=bound,

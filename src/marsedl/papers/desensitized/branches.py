@@ -77,15 +77,15 @@ def compute(
     setup = Setup(planet, vehicle, mission, solver, design)
     minima = catalogue(setup, ensemble, studies, nominal, tradeoff)
     solutions, number = minima.solutions, minima.nominal
-    held = error_program(setup)
-    curve, fold = nominal_curve(setup, simulation, held, solutions[number], tradeoff)
+    error_problem = error_program(setup)
+    curve, fold = nominal_curve(setup, simulation, error_problem, solutions[number], tradeoff)
     extended, continued = continued_branches(setup, solutions, number, tradeoff)
     errors = np.array([catalogue_error(setup, simulation, solution) for solution in solutions])
     candidates = [
         *(Candidate(k, effort(s), np.linalg.norm(e)) for k, (s, e) in enumerate(zip(solutions, errors, strict=True))),
         *(Candidate(number, effort(s), given_error(simulation, s)) for s in curve),
         *(Candidate(k, effort(s), np.linalg.norm(final_error(planet, simulation, extended, s))) for k, s in continued),
-        *at_row_errors(setup, simulation, held, solutions, errors, number, tradeoff),
+        *at_row_errors(setup, simulation, error_problem, solutions, errors, number, tradeoff),
     ]
     return Branches(
         **described(vehicle, studies, minima, errors),
@@ -195,11 +195,11 @@ def searched(setup: Setup, ensemble: Ensemble, studies: Studies, final_time):
 
 def random_profiles(ensemble: Ensemble, studies: Studies, final_time):
     """Bank angles and the times of the changes between them: one to four changes, any bank angle, any time."""
-    drawn = uniforms(ensemble.seed, SEARCH_STREAM, np.arange(studies.search_starts), 2 * SWITCHES + 2)
-    for number, *rest in drawn:
+    uniform_rows = uniforms(ensemble.seed, SEARCH_STREAM, np.arange(studies.search_starts), 2 * SWITCHES + 2)
+    for number, *uniform_numbers in uniform_rows:
         switches = 1 + int(SWITCHES * number)
-        banks = np.pi * (2.0 * np.array(rest[: switches + 1]) - 1.0)
-        yield banks, np.sort(rest[SWITCHES + 1 : SWITCHES + 1 + switches]) * final_time
+        banks = np.pi * (2.0 * np.array(uniform_numbers[: switches + 1]) - 1.0)
+        yield banks, np.sort(uniform_numbers[SWITCHES + 1 : SWITCHES + 1 + switches]) * final_time
 
 
 def descent(setup: Setup, banks, switch_times, intervals) -> Guess:
@@ -243,9 +243,9 @@ def descent(setup: Setup, banks, switch_times, intervals) -> Guess:
     above.terminal, above.direction = True, -1.0
     earliest, latest = mission.final_time_bounds
     start = entry_problem.entry_state(mission)[: len(MEASURED)]
-    flown = solve_ivp(rates, (0.0, latest), start, events=above, rtol=1e-6, atol=1e-6, dense_output=True)
-    time = np.linspace(0.0, max(flown.t[-1], earliest), intervals + 1)
-    motion = flown.sol(np.minimum(time, flown.t[-1])).T
+    solution = solve_ivp(rates, (0.0, latest), start, events=above, rtol=1e-6, atol=1e-6, dense_output=True)
+    time = np.linspace(0.0, max(solution.t[-1], earliest), intervals + 1)
+    motion = solution.sol(np.minimum(time, solution.t[-1])).T
     control = np.diff(bank_rate(time)) / np.diff(time)
     return Guess(np.column_stack([motion, bank(time), bank_rate(time)]), control[:, np.newaxis], float(time[-1]))
 
@@ -343,7 +343,7 @@ def bank_conditions(setup: Setup, nominal: Nominal):
     solutions = []
     for choice in fixed:
         ends = entry_problem.BankEnds(
-            *((bank or 0.0) if held else None for bank, held in zip(banks, choice, strict=True))
+            *((bank or 0.0) if is_fixed else None for bank, is_fixed in zip(banks, choice, strict=True))
         )
         declared = entry_problem.problem(setup.planet, setup.vehicle, setup.mission, ends)
         transcribed = entry_problem.program(setup.planet, setup.solver, declared)
@@ -408,14 +408,18 @@ def radius_norm(planet: Planet, end):
     return np.sqrt(sum((length * end[column(name, "radius")]) ** 2 for name, length in parts))
 
 
-def held_at_own_error(planet: Planet, solver: Solver, held: ErrorProgram, solution: Solution) -> Solution:
+def held_at_own_error(planet: Planet, solver: Solver, error_problem: ErrorProgram, solution: Solution) -> Solution:
     """A solution of the problem without weight as one at its own final error, where the multiplier vanishes."""
-    guess = held.extended.guess(solution)
-    end = dict(zip([v.name for v in held.extended.problem.states], guess.states[-1], strict=True))
+    guess = error_problem.extended.guess(solution)
+    end = dict(zip([v.name for v in error_problem.extended.problem.states], guess.states[-1], strict=True))
     norm = float(radius_norm(planet, end))
     states = np.column_stack([guess.states, solution.time, norm * solution.time])
     return attempt(
-        solver, held.program, guess._replace(states=states), {"norm": norm, "density_factor": 1.0}, barrier=WARM
+        solver,
+        error_problem.program,
+        guess._replace(states=states),
+        {"norm": norm, "density_factor": 1.0},
+        barrier=WARM,
     )
 
 
@@ -444,12 +448,14 @@ def followed(solver: Solver, design: Design, transcribed, first: Solution, name,
     return points
 
 
-def nominal_curve(setup: Setup, simulation: Simulation, held: ErrorProgram, solution: Solution, tradeoff: Tradeoff):
+def nominal_curve(
+    setup: Setup, simulation: Simulation, error_problem: ErrorProgram, solution: Solution, tradeoff: Tradeoff
+):
     """The nominal's branch from its own error downwards, through a fold if there is one: solutions, and the fold.
 
     Where the path over the weight has lost the nominal's branch, the curve goes twice as far; else to the rows' errors.
     """
-    first = held_at_own_error(setup.planet, setup.solver, held, solution)
+    first = held_at_own_error(setup.planet, setup.solver, error_problem, solution)
     if first.status != SOLVED:
         return [], (np.nan, np.nan)
     top = first.given["norm"]
@@ -459,11 +465,11 @@ def nominal_curve(setup: Setup, simulation: Simulation, held: ErrorProgram, solu
         bottom = row_errors(tradeoff)[0].min() / abs(simulation.tabulated_error)
     # The weight rises steeply at first: short steps there.
     values = top - max(top - bottom, 0.0) * (np.arange(1, CURVE_POINTS + 1) / CURVE_POINTS) ** 2
-    points = followed(setup.solver, setup.design, held.program, first, "norm", values)
-    return with_fold(setup.solver, held, points)
+    points = followed(setup.solver, setup.design, error_problem.program, first, "norm", values)
+    return with_fold(setup.solver, error_problem, points)
 
 
-def with_fold(solver: Solver, held: ErrorProgram, points):
+def with_fold(solver: Solver, error_problem: ErrorProgram, points):
     """Points with further ones around the largest weight, and the norm and the weight of the fold.
 
     It is found by Brent's method between the neighbours of the point of the largest weight; NaN where that lies at an
@@ -475,23 +481,26 @@ def with_fold(solver: Solver, held: ErrorProgram, points):
     highest = int(np.argmax([weight_at_error(point) for point in points]))
     if highest in (0, len(points) - 1):
         return points[::-1], (np.nan, np.nan)
-    known = {point.given["norm"]: point for point in points}
+    solved_points = {point.given["norm"]: point for point in points}
 
     def loss(norm):
         norm = float(norm)
-        if norm not in known:
-            nearest = min(known.values(), key=lambda point: abs(point.given["norm"] - norm))
+        if norm not in solved_points:
+            nearest = min(solved_points.values(), key=lambda point: abs(point.given["norm"] - norm))
             given = {"norm": norm, "density_factor": 1.0}
-            further = attempt(solver, held.program, nearest, given, barrier=WARM, iterations=STEP_ITERATIONS)
+            further = attempt(solver, error_problem.program, nearest, given, barrier=WARM, iterations=STEP_ITERATIONS)
             if further.status != SOLVED:
                 return np.inf
-            known[norm] = further
-        return -weight_at_error(known[norm])
+            solved_points[norm] = further
+        return -weight_at_error(solved_points[norm])
 
     bracket = [point.given["norm"] for point in points[highest - 1 : highest + 2]]
     minimize_scalar(loss, bracket, method="brent", options={"xtol": FOLD_TOLERANCE})
-    top = max(known.values(), key=weight_at_error)
-    return sorted(known.values(), key=lambda point: -point.given["norm"]), (top.given["norm"], weight_at_error(top))
+    top = max(solved_points.values(), key=weight_at_error)
+    return sorted(solved_points.values(), key=lambda point: -point.given["norm"]), (
+        top.given["norm"],
+        weight_at_error(top),
+    )
 
 
 def weight_at_error(solution: Solution):
@@ -534,39 +543,39 @@ def continued_branches(setup: Setup, solutions, nominal_number, tradeoff: Tradeo
 def at_row_errors(
     setup: Setup,
     simulation: Simulation,
-    held: ErrorProgram,
+    error_problem: ErrorProgram,
     solutions,
     errors,
     nominal_number,
     tradeoff: Tradeoff,
 ):
     """Candidates at exactly the rows' errors, on the branches beside the nominal's that might need less there."""
-    wanted, efforts = row_errors(tradeoff)
+    row_norms, efforts = row_errors(tradeoff)
     candidates = []
     for number, solution in enumerate(solutions):
-        below = (wanted < np.linalg.norm(errors[number])) & (efforts > effort(solution))
+        below = (row_norms < np.linalg.norm(errors[number])) & (efforts > effort(solution))
         if number == nominal_number or not below.any():
             continue
-        first = held_at_own_error(setup.planet, setup.solver, held, solution)
+        first = held_at_own_error(setup.planet, setup.solver, error_problem, solution)
         if first.status == SOLVED:
-            values = -np.sort(-wanted[below]) / abs(simulation.tabulated_error)
-            points = followed(setup.solver, setup.design, held.program, first, "norm", values)
+            values = -np.sort(-row_norms[below]) / abs(simulation.tabulated_error)
+            points = followed(setup.solver, setup.design, error_problem.program, first, "norm", values)
             candidates += [Candidate(number, effort(point), given_error(simulation, point)) for point in points]
     return candidates
 
 
 def dominance(tradeoff: Tradeoff, candidates):
     """The fields that say whether a row of Table 3 has the least control energy found at its error."""
-    wanted, efforts = row_errors(tradeoff)
+    row_norms, efforts = row_errors(tradeoff)
     least, numbers = efforts.copy(), np.full(len(efforts), -1)
-    for row, (error, own) in enumerate(zip(wanted, efforts, strict=True)):
+    for row, (error, row_effort) in enumerate(zip(row_norms, efforts, strict=True)):
         below = [candidate for candidate in candidates if candidate.error <= error * (1.0 + 1e-9)]
         best = min(below, key=lambda candidate: candidate.effort, default=None)
-        if best is not None and best.effort < own * (1.0 - BETTER):
+        if best is not None and best.effort < row_effort * (1.0 - BETTER):
             least[row], numbers[row] = best.effort, best.number
     return {
         "row_weight": tradeoff.printed_weight[np.isfinite(tradeoff.printed_weight)],
-        "row_error": wanted,
+        "row_error": row_norms,
         "row_effort": efforts,
         "least_effort": least,
         "least_solution": numbers,

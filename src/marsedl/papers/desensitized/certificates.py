@@ -97,7 +97,7 @@ def compute(
         variant_reversals=np.array([[entry_problem.reversals(s.state("bank")) for s in row] for row in variants]),
         radius_error=sizes,
         linear_error=np.array([linear for linear, _ in flights]),
-        flown_error=np.array([flown for _, flown in flights]),
+        flown_error=np.array([flown_error for _, flown_error in flights]),
     )
 
 
@@ -143,10 +143,13 @@ def refined(setup: Setup, studies: Studies, case: Case, scheme) -> dict[int, Sol
         transcribed = entry_problem.program(planet, solver, problem, intervals, scheme)
         return attempt(solver, transcribed, start, entry_problem.given(case.weight), barrier=WARM)
 
-    own, studied = solver.intervals, [int(number) for number in studies.studied_intervals]
-    solutions = {own: solved(own, case.guess)}
-    for numbers in ([n for n in studied if n > own], [n for n in reversed(studied) if n < own]):
-        last = solutions[own]
+    nominal_intervals, studied = solver.intervals, [int(number) for number in studies.studied_intervals]
+    solutions = {nominal_intervals: solved(nominal_intervals, case.guess)}
+    for numbers in (
+        [n for n in studied if n > nominal_intervals],
+        [n for n in reversed(studied) if n < nominal_intervals],
+    ):
+        last = solutions[nominal_intervals]
         for number in numbers:
             solutions[number] = solved(number, last.guess(number))
             if solutions[number].status == SOLVED:
@@ -172,7 +175,7 @@ def _mesh(setup: Setup, simulation: Simulation, studies: Studies, solution, on_o
     sensitivity = sensitivities(planet, setup.vehicle, solution.scheme, along)[0]
     share = on_own_mesh.time / on_own_mesh.final_time
     bank = np.interp(share, solution.time / solution.final_time, solution.state("bank"))
-    miss, flown_error = flown(setup, simulation, studies, along)
+    miss, flown_error = flight_errors(setup, simulation, studies, along)
     return fields | {
         "effort": effort(solution),
         "cumulative": entry_problem.cumulative(along.time, along.bank_acceleration),
@@ -186,7 +189,7 @@ def _mesh(setup: Setup, simulation: Simulation, studies: Studies, solution, on_o
     }
 
 
-def flown(setup: Setup, simulation: Simulation, studies: Studies, along: Trajectory):
+def flight_errors(setup: Setup, simulation: Simulation, studies: Studies, along: Trajectory):
     """Miss of the target, and final error for the radius error of Table 3 by central differences; (3,) each, m.
 
     The step of the flights is that of `substeps` on the finest mesh, so that their errors are the same on all meshes;
@@ -278,8 +281,8 @@ def flow_deviation(setup: Setup, solution: Solution):
     for k, step in enumerate(np.diff(along.time)):
         start, moved = moved, moved + along.state[k + 1] - along.state[k]
         for _ in range(NEWTON_STEPS):
-            taken = change(planet, vehicle, solution.scheme, start, moved, along.bank_acceleration[k], step)
-            moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - taken).T).T
+            increment = change(planet, vehicle, solution.scheme, start, moved, along.bank_acceleration[k], step)
+            moved = moved - np.linalg.solve(np.eye(size) - after[k], (moved - start - increment).T).T
     differences = (moved[:size] - moved[size:]).T / (2.0 * STATE_DIFFERENCE) / scale[:, np.newaxis]
     expected = sensitivity[-1] * scale / scale[:, np.newaxis]
     return np.abs(differences - expected).max() / np.abs(expected).max()
@@ -324,12 +327,12 @@ def solver_deviation(solution: Solution, sensitivity):
     return column_deviation(solution.states[:, columns], sensitivity[:, rows]) if rows else np.nan
 
 
-def column_deviation(own, sensitivity):
+def column_deviation(column, sensitivity):
     """Largest difference of a radius column (N + 1, n) to the sensitivity's, relative to the largest of each state."""
     expected = sensitivity[:, :, 0]
     largest = np.abs(expected).max(axis=0)
     reached = largest > 0.0
-    return (np.abs(own - expected).max(axis=0)[reached] / largest[reached]).max()
+    return (np.abs(column - expected).max(axis=0)[reached] / largest[reached]).max()
 
 
 def defect(setup: Setup, scheme, along: Trajectory):
@@ -360,7 +363,7 @@ def _row(setup: Setup, simulation: Simulation, tradeoff, number):
             final_position(planet, sensitivities(planet, vehicle, scheme, other)[0])[:, 0] * simulation.tabulated_error
         )
 
-    own = position[:, 0] * simulation.tabulated_error
+    expected_error = position[:, 0] * simulation.tabulated_error
     return {
         "row_longitude_deviation": longitude_deviation(planet, setup.design, sensitivity),
         "row_crossrange_deviation": crossrange_deviation(planet, along, sensitivity),
@@ -370,8 +373,8 @@ def _row(setup: Setup, simulation: Simulation, tradeoff, number):
         "row_defect": defect(setup, scheme, along),
         "mirrored_defect": defect(setup, scheme, mirrored),
         "shifted_defect": defect(setup, scheme, shifted),
-        "mirrored_error_deviation": np.abs(error(mirrored) * MIRROR[:3] - own).max(),
-        "shifted_error_deviation": np.abs(error(shifted) - own).max(),
+        "mirrored_error_deviation": np.abs(error(mirrored) * MIRROR[:3] - expected_error).max(),
+        "shifted_error_deviation": np.abs(error(shifted) - expected_error).max(),
     }
 
 

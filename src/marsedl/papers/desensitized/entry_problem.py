@@ -292,8 +292,8 @@ def failure(case, error: NotConvergedError) -> SolverError:
     """The message for a case that did not converge, with its last iterate."""
     last = error.solution
     names = [variable.name for variable in last.problem.states]
-    held = np.vstack([last.controls, last.controls[-1:]])
-    iterate = {"time": last.time, **dict(zip(names, last.states.T, strict=True)), "bank_acceleration": held[:, 0]}
+    control = np.vstack([last.controls, last.controls[-1:]])
+    iterate = {"time": last.time, **dict(zip(names, last.states.T, strict=True)), "bank_acceleration": control[:, 0]}
     return SolverError(f"{case}: {error}", iterate)
 
 
@@ -314,13 +314,13 @@ def profile_guess(mission: Mission, solver: Solver, declared: Problem, banks, sw
     start[BANK_RATE] = bank_rate(0.0)
     controls = np.diff([bank_rate(t) for t in time])[:, np.newaxis] * solver.intervals / final_time
     try:
-        flown = simulate(declared, start, controls, time, [0.0, 1.0], relative_tolerance=1e-7)
+        states = simulate(declared, start, controls, time, [0.0, 1.0], relative_tolerance=1e-7)
     except RuntimeError as error:
         raise MarsedlError(
             f"the guess cannot be flown to its end, perhaps it goes far below the ground: {error}; give guess_banks "
             "with more lift up, or an earlier guess_final_time"
         ) from error
-    return Guess(flown, controls, final_time)
+    return Guess(states, controls, final_time)
 
 
 # ---- measures --------------------------------------------------------------------------------------------------------

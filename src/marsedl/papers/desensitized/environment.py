@@ -34,6 +34,6 @@ def final_errors(planet: Planet, simulation: Simulation, air, reference, gain, e
     air: see `surroundings`. reference, gain, options: as of `flight.fly`. Trials that crash or are not finite have NaN.
     """
     states = displaced(planet, reference.initial_state, np.vstack([np.zeros(3), errors]))
-    flown = flight.fly(*air, reference, gain, states, substeps=simulation.substeps, **options)
-    final = np.where(flown.outcome == 0, flown.final_state[: components.STATES], np.nan).T
+    trajectories = flight.fly(*air, reference, gain, states, substeps=simulation.substeps, **options)
+    final = np.where(trajectories.outcome == 0, trajectories.final_state[: components.STATES], np.nan).T
     return entry_problem.position_errors(final[1:], final[:1], planet.planet_radius)

@@ -174,8 +174,8 @@ def _log_density(altitude, cells, constants):
     inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
     inside = inside if inside < last else last
     cell = np.int32(inside)
-    rest = position - cell
-    logarithm = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
+    fraction = position - cell
+    logarithm = cells[cell, 0] + fraction * (cells[cell, 1] + fraction * (cells[cell, 2] + fraction * cells[cell, 3]))
     logarithm = LEAST_LOG_DENSITY if logarithm < LEAST_LOG_DENSITY else logarithm  # NaN stays NaN
     return LARGEST_LOG_DENSITY if logarithm > LARGEST_LOG_DENSITY else logarithm
 
@@ -201,15 +201,15 @@ def _bounded(command, constants):
 
 @inline_njit
 def _drift(half_index, state, noise, parameters, out):
-    cells, density_factor, nominal_control, gain, command, flown, log_density, constants = parameters
+    cells, density_factor, nominal_control, gain, command, applied, log_density, constants = parameters
     # Look-ups apart: they are no vector code, and would keep the rest from becoming it.
     for lane in range(LANES):
         log_density[0, lane] = _log_density(state[ALTITUDE, lane], cells, constants)
         log_density[1, lane] = _log_density(state[STORED + ALTITUDE, lane], cells, constants)
     _command(state, nominal_control, gain, command)
     for lane in range(LANES):
-        flown[0, lane], flown[1, lane] = _bounded(command[0, lane], constants), nominal_control
-        out[CUMULATIVE, lane] = abs(flown[0, lane])
+        applied[0, lane], applied[1, lane] = _bounded(command[0, lane], constants), nominal_control
+        out[CUMULATIVE, lane] = abs(applied[0, lane])
     # The trial and the nominal, by the same code.
     for vehicle in range(2):
         first = vehicle * STORED
@@ -233,7 +233,7 @@ def _drift(half_index, state, noise, parameters, out):
                 ),
                 sine_cosine(state[first + BANK, lane]),
                 state[first + BANK_RATE, lane],
-                flown[vehicle, lane],
+                applied[vehicle, lane],
                 exponential(log_density[vehicle, lane]) * density_factor[vehicle, lane],
                 (constants.ballistic_coefficient, constants.lift_to_drag),
                 (constants.gravitational_parameter, constants.planet_radius),
@@ -258,8 +258,8 @@ def _update_largest(command, flying, constants, largest):
     for lane in range(LANES):
         if flying[lane]:
             # np.maximum keeps NaN, so a trial that went wrong shows it.
-            flown = _bounded(command[0, lane], constants)
-            largest[BANK_ACCELERATION, lane] = np.maximum(largest[BANK_ACCELERATION, lane], flown)
+            applied = _bounded(command[0, lane], constants)
+            largest[BANK_ACCELERATION, lane] = np.maximum(largest[BANK_ACCELERATION, lane], applied)
             largest[COMMAND_MAGNITUDE, lane] = np.maximum(largest[COMMAND_MAGNITUDE, lane], abs(command[0, lane]))
 
 
@@ -275,7 +275,7 @@ def _fly_group(constants, cells, followed, pace, density_factor, outputs):
     nominal_state, control, gain = followed
     time_step, substeps, every = pace
     history, observed, largest, length, final = outputs
-    command, flown, log_density, noise = lane_array(1), lane_array(2), lane_array(2), lane_array(0)
+    command, applied, log_density, noise = lane_array(1), lane_array(2), lane_array(2), lane_array(0)
     state = lane_array(INTEGRATED)
     for row in range(final.shape[0]):
         for lane in range(LANES):
@@ -290,7 +290,7 @@ def _fly_group(constants, cells, followed, pace, density_factor, outputs):
     flying = np.ones(LANES, np.bool_)
     remaining, row = LANES, 0
     for interval in range(len(control)):
-        parameters = (cells, factor, control[interval], gain, command, flown, log_density, constants)
+        parameters = (cells, factor, control[interval], gain, command, applied, log_density, constants)
         for substep in range(substeps):
             _command(state, control[interval], gain, command)
             _update_largest(command, flying, constants, largest)
@@ -366,21 +366,27 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
     cells, gain, states, factor = _checked_arguments(cells, gain, initial_states, density_factor)
     substeps, every = _whole(substeps, "substeps"), _whole(every, "every", len(control))
     start = np.vstack([states.T, np.zeros(len(states))])
-    flown = new_trajectories(start, len(control) // every + 1, OBSERVED)
+    trajectories = new_trajectories(start, len(control) // every + 1, OBSERVED)
     followed, pace = (
         _Followed(nominal_state, control, gain),
         _Pace(final_time / len(control) / substeps, substeps, every),
     )
-    outputs = _Outputs(flown.history, flown.observed, flown.observed_maximum, flown.length, flown.final_state)
+    outputs = _Outputs(
+        trajectories.history,
+        trajectories.observed,
+        trajectories.observed_maximum,
+        trajectories.length,
+        trajectories.final_state,
+    )
     _fly(constants, cells, followed, pace, pad_to_groups(factor), outputs)
-    flown = flown.first(len(states))
-    flown.outcome[flown.final_state[ALTITUDE] < 0.0] = CRASHED
-    finite = np.isfinite(flown.final_state).all(axis=0) & np.isfinite(flown.observed_maximum).all(axis=0)
-    flown.outcome[~finite] = NON_FINITE
-    ended = np.arange(len(flown.history))[:, np.newaxis, np.newaxis] >= flown.length
-    for stored in (flown.history, flown.observed):
+    trajectories = trajectories.first(len(states))
+    trajectories.outcome[trajectories.final_state[ALTITUDE] < 0.0] = CRASHED
+    finite = np.isfinite(trajectories.final_state).all(axis=0) & np.isfinite(trajectories.observed_maximum).all(axis=0)
+    trajectories.outcome[~finite] = NON_FINITE
+    ended = np.arange(len(trajectories.history))[:, np.newaxis, np.newaxis] >= trajectories.length
+    for stored in (trajectories.history, trajectories.observed):
         np.copyto(stored, np.nan, where=ended)
-    return flown
+    return trajectories
 
 
 def fly_nominal(constants, cells, reference, substeps):
@@ -395,8 +401,10 @@ def fly_nominal(constants, cells, reference, substeps):
     Raises:
         ValueError: as `fly`, or if the nominal comes below altitude zero or is not finite.
     """
-    flown = fly(constants, cells, reference, np.zeros(STATES), [reference.initial_state], substeps=substeps)
-    if flown.outcome[0] != COMPLETED:
-        end = "comes below altitude zero" if flown.outcome[0] == CRASHED else "is not finite"
-        raise ValueError(f"the nominal {end} on interval {flown.length[0] - 1} of {len(reference.bank_acceleration)}")
-    return flown.history[:, :STATES, 0].copy()
+    trajectories = fly(constants, cells, reference, np.zeros(STATES), [reference.initial_state], substeps=substeps)
+    if trajectories.outcome[0] != COMPLETED:
+        end = "comes below altitude zero" if trajectories.outcome[0] == CRASHED else "is not finite"
+        raise ValueError(
+            f"the nominal {end} on interval {trajectories.length[0] - 1} of {len(reference.bank_acceleration)}"
+        )
+    return trajectories.history[:, :STATES, 0].copy()

@@ -182,11 +182,11 @@ def flown_errors(study: Study, air, along: Trajectory):
     deviations = (directions(setup.planet, setup.mission).T[:, np.newaxis] * changes).reshape(-1, len(STATES))
     factors = np.ones((len(PERTURBATIONS), len(BOTH_WAYS)))
     factors[DENSITY] += BOTH_WAYS * studies.density_error
-    errors = flown(setup.planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
+    errors = flight_errors(setup.planet, simulation, air, along, np.zeros(len(STATES)), deviations, factors.ravel())
     return errors.reshape(len(PERTURBATIONS), len(BOTH_WAYS), 3)
 
 
-def flown(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, deviations, density_factors):
+def flight_errors(planet: Planet, simulation: Simulation, air, along: Trajectory, gain, deviations, density_factors):
     """Final errors of flights with deviations (trials, 8) of the state at entry and density factors (trials,).
 
     (trials, 3), m, against the flight without either; NaN for what came below the ground.
@@ -287,7 +287,7 @@ def tuned(study: Study, air, along: Trajectory, radii) -> Law:
     )
 
     def errors(scaled_gain):
-        result = flown(
+        result = flight_errors(
             planet, simulation, air, along, gain_vector(planet, design, np.ravel(scaled_gain)), deviations, factors
         )
         return (result / weight[:, np.newaxis]).ravel()
@@ -308,7 +308,7 @@ def under_law(study: Study, air, along: Trajectory, law: Law, errors: FlownError
     )
     factors = np.concatenate([1.0 + errors.density, np.ones(len(errors.radius))])
     gain = gain_vector(setup.planet, setup.design, law.scaled_gain)
-    final = flown(setup.planet, study.simulation, air, along, gain, deviations, factors)
+    final = flight_errors(setup.planet, study.simulation, air, along, gain, deviations, factors)
     return {
         "law_linear_error": linear_errors(study, along, law.scaled_gain, [DENSITY, RADIUS]),
         "density_flown_error": final[: len(errors.density)],

@@ -60,7 +60,7 @@ def compute(
         ranking = sensitivity_gains.rank([c.scaled_gain for c in candidates], simulate)
         for place, index in enumerate(ranking.order):
             candidate = candidates[index]
-            flown = environment.final_errors(
+            final_errors = environment.final_errors(
                 planet,
                 simulation,
                 air,
@@ -78,7 +78,7 @@ def compute(
                     "scaled_gain": candidate.scaled_gain,
                     "linear_error": sensitivity_gains.final_errors(problem, candidate.scaled_gain[np.newaxis])[:, 0],
                     "flown_norm": norm if np.isfinite(norm) else LOST,
-                    "flown_error": np.linalg.norm(flown, axis=1),
+                    "flown_error": np.linalg.norm(final_errors, axis=1),
                 }
             )
     return GainStudy(
@@ -123,9 +123,9 @@ def collected(tuning: Tuning, linearization, problem, reference, number):
 def keep(candidates, method, scaled_gain):
     """Add a candidate to the list, or count it to the one that it equals."""
     gain = np.ravel(scaled_gain)
-    for k, known in enumerate(candidates):
-        if np.linalg.norm(known.scaled_gain - gain) < SAME * np.linalg.norm(gain):
-            candidates[k] = known._replace(found=known.found + 1)
+    for k, candidate in enumerate(candidates):
+        if np.linalg.norm(candidate.scaled_gain - gain) < SAME * np.linalg.norm(gain):
+            candidates[k] = candidate._replace(found=candidate.found + 1)
             return
     candidates.append(Candidate(method, gain))
 
@@ -139,7 +139,7 @@ def for_all(tuning: Tuning, gains: Gains):
     sizes = np.unique(np.abs(design.tuning_errors))
     every = np.sort(np.concatenate([-sizes, sizes]))
 
-    def flown(scaled_gain, errors):
+    def final_errors(scaled_gain, errors):
         """Final errors (3, errors, 3) of the errors of every channel, all in one call."""
         gain = gain_vector(planet, design, np.ravel(scaled_gain))
         positions = np.vstack([environment.along_channel(channel, errors) for channel in range(len(CHANNELS))])
@@ -147,7 +147,7 @@ def for_all(tuning: Tuning, gains: Gains):
         return final.reshape(len(CHANNELS), len(errors), len(CHANNELS))
 
     def residual(scaled_gain):
-        return np.ravel(flown(scaled_gain, sizes[0] * np.array([-1.0, 1.0])) / sizes[0])
+        return np.ravel(final_errors(scaled_gain, sizes[0] * np.array([-1.0, 1.0])) / sizes[0])
 
     start = gains.scaled_gain[number]
     both, ended = [start, start], False
@@ -157,6 +157,6 @@ def for_all(tuning: Tuning, gains: Gains):
     return {
         "all_sizes": every,
         "all_scaled_gain": np.array(both),
-        "all_flown_error": np.array([np.linalg.norm(flown(k, every), axis=2) for k in both]),
+        "all_flown_error": np.array([np.linalg.norm(final_errors(k, every), axis=2) for k in both]),
         "all_tuned": ended,
     }

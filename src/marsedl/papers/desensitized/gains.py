@@ -157,8 +157,8 @@ def simulated_errors(tuning: Tuning, nominal_reference, channel):
 
     def of_gains(scaled_gain):
         gain = gain_vector(tuning.planet, tuning.design, np.ravel(scaled_gain))
-        flown = environment.final_errors(tuning.planet, tuning.simulation, air, nominal_reference, gain, errors)
-        return (flown / np.abs(sizes)[:, np.newaxis]).ravel()
+        final_errors = environment.final_errors(tuning.planet, tuning.simulation, air, nominal_reference, gain, errors)
+        return (final_errors / np.abs(sizes)[:, np.newaxis]).ravel()
 
     return of_gains
 

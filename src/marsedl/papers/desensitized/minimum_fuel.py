@@ -134,13 +134,13 @@ def to_fuel(solver: Solver, design: Design, transcribed, first: Solution) -> Way
         on_branch = on_branch if off_branch else solution
 
     options = {"tolerance": solver.solver_tolerance, "iterations": STEP_ITERATIONS, "barrier": WARM}
-    for wanted in SHARES:
-        while last.given["weight"] < wanted:
+    for share in SHARES:
+        while last.given["weight"] < share:
             try:
                 transcribed.follow(
                     last,
                     "weight",
-                    [wanted],
+                    [share],
                     same_branch=same_branch,
                     smallest_step=SMALLEST_STEP,
                     on_step=keep,

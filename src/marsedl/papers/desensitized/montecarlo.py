@@ -96,8 +96,8 @@ def gather(
     for number in laws:
         reference, gain = flown_law(gains, number)
         start = reference.initial_state[np.newaxis]
-        flown = flight.fly(*air, reference, gain, start, substeps=simulation.substeps, every=step)
-        nominals.append(flown.history[:, :, 0])
+        trajectories = flight.fly(*air, reference, gain, start, substeps=simulation.substeps, every=step)
+        nominals.append(trajectories.history[:, :, 0])
     nominal, joined = np.array(nominals), _by_law(merged)
     ends = np.where(joined["outcome"][:, :, np.newaxis] == ensembles.COMPLETED, joined["final_state"], np.nan)
     return FlightEnsemble(
@@ -115,9 +115,9 @@ def replay(
     """Fly one trial again under every law and describe it, compared with the ensemble's if that is stored."""
     flights, lines = Flights(planet, vehicle, simulation, ensemble), []
     for law_number, name in enumerate(gains.law):
-        flown = ensembles.replay(block_simulator(flights, gains, law_number), trial.number)
-        end = flown.final_state[:, 0]
-        lines.append(f"trial {trial.number}, law {name}: {OUTCOMES[int(flown.outcome[0])]}")
+        trajectories = ensembles.replay(block_simulator(flights, gains, law_number), trial.number)
+        end = trajectories.final_state[:, 0]
+        lines.append(f"trial {trial.number}, law {name}: {OUTCOMES[int(trajectories.outcome[0])]}")
         parts = zip(("altitude (m)", "latitude (rad)", "longitude (rad)"), end[:3], strict=True)
         lines += [f"  {part:26}{value:18.9f}" for part, value in parts]
         if trial.stored is not None:

@@ -32,18 +32,20 @@ def refuse_other_branch(solver: Solver, along: Trajectory) -> None:
         MarsedlError: its reversals, full rolls or the sign of its first bank angle are others; with their times.
     """
     bank = along.state[:, BANK]
-    own = {
+    branch = {
         "nominal_reversals": entry_problem.reversals(bank),
         "nominal_full_rolls": entry_problem.full_rolls(bank),
         "nominal_first_bank": entry_problem.first_bank(bank),
     }
-    wanted = {
+    expected = {
         "nominal_reversals": solver.nominal_reversals,
         "nominal_full_rolls": solver.nominal_full_rolls,
         "nominal_first_bank": solver.nominal_first_bank,
     }
-    others = [f"{name} {own[name]} instead of {wanted[name]}" for name in own if own[name] != wanted[name]]
-    if not others:
+    differences = [
+        f"{name} {branch[name]} instead of {expected[name]}" for name in branch if branch[name] != expected[name]
+    ]
+    if not differences:
         return
     times = ", ".join(f"{time:.1f}" for time in entry_problem.reversal_times(along.time, bank)) or "none"
     energy = entry_problem.effort(along.time, along.bank_acceleration)
@@ -51,10 +53,10 @@ def refuse_other_branch(solver: Solver, along: Trajectory) -> None:
         "Change guess_width first, which is often enough, or give guess_banks and guess_switch_times nearer to the "
         "branch wanted, change other inputs in smaller steps, or name this branch"
     )
-    if len(others) == 1 and others[0].startswith("nominal_first_bank"):
+    if len(differences) == 1 and differences[0].startswith("nominal_first_bank"):
         remedy = "It is the mirror image: exchange the signs of guess_banks, or name this branch"
     raise MarsedlError(
-        f"the nominal lies on another branch: {', '.join(others)} (reversals at {times} s, control energy "
+        f"the nominal lies on another branch: {', '.join(differences)} (reversals at {times} s, control energy "
         f"{energy:.4g} deg^2/s^3). {remedy}"
     )
 
@@ -63,7 +65,7 @@ def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solu
     """A solution as an artifact."""
     time, control = solution.time, solution.controls[:, 0]
     states = solution.states[:, : len(entry_problem.STATES)]
-    flown = resimulate(solution)[:, : len(entry_problem.STATES)]
+    resimulated = resimulate(solution)[:, : len(entry_problem.STATES)]
     total = entry_problem.cumulative(time, control)
     return Nominal(
         time=time,
@@ -77,8 +79,8 @@ def described(planet: Planet, vehicle: Vehicle, mission: Mission, solution: Solu
         reversals=entry_problem.reversals(states[:, BANK]),
         reversal_times=entry_problem.reversal_times(time, states[:, BANK]),
         branch=entry_problem.branch_name(states[:, BANK]),
-        flown=flown,
-        miss=entry_problem.miss(planet, mission, flown[-1]),
+        flown=resimulated,
+        miss=entry_problem.miss(planet, mission, resimulated[-1]),
         costate=solution.costates[:, : len(entry_problem.STATES)],
         status=solution.status,
         iterations=solution.iterations,

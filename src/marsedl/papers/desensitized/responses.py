@@ -18,7 +18,8 @@ def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gai
         for sizes in (simulation.wide_errors, simulation.narrow_errors)
     )
     of_laws = [
-        flown(planet, vehicle, simulation, *flown_law(gains, number), wide, narrow) for number in range(len(gains.law))
+        responses_of_law(planet, vehicle, simulation, *flown_law(gains, number), wide, narrow)
+        for number in range(len(gains.law))
     ]
     return Responses(
         law=gains.law,
@@ -31,7 +32,7 @@ def compute(planet: Planet, vehicle: Vehicle, simulation: Simulation, gains: Gai
     )
 
 
-def flown(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, gain, wide, narrow):
+def responses_of_law(planet: Planet, vehicle: Vehicle, simulation: Simulation, reference, gain, wide, narrow):
     """Everything that is stored of one law, by field."""
     air, radius = environment.surroundings(planet, vehicle), planet.planet_radius
     # The first trial has no error: it is the nominal, to the last bit.

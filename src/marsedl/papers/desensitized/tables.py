@@ -73,10 +73,10 @@ def _c1(printed_weight):
 
 def _gain_columns(scaled):
     """Columns of gains (rows, 6) and their norm, for `_columns`."""
-    shown = np.where(scaled.any(axis=1, keepdims=True), scaled, np.nan)
+    gains = np.where(scaled.any(axis=1, keepdims=True), scaled, np.nan)
     column = Column("rad/s^2", "z.4f", "per scaled state; empty: no feedback")
     names = (f"gain on {MOTION.label(name)}" for name in MOTION.names)
-    columns = {name: (shown[:, k], column) for k, name in enumerate(names)}
+    columns = {name: (gains[:, k], column) for k, name in enumerate(names)}
     return columns | {"norm of the gains": (np.linalg.norm(scaled, axis=1), Column("rad/s^2", ".4f"))}
 
 
@@ -150,8 +150,8 @@ def _is_papers(design: Design, printed, printed_weight):
         return False
     if design.weight_rule != "matched" or c1 == 0.0 or np.isinf(c1):
         return True
-    own = design.matched_efforts[np.flatnonzero(design.printed_weights == c1)]
-    return bool(own.size) and own[0] == printed[c1][0]
+    matched = design.matched_efforts[np.flatnonzero(design.printed_weights == c1)]
+    return bool(matched.size) and matched[0] == printed[c1][0]
 
 
 def _own_c1(design: Design, printed, printed_weight):
@@ -175,8 +175,8 @@ def tab03(design: Design, simulation: Simulation, published, tradeoff: Tradeoff)
     """Table 3: the four numbers of every row as printed, as computed here, and the ratio of the two."""
     rows, printed = [], printed_rows(published)
     for number, printed_weight in enumerate(tradeoff.printed_weight):
-        known = _is_papers(design, printed, printed_weight)
-        paper = printed[_c1(printed_weight)] if known else [None] * 4
+        is_papers = _is_papers(design, printed, printed_weight)
+        paper = printed[_c1(printed_weight)] if is_papers else [None] * 4
         cells = [
             cell
             for value, reference in zip(_row_numbers(tradeoff, number), paper, strict=True)
@@ -338,20 +338,20 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
     """Final errors under random position errors at entry, flown and by linear covariance, and what they cost."""
     rows = []
     for number, law in enumerate(entry_errors.law):
-        flown = entry_errors.outcome[number] == COMPLETED
-        error, trials = entry_errors.final_error[number, flown], len(flown)
-        known = len(error) > 1
+        completed = entry_errors.outcome[number] == COMPLETED
+        error, trials = entry_errors.final_error[number, completed], len(completed)
+        has_spread = len(error) > 1
         linear = np.sqrt((gains.final[number] * ensemble.initial_deviations) ** 2 @ np.ones(len(CHANNELS)))
-        spread = error.std(axis=0, ddof=1) if known else np.full(len(CHANNELS), np.nan)
+        spread = error.std(axis=0, ddof=1) if has_spread else np.full(len(CHANNELS), np.nan)
         cells = []
         for channel, uncertainty in enumerate(_deviation_errors(error, spread)):
             cells += [spread[channel], uncertainty, linear[channel], _ratio(spread[channel], linear[channel])]
         # A lost trial is worse than any other.
-        size = np.where(flown, np.linalg.norm(entry_errors.final_error[number], axis=1), np.inf)
+        size = np.where(completed, np.linalg.norm(entry_errors.final_error[number], axis=1), np.inf)
         levels = (np.quantile(size, level, method="higher") for level in (0.5, 0.99))
         command = entry_errors.observed_maximum[number, :, components.COMMAND_MAGNITUDE]
         clipped = np.count_nonzero(~(command <= (1.0 + entry_problem.ROUNDING) * vehicle.bank_acceleration_bound))
-        fuel = propellant(vehicle, entry_errors.final_state[number, flown, components.CUMULATIVE])
+        fuel = propellant(vehicle, entry_errors.final_state[number, completed, components.CUMULATIVE])
         rows.append(
             (
                 LAW_NAMES[str(law)],
@@ -360,7 +360,7 @@ def dispersions(vehicle: Vehicle, ensemble: Ensemble, gains: Gains, entry_errors
                 trials - len(error),
                 100 * clipped / trials,
                 propellant(vehicle, entry_errors.nominal[number, -1, components.CUMULATIVE]),
-                *((fuel.mean(), fuel.std(ddof=1)) if known else (None, None)),
+                *((fuel.mean(), fuel.std(ddof=1)) if has_spread else (None, None)),
                 trials,
             )
         )
@@ -484,8 +484,8 @@ def mesh_identities(certificates: Certificates):
 
     def largest(values, unit, meaning):
         """Largest of each case, of what was solved; None if nothing was."""
-        known = (case[np.isfinite(case)] for case in values)
-        return [case.max() if case.size else None for case in known], Column(unit, ".1e", meaning)
+        finite = (case[np.isfinite(case)] for case in values)
+        return [case.max() if case.size else None for case in finite], Column(unit, ".1e", meaning)
 
     return _columns(
         {
@@ -519,8 +519,8 @@ def derivatives(certificates: Certificates):
 
 def linearity(certificates: Certificates):
     """Flown over linear final errors for radius errors of several sizes."""
-    flown = np.linalg.norm(certificates.flown_error, axis=-1)
-    ratio = flown / np.linalg.norm(certificates.linear_error, axis=-1)
+    flown_norm = np.linalg.norm(certificates.flown_error, axis=-1)
+    ratio = flown_norm / np.linalg.norm(certificates.linear_error, axis=-1)
     rows = [
         (certificates.weight[case], size, ratio[case, number])
         for case in range(len(certificates.weight))
@@ -570,21 +570,21 @@ def bank_conditions(mission: Mission, published, branches: Branches):
     """Every choice of conditions on the bank, solved from the nominal; first what meets the first row best."""
     effort, cumulative = published["tab03_c0"].printed[:2]
     values = mission.initial_bank, mission.initial_bank_rate, mission.final_bank, mission.final_bank_rate
-    own = np.array([value is not None for value in values])
+    is_conditioned = np.array([value is not None for value in values])
     ratios = np.column_stack([branches.set_effort / effort, branches.set_cumulative / DEGREE / cumulative])
     distance, rows = np.linalg.norm(ratios - 1.0, axis=1), []
     for number in np.argsort(distance):  # NaN last
         fixed = branches.set_fixed[number]
         rows.append(
             (
-                *((value or 0.0) / DEGREE if held else None for value, held in zip(values, fixed, strict=True)),
+                *((value or 0.0) / DEGREE if is_fixed else None for value, is_fixed in zip(values, fixed, strict=True)),
                 branches.set_effort[number],
                 ratios[number, 0],
                 branches.set_cumulative[number] / DEGREE,
                 ratios[number, 1],
                 100.0 * distance[number],
                 branches.set_reversals[number] if np.isfinite(distance[number]) else None,
-                np.array_equal(fixed, own),
+                np.array_equal(fixed, is_conditioned),
                 branches.set_status[number],
             )
         )
@@ -760,9 +760,9 @@ def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPertur
     """What other errors come to in the rows of Table 3, and in solutions that weigh density instead of radius."""
     study = further_perturbations
 
-    def norms(linear, flown):
+    def norms(linear_error, flown_error):
         """By perturbation: by the sensitivity, flown either way."""
-        return np.column_stack([np.linalg.norm(linear, axis=-1), np.linalg.norm(flown, axis=-1)]).ravel()
+        return np.column_stack([np.linalg.norm(linear_error, axis=-1), np.linalg.norm(flown_error, axis=-1)]).ravel()
 
     rows = [
         (
@@ -817,8 +817,8 @@ def _size_and_name(perturbation, size):
 def density_feedback(further_perturbations: FurtherPerturbations):
     """Feedback on the nominal against density errors: gains, and final errors of density and radius, flown."""
     study = further_perturbations
-    known = dict(zip(study.perturbation, study.size, strict=True))
-    names = [f"{_size_and_name(name, known[name])}: linear" for name in ("density", "radius")]
+    sizes = dict(zip(study.perturbation, study.size, strict=True))
+    names = [f"{_size_and_name(name, sizes[name])}: linear" for name in ("density", "radius")]
     names += [f"density {100 * error:+g} %: flown" for error in study.density_error]
     names += [f"radius {error:+g} m: flown" for error in study.radius_error]
     errors = np.concatenate([study.law_linear_error, study.density_flown_error, study.radius_flown_error], axis=1)
@@ -872,9 +872,9 @@ def readings(readings: dict[str, tuple[DesensitizedInputs, Records]], published)
             *(records.responses, records.entry_errors),
         )
         errors, row = np.linalg.norm(tradeoff.error, axis=1), last_finite_row(tradeoff)
-        laws, flown = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
+        laws, final_norm = list(gains.law), np.linalg.norm(responses.error[:, :, -1], axis=-1)
         against = [
-            (responses.drawn_error[k], flown[laws.index(NO_DOC), k], flown[laws.index(channel), k])
+            (responses.drawn_error[k], final_norm[laws.index(NO_DOC), k], final_norm[laws.index(channel), k])
             for k, channel in enumerate(CHANNELS)
         ]
         lost = dict(zip(flights.law, np.count_nonzero(flights.outcome != COMPLETED, axis=1), strict=True))
@@ -928,8 +928,8 @@ def _differences(of_reading: DesensitizedInputs, default: DesensitizedInputs):
         if isinstance(value, np.ndarray):
             differences.append(name)
         else:
-            shown = "free" if value is None else value if isinstance(value, str) else f"{value:.6g}"
-            differences.append(f"{name} {shown}")
+            text = "free" if value is None else value if isinstance(value, str) else f"{value:.6g}"
+            differences.append(f"{name} {text}")
     return ", ".join(differences)
 
 
@@ -940,9 +940,9 @@ def weights(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
     """
     printed = printed_rows(published)
     proportional_first = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
-    wanted = {_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
+    weight_values = {_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
     rows = []
-    for c1 in sorted(wanted | set(printed)):
+    for c1 in sorted(weight_values | set(printed)):
         if c1 in printed:
             rows.append((c1, PAPER, *[None] * 5, *printed[c1], None, None))
         for name, (inputs, records) in proportional_first:

@@ -73,10 +73,10 @@ def compute(
         extended.guess(as_guess(nominal), entry_problem.given(), solver.scheme),
         barrier=WARM,
     )
-    wanted = {*design.weight_path, *design.infinite_weights}
+    weights = {*design.weight_path, *design.infinite_weights}
     if design.weight_rule == "proportional":
-        wanted |= set(design.weight_factor * design.printed_weights)
-    points, folds = follow(solver, design, transcribed, first, sorted(wanted))
+        weights |= set(design.weight_factor * design.printed_weights)
+    points, folds = follow(solver, design, transcribed, first, sorted(weights))
     rows = [
         points[0],
         *chosen(solver, design, transcribed, points),
@@ -112,13 +112,13 @@ def follow(solver: Solver, design: Design, transcribed, first, weights) -> tuple
                     accept=ACCEPTED,
                 )
             except BranchEndError as end:
-                beyond = end.beyond or sought(solver, transcribed, end)
+                beyond = end.beyond or solution_beyond(solver, transcribed, end)
                 folds.append(Fold(end.solution, beyond))
                 keep(beyond)
     return points, folds
 
 
-def sought(solver: Solver, transcribed, end: BranchEndError) -> Solution:
+def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solution:
     """A solution beyond the end of a branch, where careful steps find none: with ever larger barriers."""
     for barrier in (1e-2, 1.0, None):
         try:
@@ -127,14 +127,14 @@ def sought(solver: Solver, transcribed, end: BranchEndError) -> Solution:
                 "beyond a branch",
                 transcribed,
                 end.solution,
-                weight=end.wanted,
+                weight=end.target,
                 barrier=barrier,
                 accept=ACCEPTED,
             )
         except SolverError as error:
             failed = error
     raise SolverError(
-        f"the continuation in the weight stops at {end.reached:.6g}, and {end.wanted:.6g} {failed}; give a weight_path "
+        f"the continuation in the weight stops at {end.reached:.6g}, and {end.target:.6g} {failed}; give a weight_path "
         "with smaller steps there",
         failed.iterate,
     )
@@ -152,39 +152,39 @@ def at_weight(points, weight) -> Point:
     return next(point for point in reversed(points) if point.solution.given["weight"] == weight)
 
 
-def at_effort(solver: Solver, transcribed, points, wanted) -> Point:
+def at_effort(solver: Solver, transcribed, points, target) -> Point:
     """The first point on the path that has a control energy, by solves between two neighbours on one branch."""
     from scipy.optimize import brentq
 
     efforts = np.array([effort(point.solution) for point in points])
     for k in range(len(points) - 1):
-        if points[k].branch == points[k + 1].branch and (efforts[k] - wanted) * (efforts[k + 1] - wanted) <= 0.0:
+        if points[k].branch == points[k + 1].branch and (efforts[k] - target) * (efforts[k + 1] - target) <= 0.0:
             break
     else:
         raise MarsedlError(
-            f"no solution on the path has the control energy {wanted:g} deg^2/s^3 of matched_efforts; it goes from "
+            f"no solution on the path has the control energy {target:g} deg^2/s^3 of matched_efforts; it goes from "
             f"{efforts.min():.4g} to {efforts.max():.4g} in {points[-1].branch + 1} branches: change matched_efforts, "
             "or extend weight_path"
         )
-    known = {point.solution.given["weight"]: point.solution for point in points[k : k + 2]}
+    solutions = {point.solution.given["weight"]: point.solution for point in points[k : k + 2]}
 
     def excess(weight):
-        if weight not in known:
-            nearest = known[min(known, key=lambda other: abs(other - weight))]
-            case = f"control energy {wanted:g}"
-            known[weight] = entry_problem.solve(
+        if weight not in solutions:
+            nearest = solutions[min(solutions, key=lambda other: abs(other - weight))]
+            case = f"control energy {target:g}"
+            solutions[weight] = entry_problem.solve(
                 solver, case, transcribed, nearest, weight=weight, barrier=WARM, accept=ACCEPTED
             )
-        return effort(known[weight]) - wanted
+        return effort(solutions[weight]) - target
 
-    weight = brentq(excess, *known, xtol=1e-12, rtol=1e-9)
-    if abs(excess(weight)) > MATCHED * wanted:
+    weight = brentq(excess, *solutions, xtol=1e-12, rtol=1e-9)
+    if abs(excess(weight)) > MATCHED * target:
         raise MarsedlError(
-            f"the solutions jump past the control energy {wanted:g} deg^2/s^3 of matched_efforts at the weight "
-            f"{weight:.6g}, to {effort(known[weight]):.4g}: give a smaller branch_tolerance, or smaller steps of "
-            f"weight_path between {min(known):g} and {max(known):g}"
+            f"the solutions jump past the control energy {target:g} deg^2/s^3 of matched_efforts at the weight "
+            f"{weight:.6g}, to {effort(solutions[weight]):.4g}: give a smaller branch_tolerance, or smaller steps of "
+            f"weight_path between {min(solutions):g} and {max(solutions):g}"
         )
-    return Point(known[weight], points[k].branch)
+    return Point(solutions[weight], points[k].branch)
 
 
 def effort(solution: Solution):

@@ -24,8 +24,8 @@ def funnel(dubins: Dubins, dubins_calm: FlightEnsemble, dubins_wind: FlightEnsem
             math.sqrt(2.0 * rho) * np.linalg.inv(np.linalg.cholesky(dubins.shape[step])).T / scale[:, np.newaxis]
             for rho, step in zip(level, dubins.slice_step, strict=True)
         ]
-        kept = (path + flights.kept_history[:MOST_FLIGHTS])[:, ::FLIGHT_STEP] / scale
-        cases.append({"name": title, "half_axes": rounded(np.array(half_axes)), "flights": rounded(kept)})
+        histories = (path + flights.kept_history[:MOST_FLIGHTS])[:, ::FLIGHT_STEP] / scale
+        cases.append({"name": title, "half_axes": rounded(np.array(half_axes)), "flights": rounded(histories)})
     return CloseUp(
         "funnel",
         "Funnel of the Dubins car",

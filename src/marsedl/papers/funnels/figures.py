@@ -101,10 +101,10 @@ def fig02(dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
     path = dubins.state[::2]
     number = list(dubins.funnel).index("flow")
     places = np.linspace(0, len(dubins.slice_step) - 1, DRAWN_SLICES + 1).round().astype(int)
-    drawn = dubins.slice_step[np.unique(places)]  # the first and the last always
+    slice_steps = dubins.slice_step[np.unique(places)]  # the first and the last always
     latitude, longitude = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0.0, 2.0 * np.pi, 25))
     sphere = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
-    for step in drawn:
+    for step in slice_steps:
         level = dubins.level[number, list(dubins.slice_step).index(step)]
         half_axes = np.sqrt(2.0 * level) * np.linalg.inv(np.linalg.cholesky(dubins.shape[step])).T
         surface = path[step][:, np.newaxis] + half_axes @ sphere.reshape(3, -1)
@@ -115,7 +115,7 @@ def fig02(dubins: Dubins, dubins_calm: FlightEnsemble) -> Figure:
         axes.plot(*(flight / unit).T, color=ORANGE, linewidth=0.5)
     axes.plot(*(path / unit).T, color=BLACK, linewidth=1.6, label="nominal")
     legend_entry(axes, _kept(dubins_calm), color=ORANGE, linewidth=0.8)
-    legend_entry(axes, f"{len(drawn)} of {len(dubins.slice_step)} slices", color=SKY, linewidth=6, alpha=0.5)
+    legend_entry(axes, f"{len(slice_steps)} of {len(dubins.slice_step)} slices", color=SKY, linewidth=6, alpha=0.5)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="heading (deg)")
     axes.view_init(elev=24, azim=-62)
     axes.set_box_aspect((4, 3, 2.6), zoom=0.92)
@@ -241,8 +241,8 @@ def bands(planet: Planet, funnel: Funnel, linear_bounds: LinearBounds, constant:
         bounds(axes, *_about_zero(width), color=BLUE, linewidth=0.8)
         bounds(axes, *_about_zero(linear), color=BLACK, linestyle="--", linewidth=0.8)
         bounds(axes, *_about_zero(least), color=GREEN, linewidth=0.9)
-        kept = constant.kept_history[:DRAWN_FLIGHTS, :, number]
-        trials(axes, _deviation(planet, component, kept, field(constant, "time")), label=None, **FLIGHT)
+        histories = constant.kept_history[:DRAWN_FLIGHTS, :, number]
+        trials(axes, _deviation(planet, component, histories, field(constant, "time")), label=None, **FLIGHT)
         ends = _deviation(planet, component, constant.final_state[:, number]).values
         if np.isfinite(ends).any():
             axes.plot(np.full(2, constant.time[-1]), _extremes(ends), clip_on=False, **END)
@@ -449,12 +449,12 @@ def fragility(linearization: Linearization, coarse_funnels: CoarseFunnels, diver
     plot(axes, as_it_is, color=BLACK, linewidth=1.8, label="as it is")
     for number, (name, factor) in enumerate(zip(divergence.change, divergence.change_factor, strict=True)):
         color = CURVE_COLOR[number % len(CURVE_COLOR)]
-        changed = field(divergence, "change_level", at={"change": number}, **level)
-        reached = np.isfinite(changed.values)
+        level_after_change = field(divergence, "change_level", at={"change": number}, **level)
+        reached = np.isfinite(level_after_change.values)
         ends = "" if reached.all() else " (ends)"
-        plot(axes, changed, marker=".", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
+        plot(axes, level_after_change, marker=".", color=color, markersize=3, label=f"{factor:g} x {name}{ends}")
         if ends:
-            axes.plot(time.values[reached][-1:], changed.values[reached][-1:], "x", color=color)
+            axes.plot(time.values[reached][-1:], level_after_change.values[reached][-1:], "x", color=color)
         flights.plot(number, divergence.change_flown[number], "D", color=color, markersize=5)
         lost = int(divergence.change_lost[number])
         if lost:
@@ -565,11 +565,11 @@ def _in_plane(planet: Planet, funnel):
 
 def _deviation(planet: Planet, component, values, x=None):
     """Deviations of a state of the entry in the unit that is shown, those of angles on the ground as distances."""
-    own = STATE.units[component]
+    stored_unit = STATE.units[component]
     if component in ON_GROUND:
         return Field(values * (planet.planet_radius / KM), ON_GROUND[component], "km", x)
-    unit = SHOWN_UNIT.get(component, own)
-    return Field(converted(values, own, unit), STATE.label(component), unit, x)
+    unit = SHOWN_UNIT.get(component, stored_unit)
+    return Field(converted(values, stored_unit, unit), STATE.label(component), unit, x)
 
 
 def _about_zero(width):

@@ -37,8 +37,8 @@ def simulate(
     """
     numbers = ensembles.chunk_bounds(flown.trials, flown.chunks, flown.block_size)[flown.chunk]
     setting = flight.entry_setting(planet, vehicle, uncertainty, linearization, gains, funnel)
-    kept = min(ensemble.drawn_trials, flown.trials)
-    return _reduced(setting, _draws(ensemble, flown.case), numbers, kept, flown.block_size)
+    kept_trials = min(ensemble.drawn_trials, flown.trials)
+    return _reduced(setting, _draws(ensemble, flown.case), numbers, kept_trials, flown.block_size)
 
 
 @stage()
@@ -65,7 +65,7 @@ def _draws(ensemble: Ensemble, case):
     return flight.Draws(ensemble.seed, case, ensemble.redraw_steps, ensemble.adversarial_directions)
 
 
-def _reduced(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
+def _reduced(setting, draws, numbers, kept_trials, block_size=ensembles.BLOCK_SIZE):
     """The trials from one number up to another, reduced."""
     simulate_block = flight.simulator(setting, draws)
     repeat_maximum = np.full((REPEATS, len(setting.level), len(setting.observed)), np.nan)
@@ -79,7 +79,7 @@ def _reduced(setting, draws, numbers, kept, block_size=ensembles.BLOCK_SIZE):
                 np.fmax(repeat_maximum[repeat], values.max(axis=-1), out=repeat_maximum[repeat])
         return block
 
-    reduced = ensembles.run_blocks(recorded, *numbers, block_size=block_size, kept=kept)
+    reduced = ensembles.run_blocks(recorded, *numbers, block_size=block_size, kept=kept_trials)
     return FlightChunk(
         time=setting.loop.time,
         level=setting.level,

@@ -261,7 +261,7 @@ def invariances(recursion: Recursion, stage, design):
         next_shape=LEVEL_FACTOR * stage.next_shape,
         rho=LEVEL_FACTOR * stage.rho,
     )
-    others = [
+    designs = [
         well_chosen_design(SPHERES, recursion.design_seed, BASIS_DEGREE, basis=basis)
         for basis in ("monomial", "hermite")
     ]
@@ -269,8 +269,8 @@ def invariances(recursion: Recursion, stage, design):
         "none": solved(recursion, stage.values(design.points), design.basis),
         "rotation of the slice": solved(recursion, stage.values(rotated), design.basis),
         "shapes and level times seven": solved(recursion, larger.values(design.points), design.basis),
-        "monomial basis": solved(recursion, stage.values(others[0].points), others[0].basis),
-        "Hermite basis": solved(recursion, stage.values(others[1].points), others[1].basis),
+        "monomial basis": solved(recursion, stage.values(designs[0].points), designs[0].basis),
+        "Hermite basis": solved(recursion, stage.values(designs[1].points), designs[1].basis),
     }
     return {
         "invariance": np.array(list(bounds)),

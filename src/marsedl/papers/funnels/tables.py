@@ -640,7 +640,7 @@ def readings(readings: dict[str, tuple[FunnelsInputs, Records]], published):
         laws = (constant, records.redrawn, records.adversarial)
         ratio = over_flown(funnel, constant)
         top = int(np.argmax(np.where(np.isfinite(funnel.level), funnel.level, -np.inf)))
-        sought = np.isfinite(funnel.true_maximum).any()
+        has_maximum = np.isfinite(funnel.true_maximum).any()
         rows.append(
             (
                 name,
@@ -651,7 +651,7 @@ def readings(readings: dict[str, tuple[FunnelsInputs, Records]], published):
                 *(np.median(ratio), np.max(ratio)),
                 int(sum(law.outside_at_slices + law.outside_between for law in laws)),
                 sum(len(law.outcome) for law in laws),
-                int(np.count_nonzero(funnel.true_maximum > funnel.growth)) if sought else None,
+                int(np.count_nonzero(funnel.true_maximum > funnel.growth)) if has_maximum else None,
                 len(funnel.bound),
                 100.0 * largest(funnel.violation),
                 largest(funnel.heat_rate) / WATT_PER_CM2,

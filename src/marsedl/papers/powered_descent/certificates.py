@@ -35,15 +35,15 @@ def compute(
     for number, (problem, model) in enumerate(zip(problems, models, strict=True)):
         row = _forward(problem, model, gains.riccati_initial[number], gains.mean_costate[number])
         try:
-            held_mean = [mean_certificate(problem, size) for size in sizes]
-            held = [covariance_certificate(problem, size) for size in sizes]
+            mean_bounds = [mean_certificate(problem, size) for size in sizes]
+            covariance_bounds = [covariance_certificate(problem, size) for size in sizes]
         except (ValueError, RuntimeError) as error:
             raise MarsedlError(f"segment {number + 1}: {error}; raise certificate_intervals") from None
-        row["mean_cost_ratio"] = [bound.cost / gains.mean_cost[number] for bound in held_mean]
-        row["covariance_cost_ratio"] = [bound.cost / gains.covariance_cost[number] for bound in held]
-        row["lossless_gap"] = [bound.lossless_gap for bound in held]
-        row["solver_status"] = [bound.status for bound in held]
-        row["solver_iterations"] = [bound.iterations for bound in held]
+        row["mean_cost_ratio"] = [bound.cost / gains.mean_cost[number] for bound in mean_bounds]
+        row["covariance_cost_ratio"] = [bound.cost / gains.covariance_cost[number] for bound in covariance_bounds]
+        row["lossless_gap"] = [bound.lossless_gap for bound in covariance_bounds]
+        row["solver_status"] = [bound.status for bound in covariance_bounds]
+        row["solver_iterations"] = [bound.iterations for bound in covariance_bounds]
         rows.append(row)
     return Certificates(
         intervals=np.array(sizes, np.int64), **{name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -35,8 +35,8 @@ def fig01(vehicle: Vehicle, mission: Mission, nominal: Nominal) -> Figure:
     mass = field(nominal, "mass_of_pass")
     changes = np.abs(np.diff(mass.values, axis=0))
     for number, (change, shade) in enumerate(zip(changes, np.linspace(1.0, 0.25, len(changes)), strict=True), start=1):
-        shown = mass.of(np.where(change > 0, change, np.nan), "|change of mass|")
-        plot(axes, shown, color=BLUE, alpha=shade, label=f"{number}: {change.max():.1e} kg")
+        change_of_mass = mass.of(np.where(change > 0, change, np.nan), "|change of mass|")
+        plot(axes, change_of_mass, color=BLUE, alpha=shade, label=f"{number}: {change.max():.1e} kg")
     mark(axes, y=np.spacing(vehicle.wet_mass))
     axes.annotate(
         "spacing of double precision", (0.02, np.spacing(vehicle.wet_mass)), (0, 3), textcoords="offset points",

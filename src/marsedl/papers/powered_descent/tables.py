@@ -223,7 +223,7 @@ def readings(readings: dict[str, tuple[PoweredDescentInputs, Records]], publishe
             continue
         gains, nominal = records.gains, records.nominal
         target = np.diag(inputs.mission.final_covariance)
-        whole, rest = agreement(published, ensemble)
+        whole, without_mean = agreement(published, ensemble)
         mass = FinalMoments(ensemble, MASS)
         rows.append(
             (
@@ -237,8 +237,8 @@ def readings(readings: dict[str, tuple[PoweredDescentInputs, Records]], publishe
                 100 * np.abs(np.diag(gains.covariance[-1]) / target - 1).max(),
                 whole.statistic,
                 whole.p_value,
-                rest.statistic,
-                rest.p_value,
+                without_mean.statistic,
+                without_mean.p_value,
                 observed_maxima(ensemble, THRUST).max() / inputs.vehicle.maximum_thrust,
                 mass.count,
             )

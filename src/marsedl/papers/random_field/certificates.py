@@ -49,24 +49,24 @@ def compute(
     model = along(motion, linearization.partition, control, states)
     posed, system = design.program(guidance, vehicle, motion, model, control)
     try:
-        own, history, other = (
+        innovations, history, other = (
             block_program.solve(posed, form=form, solver=solver, accept_ill_conditioned=True)
             for form, solver in (("innovations", "CLARABEL"), ("history", "CLARABEL"), ("innovations", "SCS"))
         )
     except (ValueError, RuntimeError) as error:
         raise MarsedlError(f"first program, certificate: {error}") from None
     return Certificates(
-        objective=own.objective,
+        objective=innovations.objective,
         history_objective=history.objective,
         # With a known initial state the gains on it multiply zero and are arbitrary.
-        history_gain_difference=float(np.abs(own.gain - history.gain)[:, 1:].max()),
+        history_gain_difference=float(np.abs(innovations.gain - history.gain)[:, 1:].max()),
         other_objective=other.objective,
         other_solver=other.solver,
-        largest_gain_difference=float(np.abs(own.gain[:, 1:, 0] - gains.gain[1][:, 1:] * UNITS).max()),
+        largest_gain_difference=float(np.abs(innovations.gain[:, 1:, 0] - gains.gain[1][:, 1:] * UNITS).max()),
         samples=studies.study_trials,
-        **_identities(posed.system, own),
-        **_separation(simulation, system, own),
-        convexity=_convexity(guidance, simulation, posed, own),
+        **_identities(posed.system, innovations),
+        **_separation(simulation, system, innovations),
+        convexity=_convexity(guidance, simulation, posed, innovations),
         **_sampled(air, simulation, studies, model),
         **_dependence(posed.system),
     )
@@ -98,17 +98,19 @@ def _identities(system, law):
 def _separation(simulation: Simulation, system, law):
     """Fly the linear system with sampled disturbances under two mean controls, and without any under two gains."""
     root = random_field.root(system.disturbance_covariance)
-    drawn = random_field.sample(normals(simulation.seed, SAMPLE_STREAM, range(8), len(root)), root)
-    drawn = drawn.reshape(8, *law.mean[1:].shape)
+    disturbances = random_field.sample(normals(simulation.seed, SAMPLE_STREAM, range(8), len(root)), root)
+    disturbances = disturbances.reshape(8, *law.mean[1:].shape)
     shifted = law.control + 0.1 * np.cos(np.arange(len(law.control)))[:, np.newaxis]
 
     def fly(control, gain, disturbances):
         mean = _propagate(system, control, np.zeros_like(gain), np.zeros_like(disturbances[:1]), None)[0]
         return _propagate(system, control, gain, disturbances, mean), mean
 
-    (states, mean), (other_states, other_mean) = (fly(control, law.gain, drawn) for control in (law.control, shifted))
+    (states, mean), (other_states, other_mean) = (
+        fly(control, law.gain, disturbances) for control in (law.control, shifted)
+    )
     deviations, other_deviations = states - mean, other_states - other_mean
-    still, _ = fly(law.control, law.gain, np.zeros_like(drawn[:1]))
+    still, _ = fly(law.control, law.gain, np.zeros_like(disturbances[:1]))
     return {
         "mean_shift": float(np.abs(deviations - other_deviations).max() / np.abs(deviations).max()),
         "gain_shift": float(np.abs(still[0] - mean).max() / np.abs(mean).max()),
@@ -164,8 +166,8 @@ def _convexity(guidance: Guidance, simulation: Simulation, posed, law):
         return np.array([quadratic + posed.percentile_weight * max(ends), *(control + np.sqrt(np.diag(spread)))])
 
     least = np.inf
-    drawn = normals(simulation.seed, SAMPLE_STREAM + 1, range(40), best.size + len(best))
-    for first, second in zip(drawn[::2], drawn[1::2], strict=True):
+    directions = normals(simulation.seed, SAMPLE_STREAM + 1, range(40), best.size + len(best))
+    for first, second in zip(directions[::2], directions[1::2], strict=True):
         points = []
         for numbers in (first, second):
             direction = numbers[: best.size].reshape(best.shape) * np.abs(best).max() * allowed
@@ -182,9 +184,9 @@ def _sampled(air: Air, simulation: Simulation, studies: Studies, model):
     grid = environment.field_grid(air)
     process = random_field.markov(environment.kernel(air), grid)
     count = studies.study_trials
-    drawn = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
-    drawn += air.variation_mean
-    along_path = random_field.interpolate(model.field_altitude, grid, drawn)
+    process_samples = sample_process(normals(simulation.seed, SAMPLE_STREAM, range(count), len(grid)), *process)
+    process_samples += air.variation_mean
+    along_path = random_field.interpolate(model.field_altitude, grid, process_samples)
     chosen = np.linspace(0, len(model.field_altitude) - 1, TIMES).round().astype(int)
     altitude = model.field_altitude[chosen]
     expected = environment.kernel(air)(altitude[:, np.newaxis], altitude)
@@ -226,7 +228,7 @@ def _dependence(system):
     deviation = np.sqrt(np.diag(system.disturbance_covariance))
     correlation = system.disturbance_covariance / np.outer(deviation, deviation)
     interval = np.repeat(np.arange(intervals), n)
-    others = interval[:, np.newaxis] != interval
+    other_intervals = interval[:, np.newaxis] != interval
     speed = deviation.reshape(intervals, n)[:, 1]
     whole = block_program.stacked(system)
     state = whole.disturbance @ system.disturbance_covariance @ whole.disturbance.T
@@ -239,7 +241,7 @@ def _dependence(system):
             information, float((1.0 - _conditional_variance(state, now, [before, last]) / after_last).max())
         )
     return {
-        "largest_correlation": float(np.abs(correlation[others]).max()),
+        "largest_correlation": float(np.abs(correlation[other_intervals]).max()),
         "deviation_ratio": float(speed.max() / speed.min()),
         "history_information": information,
     }
@@ -247,6 +249,6 @@ def _dependence(system):
 
 def _conditional_variance(covariance, of, given):
     """Variances of some components given others."""
-    known = np.concatenate([np.arange(part.start, part.stop) for part in given])
-    cross = covariance[of, :][:, known]
-    return np.diag(covariance[of, of] - cross @ np.linalg.solve(covariance[np.ix_(known, known)], cross.T))
+    conditions = np.concatenate([np.arange(part.start, part.stop) for part in given])
+    cross = covariance[of, :][:, conditions]
+    return np.diag(covariance[of, of] - cross @ np.linalg.solve(covariance[np.ix_(conditions, conditions)], cross.T))

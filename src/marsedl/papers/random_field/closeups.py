@@ -21,8 +21,12 @@ def iterations(convergence: Convergence) -> CloseUp:
         ("control_change", "", "largest change of the mean control", ""),
     ):
         history = field(convergence, path, unit=unit)
-        shown = {"name": name, "unit": "" if history.unit in PURE else history.unit, "values": rounded(history.values)}
-        quantities.append(shown | ({"errors": rounded(getattr(convergence, error), digits=3)} if error else {}))
+        quantity = {
+            "name": name,
+            "unit": "" if history.unit in PURE else history.unit,
+            "values": rounded(history.values),
+        }
+        quantities.append(quantity | ({"errors": rounded(getattr(convergence, error), digits=3)} if error else {}))
     return CloseUp(
         "iterations",
         "Histories of the iteration",

@@ -63,11 +63,11 @@ def nominal_states(point_mass: PointMass, control, time):
     """Position and velocity of the nominal, in the mean force, under a control that is held over the intervals."""
     position, velocity = point_mass.double_integrator_initial_mean
     nodes = np.array(point_mass.double_integrator_partition)
-    held = np.clip(np.asarray(time)[:, np.newaxis] - nodes[:-1], 0.0, np.diff(nodes))
-    rest = np.asarray(time)[:, np.newaxis] - np.minimum(nodes[:-1] + held, np.asarray(time)[:, np.newaxis])
+    held_time = np.clip(np.asarray(time)[:, np.newaxis] - nodes[:-1], 0.0, np.diff(nodes))
+    coast_time = np.asarray(time)[:, np.newaxis] - np.minimum(nodes[:-1] + held_time, np.asarray(time)[:, np.newaxis])
     acceleration = np.asarray(control) + point_mass.double_integrator_force_mean
-    moved = (held * (0.5 * held + rest)) @ acceleration
-    return position + velocity * np.asarray(time) + moved, velocity + held @ acceleration
+    moved = (held_time * (0.5 * held_time + coast_time)) @ acceleration
+    return position + velocity * np.asarray(time) + moved, velocity + held_time @ acceleration
 
 
 def guess(point_mass: PointMass):

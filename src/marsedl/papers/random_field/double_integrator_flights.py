@@ -93,12 +93,12 @@ def block_simulator(
     every = round(point_mass.double_integrator_output_interval / point_mass.double_integrator_time_step)
 
     def simulate_block(first, last):
-        drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
+        normal_numbers = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 2)
         trajectories = flight.fly_double_integrator(
             flown_law,
             grid,
             root,
-            np.array(point_mass.double_integrator_initial_mean) + random_field.sample(drawn, initial_root),
+            np.array(point_mass.double_integrator_initial_mean) + random_field.sample(normal_numbers, initial_root),
             time_step=point_mass.double_integrator_time_step,
             seed=simulation.seed,
             first_trial=first,

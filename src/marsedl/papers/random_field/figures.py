@@ -208,8 +208,8 @@ def fig04(simulation: Simulation, point_mass: PointMass, drawing: Drawing) -> Fi
     kernel = linear_example.kernel(point_mass)
     position = np.linspace(0.0, SHOWN_PERIODS * point_mass.double_integrator_period, LINE_POINTS)
     root = random_field.root(random_field.covariance_matrix(kernel, position))
-    drawn = _normals(simulation.seed, FORCE_STREAM, np.arange(drawing.drawn_samples), LINE_POINTS)
-    samples = random_field.sample(drawn, root)
+    normal_numbers = _normals(simulation.seed, FORCE_STREAM, np.arange(drawing.drawn_samples), LINE_POINTS)
+    samples = random_field.sample(normal_numbers, root)
     deviation = np.sqrt(kernel(position, position))
     band(axes, position, -2 * deviation, 2 * deviation, BLUE, label=r"$\pm 2 \sigma$")
     axes.plot(position, samples.T, color=BLUE, linewidth=0.8, alpha=0.8)
@@ -412,9 +412,15 @@ def fig09(air: Air, vehicle: Vehicle) -> Figure:
     axes.semilogx(density, altitude / KM, color=BLUE, label="nominal density", zorder=3)
     if air.density_profile == "table":
         table = np.asarray(air.density_table)
-        shown = (table[:, 0] >= altitude[0]) & (table[:, 0] <= altitude[-1])
+        in_range = (table[:, 0] >= altitude[0]) & (table[:, 0] <= altitude[-1])
         axes.plot(
-            table[shown, 1], table[shown, 0] / KM, "o", color=ORANGE, markersize=5, fillstyle="none", label="table"
+            table[in_range, 1],
+            table[in_range, 0] / KM,
+            "o",
+            color=ORANGE,
+            markersize=5,
+            fillstyle="none",
+            label="table",
         )
     axes.set(xlabel="density (kg/m$^3$)", ylabel=ALTITUDE_LABEL, ylim=(0, altitude[-1] / KM))
     axes.legend(loc="upper right")
@@ -469,10 +475,10 @@ def line_samples(simulation: Simulation, drawing: Drawing):
     trials = np.arange(drawing.drawn_samples)
     root = random_field.root(random_field.covariance_matrix(kernel, everywhere))
     before = random_field.sample(_normals(simulation.seed, LINE_STREAM, trials, len(everywhere)), root)
-    known = (kernel, position, measured, drawing.example_values, drawing.example_noise**2)
+    conditions = (kernel, position, measured, drawing.example_values, drawing.example_noise**2)
     errors = _normals(simulation.seed, NOISE_STREAM, trials, len(measured))
-    after = random_field.condition_samples(*known, before, errors)
-    mean, covariance = random_field.condition(*known)
+    after = random_field.condition_samples(*conditions, before, errors)
+    mean, covariance = random_field.condition(*conditions)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding can make a vanishing variance negative
     return position, before[:, : len(position)], after, mean, deviation
 
@@ -485,8 +491,8 @@ def plane_samples(simulation: Simulation, drawing: Drawing):
     kernel = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, drawing.example_length))
     # The kernel is a product over the coordinates, and so is the root of its covariance matrix on a grid.
     root = random_field.root(random_field.covariance_matrix(along, coordinate))
-    drawn = _normals(simulation.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
-    before = random_field.sample(random_field.sample(drawn, root).T, root).T
+    normal_numbers = _normals(simulation.seed, PLANE_STREAM, np.arange(PLANE_POINTS), PLANE_POINTS)
+    before = random_field.sample(random_field.sample(normal_numbers, root).T, root).T
     points = np.stack(np.meshgrid(coordinate, coordinate, indexing="ij"), axis=-1).reshape(-1, 2)
     on_edge = (points == coordinate[-1]).any(axis=1)
     flat = before.reshape(1, -1)
@@ -503,8 +509,8 @@ def plane_samples(simulation: Simulation, drawing: Drawing):
 
 def variation_samples(air: Air, simulation: Simulation, altitude, count):
     """Exact samples of the density variation at ascending altitudes, (count, n)."""
-    drawn = _normals(simulation.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
-    return density_variation.sample_process(drawn, *random_field.markov(environment.kernel(air), altitude))
+    normal_numbers = _normals(simulation.seed, VARIATION_STREAM, np.arange(count), len(altitude))[:, ::-1]
+    return density_variation.sample_process(normal_numbers, *random_field.markov(environment.kernel(air), altitude))
 
 
 def _ceiling(air: Air, vehicle: Vehicle):
@@ -581,11 +587,11 @@ def mission_plan(planet: Planet, mission: Mission, nominal) -> MissionPlan:
     before = approach(entry_anomaly - back)
     # As far as the approach leads outwards, and no further than the target orbit.
     beyond = ~((before > 0.0) & (before < target_apoapsis))
-    shown = back[: int(np.argmax(beyond)) if beyond.any() else None]
+    anomaly = back[: int(np.argmax(beyond)) if beyond.any() else None]
     turn = np.linspace(0.0, 2 * np.pi, 721)
     half, unit = turn[turn >= np.pi], planet.planet_radius
     return MissionPlan(
-        approach=np.array([angle[0] - shown, approach(entry_anomaly - shown) / unit])[:, ::-1],
+        approach=np.array([angle[0] - anomaly, approach(entry_anomaly - anomaly) / unit])[:, ::-1],
         flight=np.array([angle, radius / unit]),
         coast=np.array([coast_anomaly, coast(coast_anomaly) / unit]),
         second_coast=np.array([half, _ellipse_radius(half, target_periapsis, apoapsis) / unit]),
@@ -658,14 +664,14 @@ def fig12(drawing: Drawing, gains: Gains, aerocapture: FlightEnsemble) -> Figure
     for place, (axes, number) in enumerate(zip(panels, numbers, strict=True)):
         delta_v = field(aerocapture, "delta_v", at={"laws": number})
         captured = delta_v.values[np.isfinite(delta_v.values)]
-        shown = window
+        limits = window
         if number == 0:
             reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else window
-            shown = min(reach[0], 0.95 * window[0]), max(reach[1], 1.05 * window[1])
-        _densities_of_delta_v(axes, gains, number, delta_v, shown)
+            limits = min(reach[0], 0.95 * window[0]), max(reach[1], 1.05 * window[1])
+        _densities_of_delta_v(axes, gains, number, delta_v, limits)
         axes.set_title(f"({'abcdefghijklmnop'[place]}) {_law(number)}")
         if number == 0:
-            _mark_below_remarks(axes, window, shown, color=BLACK, linestyle="--")
+            _mark_below_remarks(axes, window, limits, color=BLACK, linestyle="--")
     for axes in panels[:: 2 if len(panels) > 1 else 1]:
         axes.set_ylabel("density (s/m)")
     entries = (
@@ -687,13 +693,13 @@ def fig13(vehicle: Vehicle, nominal: Nominal, gains: Gains) -> Figure:
     _limits_of_control(axes, vehicle, label="limits")
     peak = nominal.time_of_largest_dynamic_pressure
     mark(axes, x=peak, linewidth=1.2, label=f"largest dynamic pressure, {peak:.1f} s")
-    shown = _iterations(gains)
+    iterations = _iterations(gains)
     starts, lengths = gains.partition[:-1], np.diff(gains.partition)
-    for place, (number, color) in enumerate(shown):
+    for place, (number, color) in enumerate(iterations):
         control = gains.control[number]
         axes.stairs(control, gains.partition, baseline=None, color=color, linewidth=1.4, label=_iteration(number))
         axes.errorbar(
-            starts + lengths * (place + 1) / (len(shown) + 1),
+            starts + lengths * (place + 1) / (len(iterations) + 1),
             control,
             3 * gains.design_control_deviation[number],
             fmt="none",
@@ -775,13 +781,13 @@ def violations(
     aerocapture: FlightEnsemble,
 ) -> Figure:
     """Probability of leaving each constraint: allotted, predicted, and the share of flights with its interval."""
-    shown = _iterations(gains)
-    figure, panels = _grid(len(shown) + 1, 7.6, 3.0, sharey=True)
+    iterations = _iterations(gains)
+    figure, panels = _grid(len(iterations) + 1, 7.6, 3.0, sharey=True)
     allotted = 1.0 - guidance.control_probability
     by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
     trial_count = aerocapture.outcome.shape[1]
     middle = (gains.partition[:-1] + gains.partition[1:]) / 2
-    for axes, (number, color) in zip(panels, shown, strict=False):
+    for axes, (number, color) in zip(panels, iterations, strict=False):
         mark(axes, y=allotted, color=BLACK, linestyle="--", linewidth=1.2)
         for deviation, style in (
             (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
@@ -850,8 +856,8 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
             losses = " to ".join(dict.fromkeys(f"{number:,}" for number in (lost.min(), lost.max())))
             losses = f"; {losses} of {studies.study_trials:,} flights lost"
         reached, predicted, flights, error = (
-            field(convergence, path, at={"variant": row}, unit=unit, name=shown)
-            for path, unit, shown in (
+            field(convergence, path, at={"variant": row}, unit=unit, name=name)
+            for path, unit, name in (
                 ("apoapsis", "planet radii", ""),
                 ("predicted", "", r"$\Delta v$"),
                 ("percentile", "", r"$\Delta v$"),
@@ -880,7 +886,7 @@ def regularization(guidance: Guidance, studies: Studies, regularization: Regular
     figure, panels = new_figure(9.6, 5.6, nrows=2, ncols=3, sharex=True)
     study, trial_count = regularization, studies.study_trials
     condition, gain, deviation, percentile, shares, corner = panels.flat
-    shown = condition, gain, deviation, percentile, shares
+    with_position_error = condition, gain, deviation, percentile, shares
     against = {"x": field(study, "position_error", name="navigation error of the radius\nin the design")}
     curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
     plot(condition, study, "condition_number", **against, **curve, name="condition number of Cov(W)", color=BLACK)
@@ -916,10 +922,10 @@ def regularization(guidance: Guidance, studies: Studies, regularization: Regular
     shares.set(yscale="log", ylim=(min(0.5 / trial_count, 0.3 * allotted), 2.0))
     if not np.isfinite(study.condition_number).any():
         note(gain, "no law was designed", 0.6)
-    own = guidance.navigation_deviations[0]
-    for axes in shown:
-        if own > 0:
-            mark(axes, x=own, label=f"this reading, {own:g} m" if axes is condition else None)
+    nominal_error = guidance.navigation_deviations[0]
+    for axes in with_position_error:
+        if nominal_error > 0:
+            mark(axes, x=nominal_error, label=f"this reading, {nominal_error:g} m" if axes is condition else None)
         axes.set_xscale("log")
         if axes.get_legend_handles_labels()[0]:
             place = "upper right" if axes is percentile else "best"
@@ -993,14 +999,14 @@ def delta_v_map(
 ) -> Figure:
     """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
     figure, panels = new_figure(7.6, 4.4, ncols=2)
-    shown = _iterations(gains)
+    iterations = _iterations(gains)
     apoapsis, delta_v, slopes, at = _delta_v_curve(planet, mission, linearization, gains)
     captured = aerocapture.apoapsis[0][np.isfinite(aerocapture.apoapsis[0])]
     reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else at[0] + np.array([-1.0, 1.0])
     reach = reach[0], min(reach[1], LARGEST_APOAPSIS * mission.target_apoapsis)
     nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], mission.target_apoapsis)
     near = nominals.min() - APOAPSIS_MARGIN, nominals.max() + APOAPSIS_MARGIN
-    for axes, (low, high), laws in zip(panels, (reach, near), ([(0, GREY)], shown), strict=True):
+    for axes, (low, high), laws in zip(panels, (reach, near), ([(0, GREY)], iterations), strict=True):
         for number, color in laws:
             _map_points(axes, aerocapture, number, color, (low, high))
         label = "exact, along the open loop's scatter"
@@ -1018,7 +1024,7 @@ def delta_v_map(
             ylim=(bottom - margin, top + 0.1 * margin),
         )
         axes.axvline(mission.target_apoapsis, color=GREY, linewidth=0.7)
-    for number, color in shown:
+    for number, color in iterations:
         exit_state = gains.reference[number, -1]
         place = orbits.apoapsis_radius(*exit_state, planet.gravitational_parameter) / planet.planet_radius
         point = {"color": color, "markersize": 6, "markeredgecolor": BLACK, "zorder": 5, "linestyle": "none"}
@@ -1028,10 +1034,10 @@ def delta_v_map(
             str(number), (place, gains.delta_v_mean[number]), (5, -9), textcoords="offset points", fontsize=8
         )
     panels[0].set_title(f"open loop, {_trials(aerocapture, 0)}")
-    panels[1].set_title("laws of the iterations" if shown else "no law was designed")
+    panels[1].set_title("laws of the iterations" if iterations else "no law was designed")
     panels[1].plot([], [], "o", color="white", markeredgecolor=BLACK, label="nominal of an iteration")
     panels[1].plot([], [], "v", color="white", markeredgecolor=BLACK, label="mean that its design predicts")
-    for number, color in [(0, GREY), *shown]:
+    for number, color in [(0, GREY), *iterations]:
         panels[1].plot([], [], ".-", color=color, label=f"flights, {_law(number)}, and their histogram")
     legend_below(figure, panels, columns=2)
     return figure
@@ -1088,18 +1094,18 @@ def _grid(count, width, height, **shared):
     return figure, list(panels.flat[:count])
 
 
-def _densities_of_delta_v(axes, gains, number, delta_v, shown):
+def _densities_of_delta_v(axes, gains, number, delta_v, limits):
     """Histogram of all trials, lost ones counted, with the normal density of linear covariance, and percentiles."""
     from scipy.special import ndtri
 
     mean, deviation = gains.delta_v_mean[number], gains.delta_v_deviation[number]
-    heights, edges = distribution(axes, delta_v, shown, (mean, deviation))
+    heights, edges = distribution(axes, delta_v, limits, (mean, deviation))
     percentile, error = flight_statistics.percentile_with_lost(delta_v.values, LEVEL)
     if np.isfinite(percentile):
-        _mark_below_remarks(axes, percentile, shown, color=BLUE, linewidth=1.4, linestyle="-")
-    _mark_below_remarks(axes, mean + ndtri(LEVEL) * deviation, shown, color=BLACK, linewidth=1.4)
+        _mark_below_remarks(axes, percentile, limits, color=BLUE, linewidth=1.4, linestyle="-")
+    _mark_below_remarks(axes, mean + ndtri(LEVEL) * deviation, limits, color=BLACK, linewidth=1.4)
     trial_count, captured = len(delta_v.values), delta_v.values[np.isfinite(delta_v.values)]
-    lost, outside = trial_count - len(captured), int(((captured < shown[0]) | (captured > shown[1])).sum())
+    lost, outside = trial_count - len(captured), int(((captured < limits[0]) | (captured > limits[1])).sum())
     lines = [f"{trial_count:,} flights"]
     lines += [f"{lost:,} lost"] if lost else []
     lines += [f"{outside:,} outside"] if outside else []
@@ -1108,7 +1114,7 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
     if captured.size:
         lines.append(f"flights {captured.mean():.1f}, sd {captured.std():.1f} m/s")
     lines.append(f"linear {mean:.1f}, sd {deviation:.3g} m/s")
-    right = shown[0] + 0.5 * (shown[1] - shown[0])  # where the text stands
+    right = limits[0] + 0.5 * (limits[1] - limits[0])  # where the text stands
     highest = max(heights.max(), 1 / (np.sqrt(2 * np.pi) * deviation) if deviation > 0 else 0.0)
     crowded = heights[edges[1:] > right].max() > 0.5 * highest
     if highest > 0.0:
@@ -1116,10 +1122,10 @@ def _densities_of_delta_v(axes, gains, number, delta_v, shown):
     axes.text(0.98, 0.95, "\n".join(lines), transform=axes.transAxes, ha="right", va="top", fontsize=7, bbox=OPAQUE)
 
 
-def _mark_below_remarks(axes, places, shown, **style):
+def _mark_below_remarks(axes, places, limits, **style):
     """Mark delta-v, on the right only as high as the remarks that stand there leave free."""
     for place in np.atleast_1d(places):
-        mark(axes, x=place, ymax=REMARKS_FROM if place > shown[0] + 0.5 * (shown[1] - shown[0]) else 1.0, **style)
+        mark(axes, x=place, ymax=REMARKS_FROM if place > limits[0] + 0.5 * (limits[1] - limits[0]) else 1.0, **style)
 
 
 def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number):
@@ -1158,11 +1164,11 @@ def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number)
         note(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
     refused = f"no law was designed: {gains.refused}\n" if gains.refused else ""
     panels[0].set_title(f"{refused}{_law(number)}, {_trials(ensemble, number)}")
-    kept = ensemble.kept_history.shape[1]
+    drawn_flights = ensemble.kept_history.shape[1]
     handles = [
         legend_entry(panels[0], label, color=color, linestyle=style, linewidth=width, marker=marker)
         for color, style, width, marker, label in (
-            (GREY, "-", 0.8, "", f"{kept} flights"),
+            (GREY, "-", 0.8, "", f"{drawn_flights} flights"),
             (BLUE, "--", 1.2, "", SAMPLED["label"]),
             (BLUE, "none", 0.0, "*", r"mean $\pm 3 \sigma$ of the command, before its limits"),
             (BLACK, "-", 1.0, "", r"mean $\pm 3 \sigma$, linear covariance (bars)"),
@@ -1179,12 +1185,12 @@ def _predicted_bars(axes, time, centre, bars):
 
 def _limit_to_flights(axes, bounds, predicted):
     """Limits that show the flights, and the prediction as well unless it is far larger."""
-    flown = np.nanmax(np.abs(bounds)) if np.isfinite(bounds).any() else 0.0
+    largest = np.nanmax(np.abs(bounds)) if np.isfinite(bounds).any() else 0.0
     expected = predicted.max()
-    if expected > FAR * flown > 0.0:
+    if expected > FAR * largest > 0.0:
         note(axes, f"linear covariance up to {expected:.3g}", 0.95)
         expected = 0.0
-    reach = 1.08 * max(flown, expected)
+    reach = 1.08 * max(largest, expected)
     if reach > 0.0:
         axes.set_ylim(-reach, reach)
 
@@ -1231,12 +1237,12 @@ def _delta_v_curve(planet: Planet, mission: Mission, linearization, gains):
     return apoapsis[bound], delta_v, slopes, (at, linearization.delta_v)
 
 
-def _map_points(axes, ensemble, number, color, shown):
+def _map_points(axes, ensemble, number, color, limits):
     """Flights of a law, and below them the histogram of their apoapses."""
     first = slice(0, MOST_POINTS)
     points = {"color": color, "markersize": 5, "markeredgewidth": 0, "alpha": 0.4, "linestyle": "none"}
     axes.plot(ensemble.apoapsis[number, first], ensemble.delta_v[number, first], ".", **points)
-    counts, edges = np.histogram(ensemble.apoapsis[number][np.isfinite(ensemble.apoapsis[number])], 60, range=shown)
+    counts, edges = np.histogram(ensemble.apoapsis[number][np.isfinite(ensemble.apoapsis[number])], 60, range=limits)
     if counts.any():
         height = 0.2 * counts / counts.max()
         axes.stairs(height, edges, color=color, linewidth=1.0, transform=axes.get_xaxis_transform())

@@ -254,8 +254,8 @@ def _look_up(altitude, lane, air, constants):
     inside = position if position > 0.0 else 0.0  # of NaN, too: there must be a cell to read
     inside = inside if inside < last else last
     cell = np.int32(inside)
-    rest = position - cell
-    log_density = cells[cell, 0] + rest * (cells[cell, 1] + rest * (cells[cell, 2] + rest * cells[cell, 3]))
+    fraction = position - cell
+    log_density = cells[cell, 0] + fraction * (cells[cell, 1] + fraction * (cells[cell, 2] + fraction * cells[cell, 3]))
 
     position = (altitude - constants.field_bottom) * constants.nodes_per_metre
     last = np.float64(variation.shape[0] - 1)
@@ -263,9 +263,9 @@ def _look_up(altitude, lane, air, constants):
     position = position if position < last else last
     node = np.int32(position)
     node = node if node < variation.shape[0] - 1 else np.int32(variation.shape[0] - 2)
-    rest = position - node
+    fraction = position - node
     below = variation[node, lane]
-    return log_density, below + rest * (variation[node + 1, lane] - below)
+    return log_density, below + fraction * (variation[node + 1, lane] - below)
 
 
 @inline_njit
@@ -311,7 +311,7 @@ _advance = runge_kutta_4(_drift)
 def _sample_variations(density, seed, first_trial, variation):
     """Density variations of a group, variation (nodes, LANES), down from the top node, one normal a node."""
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    drawn = lane_array(NORMALS_PER_BLOCK)
+    normal_numbers = lane_array(NORMALS_PER_BLOCK)
     process = lane_array(1)
     top = variation.shape[0] - 1
     for lane in range(LANES):
@@ -319,11 +319,11 @@ def _sample_variations(density, seed, first_trial, variation):
     for number in range(top + 1):
         position, node = number % NORMALS_PER_BLOCK, top - number
         if position == 0:
-            fill_normals(seed, FIELD_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
+            fill_normals(seed, FIELD_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, normal_numbers)
         keep = density.retention[node] if number > 0 else 0.0
         fresh = density.innovation_deviation[node] if number > 0 else density.top_deviation
         for lane in range(LANES):
-            process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
+            process[0, lane] = keep * process[0, lane] + fresh * normal_numbers[position, lane]
             variation[node, lane] = process[0, lane] + density.mean
 
 
@@ -499,11 +499,11 @@ def _field_at(position, lane, field):
     position = position if position < last else last
     node = np.int32(position)
     node = node if node < value.shape[0] - 1 else np.int32(value.shape[0] - 2)
-    rest = position - node
+    fraction = position - node
     rise = value[node + 1, lane] - value[node, lane]
     first, second = slope[node, lane], slope[node + 1, lane]
-    curved = 3.0 * rise - 2.0 * first - second + rest * (first + second - 2.0 * rise)
-    return value[node, lane] + rest * (first + rest * curved)
+    curved = 3.0 * rise - 2.0 * first - second + fraction * (first + second - 2.0 * rise)
+    return value[node, lane] + fraction * (first + fraction * curved)
 
 
 @inline_njit
@@ -526,9 +526,9 @@ def _sample_field(root, seed, first_trial, value, slope):
     nodes, count = root.shape
     blocks = -(-count // NORMALS_PER_BLOCK)
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    drawn = np.empty((blocks * NORMALS_PER_BLOCK, LANES))
+    normal_numbers = np.empty((blocks * NORMALS_PER_BLOCK, LANES))
     for block in range(blocks):
-        four = drawn[block * NORMALS_PER_BLOCK : (block + 1) * NORMALS_PER_BLOCK]
+        four = normal_numbers[block * NORMALS_PER_BLOCK : (block + 1) * NORMALS_PER_BLOCK]
         fill_normals(seed, FIELD_STREAM, first_trial, block, bits, four)
     total = lane_array(1)
     for node in range(nodes):
@@ -537,7 +537,7 @@ def _sample_field(root, seed, first_trial, value, slope):
         for number in range(count):
             factor = root[node, number]
             for lane in range(LANES):
-                total[0, lane] += factor * drawn[number, lane]
+                total[0, lane] += factor * normal_numbers[number, lane]
         for lane in range(LANES):
             value[node, lane] = total[0, lane]
     for node in range(nodes):

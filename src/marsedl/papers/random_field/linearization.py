@@ -114,10 +114,10 @@ def along(motion: Motion, partition, control, states) -> Model:
     log_density, slope, _ = motion.log_density(altitude)
     slope = np.broadcast_to(slope, altitude.shape)
     effects, weights, places, transitions, controls = [], [], [], [], []
-    for first, last, held in zip(nodes[:-1], nodes[1:], control, strict=True):
+    for first, last, interval_control in zip(nodes[:-1], nodes[1:], control, strict=True):
         part = slice(first, last + 1)
         state_matrix, control_matrix, field_matrix = _matrices(
-            motion, states[part], held, log_density[part], slope[part]
+            motion, states[part], interval_control, log_density[part], slope[part]
         )
         interval = field_disturbance.discretize_interval(state_matrix, control_matrix, field_matrix, motion.time_step)
         transitions.append(interval.transition)
@@ -150,7 +150,7 @@ def delta_v_gradient(aim, state, sign):
     return orbits.gradient(lambda *at: orbits.total_delta_v(*at, *aim, branch=sign), state)
 
 
-def _matrices(motion: Motion, states, held, log_density, slope):
+def _matrices(motion: Motion, states, control, log_density, slope):
     """State, control and field matrix along one interval."""
 
     def rates(radius, velocity, flight_path_angle, bank_cosine, variation, log_at, slope_at, radius_at):
@@ -167,6 +167,6 @@ def _matrices(motion: Motion, states, held, log_density, slope):
             motion.gravity,
         )
 
-    controls = np.column_stack([np.full(len(states), held), np.full(len(states), motion.variation_mean)])
+    controls = np.column_stack([np.full(len(states), control), np.full(len(states), motion.variation_mean)])
     model = linearize(rates, states, controls, (log_density, slope, states[:, 0]))
     return model.state_matrix, model.control_matrix[:, :, :1], model.control_matrix[:, :, 1]

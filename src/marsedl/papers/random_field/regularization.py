@@ -25,8 +25,8 @@ def compute(
     """Design and fly every size; ill-conditioned designs are made here, to show what comes of them."""
     flights, rows = Flights(planet, air, vehicle, mission, simulation), []
     for factor in studies.navigation_factors:
-        own = guidance.navigation_deviations
-        deviations = factor * np.where(own > 0.0, own, 0.01 * UNITS)
+        nominal_deviations = guidance.navigation_deviations
+        deviations = factor * np.where(nominal_deviations > 0.0, nominal_deviations, 0.01 * UNITS)
         steered = guidance.model_copy(update={"navigation_deviations": deviations, "ill_conditioned": "report"})
         laws = design(flights, steered, nominal)
         trials = ensemble(flights, nominal, laws, studies.study_trials)

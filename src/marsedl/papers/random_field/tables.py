@@ -85,7 +85,7 @@ def iterations(guidance: Guidance, published, gains: Gains, aerocapture: FlightE
     for law in range(last + 1):
         delta_v = aerocapture.delta_v[law]
         captured = delta_v[np.isfinite(delta_v)]
-        known = len(captured) > 1
+        has_spread = len(captured) > 1
         rows.append(
             (
                 _law(law),
@@ -94,7 +94,7 @@ def iterations(guidance: Guidance, published, gains: Gains, aerocapture: FlightE
                 gains.design_delta_v_deviation[law],
                 printed.get(law),
                 *delta_v_percentile(aerocapture, law, LEVEL),
-                *((np.median(captured), captured.mean(), captured.std(ddof=1)) if known else (None,) * 3),
+                *((np.median(captured), captured.mean(), captured.std(ddof=1)) if has_spread else (None,) * 3),
                 away[law],
                 (aerocapture.final_state[law, :, FLOORED] > 0).sum(),
                 *_share(by_step[law].max(), trials),
@@ -280,7 +280,7 @@ def double_integrator_violations(
         # Both lines are never crossed at once but at their apex, which is left out of the prediction.
         predicted = np.column_stack([beyond_line[law], beyond_line[law].sum(axis=1)])
         for node, time in enumerate(design.partition):
-            held = law == CLOSED and (point_mass.double_integrator_constrained == "all" or node < last)
+            is_constrained = law == CLOSED and (point_mass.double_integrator_constrained == "all" or node < last)
             for column, beyond in enumerate(("line 1", "line 2", "either line")):
                 limit = allotted[column // 2]
                 rows.append(
@@ -288,7 +288,7 @@ def double_integrator_violations(
                         name,
                         time,
                         beyond,
-                        held,
+                        is_constrained,
                         100 * limit,
                         100 * min(predicted[node, column], 1.0),
                         *_share(paper[node, column], first),
@@ -323,8 +323,8 @@ def certificates(certificates: Certificates):
     """The first program against other formulations and another solver, and its disturbances against samples."""
 
     def apart(other):
-        own = certificates.objective
-        return abs(other - own) / max(abs(other), abs(own))
+        objective = certificates.objective
+        return abs(other - objective) / max(abs(other), abs(objective))
 
     checks = frame(
         certificates,
@@ -416,10 +416,15 @@ def other_fields(air: Air, published, field_study: FieldStudy):
         values = study.deviation_at_45_km[k], study.percentile[k], study.percentile_error[k], study.lost[k]
         row(name, air.variance_at_top, *values)
     # The deviation grows with the root of the variance, everywhere.
-    own = study.deviation_at_45_km[0] / np.sqrt(air.variance_at_top)
+    nominal_deviation = study.deviation_at_45_km[0] / np.sqrt(air.variance_at_top)
     for k, variance in enumerate(study.variance):
         values = study.variance_percentile[k], study.variance_percentile_error[k], study.variance_lost[k]
-        row(f"{variance / air.variance_at_top:g} times the variance", variance, own * np.sqrt(variance), *values)
+        row(
+            f"{variance / air.variance_at_top:g} times the variance",
+            variance,
+            nominal_deviation * np.sqrt(variance),
+            *values,
+        )
     return table(
         rows,
         {
@@ -543,10 +548,10 @@ def densities_apart(readings: dict[str, tuple[RandomFieldInputs, Records]], publ
     for k, (claim, name) in enumerate(DENSITY_CLAIMS.items()):
         values, printed = np.array([row[k] for row in numbers.values()]), published[claim].printed
         miss = np.abs(values - printed)
-        known = np.isfinite(miss).any()
-        best = int(np.nanargmin(miss)) if known else 0
+        has_finite = np.isfinite(miss).any()
+        best = int(np.nanargmin(miss)) if has_finite else 0
         unit = published[claim].unit
-        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if known else None, miss[best]))
+        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if has_finite else None, miss[best]))
     return table(
         rows,
         {

@@ -53,17 +53,17 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
     usual, control_weight = bryson_weights(coarse)
     searches = [solve_over_weights(coarse, (usual, scale * control_weight)) for scale in START_SCALES]
 
-    own = problem(guidance, design, linearization, trigger)
-    weight = np.outer(own.objective, own.objective)
-    for direction, multiplier in zip(own.final_directions, gains.final_multiplier[trigger], strict=True):
+    nominal_problem = problem(guidance, design, linearization, trigger)
+    weight = np.outer(nominal_problem.objective, nominal_problem.objective)
+    for direction, multiplier in zip(nominal_problem.final_directions, gains.final_multiplier[trigger], strict=True):
         weight += multiplier * np.outer(direction, direction)
-    control_weight = own.control_weight + gains.control_multiplier[trigger]
-    again, _ = lqg_gains(own.system, weight, control_weight)
+    control_weight = nominal_problem.control_weight + gains.control_multiplier[trigger]
+    again, _ = lqg_gains(nominal_problem.system, weight, control_weight)
     own_gain = gains.stochastic_gain[trigger][gains.partition_start]
     size = np.abs(own_gain).max(axis=0)
 
     def lagrangian(gain):
-        covariance, variance = propagate(own.system, gain, own.initial_covariance)
+        covariance, variance = propagate(nominal_problem.system, gain, nominal_problem.initial_covariance)
         return np.sum(weight * covariance[-1]) + control_weight @ variance
 
     best, rises = lagrangian(again), []
@@ -83,7 +83,9 @@ def _trigger(guidance: Guidance, design: Design, linearization, gains, trigger):
         "search_worst": [search.worst_ratio for search in searches],
         "search_evaluations": [search.evaluations for search in searches],
         "search_success": [int(search.success) for search in searches],
-        "weights_gain_error": np.abs((_textbook_gains(own.system, weight, control_weight) - own_gain) / size).max(),
+        "weights_gain_error": np.abs(
+            (_textbook_gains(nominal_problem.system, weight, control_weight) - own_gain) / size
+        ).max(),
         "perturbed_cost": min(rises) / above_floor,
     }
 

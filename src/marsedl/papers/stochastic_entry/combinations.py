@@ -81,8 +81,10 @@ def compute(
         apollo[i, j] = flights("apollo", replace(gains, table_gain=np.array(tables)))
     stochastic = []
     for interval in design.combined_intervals:
-        held = [stochastic_solution(guidance, design, linearization, k, interval)[1] for k in range(len(TRIGGERS))]
-        stochastic.append(flights("stochastic", replace(gains, stochastic_gain=np.array(held))))
+        gains_by_period = [
+            stochastic_solution(guidance, design, linearization, k, interval)[1] for k in range(len(TRIGGERS))
+        ]
+        stochastic.append(flights("stochastic", replace(gains, stochastic_gain=np.array(gains_by_period))))
     stochastic = np.array(stochastic)
     return Combinations(
         apollo_form=np.array(FORMS),

@@ -93,14 +93,14 @@ def fig02(planet: Planet, air: Air, simulation: Simulation, drawing: Drawing) ->
     count, nodes = drawing.drawn_densities, len(atmosphere.altitude)
     from marsedl.montecarlo.streams import normals  # here, as it imports numba
 
-    drawn = normals(simulation.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
+    normal_numbers = normals(simulation.seed, PROCESS_STREAM, np.arange(2 * count), nodes)[:, ::-1]
     decay = environment.decay_rate(air, atmosphere.altitude)
     intensity = environment.diffusion(air, atmosphere.altitude)
     innovation = np.sqrt(density_variation.innovation_variance(atmosphere.altitude, decay, intensity))
     top = atmosphere.deviation[-1]
-    process = density_variation.sample_process(drawn[:count], atmosphere.retention, innovation, top)
+    process = density_variation.sample_process(normal_numbers[:count], atmosphere.retention, innovation, top)
     process_deviation = np.sqrt(density_variation.process_variance(atmosphere.altitude, decay, intensity, top**2))
-    surrogate = density_variation.sample_exact(drawn[count:], atmosphere.retention, atmosphere.deviation)
+    surrogate = density_variation.sample_exact(normal_numbers[count:], atmosphere.retention, atmosphere.deviation)
     _densities(both[0], planet.atmosphere_altitude, atmosphere, process, BLUE)
     for sign in (-1, 1):
         both[0].plot(sign * 2 * process_deviation, atmosphere.altitude / KM, color=BLACK, linewidth=0.8, linestyle=":")
@@ -335,12 +335,12 @@ def fig12(
     """The last seconds before the velocity trigger, relative to the nominal's end, with each trial's own end."""
     figure, panels = new_figure(7.4, 8.0, nrows=len(IN_LINEAR_MODEL), ncols=2, sharex=True, sharey="row")
     ensembles = (apollo_velocity, stochastic_velocity)
-    kept = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
-    ends = [e.final_state[numbers, END_TIME] for e, numbers in zip(ensembles, kept, strict=True)]
+    completed_trials = [np.flatnonzero(e.outcome[: len(e.kept_history)] == COMPLETED) for e in ensembles]
+    ends = [e.final_state[numbers, END_TIME] for e, numbers in zip(ensembles, completed_trials, strict=True)]
     ends = np.concatenate([*ends, [nominal.end_time]])
     window = ends.min() - BEFORE_END, ends.max() + 2
     projection = linearization.trigger_projection
-    for column, law, ensemble, numbers in zip(panels.T, LAWS, ensembles, kept, strict=True):
+    for column, law, ensemble, numbers in zip(panels.T, LAWS, ensembles, completed_trials, strict=True):
         predicted = projection @ getattr(gains, f"{law}_covariance")[1, -1] @ projection.T
         ended = ensemble.outcome == COMPLETED
         color = LAW_COLOR[law]
@@ -351,8 +351,8 @@ def fig12(
             name = f"{reference.name},\nnominal's end = 0"
             flights = _until_the_end(ensemble, component, window[0] - 1).minus(reference, name)
             trials(axes, flights, color=color, linewidth=0.6, label=None)
-            own = field(nominal, component, unit=unit).where(nominal.time >= window[0] - 1)
-            plot(axes, own.minus(reference), color=BLACK, linewidth=1.0)
+            nominal_curve = field(nominal, component, unit=unit).where(nominal.time >= window[0] - 1)
+            plot(axes, nominal_curve.minus(reference), color=BLACK, linewidth=1.0)
             errors_at_end = _final_error(ensemble, component, unit)
             plot(axes, errors_at_end.where(numbers), color=color, linestyle="none", **dots)
             measured = errors_at_end.values[ended]
@@ -622,18 +622,23 @@ def flown_variations(seed, atmosphere, trials):
     """Density variations of Monte Carlo trials at the nodes of the flight's atmosphere, (trials, nodes)."""
     from marsedl.montecarlo.streams import normals  # here, as it imports numba
 
-    drawn = normals(seed, DENSITY_STREAM, trials, len(atmosphere.altitude))[:, ::-1]
-    variation = density_variation.sample_exact(drawn, atmosphere.retention, atmosphere.deviation)
+    normal_numbers = normals(seed, DENSITY_STREAM, trials, len(atmosphere.altitude))[:, ::-1]
+    variation = density_variation.sample_exact(normal_numbers, atmosphere.retention, atmosphere.deviation)
     return density_variation.density_factor(variation) - 1.0
 
 
 def _densities(axes, edge, atmosphere, variations, color):
     """Samples against altitude up to the edge of the atmosphere (m), with twice the deviation that is aimed at."""
-    shown = (atmosphere.altitude >= 0) & (atmosphere.altitude <= edge)
+    in_atmosphere = (atmosphere.altitude >= 0) & (atmosphere.altitude <= edge)
     for sample in variations:
-        axes.plot(sample[shown], atmosphere.altitude[shown] / KM, color=color, linewidth=0.5, alpha=0.6)
+        axes.plot(sample[in_atmosphere], atmosphere.altitude[in_atmosphere] / KM, color=color, linewidth=0.5, alpha=0.6)
     for sign in (-1, 1):
-        axes.plot(sign * 2 * atmosphere.deviation[shown], atmosphere.altitude[shown] / KM, color=BLACK, linestyle="--")
+        axes.plot(
+            sign * 2 * atmosphere.deviation[in_atmosphere],
+            atmosphere.altitude[in_atmosphere] / KM,
+            color=BLACK,
+            linestyle="--",
+        )
     axes.set(xlabel="density variation, relative to the mean", ylim=(0, edge / KM))
 
 
@@ -641,8 +646,8 @@ def _stretches(values, chosen):
     """Ranges of values over which something holds, in words: "39 to 44, 60 and 62"."""
     places = np.flatnonzero(chosen)
     ranges = [values[run[[0, -1]]] for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)]
-    *others, last = (f"{start:g}" if start == end else f"{start:g} to {end:g}" for start, end in ranges)
-    return f"{', '.join(others)} and {last}" if others else last
+    *first_ranges, last = (f"{start:g}" if start == end else f"{start:g} to {end:g}" for start, end in ranges)
+    return f"{', '.join(first_ranges)} and {last}" if first_ranges else last
 
 
 def _errors_over_time(drawing: Drawing, nominal: Nominal, gains: Gains, trigger, ensembles) -> Figure:
@@ -706,11 +711,14 @@ def _until_the_end(ensemble, component, start):
     """Histories of the kept trials from a time on (s), and the state at the end of each as its last point."""
     history = field(ensemble, f"kept_history.{component}", unit=UNITS[component])
     final = field(ensemble, f"final_state.{component}", unit=history.unit, x="final_state.end_time")
-    kept = len(history.values)
+    trial_count = len(history.values)
     values = np.pad(history.values, ((0, 0), (0, 1)), constant_values=np.nan)
-    times = np.tile(np.append(history.x.values, np.nan), (kept, 1))
+    times = np.tile(np.append(history.x.values, np.nan), (trial_count, 1))
     end = np.isfinite(values).sum(axis=1)
-    values[np.arange(kept), end], times[np.arange(kept), end] = final.values[:kept], final.x.values[:kept]
+    values[np.arange(trial_count), end], times[np.arange(trial_count), end] = (
+        final.values[:trial_count],
+        final.x.values[:trial_count],
+    )
     return Field(np.where(times >= start, values, np.nan), history.name, history.unit, history.x.of(times))
 
 
@@ -749,8 +757,8 @@ def _projection(turn, tilt):
     plane = np.stack([right, upwards, np.cross(right, upwards)], axis=-1)
 
     def project(points, depth=False):
-        seen = np.asarray(points) @ plane
-        return seen if depth else seen[..., :2]
+        in_view = np.asarray(points) @ plane
+        return in_view if depth else in_view[..., :2]
 
     return project
 
@@ -764,10 +772,10 @@ def _great_circle(start, end, points=101):
 
 def _on_sphere(axes, project, circle, color, width):
     """A circle on the sphere, faint where the sphere hides it."""
-    seen = project(circle, depth=True)
-    in_front = seen[:, 2] >= 0
+    in_view = project(circle, depth=True)
+    in_front = in_view[:, 2] >= 0
     for visible, alpha, style in ((in_front, 1.0, "-"), (~in_front, 0.5, ":")):
-        curve = np.where(visible[:, np.newaxis], seen[:, :2], np.nan)
+        curve = np.where(visible[:, np.newaxis], in_view[:, :2], np.nan)
         axes.plot(*curve.T, color=color, linewidth=width, alpha=alpha, linestyle=style)
 
 

@@ -217,9 +217,9 @@ def _look_up(altitude, lane, air, constants):
     position = position if position < last else last
     node = np.int32(position)
     node = node if node < log_density.shape[0] - 1 else np.int32(log_density.shape[0] - 2)
-    rest = position - node
+    fraction = position - node
     below = factor[node, lane]
-    return log_density[node] + rest * log_step[node], below + rest * (factor[node + 1, lane] - below)
+    return log_density[node] + fraction * log_step[node], below + fraction * (factor[node + 1, lane] - below)
 
 
 @inline_njit
@@ -304,7 +304,7 @@ def _to_trigger(step, lane, start, parameters, end_velocity, end):
     """
     lower, upper = 0.0, step
     above, below = start[SPEED] - end_velocity, end[SPEED] - end_velocity
-    part, kept = upper, 0
+    part, last_side = upper, 0
     if above <= 0.0:  # it began below the trigger
         _step_lane(0.0, lane, start, parameters, end)
         return 0.0
@@ -315,11 +315,11 @@ def _to_trigger(step, lane, start, parameters, end_velocity, end):
         if abs(excess) <= TRIGGER_TOLERANCE:
             break
         if excess > 0.0:
-            below = 0.5 * below if kept > 0 else below
-            lower, above, kept = part, excess, 1
+            below = 0.5 * below if last_side > 0 else below
+            lower, above, last_side = part, excess, 1
         else:
-            above = 0.5 * above if kept < 0 else above
-            upper, below, kept = part, excess, -1
+            above = 0.5 * above if last_side < 0 else above
+            upper, below, last_side = part, excess, -1
     return part
 
 
@@ -370,12 +370,12 @@ def _correct_by_velocity(law, feature, constants, steering):
         # Before its peak, too, a velocity stands in the table, whose reference lies behind the peak.
         slowing = feature[DRAG, lane] * velocity > -gravity * feature[ALTITUDE_RATE, lane]
         if slowing and velocity <= table[-1] and feature[DRAG, lane] >= least_drag:
-            row, rest = _row(velocity, table)
+            row, fraction = _row(velocity, table)
             command = steering[COMMAND_COSINE, lane]
             for j in range(FEATURES):
-                k = gain[row, j] + rest * (gain[row + 1, j] - gain[row, j])
+                k = gain[row, j] + fraction * (gain[row + 1, j] - gain[row, j])
                 command += k * (
-                    feature[j, lane] - reference[row, j] - rest * (reference[row + 1, j] - reference[row, j])
+                    feature[j, lane] - reference[row, j] - fraction * (reference[row + 1, j] - reference[row, j])
                 )
             steering[COMMAND_COSINE, lane] = command
 
@@ -483,17 +483,17 @@ def _sample_factors(air_deviation, log_retention, seed, first_trial, factor, fin
         factor[:] = 1.0
         return
     bits = np.empty((NORMALS_PER_BLOCK, LANES), np.uint64)
-    drawn, process = lane_array(NORMALS_PER_BLOCK), lane_array(2)
+    normal_numbers, process = lane_array(NORMALS_PER_BLOCK), lane_array(2)
     process[:] = 0.0
     top = len(air_deviation) - 1
     for number in range(top + 1):
         position, node = number % NORMALS_PER_BLOCK, top - number
         if position == 0:
-            fill_normals(seed, DENSITY_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, drawn)
+            fill_normals(seed, DENSITY_STREAM, first_trial, number // NORMALS_PER_BLOCK, bits, normal_numbers)
         keep = exponential(log_retention[node]) if number > 0 else 0.0
         fresh = np.sqrt(1.0 - keep * keep)
         for lane in range(LANES):
-            process[0, lane] = keep * process[0, lane] + fresh * drawn[position, lane]
+            process[0, lane] = keep * process[0, lane] + fresh * normal_numbers[position, lane]
             variation = air_deviation[node] * process[0, lane]
             process[1, lane] += is_floored(variation)
             factor[node, lane] = density_factor(variation)

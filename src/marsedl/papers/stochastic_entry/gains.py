@@ -145,8 +145,8 @@ def stochastic_solution(guidance: Guidance, design: Design, linearization, trigg
             f"the stochastic law of the {TRIGGERS[trigger]} trigger: {error}; final limit 0 is altitude_limit, 1 is "
             "flight_path_angle_limit: raise the one that is named, or control_limit"
         ) from None
-    held = _interval_of(partition_starts(guidance, design, periods, interval), periods)
-    return solution, solution.gain[held]
+    interval_of_period = _interval_of(partition_starts(guidance, design, periods, interval), periods)
+    return solution, solution.gain[interval_of_period]
 
 
 def _stochastic(guidance: Guidance, design: Design, linearization, trigger):
@@ -193,9 +193,9 @@ def _as_printed(guidance: Guidance, design: Design, linearization, trigger, pose
         "final_multiplier": (2,),
         **dict.fromkeys(("cost", "dual_value", "gap", "gap_above_floor", "complementarity"), ()),
     }
-    held = _interval_of(partition_starts(guidance, design, fine), fine)
+    interval_of_period = _interval_of(partition_starts(guidance, design, fine), fine)
     return {
-        "stochastic_gain": np.where(finite[:, np.newaxis], gain, np.nan)[held],
+        "stochastic_gain": np.where(finite[:, np.newaxis], gain, np.nan)[interval_of_period],
         **{name: np.full(shape, np.nan) for name, shape in nothing.items()},
         "noise_floor": floor,
         "iterations": 0,

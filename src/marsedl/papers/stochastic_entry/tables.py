@@ -396,14 +396,16 @@ def reversal_split(
     flights = by_case(apollo_time, apollo_velocity, stochastic_time, stochastic_velocity)
     rows = []
     for case, ensemble in flights.items():
-        known = finite(ensemble)
-        error, number = errors(ensemble)[known, DOWNRANGE], ensemble.final_state[known, REVERSALS]
+        completed = finite(ensemble)
+        error, number = errors(ensemble)[completed, DOWNRANGE], ensemble.final_state[completed, REVERSALS]
         if not len(error):
             rows.append((*_law_and_trigger(case), None, 0, 0.0, *_range_errors(error)))
         for reversals in np.unique(number):
-            own = error[number == reversals]
-            share = 100 * len(own) / len(ensemble.outcome)
-            rows.append((*_law_and_trigger(case), int(reversals), len(own), share, *_range_errors(own)))
+            with_reversals = error[number == reversals]
+            share = 100 * len(with_reversals) / len(ensemble.outcome)
+            rows.append(
+                (*_law_and_trigger(case), int(reversals), len(with_reversals), share, *_range_errors(with_reversals))
+            )
     return table(
         rows,
         {
@@ -586,8 +588,8 @@ def _compared(inputs, ensemble):
 
 def hypothesis(guidance: Guidance, design: Design):
     """Whether a reading assumes something of the laws that the paper does not print."""
-    own = design.partition_interval == guidance.guidance_period
-    return not (own and design.apollo_form == "five_state" and design.apollo_time_adjoint == "time")
+    is_nominal = design.partition_interval == guidance.guidance_period
+    return not (is_nominal and design.apollo_form == "five_state" and design.apollo_time_adjoint == "time")
 
 
 def _mean_reversals(ensemble):

@@ -85,10 +85,10 @@ class Rows:
 
     def at(self, c1: float) -> int:
         """The number of the row with a printed weight."""
-        own = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
-        if not own.size:
+        matching = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
+        if not matching.size:
             raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
-        return int(own[0])
+        return int(matching[0])
 
     @property
     def stands_for(self) -> str:
@@ -147,14 +147,14 @@ class Flight:
 
     def more_drag(self, begins: float, ends: float) -> float:
         """Relative excess of the mean drag over a span above that of the nominal."""
-        own, other, inside = self._pressures(begins, ends)
-        return float(own.mean() / other.mean() - 1.0) if inside.any() else np.nan
+        pressure, nominal_pressure, inside = self._pressures(begins, ends)
+        return float(pressure.mean() / nominal_pressure.mean() - 1.0) if inside.any() else np.nan
 
     def more_lift(self, begins: float, ends: float) -> float:
         """Excess of the mean vertical lift over a span above that of the nominal, as a share of all lift."""
-        own, other, inside = self._pressures(begins, ends)
-        vertical = own * np.cos(self.state[inside, BANK]) - other * np.cos(self.bank[inside])
-        return float(vertical.mean() / other.mean()) if inside.any() else np.nan
+        pressure, nominal_pressure, inside = self._pressures(begins, ends)
+        vertical = pressure * np.cos(self.state[inside, BANK]) - nominal_pressure * np.cos(self.bank[inside])
+        return float(vertical.mean() / nominal_pressure.mean()) if inside.any() else np.nan
 
     @property
     def first_change(self) -> float:
@@ -180,8 +180,8 @@ class Flight:
         """Test that the bank angle departs to a side for most of a span."""
         words = {(1, 0): "more positive", (-1, 0): "more negative", (1, -1): "less negative", (1, 1): "more positive"}
         subject = f"share of the time from {begins:.4g} to {ends:.4g} s without a bank angle {words[sign, side]}"
-        rest = 100 * (1.0 - self.share(sign, begins, ends, side))
-        return measure(f"{subject} than the nominal one", rest, "%") <= 100 * MOST
+        remaining_share = 100 * (1.0 - self.share(sign, begins, ends, side))
+        return measure(f"{subject} than the nominal one", remaining_share, "%") <= 100 * MOST
 
 
 class RadiusFlight(Flight):
@@ -295,9 +295,9 @@ class Candidates:
         """Take those of a channel; none without the study."""
         if gain_study is None:
             return cls(np.nan, np.nan, 0, 0)
-        own = gain_study.channel == channel
+        of_channel = gain_study.channel == channel
         largest = np.abs(gain_study.tuning_error) == np.abs(gain_study.tuning_error).max()
-        worst = gain_study.flown_error[own][:, largest].max(axis=1)
-        kept = worst[np.isfinite(worst)]
-        lost = int(own.sum()) - len(kept)
-        return cls(kept.min(initial=np.inf), kept.max(initial=-np.inf), int(own.sum()), lost)
+        worst = gain_study.flown_error[of_channel][:, largest].max(axis=1)
+        finite_worst = worst[np.isfinite(worst)]
+        lost = int(of_channel.sum()) - len(finite_worst)
+        return cls(finite_worst.min(initial=np.inf), finite_worst.max(initial=-np.inf), int(of_channel.sum()), lost)

@@ -104,8 +104,8 @@ def linear_domain(gains: Gains, responses: Responses, law: int, channel: int) ->
     They do while they are apart from it by less than `LINEAR` of what the sensitivity without feedback gives.
     """
     errors = np.concatenate([responses.wide[channel], responses.narrow[channel]])
-    flown = np.concatenate([responses.wide_error[law, channel], responses.narrow_error[law, channel]])
-    apart = size(flown - errors[:, np.newaxis] * gains.final[law, :, channel])
+    final_errors = np.concatenate([responses.wide_error[law, channel], responses.narrow_error[law, channel]])
+    apart = size(final_errors - errors[:, np.newaxis] * gains.final[law, :, channel])
     within = apart <= LINEAR * np.abs(errors) * size(gains.final[PLAIN, :, channel])
     lost = np.abs(errors[~within])  # NaN is not within
     inside = np.abs(errors) < lost.min(initial=np.inf)
@@ -132,8 +132,11 @@ def fig04_nodoc_downrange_200m(flight: RadiusFlight, responses: Responses):
 @claim(counterexample=scaled("responses.error", at=(PLAIN, RADIUS, -1, DOWNRANGE)))
 def fig04_nodoc_mainly_downrange(responses: Responses):
     without, downrange = _final(responses)[0], responses.error[PLAIN, RADIUS, -1, DOWNRANGE]
-    rest = 100 * (1.0 - abs(downrange) / without)
-    return holds(measure(f"share of the final error of {without:.0f} m that is not downrange", rest, "%") <= 100 * MOST)
+    remaining_share = 100 * (1.0 - abs(downrange) / without)
+    return holds(
+        measure(f"share of the final error of {without:.0f} m that is not downrange", remaining_share, "%")
+        <= 100 * MOST
+    )
 
 
 @claim(counterexample=scaled("responses.error", at=(SHAPED, RADIUS, -1)))
@@ -158,9 +161,9 @@ def fig04_ordering(flight: RadiusFlight, responses: Responses):
 
 @claim(by_construction="both are drawn from one flight")
 def fig04_fig05_same_trajectory(planet: Planet, flight: RadiusFlight, responses: Responses):
-    drawn = entry_problem.position_errors(responses.state[LAW, RADIUS], responses.nominal[LAW], planet.planet_radius)
+    errors = entry_problem.position_errors(responses.state[LAW, RADIUS], responses.nominal[LAW], planet.planet_radius)
     tolerance = ROUNDING * flight.entry_error
-    same = np.allclose(drawn, responses.error[LAW, RADIUS], rtol=0.0, atol=tolerance, equal_nan=True)
+    same = np.allclose(errors, responses.error[LAW, RADIUS], rtol=0.0, atol=tolerance, equal_nan=True)
     return holds(check("the errors of Fig. 4 are those of the flight of Fig. 5, by construction", same))
 
 
@@ -169,14 +172,14 @@ def fig04_fig05_same_trajectory(planet: Planet, flight: RadiusFlight, responses:
 
 @claim(withheld=GAINS, counterexample=scaled("responses.acceleration", at=(LAW, RADIUS)))
 def fig05a_comparable_acceleration(flight: RadiusFlight, responses: Responses):
-    own, nominal = (
+    largest, nominal = (
         np.abs(values).max() / DEGREE
         for values in (responses.acceleration[LAW, RADIUS], responses.nominal_acceleration[LAW])
     )
     subject = f"largest bank acceleration after {flight.entry_error:g} m of radius error, difference from the nominal's"
     return flight.holds(
-        measure(subject, 100 * abs(own / nominal - 1.0), "%") <= 100 * SIMILAR,
-        f"{own:.4f} deg/s^2, nominally {nominal:.4f} deg/s^2",
+        measure(subject, 100 * abs(largest / nominal - 1.0), "%") <= 100 * SIMILAR,
+        f"{largest:.4f} deg/s^2, nominally {nominal:.4f} deg/s^2",
     )
 
 

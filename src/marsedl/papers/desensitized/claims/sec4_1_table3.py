@@ -44,9 +44,9 @@ ROUNDED = (
     errata="E8 E11",
 )
 def c1_values(rows: Rows, published: dict):
-    wanted = len(published["c1_values"].printed)
-    if len(rows.weight) != wanted:
-        raise Fails(f"Table 3 has {len(rows.weight)} rows here, the paper's has {wanted}")
+    printed_count = len(published["c1_values"].printed)
+    if len(rows.weight) != printed_count:
+        raise Fails(f"Table 3 has {len(rows.weight)} rows here, the paper's has {printed_count}")
     return measured(
         rows.weight,
         evidence=f"the weights solved with, in deg^2/s^3; {rows.weight[-1]:g} stands for infinity{rows.chosen}",
@@ -114,14 +114,14 @@ def c1_values(rows: Rows, published: dict):
 def table_3(rows: Rows, published: dict, certificates: Certificates | None = None, *, c1):
     row = rows.at(c1)
     low = high = np.nan  # smallest and largest J0 of the nominal over transcriptions and meshes
-    others = {"trapezoids": np.nan, "hermite_simpson": np.nan}  # J0 by other schemes on the intervals of the row
+    other_efforts = {"trapezoids": np.nan, "hermite_simpson": np.nan}  # J0 by other schemes on the intervals of the row
     solved = rows.tradeoff
     number = rows.number[row]
     if certificates is not None:
         same_mesh = np.flatnonzero(certificates.intervals == solved.bank_acceleration.shape[1])
         if same_mesh.size:
             by_scheme = dict(zip(certificates.scheme, certificates.mesh_effort[0, :, same_mesh[0]], strict=True))
-            others = {"trapezoids": by_scheme["trapezoid"], "hermite_simpson": by_scheme["hermite_simpson"]}
+            other_efforts = {"trapezoids": by_scheme["trapezoid"], "hermite_simpson": by_scheme["hermite_simpson"]}
         efforts = certificates.mesh_effort[0][np.isfinite(certificates.mesh_effort[0])]
         low, high = efforts.min(initial=np.inf), efforts.max(initial=-np.inf)
     bank_rate = np.abs(solved.state[number, :, BANK_RATE])
@@ -137,7 +137,7 @@ def table_3(rows: Rows, published: dict, certificates: Certificates | None = Non
         transcribed_high=high,
         travel=np.trapezoid(bank_rate, solved.time[number]) / DEGREE,
         miss=size(solved.miss[number]),
-        **others,
+        **other_efforts,
     )
 
 
@@ -208,15 +208,16 @@ def fuel_ratio_cinf_to_nodoc(rows: Rows):
 )
 def nodoc_smallest_j0(rows: Rows, branches: Branches | None = None):
     solutions, lower = [], {"lower": np.nan, "lower_name": "", "own_least": np.nan}
-    others = {}  # other solutions: J0 in deg^2/s^3, and the cumulative bank rate in deg/s, the error in m or the weight
+    # Of other solutions: J0 in deg^2/s^3, and the cumulative bank rate in deg/s, the error in m or the weight.
+    numbers = {}
     if branches is not None:
-        least, own = int(np.argmin(branches.effort)), int((branches.least_solution < 0).sum())
-        lower = {"lower": branches.effort[least], "lower_name": str(branches.name[least]), "own_least": own}
-        others = _other_solutions(branches)
-        known = ", ".join(f"{value:.4f} ({name})" for name, value in zip(branches.name, branches.effort, strict=True))
+        least, count = int(np.argmin(branches.effort)), int((branches.least_solution < 0).sum())
+        lower = {"lower": branches.effort[least], "lower_name": str(branches.name[least]), "own_least": count}
+        numbers = _other_solutions(branches)
+        minima = ", ".join(f"{value:.4f} ({name})" for name, value in zip(branches.name, branches.effort, strict=True))
         solutions = [
-            f"local minima without weight {known}",
-            f"of the {len(branches.row_weight)} rows of finite weight {own} have the least control energy known at "
+            f"local minima without weight {minima}",
+            f"of the {len(branches.row_weight)} rows of finite weight {count} have the least control energy known at "
             "their error",
         ]
     return holds(
@@ -226,7 +227,7 @@ def nodoc_smallest_j0(rows: Rows, branches: Branches | None = None):
         by_construction=rows.circular,
         effort=rows.effort[0],
         **lower,
-        **others,
+        **numbers,
     )
 
 
@@ -240,13 +241,13 @@ def _other_solutions(branches):
         "both_rates": (False, True, False, True),
     }
     values = np.column_stack([branches.set_effort, branches.set_cumulative / DEGREE])
-    others = {name: values[fixed.index(conditions)] for name, conditions in sets.items()}
+    numbers = {name: values[fixed.index(conditions)] for name, conditions in sets.items()}
     fold = branches.curve_weight.argmax()
-    others["fold"] = [branches.curve_effort[fold], branches.curve_weight[fold]]
+    numbers["fold"] = [branches.curve_effort[fold], branches.curve_weight[fold]]
     once = np.flatnonzero(branches.rolls == 1)
     if once.size:
-        others["roll"] = [branches.effort[once[0]], size(branches.error[once[0]])]
-    return others
+        numbers["roll"] = [branches.effort[once[0]], size(branches.error[once[0]])]
+    return numbers
 
 
 @claim(

@@ -78,8 +78,8 @@ def dr_gain_on_longitude_nonzero(planet: Planet, design: Design, linearization: 
     scaled = gains.scaled_gain[LAW_OF[DOWNRANGE]]
     columns = position_columns(planet)[:, [DOWNRANGE]]
     with_all, without_one = (
-        propagate_columns(transitions(linearization, gain_vector(planet, design, kept)), columns)[:, :, 0]
-        for kept in (scaled, np.where(np.arange(len(scaled)) == LONGITUDE, 0.0, scaled))
+        propagate_columns(transitions(linearization, gain_vector(planet, design, scaled_gain)), columns)[:, :, 0]
+        for scaled_gain in (scaled, np.where(np.arange(len(scaled)) == LONGITUDE, 0.0, scaled))
     )
     final = size(position_rows(planet) @ with_all[-1])
     departed = np.abs((without_one - columns[:, 0]) * planet.planet_radius).max()
@@ -118,12 +118,12 @@ def fig06_feedback_significantly_reduced(flight: DownrangeFlight, gains: Gains, 
     counterexample=scaled("responses.tabulated_error", at=(LAW, DOWNRANGE)),
 )
 def fig06_1000m_more_than_halved(flight: DownrangeFlight, responses: Responses, gain_study: GainStudy | None = None):
-    left = 100 * remaining(responses, DOWNRANGE)
+    remaining_share = 100 * remaining(responses, DOWNRANGE)
     subject = f"share that feedback leaves of {ways(responses)} m of downrange error"
     return flight.holds(
-        measure(subject, left, "%") < 50,
-        f"{listed(left, '.1f')} %",
-        left=left[0],
+        measure(subject, remaining_share, "%") < 50,
+        f"{listed(remaining_share, '.1f')} %",
+        left=remaining_share[0],
         **vars(Candidates.of(gain_study, DOWNRANGE)),
     )
 

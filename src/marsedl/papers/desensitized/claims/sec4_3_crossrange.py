@@ -250,18 +250,18 @@ def _drawn_shares(responses):
 def gains_perturbation_specific(gains: Gains, responses: Responses, entry_errors: FlightEnsemble):
     plain = size(gains.final[PLAIN].T)
     final = size(np.moveaxis(gains.final[LAW_OF], 1, 2)) / plain  # law, channel
-    own, others = np.diag(final), final[~np.eye(len(CHANNELS), dtype=bool)]
+    own_channel, other_channels = np.diag(final), final[~np.eye(len(CHANNELS), dtype=bool)]
     everything = size(gains.final[ALL_LAW].T) / plain
     final_error = size(entry_errors.final_error)
     typical = np.median(np.where(np.isfinite(final_error), final_error, np.inf), axis=1)
     laws = dict(zip(entry_errors.law, typical, strict=True))
     return holds(
-        measure("factor of the gains on the sensitivity in their own channel", own) < MUCH,
-        measure("in the others", others) > MUCH,
+        measure("factor of the gains on the sensitivity in their own channel", own_channel) < MUCH,
+        measure("in the others", other_channels) > MUCH,
         f"with errors in all channels at random half of the flights end within {laws[NO_DOC]:.0f} m without feedback "
         f"and within {listed([laws[channel] for channel in CHANNELS], '.0f')} m under these gains",
-        least=others.min(),
-        most=others.max(),
+        least=other_channels.min(),
+        most=other_channels.max(),
         all_linear=100.0 * everything.max(),
         all_flown=100.0 * _drawn_shares(responses).max(),
         all_median=laws[ALL_COLUMNS],
@@ -298,7 +298,7 @@ def more_perturbations_more_fuel(
             f"reshaping against the radius lowers the final error for {100 * further_perturbations.size[DENSITY]:g} % "
             f"of density from {error[0]:.0f} to {error[-2]:.0f} m in the row of the largest finite weight"
         )
-    left = _drawn_shares(responses)[RADIUS]
+    share = _drawn_shares(responses)[RADIUS]
     judged = holds(
         provided("all gains converge", gains.converged[laws]),
         measure("cumulative bank rate of the nominal with one set of gains against all three errors", together, "deg/s")
@@ -309,11 +309,11 @@ def more_perturbations_more_fuel(
         single=max(singles),
         together=together,
         together_effort=gains.effort[ALL_LAW],
-        left=100.0 * left,
+        left=100.0 * share,
     )
     # What does not lower the flown errors by much is no fuel "for reducing the sensitivity".
-    if not left < MUCH.at(1.0):
-        doubt = f"one set of gains leaves {100 * left:.0f} % of the drawn radius error, so that its fuel says nothing"
+    if not share < MUCH.at(1.0):
+        doubt = f"one set of gains leaves {100 * share:.0f} % of the drawn radius error, so that its fuel says nothing"
         return replace(judged, undetermined=doubt)
     return judged
 

@@ -47,7 +47,7 @@ def funnel_is_tight(funnel: Funnel, constant: FlightEnsemble, adversarial: Fligh
 def guaranteed_bounds(funnel: Funnel, proven: Proven | None = None):
     # A level that is proven cannot be below what motion was seen to reach: one test is enough.
     exceeded = int(np.count_nonzero(funnel.true_maximum > funnel.growth))
-    sought = int(np.count_nonzero(np.isfinite(funnel.true_maximum)))
+    stages = int(np.count_nonzero(np.isfinite(funnel.true_maximum)))
     excess = np.nan
     if proven is None:
         covered = check("its levels are proven in this reading", False)
@@ -58,15 +58,15 @@ def guaranteed_bounds(funnel: Funnel, proven: Proven | None = None):
         excess = np.max(above)
         covered = measure("excess of levels that are proven for the integrated motion", above, "%") <= 0
     worst = 100.0 * largest(funnel.violation)
-    seen = (
-        f"motion was seen to leave the level of the next slice in {exceeded} of {sought} stages, by up to "
+    exceedance = (
+        f"motion was seen to leave the level of the next slice in {exceeded} of {stages} stages, by up to "
         f"{worst:.3g} % of the bound of the polynomial"
     )
     return holds(
         covered,
-        seen if sought else "no motion was sought beyond the levels",
+        exceedance if stages else "no motion was sought beyond the levels",
         exceeded=exceeded,
-        stages=sought,
+        stages=stages,
         worst=worst,
         excess=excess,
     )
@@ -121,12 +121,12 @@ def increased_landing_accuracy(planet: Planet, funnel: Funnel, constant: FlightE
 def thermal_constraint_funnel(mission: Mission, funnel: Funnel, constant: FlightEnsemble):
     limit = mission.heat_rate_limit / WATT_PER_CM2
     on_funnel = largest(funnel.heat_rate, np.inf) / WATT_PER_CM2
-    flown = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATT_PER_CM2
+    flown_rate = largest(constant.maximum_over_trials[:, HEAT_RATE]) / WATT_PER_CM2
     return holds(
         measure("heat rate in the slices", on_funnel, "W/cm^2") <= limit,
-        f"{flown:.4g} W/cm^2 in flights; the limit of the nominal is {limit:g} W/cm^2",
+        f"{flown_rate:.4g} W/cm^2 in flights; the limit of the nominal is {limit:g} W/cm^2",
         funnel=on_funnel,
-        flown=flown,
+        flown=flown_rate,
         limit=limit,
     )
 

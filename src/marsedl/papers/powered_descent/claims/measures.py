@@ -54,14 +54,16 @@ def misses_at_the_end(ensemble: FlightEnsemble, mission: Mission):
 
 def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:
     """By how much moments, as mean (4,), covariance (4, 4) and trials, miss a mean and a covariance."""
-    own_mean, own, trials = moments
+    sample_mean, sample_covariance, trials = moments
     scale = np.sqrt(np.diag(covariance))
     product = np.outer(scale, scale)
-    sampling = np.sqrt((own**2 + np.outer(np.diag(own), np.diag(own))) / (trials - 1))
+    sampling = np.sqrt(
+        (sample_covariance**2 + np.outer(np.diag(sample_covariance), np.diag(sample_covariance))) / (trials - 1)
+    )
     return Misses(
-        np.abs(own_mean - mean) / scale,
-        np.sqrt(np.diag(own) / trials) / scale,
-        np.abs(own - covariance) / product,
+        np.abs(sample_mean - mean) / scale,
+        np.sqrt(np.diag(sample_covariance) / trials) / scale,
+        np.abs(sample_covariance - covariance) / product,
         sampling / product,
         trials,
     )

@@ -20,14 +20,17 @@ def mass_iteration_converges(nominal: Nominal):
 @claim(counterexample=spread("closed_loop.final_state", component="altitude"))
 def prior_mass_sufficient(mission: Mission, closed_loop: Largest[FlightEnsemble], prior_mass: Largest[FlightEnsemble]):
     # What the fixed profile costs: the same trials with the same noise, with the mass as it flows and as it is assumed.
-    own, prior = FinalMoments(closed_loop, MOTION_PART), FinalMoments(prior_mass, MOTION_PART)
+    true_mass, assumed_mass = FinalMoments(closed_loop, MOTION_PART), FinalMoments(prior_mass, MOTION_PART)
     scale = np.sqrt(np.diag(mission.final_covariance))
-    product, trials = np.outer(scale, scale), min(own.count, prior.count)
-    variances = np.outer(prior.variance, prior.variance)
+    product, trials = np.outer(scale, scale), min(true_mass.count, assumed_mass.count)
+    variances = np.outer(assumed_mass.variance, assumed_mass.variance)
     # As if the two ensembles were independent: their common noise makes the errors smaller.
-    mean_error = np.sqrt(2 * prior.variance / trials) / scale
-    error = np.sqrt(2 * (prior.covariance**2 + variances) / (trials - 1)) / product
-    shift, change = np.abs(own.mean - prior.mean) / scale, np.abs(own.covariance - prior.covariance) / product
+    mean_error = np.sqrt(2 * assumed_mass.variance / trials) / scale
+    error = np.sqrt(2 * (assumed_mass.covariance**2 + variances) / (trials - 1)) / product
+    shift, change = (
+        np.abs(true_mass.mean - assumed_mass.mean) / scale,
+        np.abs(true_mass.covariance - assumed_mass.covariance) / product,
+    )
     subject = "shift of the final mean by the mass that flows"
     return holds(
         measure(subject, shift, "target standard deviations", error=mean_error) <= ABOUT,

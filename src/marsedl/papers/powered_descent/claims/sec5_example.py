@@ -64,12 +64,12 @@ def compute_effort():
 def mc_final_mean(closed_loop: Largest[FlightEnsemble], published: object, choices: Choices | None = None):
     state, numbers = FinalMoments(closed_loop, MOTION_PART), {}
     if choices is not None:
-        tried = tried_means(choices, published)
+        choice = tried_means(choices, published)
         numbers = {
-            "tried": tried.number,
-            "nearest": tried.name,
-            "chi_square": tried.chi_square,
-            "p_value": tried.p_value,
+            "tried": choice.number,
+            "nearest": choice.name,
+            "chi_square": choice.chi_square,
+            "p_value": choice.p_value,
         }
     error = mean_standard_error(state.variance, state.count)
     return measured(state.mean, error, state.count, _lost(closed_loop), **numbers)
@@ -118,12 +118,12 @@ def prior_final_mass(nominal: Nominal, published: object, choices: Choices | Non
     passes, numbers = len(nominal.integrated_change), {}
     first = nominal.mass_of_pass[1, -1]
     if choices is not None:
-        tried = tried_masses(choices, published)
+        choice = tried_masses(choices, published)
         numbers = {
-            "tried": tried.number,
-            "converged": tried.converged,
-            "lowest": tried.lowest_converged,
-            "near": tried.near,
+            "tried": choice.number,
+            "converged": choice.converged,
+            "lowest": choice.lowest_converged,
+            "near": choice.near,
         }
     return measured(nominal.mass[-1], evidence=f"{passes} passes; the first ends at {first:.2f} kg", **numbers)
 
@@ -368,10 +368,12 @@ def prior_deviations(mission: Mission, gains: Gains, prior_mass: Largest[FlightE
 def _deviations(mission: Mission, gains, ensemble):
     everywhere = np.empty((len(ensemble.time), 2))
     for number in (0, 1):
-        known, wanted = gains.segment == number, ensemble.segment == number
+        design_nodes, sample_nodes = gains.segment == number, ensemble.segment == number
         for axis in (0, 1):
-            at = np.interp(ensemble.time[wanted], gains.time[known], gains.covariance[known, axis, axis])
-            everywhere[wanted, axis] = ensemble.covariance[wanted, axis, axis] / at - 1
+            at = np.interp(
+                ensemble.time[sample_nodes], gains.time[design_nodes], gains.covariance[design_nodes, axis, axis]
+            )
+            everywhere[sample_nodes, axis] = ensemble.covariance[sample_nodes, axis, axis] / at - 1
     local = ensemble.time - np.where(ensemble.segment == 0, 0.0, mission.segment_durations[0])
     share = local / mission.segment_durations[ensemble.segment]
     middle = np.abs(everywhere[(share > 0.25) & (share < 0.75)])
@@ -406,11 +408,11 @@ def midcourse_deviation_cause(figure: OwnDeviations, prior: PriorDeviations):
     # Either sampling is all that there is; or what is beyond it goes away with the mass profile.
     by_sampling = measure("largest mid-segment deviation", figure.middle.max() / figure.sampling, "sampling errors")
     whole = max(figure.systematic, 1e-300)
-    rest = max(prior.systematic, 0.0) / whole
-    error = np.hypot(prior.systematic_error, rest * figure.systematic_error) / whole
+    remaining_share = max(prior.systematic, 0.0) / whole
+    error = np.hypot(prior.systematic_error, remaining_share * figure.systematic_error) / whole
     subject = "share of its mean square beyond sampling that remains when the plant flies the mass of the design"
     return holds(
-        (by_sampling < SIGMAS) | (measure(subject, rest, error=error) < MOST),
+        (by_sampling < SIGMAS) | (measure(subject, remaining_share, error=error) < MOST),
         f"the largest deviation is then {prior.middle.max() / prior.sampling:.3g} sampling errors",
         trials=prior.trials,
     )

@@ -87,9 +87,9 @@ def _between_printed_slopes(point_mass, double_integrator, slopes):
     normals, bounds = normals_and_bounds(point_mass)
     apex = np.linalg.solve(normals, bounds)
     upward = np.sign(normals[:, 1])
-    own = np.column_stack([-upward * slopes, upward])
-    spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", own, double_integrator.covariance, own))
-    room = own @ apex - double_integrator.mean @ own.T
+    printed_normals = np.column_stack([-upward * slopes, upward])
+    spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", printed_normals, double_integrator.covariance, printed_normals))
+    room = printed_normals @ apex - double_integrator.mean @ printed_normals.T
     reach = ellipse_radius(point_mass) * spread - room
     return (room / spread).min(axis=(1, 2)), reach.max(axis=(1, 2))
 

@@ -182,16 +182,16 @@ def acap_short_end_steps_no_benefit(mission: Mission, guidance: Guidance, studie
     percentile, error = convergence.percentile[rows], convergence.percentile_error[rows]
     iterations = percentile.shape[1] - 1
     chosen = min(int(guidance.iterations), iterations)
-    (own, short), noise = percentile[:, chosen], float(np.hypot(*error[:, chosen]))
+    (long, short), noise = percentile[:, chosen], float(np.hypot(*error[:, chosen]))
     best = [row[np.isfinite(row)].min(initial=np.inf) for row in percentile[:, 1:]]
     steps = np.diff(mission.partition)[[0, -1]] / studies.end_step_parts
     name = f"{100 * LEVEL:g}th percentile of delta-v"
     return holds(
         measure(
-            f"reduction of the {name} by end steps of about {listed(steps, 'g')} s", own - short, "m/s", error=noise
+            f"reduction of the {name} by end steps of about {listed(steps, 'g')} s", long - short, "m/s", error=noise
         )
-        < NEGLIGIBLE * (percentile[0, OPEN] - own),
-        f"the limit is a share of the reduction by control; after {chosen} iterations it is {own:.1f} and {short:.1f} "
+        < NEGLIGIBLE * (percentile[0, OPEN] - long),
+        f"the limit is a share of the reduction by control; after {chosen} iterations it is {long:.1f} and {short:.1f} "
         f"m/s; the best of {iterations} iterations {best[0]:.1f} and {best[1]:.1f} m/s",
         trials=studies.study_trials,
     )

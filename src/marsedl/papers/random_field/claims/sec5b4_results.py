@@ -73,9 +73,12 @@ def acap_dv_p99_closed(laws: ClosedLoop, regularization: Regularization | None =
     smaller = larger = least = np.nan
     if regularization is not None:
         percentile = regularization.percentile
-        own = int(np.abs(np.log(regularization.factor)).argmin())
+        nominal_factor = int(np.abs(np.log(regularization.factor)).argmin())
         usable = np.flatnonzero(np.isfinite(percentile))
-        smaller, larger = percentile[max(own - 1, 0)], percentile[min(own + 1, len(percentile) - 1)]
+        smaller, larger = (
+            percentile[max(nominal_factor - 1, 0)],
+            percentile[min(nominal_factor + 1, len(percentile) - 1)],
+        )
         least = regularization.position_error[usable[0]] if usable.size else np.nan
     gains = laws.gains
     return _percentile(
@@ -111,11 +114,11 @@ def acap_dv_p99_closed(laws: ClosedLoop, regularization: Regularization | None =
 )
 def acap_dv_p99_open(air: Air, laws: Laws, field_study: FieldStudy | None = None):
     # What the open loop gives in about twice the variance.
-    others = dict.fromkeys(("doubled", "doubled_error", "factor"), np.nan)
+    doubled_variance = dict.fromkeys(("doubled", "doubled_error", "factor"), np.nan)
     if field_study is not None:
         factors = field_study.variance / air.variance_at_top
         twice = int(np.abs(factors - 2.0).argmin())
-        others = {
+        doubled_variance = {
             "doubled": field_study.variance_percentile[twice],
             "doubled_error": field_study.variance_percentile_error[twice],
             "factor": factors[twice],
@@ -129,7 +132,7 @@ def acap_dv_p99_open(air: Air, laws: Laws, field_study: FieldStudy | None = None
         first=laws.percentile[min(1, laws.last)],
         last=laws.percentile[laws.last],
         worst=100 * laws.violations[laws.last].max() / laws.trials,
-        **others,
+        **doubled_variance,
     )
 
 
@@ -181,13 +184,13 @@ def acap_lc_useful_surrogate(laws: ClosedLoop):
     # The percentiles are linear covariance's at the level of those of the flights, whatever the program's p_f is.
     gains = laws.gains
     predicted = gains.delta_v_mean + upper_quantile(1.0 - LEVEL) * gains.delta_v_deviation
-    promised, kept = predicted[OPEN] - predicted[1:], laws.percentile[OPEN] - laws.percentile[1:]
+    promised, achieved = predicted[OPEN] - predicted[1:], laws.percentile[OPEN] - laws.percentile[1:]
     noise = np.hypot(laws.error[1:], laws.error[OPEN])
     return laws.holds(
-        measure(f"reduction of the {NAME} from the open loop's in flights", kept, "m/s", error=noise)
+        measure(f"reduction of the {NAME} from the open loop's in flights", achieved, "m/s", error=noise)
         > (1.0 - MUCH) * promised,
-        f"linear covariance promises {listed(promised, '.0f')} m/s, flights keep {listed(kept, '.0f')} m/s",
-        measure(f"least reduction of the {NAME} in flights", kept, "m/s", error=noise) > 0.0,
+        f"linear covariance promises {listed(promised, '.0f')} m/s, flights keep {listed(achieved, '.0f')} m/s",
+        measure(f"least reduction of the {NAME} in flights", achieved, "m/s", error=noise) > 0.0,
         laws.complete,
     )
 
@@ -357,10 +360,10 @@ def acap_control_variance_high_at_max_q(nominal: Nominal, laws: ClosedLoop):
     deviation, nodes, k = laws.gains.control_deviation[laws.last], laws.gains.partition, _at_peak(nominal, laws)
     near = np.arange(max(k - 1, 0), min(k + 2, len(deviation)))
     widest = near[np.argmax(deviation[near])]
-    others = np.delete(deviation, near).max(initial=0.0)
+    elsewhere = np.delete(deviation, near).max(initial=0.0)
     span = f"from {nodes[widest]:g} to {nodes[widest + 1]:g} s, beside or at the peak"
     return laws.holds(
-        measure(f"predicted three sigma of the control {span}", SIGMAS * deviation[widest]) > SIGMAS * others,
+        measure(f"predicted three sigma of the control {span}", SIGMAS * deviation[widest]) > SIGMAS * elsewhere,
         measure("magnitude of the mean control there", abs(laws.gains.control[laws.last, widest])) < NEGLIGIBLE,
         laws.complete,
     )
@@ -377,22 +380,22 @@ def acap_control_within_bounds(guidance: Guidance, laws: ClosedLoop):
     nodes, counts = laws.gains.partition, laws.violations[laws.last]
     worst = int(np.argmax(counts))
     any_count = int(laws.any_violations[laws.last])
-    flown = int(laws.ensemble.count[laws.last] + laws.ensemble.excluded[laws.last])  # all in the counts
+    flight_count = int(laws.ensemble.count[laws.last] + laws.ensemble.excluded[laws.last])  # all in the counts
     allotted = 1.0 - guidance.control_probability
-    low, high = (100 * float(bound) for bound in binomial_interval(int(counts[worst]), flown, CONFIDENCE))
-    share, noise = 100 * counts / flown, 100 * np.sqrt(allotted * (1.0 - allotted) / flown)
+    low, high = (100 * float(bound) for bound in binomial_interval(int(counts[worst]), flight_count, CONFIDENCE))
+    share, noise = 100 * counts / flight_count, 100 * np.sqrt(allotted * (1.0 - allotted) / flight_count)
     span = f"from {nodes[worst]:g} to {nodes[worst + 1]:g} s"
     return laws.holds(
         # Eq. 77 says what is unlikely. The sampling error is that of a share that is as allotted.
         measure("share of commands beyond the limits in an interval", share, "%", error=noise) <= 100 * allotted,
-        f"at the worst, {span}, {counts[worst]:,} of {flown:,} flights ({low:.3f} to {high:.3f} % with "
+        f"at the worst, {span}, {counts[worst]:,} of {flight_count:,} flights ({low:.3f} to {high:.3f} % with "
         f"{100 * CONFIDENCE:g} % confidence); {any_count:,} in any interval",
         laws.complete,
         worst=share[worst],
         low=low,
         high=high,
         allotted=100 * allotted,
-        any_step=100 * any_count / flown,
+        any_step=100 * any_count / flight_count,
     )
 
 

@@ -181,9 +181,9 @@ def half_tolerance(published: dict) -> float:
 
 def ratio_of(stochastic: tuple, apollo: tuple, side: int) -> tuple[float, float]:
     """Ratio of one percentile (side 0 or 1) of two laws, and its standard error."""
-    (values, deviations), (others, other_deviations) = stochastic, apollo
-    ratio = values[side] / others[side]
-    error = abs(ratio) * float(np.hypot(deviations[side] / values[side], other_deviations[side] / others[side]))
+    (values, deviations), (apollo_values, apollo_deviations) = stochastic, apollo
+    ratio = values[side] / apollo_values[side]
+    error = abs(ratio) * float(np.hypot(deviations[side] / values[side], apollo_deviations[side] / apollo_values[side]))
     return ratio, error
 
 
@@ -288,10 +288,10 @@ def dynamic_pressure(linearization: Linearization) -> np.ndarray:
 def samples_in_words(air: Air) -> str:
     """Deviations of our density samples beside those that Mars-GRAM states."""
     altitudes = np.array([40e3, 80e3])
-    own = 100 * np.sqrt(environment.variance(air, altitudes))
+    ours = 100 * np.sqrt(environment.variance(air, altitudes))
     gram = 100 * density_variation.mars_gram_2010_deviation(altitudes)
     return (
-        f"our samples have deviations of {own[0]:.1f} and {own[1]:.1f} % at 40 and 80 km; Mars-GRAM 2010 states "
+        f"our samples have deviations of {ours[0]:.1f} and {ours[1]:.1f} % at 40 and 80 km; Mars-GRAM 2010 states "
         f"{gram[0]:.1f} and {gram[1]:.1f} %"
     )
 

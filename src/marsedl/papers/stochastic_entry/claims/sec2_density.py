@@ -58,9 +58,11 @@ def ou_limit_variance(air: Air):
 )
 def ou_variance_matches_profile(planet: Planet, air: Air, nominal: Nominal):
     altitude = np.arange(nominal.altitude.min(), planet.atmosphere_altitude, air.density_grid_interval)
-    wanted, decay = environment.variance(air, altitude), environment.decay_rate(air, altitude)
+    profile_variance, decay = environment.variance(air, altitude), environment.decay_rate(air, altitude)
     noise = environment.diffusion(air, altitude)
-    bias = 100 * (density_variation.process_variance(altitude, decay, noise, wanted[-1]) / wanted - 1.0)
+    bias = 100 * (
+        density_variation.process_variance(altitude, decay, noise, profile_variance[-1]) / profile_variance - 1.0
+    )
     span = f"from {altitude[0] / 1e3:.0f} to {altitude[-1] / 1e3:.0f} km"
     return holds(
         measure(f"difference of the process's variance from the profile's {span}", np.abs(bias), "%") < 100 * CLOSE,

@@ -85,9 +85,9 @@ def theorem_lqg(gains: Gains, certificates: Certificates):
 )
 def corollary_lqg(design: Design, gains: Gains, certificates: Certificates):
     # The paper's own route: of the searches that keep the limits, the best for each trigger.
-    kept = certificates.search_worst <= 1.0 + FEASIBLE
-    best = np.where(kept, certificates.search_ratio, np.inf).min(axis=1)
-    astray = int((~kept | (certificates.search_ratio > (1.0 + NEARLY_EXACT).at(1.0))).sum())
+    within_limits = certificates.search_worst <= 1.0 + FEASIBLE
+    best = np.where(within_limits, certificates.search_ratio, np.inf).min(axis=1)
+    astray = int((~within_limits | (certificates.search_ratio > (1.0 + NEARLY_EXACT).at(1.0))).sum())
     cone = np.abs(certificates.cone_ratio - 1.0)
     return holds(
         "ascent of the dual is a search over final and control weights with the gains of Eq. 55",
@@ -98,13 +98,13 @@ def corollary_lqg(design: Design, gains: Gains, certificates: Certificates):
         < FEASIBLE,
         measure(
             f"cost over the optimum by quadratic programming over all weights, for both triggers from the best of "
-            f"{kept.shape[1]} starts",
+            f"{within_limits.shape[1]} starts",
             best,
         )
         < 1.0 + NEARLY_EXACT,
-        f"{best[0]:.5f} (time) and {best[1]:.5f} (velocity); {astray} of its {kept.size} runs go astray",
+        f"{best[0]:.5f} (time) and {best[1]:.5f} (velocity); {astray} of its {within_limits.size} runs go astray",
         astray=astray,
-        runs=kept.size,
+        runs=within_limits.size,
     )
 
 

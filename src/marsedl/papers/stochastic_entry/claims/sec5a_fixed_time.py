@@ -91,25 +91,25 @@ def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
     if len(beyond) < 2:
         raise Fails("the study has no altitude limit beyond that of the design")
     at, largest = beyond[[0, -1]]
-    own, coarse = tradeoff.limited_deviation[:, 0]
+    fine, coarse = tradeoff.limited_deviation[:, 0]
     longer = int(np.argmax(tradeoff.interval > tradeoff.limited_interval[1]))  # the next longer interval of the study
     limits = [f"{tradeoff.altitude_limit[k] / 1e3:g}" for k in (at, largest)]
-    if not np.isfinite(own[[at, largest]]).all():
+    if not np.isfinite(fine[[at, largest]]).all():
         raise Fails(f"altitude limits of {' and '.join(limits)} km cannot both be kept")
     parts = []
-    for interval, row in zip(tradeoff.limited_interval, (own, coarse), strict=True):
+    for interval, row in zip(tradeoff.limited_interval, (fine, coarse), strict=True):
         deviations = ", ".join(f"{value:.1f}" for value in row[np.isfinite(row)])
         parts.append(f"on intervals of {interval:g} s range deviations of {deviations} m")
     return holds(
         measure(
             f"relative change of the range deviation from an altitude limit of {limits[0]} km to {limits[1]} km",
-            own[largest] / own[at] - 1.0,
+            fine[largest] / fine[at] - 1.0,
         )
         < -ROUNDING,
         *parts,
         f"noise alone makes {tradeoff.floor[0]:.1f} m",
-        tightest=own[np.isfinite(own)][0],
-        at_limit=own[at],
+        tightest=fine[np.isfinite(fine)][0],
+        at_limit=fine[at],
         coarse_interval=tradeoff.limited_interval[1],
         coarse=coarse[at],
         coarse_largest=coarse[largest],
@@ -291,9 +291,9 @@ def fig9_lc_worst_gamma(flights: Flights, dispersions: Dispersions):
     for law in LAWS:
         apart = 100 * dispersions[law].apart
         subject = f"distance of the {LAW_NAMES[law]} law's curves of the flight path angle, of the largest bound"
-        others = np.delete(apart, FLIGHT_PATH_ANGLE).max()
+        largest_other = np.delete(apart, FLIGHT_PATH_ANGLE).max()
         sampling = 100 * np.sqrt(2) * dispersions[law].relative_error
-        parts.append(measure(subject, apart[FLIGHT_PATH_ANGLE], "%", error=sampling) >= others)
+        parts.append(measure(subject, apart[FLIGHT_PATH_ANGLE], "%", error=sampling) >= largest_other)
     apollo, stochastic = (dispersions[law].end_ratio[DOWNRANGE] for law in LAWS)
     return holds(
         *parts,

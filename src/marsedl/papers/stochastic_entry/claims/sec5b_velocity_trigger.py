@@ -88,8 +88,8 @@ def zf_column_velocity(air: Air, linearization: Linearization):
 
 @claim(by_construction="an identity of Eq. 65 with the normal of Eq. 76")
 def zf_structure(linearization: Linearization):
-    others = np.delete(linearization.trigger_projection - np.eye(STATES), VELOCITY, axis=1)
-    return holds(measure("difference of the other columns from those of the identity", np.abs(others)) <= 0)
+    other_columns = np.delete(linearization.trigger_projection - np.eye(STATES), VELOCITY, axis=1)
+    return holds(measure("difference of the other columns from those of the identity", np.abs(other_columns)) <= 0)
 
 
 def _preimage(projection, vector):
@@ -340,9 +340,9 @@ def _by_number_of_reversals(ensemble):
 
     Of a streamed ensemble it is that of its first trials.
     """
-    known = finite(ensemble)
-    more = ensemble.final_state[known, REVERSALS] > MOST_REVERSALS
-    error = errors(ensemble)[known, DOWNRANGE] / 1e3
+    completed = finite(ensemble)
+    more = ensemble.final_state[completed, REVERSALS] > MOST_REVERSALS
+    error = errors(ensemble)[completed, DOWNRANGE] / 1e3
     means = [float(error[some].mean()) if some.any() else np.nan for some in (~more, more)]
     return dict(zip(("few_reversals", "more_reversals"), means, strict=True))
 
