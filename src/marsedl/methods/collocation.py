@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.linearization import symbols_in_numpy
+from marsedl.summaries import summary
 
 MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
 SCHEMES = ("midpoint", "trapezoid", "hermite_simpson")
@@ -121,6 +122,8 @@ class Guess(NamedTuple):
     final_time: float
     free: Mapping[str, float] = {}
 
+    __repr__ = summary
+
 
 class Residual(NamedTuple):
     """The constraint that a point violates most: its name, where, and by how much in its own unit."""
@@ -164,6 +167,8 @@ class Solution:
     boundary_multipliers: Mapping[str, float]
     path_multipliers: Mapping[str, np.ndarray]  # (N + 1,) each
     raw: tuple  # the solver's own variables and multipliers (of bounds, of constraints), for warm starts
+
+    __repr__ = summary
 
     @property
     def final_time(self) -> float:

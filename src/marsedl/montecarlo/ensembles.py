@@ -21,6 +21,7 @@ from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.summaries import summary
 
 BLOCK_SIZE = 1000
 
@@ -194,6 +195,8 @@ class Trajectories:
     outcome: np.ndarray
     length: np.ndarray
 
+    __repr__ = summary
+
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
@@ -266,6 +269,8 @@ class Reduced:
     kept_history: np.ndarray
     kept_observed: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class Chunk(Reduced):
@@ -286,6 +291,8 @@ class Chunk(Reduced):
     block_second_moment: np.ndarray
     block_observed_mean: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class Ensemble(Reduced):
@@ -303,6 +310,8 @@ class Ensemble(Reduced):
     mean: np.ndarray
     covariance: np.ndarray
     observed_mean: np.ndarray
+
+    __repr__ = summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +336,8 @@ class StreamedChunk(Chunk):
     cell_key: np.ndarray
     cell_count: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class StreamedEnsemble(Ensemble):
@@ -346,6 +357,8 @@ class StreamedEnsemble(Ensemble):
     cell_side: np.ndarray
     cell_key: np.ndarray
     cell_count: np.ndarray
+
+    __repr__ = summary
 
 
 @njit(error_model="numpy", cache=True)

@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = [
     "Steering",
     "SteeringError",
@@ -59,6 +61,8 @@ class SteeringProblem:
     initial_covariance: np.ndarray  # (n, n)
     final_covariance: np.ndarray  # (n, n)
     noise_density: float  # G, control unit times sqrt(s)
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""
@@ -177,6 +181,8 @@ class Steering(NamedTuple):
     mean_cost: float  # int |mean control|^2 dt = p0' N(T) p0, control unit^2 s
     covariance_cost: float  # int tr(K Sigma K') dt, control unit^2 s
     escape_margin: np.ndarray  # smallest eigenvalue of R(t), (k,); positive: Lambda exists up to t
+
+    __repr__ = summary
 
 
 def steer(problem, root=-1):
