@@ -22,7 +22,7 @@ import numpy as np
 from marsedl.methods.linearization import symbols_in_numpy
 from marsedl.summaries import summary
 
-MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
+_MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
 SCHEMES = ("midpoint", "trapezoid", "hermite_simpson")
 HESSIANS = ("exact", "limited-memory")
 SOLVED, ACCEPTABLE = "Solve_Succeeded", "Solved_To_Acceptable_Level"
@@ -672,7 +672,7 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
         evaluations = count()
 
         def slopes(_, y, held_control=control, since=start, evaluations=evaluations):
-            if next(evaluations) == MOST_EVALUATIONS:
+            if next(evaluations) == _MOST_EVALUATIONS:
                 raise RuntimeError(f"flying the controls from {since:g} s on failed: the steps become ever shorter")
             return rates(y, held_control).full().ravel()
 

@@ -202,7 +202,7 @@ class Trajectories:
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
 
 
-def group_count(trials):
+def _group_count(trials):
     """Number of groups of LANES trials that hold `trials` trials."""
     return -(-trials // LANES)
 
@@ -210,7 +210,7 @@ def group_count(trials):
 def pad_to_groups(array):
     """Repeat the last trial up to a whole number of groups: (..., trials) -> (..., groups * LANES)."""
     array = np.asarray(array, dtype=float)
-    missing = group_count(array.shape[-1]) * LANES - array.shape[-1]
+    missing = _group_count(array.shape[-1]) * LANES - array.shape[-1]
     return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
 
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from marsedl.summaries import summary
 
-__all__ = ["ForwardIntegration", "ModifiedIndex", "integrate_forward", "modified_index"]
+__all__ = ["ForwardIntegration", "LinearMotion", "ModifiedIndex", "integrate_forward", "modified_index"]
 
 _SMALLEST = 1e-30  # error that an entry may have which starts from zero, in any unit
 
