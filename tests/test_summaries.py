@@ -56,7 +56,7 @@ def test_objects_that_hold_large_arrays_show_shapes(kind):
 
 def test_a_result_is_told_line_by_line():
     time = np.linspace(0.0, 10.0, 401)
-    model = np.array([[0.0, 1.0], [0.0, 0.0]]), np.tile([[0.0], [1.0]], (401, 1, 1)), np.zeros(2)
+    model = [[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [0.0, 0.0]
     problem = SteeringProblem.from_linear_model(
         time,
         model,
