@@ -28,21 +28,25 @@ C_REPETITIONS = 25  # they differ by little
 
 
 class Rows:
-    """The table of results: paper, quantity, value, unit, target, whether it is met; the last two may be empty."""
+    """The table of results: paper, quantity, value, unit, target, whether it is met, note; the last three may be empty.
 
-    HEADER = ("paper", "quantity", "value", "unit", "target", "met")
+    The note says what is compared with the target; it stands where the target is not met.
+    """
+
+    HEADER = ("paper", "quantity", "value", "unit", "target", "met", "note")
 
     def __init__(self):
         """Begin an empty table."""
         self.rows = []
 
     def of(self, paper):
-        """The function `row(quantity, value, unit, at_least=None, below=None)` of a paper."""
+        """The function `row(quantity, value, unit, at_least=None, below=None, note="")` of a paper."""
 
-        def row(quantity, value, unit, at_least=None, below=None):
+        def row(quantity, value, unit, at_least=None, below=None, note=""):
             target = f">= {at_least:g}" if at_least is not None else f"< {below:g}" if below is not None else ""
             met = value >= at_least if at_least is not None else value < below if below is not None else None
-            self.rows.append((paper, quantity, rounded(value), unit, target, {None: "", True: "yes", False: "no"}[met]))
+            answer = {None: "", True: "yes", False: "no"}[met]
+            self.rows.append((paper, quantity, rounded(value), unit, target, answer, "" if met is not False else note))
 
         return row
 

@@ -278,6 +278,18 @@ def test_explain_a_claim_with_and_without_a_verdict(bare_project, capsys):
     assert "a sentence" in output
 
 
+@pytest.mark.parametrize(
+    ("arguments", "printed"),
+    [
+        (["powered_descent", "prior_final_mass"], "Sec. V, below Eq. 54; printed 1346 kg (deterministic)"),
+        (["random_field", "dint_constraint_slopes"], "; printed [-0.5, 0.5] (deterministic)"),
+        (["stochastic_entry", "ou_resembles_marsgram"], "; a statement (undetermined)"),
+    ],
+)
+def test_explain_a_claim_says_what_is_printed(bare_project, capsys, arguments, printed):
+    assert printed in explained(capsys, *arguments).splitlines()[1]
+
+
 @pytest.mark.parametrize("slug", SLUGS)
 def test_explain_a_claim_of_any_paper_that_others_were_judged_without(bare_project, capsys, slug):
     """As of a new paper, which the verdicts of the last build do not hold."""
@@ -346,6 +358,13 @@ def test_explain_refuses_unknown_names(project, capsys, arguments, fragments):
     output = refused(capsys, "explain", *arguments)
     for fragment in fragments:
         assert fragment in output
+
+
+def test_explain_lists_each_valid_name_once(project, capsys):
+    """Also one that a figure and a table share."""
+    names = refused(capsys, "explain", "stochastic_entry", "zzz").strip().partition("valid names: ")[2].split(", ")
+    assert "error_budget" in names
+    assert len(names) == len(set(names))
 
 
 def test_commands_outside_of_a_project_are_refused(tmp_path, monkeypatch, capsys):

@@ -8,6 +8,7 @@ minutes is listed with the test, or the step of CI, that runs it.
 
 import argparse
 import ast
+import csv
 import functools
 import os
 import re
@@ -19,6 +20,7 @@ import tomllib
 from collections import Counter
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -405,6 +407,19 @@ def test_benchmarks_of_an_unknown_paper_are_refused():
     )
     assert process.returncode == 1
     assert process.stderr == "bench/run.py: there is no paper 'random_feild'; did you mean 'random_field'?\n"
+
+
+def test_a_missed_target_of_the_benchmarks_has_its_note(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bench")
+    rows = import_module("measuring").Rows()
+    row = rows.of("funnels")
+    row("a build", 4.0, "CPU s", below=3.0, note="Of a target.")
+    row("a build", 2.0, "CPU s", below=3.0, note="Of a target.")
+    row("a build", 2.0, "CPU s")
+    assert [measured[4:] for measured in rows.rows] == [("< 3", "no", "Of a target."), ("< 3", "yes", ""), ("", "", "")]
+    header, *committed = csv.reader((ROOT / "data" / "reference" / "benchmarks.csv").read_text("utf-8").splitlines())
+    assert tuple(header) == rows.HEADER
+    assert all((measured[5] == "no") == bool(measured[6]) for measured in committed)
 
 
 def test_the_makefile_knows_what_is_shown():

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 
@@ -64,6 +65,20 @@ def test_every_public_function_is_in_the_reference(pages, library):
             public &= set(re.findall(r'"(\w+)"', exported[1]))
         for symbol in public:
             assert f'id="{name}.{symbol}"' in text, f"{name}.{symbol}"
+
+
+@pytest.mark.parametrize("library", ["methods", "models", "montecarlo"])
+def test_every_name_that_a_module_declares_public_exists_and_is_described(library):
+    listed = 0
+    for found in walk_packages([f"{marsedl.__path__[0]}/{library}"], f"marsedl.{library}."):
+        module = import_module(found.name)
+        for name in getattr(module, "__all__", ()):
+            value = getattr(module, name)
+            listed += 1
+            if callable(value):  # constants have comments
+                described = value.__doc__ and not value.__doc__.startswith(f"{name}(")  # as a class without a docstring
+                assert described, f"{found.name}.{name}"
+    assert listed
 
 
 @pytest.mark.parametrize("slug", SLUGS)

@@ -426,7 +426,9 @@ def _explain(options) -> int:
     name = options.item
     if name in claims:
         claim = claims[name]
-        _say(f"claim {name}: {claim.quantity}\n  {claim.where}; printed {claim.printed} {claim.unit} ({claim.kind})")
+        unit = "" if claim.unit == "1" else f" {claim.unit}"
+        printed = "a statement" if isinstance(claim.printed, bool) else f"printed {claim.printed}{unit}"
+        _say(f"claim {name}: {claim.quantity}\n  {claim.where}; {printed} ({claim.kind})")
         _say_verdict(project, paper.slug, name)
         return 0
     if name in paper.figures or name in paper.tables:

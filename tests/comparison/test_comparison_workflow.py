@@ -37,7 +37,7 @@ def test_an_edited_comparison_is_made_again_alone(copied):
 
 def test_an_edited_run_time_is_shown_where_times_are(copied):
     benchmarks = copied.path("data/reference/benchmarks.csv")
-    benchmarks.write_text(benchmarks.read_text(encoding="utf-8") + "all,another,1,s,,\n", encoding="utf-8")
+    benchmarks.write_text(benchmarks.read_text(encoding="utf-8") + "all,another,1,s,,,\n", encoding="utf-8")
     assert drawn_again(copied.plan("all")) == PRODUCTS["costs"]
 
 

@@ -881,6 +881,6 @@ def test_a_simulation_that_does_not_come_on_says_so(monkeypatch):
         controls=(Variable("push"),),
         final_time=Variable("final_time", 1.0, 1.0, 100.0),
     )
-    monkeypatch.setattr(collocation, "MOST_EVALUATIONS", 2000)
+    monkeypatch.setattr(collocation, "_MOST_EVALUATIONS", 2000)
     with pytest.raises(RuntimeError, match=r"from \d+ s on failed: the steps become ever shorter"):
         simulate(problem, [10.0, 0.0], np.zeros((4, 1)), np.linspace(0.0, 40.0, 5))

@@ -398,12 +398,25 @@ def test_uncontrollable_model_is_refused(descent):
         replace(problem, gramian=problem.gramian * [1, 0, 1, 0])
 
 
+def test_constant_matrices_may_be_given_once():
+    """An approach with gravity: A, B and c once, and at every node."""
+    time = np.linspace(0.0, 10.0, 41)
+    once = [[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [0.0, -3.71]
+    ends = {"initial_mean": [100.0, 0.0], "final_mean": [0.0, 0.0], "noise_density": 0.3}
+    ends |= {"initial_covariance": np.diag([25.0, 4.0]), "final_covariance": np.diag([1.0, 0.25])}
+    models = once, tuple(np.tile(matrix, (41, *[1] * np.ndim(matrix))) for matrix in once)
+    short, long = (steer(SteeringProblem.from_linear_model(time, model, **ends)) for model in models)
+    for name in short._fields:
+        np.testing.assert_allclose(getattr(short, name), getattr(long, name), rtol=1e-9, atol=1e-9, err_msg=name)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"time": np.array([0.0, 1.0])}, "time"),
         ({"state_matrix": np.eye(3)}, "state_matrix"),
-        ({"control_matrix": np.ones((5, 2))}, "control_matrix"),
+        ({"control_matrix": np.ones((4, 2, 1))}, "control_matrix"),
+        ({"control_matrix": np.ones(2)}, "control_matrix"),
         ({"control_matrix": np.full((5, 2, 1), np.nan)}, "control_matrix"),
         ({"affine": np.ones((4, 2))}, "affine"),
         ({"transition": np.ones((5, 2, 3))}, "transition"),

@@ -39,7 +39,7 @@ def numerically_failing():
     ],
 )
 def test_an_optimum_or_an_error_with_status_iterations_and_residuals(monkeypatch, problem, options, status):
-    monkeypatch.setattr(clarabel, "OPTIONS", clarabel.OPTIONS | options)
+    monkeypatch.setattr(clarabel, "_OPTIONS", clarabel._OPTIONS | options)
     with pytest.raises(
         RuntimeError,
         match=rf"^the case: Clarabel ended with the status {status} after \d+ iterations, with residuals "

@@ -109,6 +109,12 @@ def test_run_times_are_those_of_the_papers_asked_for():
     assert assembly.run_times([], ["a"]) == []
 
 
+def test_run_times_have_notes_where_there_are_any():
+    table = [["paper", "quantity", "met", "note"], ["a", "speed", "no", "Of a target."], ["b", "speed", "yes", ""]]
+    assert assembly.run_times(table, ["a"]) == [["quantity", "met", "note"], ["speed", "no", "Of a target."]]
+    assert assembly.run_times(table, ["b"]) == [["quantity", "met"], ["speed", "yes"]]
+
+
 MACHINES = [
     ["machine", "setting", "paper", "artifact", "numbers", "beyond", "margin", "worst"],
     ["sse", "X=1", "a", "verdicts", "10", "0", "", ""],

@@ -22,8 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.methods.linearization import symbols_in_numpy
+from marsedl.summaries import summary
 
-MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
+_MOST_EVALUATIONS = 100_000  # of the rates in one interval of a simulation, some hundred times what a smooth one takes
 SCHEMES = ("midpoint", "trapezoid", "hermite_simpson")
 HESSIANS = ("exact", "limited-memory")
 SOLVED, ACCEPTABLE = "Solve_Succeeded", "Solved_To_Acceptable_Level"
@@ -123,6 +124,8 @@ class Guess(NamedTuple):
     final_time: float
     free: Mapping[str, float] = {}
 
+    __repr__ = summary
+
 
 class Residual(NamedTuple):
     """The constraint that a point violates most: its name, where, and by how much in its own unit."""
@@ -166,6 +169,8 @@ class Solution:
     boundary_multipliers: Mapping[str, float]
     path_multipliers: Mapping[str, np.ndarray]  # (N + 1,) each
     raw: tuple  # the solver's own variables and multipliers (of bounds, of constraints), for warm starts
+
+    __repr__ = summary
 
     @property
     def final_time(self) -> float:
@@ -671,7 +676,7 @@ def simulate(problem, initial, controls, time, parameters=(), *, relative_tolera
         evaluations = count()
 
         def slopes(_, y, held_control=control, since=start, evaluations=evaluations):
-            if next(evaluations) == MOST_EVALUATIONS:
+            if next(evaluations) == _MOST_EVALUATIONS:
                 raise RuntimeError(f"flying the controls from {since:g} s on failed: the steps become ever shorter")
             return rates(y, held_control).full().ravel()
 

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = [
     "Interval",
     "condition_number",
@@ -33,6 +35,8 @@ class Interval(NamedTuple):
     transition: np.ndarray  # A_k = Phi(t_{k+1}, t_k), (n, n)
     control: np.ndarray  # B_k, effect of the held control, (n, m)
     field_effect: np.ndarray  # F(t_j) = Phi(t_{k+1}, t_j) G(t_j) at the nodes, per second, (s + 1, n)
+
+    __repr__ = summary
 
 
 def discretize_interval(state_matrix, control_matrix, field_matrix, step):

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from marsedl.summaries import summary
+
 __all__ = [
     "Covariances",
     "DiscreteSystem",
@@ -21,12 +23,16 @@ class DiscreteSystem(NamedTuple):
     control: np.ndarray  # B_k, (N, n)
     noise: np.ndarray  # G_k G_k', (N, n, n)
 
+    __repr__ = summary
+
 
 class Covariances(NamedTuple):
     """Covariance of the state at the N + 1 bounds, variance of the control in the N intervals."""
 
     covariance: np.ndarray  # P_k, (N + 1, n, n)
     control_variance: np.ndarray  # Var(u_k), (N,)
+
+    __repr__ = summary
 
 
 def discretize(state_matrix, control_matrix, noise_intensity, step):

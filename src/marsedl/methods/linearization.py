@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["LinearModel", "linearize", "linearize_intervals"]
 
 
@@ -14,6 +16,8 @@ class LinearModel(NamedTuple):
     state_matrix: np.ndarray  # A = df/dx, (k, n, n)
     control_matrix: np.ndarray  # B = df/du, (k, n, m)
     affine: np.ndarray  # c = f - A x - B u, (k, n)
+
+    __repr__ = summary
 
 
 @contextmanager

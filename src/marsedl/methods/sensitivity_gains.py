@@ -19,6 +19,7 @@ from marsedl.methods.sensitivity import (
     scheme_responses,
     scheme_transitions,
 )
+from marsedl.summaries import summary
 
 __all__ = [
     "GainDesign",
@@ -77,6 +78,8 @@ class GainProblem:
     forcing: np.ndarray | None = None  # df/dp of the perturbed parameters, (N, n, c); None for zero
     scheme: str = "midpoint"  # by which the sensitivities are propagated
 
+    __repr__ = summary
+
     def __post_init__(self):
         """Check the fields and bring them into full shape."""
         fed_back = np.asarray(self.fed_back)
@@ -128,6 +131,8 @@ class GainDesign(NamedTuple):
     reason: str  # why the search ended, in a sentence
     history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
 
+    __repr__ = summary
+
 
 class Tuning(NamedTuple):
     """Tuned gains, the simulated errors that they leave, and how the search for them ended."""
@@ -139,12 +144,16 @@ class Tuning(NamedTuple):
     reason: str  # why the search ended, in a sentence
     history: np.ndarray  # norm of the step and of the errors after it, (steps, 2)
 
+    __repr__ = summary
+
 
 class Ranking(NamedTuple):
     """Candidates by the norm of their errors."""
 
     order: np.ndarray  # indices of the candidates, best first
     norms: np.ndarray  # norms in the order of the candidates; inf where an error is not finite
+
+    __repr__ = summary
 
 
 def gain_matrix(problem, k):

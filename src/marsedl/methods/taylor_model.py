@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["Monomials", "TaylorModel", "variables"]
 
 # Relative rounding of any sum or bound below: at most 3500 additions of half a unit in the last place each.
@@ -40,6 +42,8 @@ class Monomials:
     left: np.ndarray
     right: np.ndarray
     product_starts: np.ndarray
+
+    __repr__ = summary
 
     @classmethod
     @functools.lru_cache(maxsize=16)

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["Regulator", "at_half_steps", "tvlqr"]
 
 
@@ -12,6 +14,8 @@ class Regulator(NamedTuple):
 
     gains: np.ndarray  # K_k, (n, nu, nx)
     values: np.ndarray  # P_k, (n + 1, nx, nx), symmetric
+
+    __repr__ = summary
 
 
 def tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight, terminal_weight):

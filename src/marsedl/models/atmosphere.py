@@ -15,6 +15,7 @@ import numpy as np
 
 from marsedl.compiling import jitable
 from marsedl.models.density_table import require_physical
+from marsedl.summaries import summary
 
 __all__ = [
     "TEMPERATURE_PRESSURE_FIT",
@@ -240,6 +241,8 @@ class UniformNodes(NamedTuple):
     spacing: float  # m, from one to the next
     log_density: np.ndarray  # (n,), of kg/m^3
     slope: np.ndarray  # (n,), 1/m
+
+    __repr__ = summary
 
 
 def uniform_nodes(profile, lowest=-10e3, highest=300e3, spacing=1e3):

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = [
     "Burns",
     "apoapsis_radius",
@@ -30,6 +32,8 @@ class Burns(NamedTuple):
 
     periapsis_raise: np.ndarray  # Delta v_1 = v_a+ - v_a-, m/s
     apoapsis_change: np.ndarray  # v_p+ - v_p-, m/s, positive for an exit apoapsis below the target; Delta v_2 = |.|
+
+    __repr__ = summary
 
 
 def _energy_terms(radius, velocity, gravitational_parameter):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from marsedl.models.density_variation import exponential_variance
+from marsedl.summaries import summary
 
 __all__ = [
     "Markov",
@@ -317,6 +318,8 @@ class Markov(NamedTuple):
     retention: np.ndarray  # a_i, joins node i to the node above it, 1, (n - 1,)
     innovation_deviation: np.ndarray  # s_i, unit of the field, (n - 1,)
     top_deviation: float  # of y_(n-1), unit of the field
+
+    __repr__ = summary
 
 
 def markov(kernel, altitudes):

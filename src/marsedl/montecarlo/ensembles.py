@@ -21,6 +21,7 @@ from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
 from marsedl.montecarlo.outcomes import COMPLETED, NON_FINITE
 from marsedl.montecarlo.statistics import central_moments, merge_moments
 from marsedl.montecarlo.streams import NORMALS_PER_BLOCK, fill_normals
+from marsedl.summaries import summary
 
 BLOCK_SIZE = 1000
 
@@ -195,12 +196,14 @@ class Trajectories:
     outcome: np.ndarray
     length: np.ndarray
 
+    __repr__ = summary
+
     def first(self, trials):
         """The first `trials` trials, as views: drops the lanes that only fill up the last group."""
         return Trajectories(*(getattr(self, field.name)[..., :trials] for field in fields(self)))
 
 
-def group_count(trials):
+def _group_count(trials):
     """Number of groups of LANES trials that hold `trials` trials."""
     return -(-trials // LANES)
 
@@ -208,7 +211,7 @@ def group_count(trials):
 def pad_to_groups(array):
     """Repeat the last trial up to a whole number of groups: (..., trials) -> (..., groups * LANES)."""
     array = np.asarray(array, dtype=float)
-    missing = group_count(array.shape[-1]) * LANES - array.shape[-1]
+    missing = _group_count(array.shape[-1]) * LANES - array.shape[-1]
     return np.ascontiguousarray(np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, missing)], mode="edge"))
 
 
@@ -267,6 +270,8 @@ class Reduced:
     kept_history: np.ndarray
     kept_observed: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class Chunk(Reduced):
@@ -287,6 +292,8 @@ class Chunk(Reduced):
     block_second_moment: np.ndarray
     block_observed_mean: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class Ensemble(Reduced):
@@ -304,6 +311,8 @@ class Ensemble(Reduced):
     mean: np.ndarray
     covariance: np.ndarray
     observed_mean: np.ndarray
+
+    __repr__ = summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,6 +337,8 @@ class StreamedChunk(Chunk):
     cell_key: np.ndarray
     cell_count: np.ndarray
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class StreamedEnsemble(Ensemble):
@@ -347,6 +358,8 @@ class StreamedEnsemble(Ensemble):
     cell_side: np.ndarray
     cell_key: np.ndarray
     cell_count: np.ndarray
+
+    __repr__ = summary
 
 
 @njit(error_model="numpy", cache=True)

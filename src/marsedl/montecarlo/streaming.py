@@ -22,6 +22,21 @@ from functools import cache, cached_property
 import numpy as np
 
 from marsedl.montecarlo.statistics import covariance_standard_errors, merge_moments, percentile
+from marsedl.summaries import summary
+
+__all__ = [
+    "EXACT_TRIALS",
+    "OUTCOMES",
+    "RELATIVE_ACCURACY",
+    "FinalMoments",
+    "Sketch",
+    "final_extremes",
+    "final_percentile",
+    "is_streamed",
+    "observed_maxima",
+    "outcome_count",
+    "sketched_percentile",
+]
 
 EXACT_TRIALS = 200_000  # their final states are some 10 MB; sampling errors of errors are a fifth of a per cent then
 RELATIVE_ACCURACY = 1e-4  # at 1e7 normal trials a fifth of the standard error of the 1st percentile
@@ -51,6 +66,8 @@ class Joined:
     observed_mean: np.ndarray
     final_mean: np.ndarray
     final_second_moment: np.ndarray
+
+    __repr__ = summary
 
 
 def join(a: Joined, b: Joined) -> Joined:

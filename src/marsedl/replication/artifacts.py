@@ -37,6 +37,7 @@ import numpy as np
 
 from marsedl.replication.errors import ArtifactError, nearest
 from marsedl.replication.recipes import recipe_changes, recipe_digest
+from marsedl.summaries import value_range
 
 FORMAT = 2  # layout of the file itself: root attributes, /provenance, how strings are stored
 LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
@@ -180,29 +181,13 @@ def summary(artifact: Any) -> str:
         array = np.asarray(getattr(artifact, name))
         extents = zip(layout(artifact_type).dims[name], array.shape, strict=False)
         shape = ", ".join(f"{dimension}: {extent}" for dimension, extent in extents)
-        rows.append((f"  {name}", f"({shape})" if shape else "", _range(array), declared.unit))
+        rows.append((f"  {name}", f"({shape})" if shape else "", value_range(array), declared.unit))
     widths = [max(len(row[column]) for row in rows) for column in range(3)]
     lines = [
         "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]]) for row in rows
     ]
     meaning = (artifact_type.__doc__ or "").strip().partition("\n")[0]
     return "\n".join([f"{artifact_type.__name__}: {meaning}", *lines])
-
-
-def _range(array: np.ndarray) -> str:
-    """Least and largest value of an array, and what is not finite; the value if there is one alone."""
-    if array.dtype.kind not in "iufb":
-        texts = list(dict.fromkeys(str(text) for text in array.ravel().tolist()))
-        examples = ", ".join(repr(text if len(text) <= 20 else f"{text[:17]}...") for text in texts[:3])
-        return examples + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
-    if array.dtype.kind == "b":
-        return str(bool(array)) if not array.ndim else f"{np.count_nonzero(array)} of {array.size} true"
-    finite = array[np.isfinite(array)]
-    if not finite.size:
-        return "nan" if array.size else "empty"
-    least, most = (f"{value:.6g}" for value in (finite.min(), finite.max()))
-    gaps = f", {array.size - finite.size} nan" if finite.size < array.size else ""
-    return (least if least == most else f"{least} to {most}") + gaps
 
 
 TRIALS = "trials"  # the dimension along which single trials are kept

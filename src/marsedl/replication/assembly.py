@@ -174,10 +174,17 @@ def measurements(path: Path) -> list[list[str]]:
 
 
 def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> list[list[str]]:
-    """The measurements of these papers, under a header without the column of the paper; empty if there are none."""
+    """The measurements of these papers, under a header without the column of the paper; empty if there are none.
+
+    A column of notes without any note is left out.
+    """
     papers = set(papers)
     rows = [list(row[1:]) for row in benchmarks[1:] if row[0] in papers]
-    return [list(benchmarks[0][1:]), *rows] if rows else []
+    if not rows:
+        return []
+    header = list(benchmarks[0][1:])
+    kept = [column for column, name in enumerate(header) if name != "note" or any(row[column] for row in rows)]
+    return [[row[column] for column in kept] for row in [header, *rows]]
 
 
 def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -28,7 +28,7 @@ def nearest(name: str, valid: typing.Iterable[str]) -> str:
     """Return a remedy sentence: the nearest valid name, or all of them if none is near."""
     import difflib
 
-    valid = sorted(valid)
+    valid = sorted(set(valid))
     matches = difflib.get_close_matches(name, valid, n=1) if isinstance(name, str) and len(name) <= 100 else []
     return f"did you mean '{matches[0]}'?" if matches else f"valid names: {', '.join(valid)}"
 

@@ -37,6 +37,7 @@ from marsedl.methods.covariance_steering.steering_program import (
     stacked,
     upper_quantile,
 )
+from marsedl.summaries import summary
 
 __all__ = [
     "BlockSystem",
@@ -93,6 +94,8 @@ class CausalRoot(NamedTuple):
     block: np.ndarray  # block that an innovation belongs to: 0 for x_0, k + 1 for w_k, (r,)
     condition: float  # ratio of the largest to the smallest eigenvalue of the rows of W, those dropped left out
 
+    __repr__ = summary
+
 
 def causal_root(system, pivot_tolerance=1e-14):
     """Factor blockdiag(P_0, Cov(W)) = M M' so that block k uses the innovations of blocks 0, ..., k only.
@@ -146,6 +149,8 @@ class CompiledProgram:
     solver: str
     cone_program: "_ConeProgram"
     parameters: dict
+
+    __repr__ = summary
 
     def solve(self, program, *, tolerance=None, accept_inaccurate=False, accept_ill_conditioned=False):
         """Solve a program of the same structure: equal sizes, ranks, steps and kinds of constraints; any numbers.

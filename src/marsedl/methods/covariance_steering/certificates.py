@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
+from marsedl.summaries import summary
 
 __all__ = ["HeldCovariance", "HeldMean", "covariance_certificate", "mean_certificate"]
 
@@ -22,6 +23,8 @@ class HeldMean(NamedTuple):
     mean: np.ndarray  # at the bounds, (N + 1, n)
     cost: float  # int |u|^2 dt, control unit^2 s
 
+    __repr__ = summary
+
 
 class HeldCovariance(NamedTuple):
     """Least-effort covariance steering with a control that is constant on each of N intervals."""
@@ -33,6 +36,8 @@ class HeldCovariance(NamedTuple):
     lossless_gap: float  # largest trace of E[uu'] - K Sigma K', relative to the largest trace of E[uu']: 0 if tight
     status: str  # of the solver
     iterations: int  # of the solver
+
+    __repr__ = summary
 
 
 def mean_certificate(problem, intervals):

@@ -1,6 +1,6 @@
 """Cone programs that have to be solved: an optimum by Clarabel, or an error that says how far it came."""
 
-OPTIONS = {"direct_solve_method": "qdldl"}
+_OPTIONS = {"direct_solve_method": "qdldl"}
 
 
 def solve_to_optimum(problem, what, accept=("optimal",)):
@@ -22,8 +22,8 @@ def solve_to_optimum(problem, what, accept=("optimal",)):
     import cvxpy
 
     # Not problem.solve, which hides the residuals.
-    data, chain, inverse = problem.get_problem_data(cvxpy.CLARABEL, solver_opts=OPTIONS)
-    solution = chain.solve_via_data(problem, data, warm_start=False, verbose=False, solver_opts=OPTIONS)
+    data, chain, inverse = problem.get_problem_data(cvxpy.CLARABEL, solver_opts=_OPTIONS)
+    solution = chain.solve_via_data(problem, data, warm_start=False, verbose=False, solver_opts=_OPTIONS)
     try:
         with warnings.catch_warnings():
             # The status says it.

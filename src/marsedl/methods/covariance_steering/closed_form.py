@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = [
     "Steering",
     "SteeringError",
@@ -59,6 +61,8 @@ class SteeringProblem:
     initial_covariance: np.ndarray  # (n, n)
     final_covariance: np.ndarray  # (n, n)
     noise_density: float  # G, control unit times sqrt(s)
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""
@@ -114,7 +118,7 @@ class SteeringProblem:
 
         Args:
             time: nodes, (k,), s; k >= 4. The model must be smooth in between (begin a new segment at every jump).
-            model: A(t), (k, n, n) or constant (n, n); B(t), (k, n, m); c(t), (k, n) or constant (n,).
+            model: A(t), (k, n, n); B(t), (k, n, m); c(t), (k, n); each constant without the first axis.
             initial_mean, final_mean: (n,).
             initial_covariance, final_covariance: (n, n), symmetric positive definite.
             noise_density: G, control unit times sqrt(s).
@@ -130,9 +134,11 @@ class SteeringProblem:
         time, control_matrix = np.asarray(time, dtype=float), np.asarray(control_matrix, dtype=float)
         if time.ndim != 1 or len(time) < 4 or not (np.diff(time) > 0).all():
             raise SteeringError("time must be one-dimensional and strictly increasing, with four nodes at least")
-        if control_matrix.ndim != 3 or len(control_matrix) != len(time):
-            raise SteeringError(f"control_matrix has shape {control_matrix.shape}, expected ({len(time)}, n, m)")
-        n = control_matrix.shape[1]
+        if control_matrix.ndim not in (2, 3):
+            shape = control_matrix.shape
+            raise SteeringError(f"control_matrix has shape {shape}, expected ({len(time)}, n, m) or (n, m)")
+        n, m = control_matrix.shape[-2:]
+        control_matrix = _along(time, control_matrix, (n, m), "control_matrix")
         state_matrix = _along(time, state_matrix, (n, n), "state_matrix")
         affine = _along(time, affine, (n,), "affine")
         for name, value in (("control_matrix", control_matrix), ("state_matrix", state_matrix), ("affine", affine)):
@@ -177,6 +183,8 @@ class Steering(NamedTuple):
     mean_cost: float  # int |mean control|^2 dt = p0' N(T) p0, control unit^2 s
     covariance_cost: float  # int tr(K Sigma K') dt, control unit^2 s
     escape_margin: np.ndarray  # smallest eigenvalue of R(t), (k,); positive: Lambda exists up to t
+
+    __repr__ = summary
 
 
 def steer(problem, root=-1):

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["Run", "Step", "classify", "successive_convexification"]
 
 
@@ -15,6 +17,8 @@ class Step(NamedTuple):
     monitored: np.ndarray  # (q,), quantities on which termination is decided, of the nominal that this control gives
     result: Any  # whatever the caller keeps of the iteration
 
+    __repr__ = summary
+
 
 class Run(NamedTuple):
     """All iterations that were made."""
@@ -24,6 +28,8 @@ class Run(NamedTuple):
     monitored: np.ndarray  # (iterations, q)
     outcome: str  # "converged", "cycling" or "stopped"
     period: int  # of the cycle; 1 if converged, 0 if stopped
+
+    __repr__ = summary
 
 
 def successive_convexification(step: Callable[[np.ndarray], Step], guess, *, iterations, tolerances, stop=True) -> Run:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from marsedl.methods.covariance_steering.closed_form import equivalent_squared_noise_density
+from marsedl.summaries import summary
 
 __all__ = ["FixedPoint", "fixed_point"]
 
@@ -32,6 +33,8 @@ class FixedPoint(NamedTuple):
     converged: bool
     last_change: float  # the larger of ||dQ(0)|| and ||dP(0)||, divided by ||Q(0)||, ||P(0)|| if relative
     status: str  # one sentence
+
+    __repr__ = summary
 
 
 def fixed_point(

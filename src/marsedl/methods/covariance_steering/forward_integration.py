@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-__all__ = ["ForwardIntegration", "ModifiedIndex", "integrate_forward", "modified_index"]
+from marsedl.summaries import summary
+
+__all__ = ["ForwardIntegration", "LinearMotion", "ModifiedIndex", "integrate_forward", "modified_index"]
 
 _SMALLEST = 1e-30  # error that an entry may have which starts from zero, in any unit
 
@@ -32,6 +34,8 @@ class ForwardIntegration(NamedTuple):
     costate_initial_eq37: np.ndarray  # lambda(0), (n,)
     costate_initial_eq39: np.ndarray  # lambda(0), (n,)
 
+    __repr__ = summary
+
 
 class LinearMotion(NamedTuple):
     """x' = A x + B (u + gamma noise) + c from 0 to T, and its start (Eqs. 4, 5)."""
@@ -43,6 +47,8 @@ class LinearMotion(NamedTuple):
     initial_mean: np.ndarray  # x0, (n,)
     initial_covariance: np.ndarray  # S0, (n, n)
     noise_density: float  # gamma, control unit times sqrt(s)
+
+    __repr__ = summary
 
 
 class ModifiedIndex(NamedTuple):

@@ -18,6 +18,7 @@ from numba import njit
 
 from marsedl.methods.covariance_steering.clarabel import solve_to_optimum
 from marsedl.methods.lincov import DiscreteSystem, propagate
+from marsedl.summaries import summary
 
 __all__ = [
     "ChanceConstrainedProblem",
@@ -64,6 +65,8 @@ class ChanceConstrainedProblem(NamedTuple):
     control_limits: np.ndarray  # U_k, standard deviations, (N,)
     state_scale: np.ndarray  # size of a typical deviation of every state, (n,)
 
+    __repr__ = summary
+
 
 class Solution(NamedTuple):
     """Optimal feedback with its certificate; multipliers are those of variances, in the units of the problem."""
@@ -84,6 +87,8 @@ class Solution(NamedTuple):
     iterations: int  # Riccati and covariance sweeps
     status: str  # "optimal", or a sentence that says what was not reached
 
+    __repr__ = summary
+
 
 class ConeProgram(NamedTuple):
     """Optimum of the semidefinite program."""
@@ -102,6 +107,8 @@ class WeightSearch(NamedTuple):
     evaluations: int  # Riccati and covariance sweeps
     success: bool  # the optimizer converged and no limit is exceeded by more than 0.1 %
     status: str  # the optimizer's message
+
+    __repr__ = summary
 
 
 def lqg_gains(system, final_weight, control_weight):

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = [
     "BlockSystem",
     "ClosedLoop",
@@ -42,6 +44,8 @@ class BlockSystem(NamedTuple):
     initial_covariance: np.ndarray  # P_0, may be zero, (n, n)
     disturbance_covariance: np.ndarray  # Cov(W) of the stacked disturbances, (N n, N n)
 
+    __repr__ = summary
+
 
 class Stacked(NamedTuple):
     """Matrices of X = A x_0 + B U + C + G W (random field, Eq. 30)."""
@@ -51,12 +55,16 @@ class Stacked(NamedTuple):
     disturbance: np.ndarray  # G, ((N + 1) n, N n)
     affine: np.ndarray  # C, ((N + 1) n,)
 
+    __repr__ = summary
+
 
 class ClosedLoop(NamedTuple):
     """Covariances of a linear system under feedback of its history."""
 
     covariance: np.ndarray  # of the states, (N + 1, n, n)
     control_covariance: np.ndarray  # (N, m, m)
+
+    __repr__ = summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +80,8 @@ class HalfPlane:
     bound: float
     probability: float  # of violation
     name: str = ""  # for messages
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""
@@ -95,6 +105,8 @@ class Percentile:
     offset: float
     probability: float  # p_f
 
+    __repr__ = summary
+
     def __post_init__(self):
         """Check the fields."""
         _set_vector(self, "percentile", "gradient")
@@ -114,6 +126,8 @@ class TrustRegion:
     row: np.ndarray  # (n,)
     reference: float
     radius: float
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""
@@ -151,6 +165,8 @@ class SteeringProgram:
     control_reference: np.ndarray | None = None  # centre of the controls' trust region, (N, m); None: zero
     control_trust: float | None = None  # largest |v - reference|, every component
     state_trust: tuple[TrustRegion, ...] = ()
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""
@@ -241,6 +257,8 @@ class SteeringLaw(NamedTuple):
     innovations: int  # rank of the covariance of x_0 and W
     condition: float  # condition number of Cov(W), directions without innovation left out
     largest_gain: float  # largest |K_kl| in the program's units, without those on an initial state that is known
+
+    __repr__ = summary
 
 
 class Margin(NamedTuple):

@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["ClosedLoop", "reference_on_half_steps"]
 
 _COMPLEX_STEP = 1e-30
@@ -41,6 +43,8 @@ class ClosedLoop:
     controls: np.ndarray
     gains: np.ndarray
     disturbances: int
+
+    __repr__ = summary
 
     def __post_init__(self):
         """Check the fields."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from marsedl.methods.funnels.stage import FunnelStage, cholesky_factor
 from marsedl.methods.sos.sampled_program import rank_one
+from marsedl.summaries import summary
 
 __all__ = ["Funnel", "FunnelError", "StageRule", "backward", "forward", "initial_level", "largest_feedback"]
 
@@ -57,6 +58,8 @@ class Funnel:
     programs: np.ndarray
     status: tuple
     verifications: tuple
+
+    __repr__ = summary
 
     @property
     def violation(self):
@@ -153,6 +156,8 @@ class StageRule:
     inflate: bool = False
     verify: Callable | None = None
     feedback_limit: np.ndarray | None = None
+
+    __repr__ = summary
 
 
 def forward(loop, shapes, slices, first_level, design, rule=None, *, additive=None, limit=1e3, progress=None):

@@ -10,6 +10,7 @@ from marsedl.methods.funnels.recursion import FunnelError
 from marsedl.methods.sos.sampled_program import absorb_residual, rank_one
 from marsedl.methods.sos.variety import Spheres
 from marsedl.methods.taylor_model import Monomials, TaylorModel, variables
+from marsedl.summaries import summary
 
 __all__ = [
     "EnclosedGrowth",
@@ -62,6 +63,8 @@ class ProvenStage:
     remainder: float
     rise: float
 
+    __repr__ = summary
+
 
 @dataclass(frozen=True, eq=False)
 class EnclosedGrowth:
@@ -86,6 +89,8 @@ class EnclosedGrowth:
     states: int
     truncation: float
     remainder: float
+
+    __repr__ = summary
 
     def values(self, points):
         """b at points (y, w), (k, nx + nw)."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from marsedl.methods.funnels.closed_loop import ClosedLoop
 from marsedl.methods.taylor import Series
+from marsedl.summaries import summary
 
 __all__ = ["FunnelStage", "cholesky_factor", "lyapunov_rate"]
 
@@ -60,6 +61,8 @@ class FunnelStage:
     order: int = 3
     condition: str = "flow"
     raw_scale: np.ndarray | None = None
+
+    __repr__ = summary
 
     def __post_init__(self):  # noqa: D105
         if self.condition not in _CONDITIONS:

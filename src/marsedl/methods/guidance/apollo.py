@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marsedl.summaries import summary
+
 __all__ = ["AdjointGains", "adjoint_gains", "density_slaved_matrix", "drag_form"]
 
 
@@ -13,6 +15,8 @@ class AdjointGains(NamedTuple):
     gain: np.ndarray  # K_k, (N, n), 1 per unit of the states
     adjoint: np.ndarray  # theta_k, (N + 1, n), final error per unit of the states
     control_adjoint: np.ndarray  # theta_u,k, (N,), final error per unit of a control held from k to the end
+
+    __repr__ = summary
 
 
 def adjoint_gains(transition, control, final_adjoint, overcontrol):

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from marsedl.methods.sos.variety import Spheres
+from marsedl.summaries import summary
 
 __all__ = ["Design", "condition_number", "hermite_values", "random_design", "rank_of_products", "well_chosen_design"]
 
@@ -30,6 +31,8 @@ class Design:
     points: np.ndarray  # samples, (M, v)
     basis: np.ndarray  # values of the basis at the samples, (M, p)
     transform: np.ndarray  # from quotient monomials (Hermite products) to the basis, which is their values @ transform
+
+    __repr__ = summary
 
     def evaluate(self, points):
         """Values of the same basis at other points.

@@ -21,6 +21,7 @@ import numpy as np
 
 from marsedl.methods.sos.conic_program import check_solver, nearest_semidefinite, run_solver
 from marsedl.methods.sos.variety import Spheres
+from marsedl.summaries import summary
 
 __all__ = ["MultiplierCertificate", "MultiplierProgram", "polynomial_coefficients"]
 
@@ -39,6 +40,8 @@ class MultiplierCertificate:
     solver: str
     status: str  # "optimal", or a sentence that says what was not reached
     safe_bound: float = np.inf  # at least s; proven for the given coefficients in spite of residual and rounding
+
+    __repr__ = summary
 
 
 class MultiplierProgram:

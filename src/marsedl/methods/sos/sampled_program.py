@@ -15,6 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack, qr, solve_triangular
 from scipy.linalg.blas import dsyrk
 
+from marsedl.summaries import summary
+
 __all__ = ["Certificate", "absorb_residual", "certify", "rank_one"]
 
 _STEP = 0.97  # part of the way to the boundary of the cone
@@ -38,6 +40,8 @@ class Certificate:
     solver: str
     status: str  # "optimal", or a sentence that says what was not reached
     safe_bound: float = np.inf  # at least s, with a sum of squares in spite of residual and rounding; inf: none found
+
+    __repr__ = summary
 
 
 def certify(values, basis, bound, gram, multipliers, *, iterations, solver, status):
