@@ -126,6 +126,23 @@ def minima():
 
 
 @pytest.fixture
+def printed(desensitized, desensitized_published):
+    """A design whose rows are the paper's, and the printed claims."""
+    return desensitized.inputs("corrected").design, desensitized_published
+
+
+@pytest.fixture
+def pareto(printed):
+    """Draw the figure of that name, from a changed design on demand."""
+
+    def drawn(tradeoff, minima, **changes):
+        design, published = printed
+        return figures.pareto(design.model_copy(update=changes), ERRORS, published, tradeoff, minima)
+
+    return drawn
+
+
+@pytest.fixture
 def draw(gains, responses, tradeoff):
     """Draw a figure of the laws, from changed artifacts on demand."""
 
@@ -201,8 +218,8 @@ def test_fig01_draws_a_bound_that_is_near(desensitized):
     assert not acceleration.lines
 
 
-def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff):
-    figure = figures.fig02(tradeoff)
+def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff, printed):
+    figure = figures.fig02(*printed, tradeoff)
     finite, infinite = (curves(axes) for axes in figure.axes)
     lines = finite + infinite
     assert (len(finite), len(infinite)) == (5, 2)
@@ -356,8 +373,8 @@ def test_one_surviving_flight_is_seen(draw, responses):
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
-def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, minima, desensitized_published):
-    figure = figures.pareto(ERRORS, tradeoff, minima, desensitized_published)
+def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, minima, pareto):
+    figure = pareto(tradeoff, minima)
     axes, weight = figure.axes
     assert axes.get_yscale() == "log" and "1000 m" in axes.get_xlabel()
     error = np.linalg.norm(tradeoff.path_error, axis=1)
@@ -383,21 +400,21 @@ def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, mi
     assert f"{minima.fold_weight:.4g}" in weight.get_title()
 
 
-def test_pareto_labels_crowded_rows_together(tradeoff, minima):
+def test_pareto_labels_crowded_rows_together(tradeoff, minima, pareto):
     error = np.zeros((7, 3))
     error[:, 2] = [8000.0, 7990.0, 7000.0, 6995.0, 6300.0, 6000.0, 6000.5]
     effort = np.array([0.1, 0.1001, 0.3, 3.0, 4.0, 500.0, 6500.0])
-    (axes, _) = figures.pareto(ERRORS, replace(tradeoff, error=error, effort=effort), minima).axes
+    (axes, _) = pareto(replace(tradeoff, error=error, effort=effort), minima).axes
     shown = [text.get_text() for text in axes.texts]
     assert shown == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
 
-def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, desensitized_published):
+def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, pareto):
     """Rows there are labelled in the inset, and not beside the crowd."""
     ends = np.concatenate([tradeoff.fold_error.ravel(), minima.curve_error])
     error, effort = np.zeros((7, 3)), np.array([1.5, 1.5, 0.3, 3.0, 4.0, 500.0, 6500.0])
     error[:, 2] = [ends.max(), ends.mean(), 7000.0, 6800.0, 6300.0, 6000.0, 6000.5]
-    figure = figures.pareto(ERRORS, replace(tradeoff, error=error, effort=effort), minima, desensitized_published)
+    figure = pareto(replace(tradeoff, error=error, effort=effort), minima)
     axes = figure.axes[0]
     (inset,) = axes.child_axes
     assert [text.get_text() for text in inset.texts] == ["$c_1$ = 0", "$c_1$ = 0.001"]
@@ -408,7 +425,7 @@ def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, desensitized
         np.testing.assert_array_equal(shown.get_xydata(), enlarged.get_xydata())
 
 
-def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
+def test_pareto_without_folds_or_curves(tradeoff, minima, pareto):
     plain = replace(
         tradeoff,
         path_branch=np.zeros(8, int),
@@ -418,11 +435,56 @@ def test_pareto_without_folds_curves_or_printed_numbers(tradeoff, minima):
     none = {f"curve_{name}": np.empty(0) for name in ("error", "effort", "weight", "final_bank")}
     none |= {"continued_solution": np.empty(0, int), "continued_error": np.empty((0, 3))}
     bare = replace(minima, **none, fold_weight=np.nan, fold_error=np.nan)
-    (axes,) = figures.pareto(ERRORS, plain, bare).axes
+    (axes,) = pareto(plain, bare).axes
     assert not axes.child_axes
-    assert not [line for line in axes.lines if line.get_linestyle() == ":" or line.get_marker() == "x"]
-    figure = figures.pareto(ERRORS, plain, replace(minima, fold_weight=np.nan))
+    assert not [line for line in axes.lines if line.get_linestyle() == ":"]
+    figure = pareto(plain, replace(minima, fold_weight=np.nan))
     assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
+
+
+OWN_EFFORTS = {"matched_efforts": np.array([0.14, 0.4, 1.5603, 5.1812])}
+OWN_WEIGHTS = {"printed_weights": np.array([0.001, 0.02, 0.1, 1.0])}
+
+
+@pytest.mark.parametrize(
+    ("changes", "weight", "name", "tick"),
+    [
+        (OWN_EFFORTS, 0.01, "$J_0$ = 0.4 deg$^{2}$/s$^{3}$", "$J_0$ =\n0.4\ndeg$^{2}$/s$^{3}$"),
+        (OWN_WEIGHTS, 0.02, "$J_0$ = 0.4 deg$^{2}$/s$^{3}$", "$J_0$ =\n0.4\ndeg$^{2}$/s$^{3}$"),
+        (OWN_WEIGHTS | {"weight_rule": "proportional"}, 0.02, "$c_1$ = 0.02", "0.02"),
+    ],
+)
+def test_rows_of_a_user_are_called_by_their_own_c1_or_control_energy(
+    tradeoff, minima, pareto, printed, changes, weight, name, tick
+):
+    """As tables do: where a control energy is a reading's own, the paper's c1 says nothing of the row."""
+    error, weights = np.zeros((7, 3)), tradeoff.printed_weight.copy()
+    error[:, 2] = [8000.0, 7990.0, 7000.0, 6600.0, 6300.0, 6000.0, 6000.5]
+    weights[2] = weight
+    effort = np.array([0.1, 0.1001, 0.4, 1.5603, 5.1812, 500.0, 6500.0])
+    rows = replace(tradeoff, printed_weight=weights, error=error, effort=effort)
+    (axes, _) = pareto(rows, minima, **changes).axes
+    shown = [text.get_text() for text in axes.texts]
+    assert shown == ["$c_1$ = 0, 0.001", name, "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
+
+    design, published = printed
+    design = design.model_copy(update=changes)
+    shown = labels(figures.fig02(design, published, rows))
+    assert shown[1] == "$c_1$ = 0.001: 2 reversals" and shown[2] == f"{name}: 2 reversals"
+
+    made = invented(FurtherPerturbations, {"rows": 7, "steps": 6, "branch": 2, "law": 5, "density_error": 4})
+    figure = figures.further_perturbations(design, Studies.given({"density_error": 0.05}), published, rows, made)
+    shown = [text.get_text() for text in figure.axes[0].get_xticklabels()]
+    assert shown[:4] == ["0", "0.001", tick, "0.1"]
+    figure.draw_without_rendering()
+
+
+def test_crowded_rows_are_called_by_each_symbol_once(tradeoff, minima, pareto):
+    error = np.zeros((7, 3))
+    error[:, 2] = [8000.0, 7995.0, 7990.0, 6600.0, 6300.0, 6000.0, 6000.5]
+    effort = np.array([0.1, 0.1001, 0.1002, 1.5603, 5.1812, 500.0, 6500.0])
+    (axes, _) = pareto(replace(tradeoff, error=error, effort=effort), minima, **OWN_EFFORTS).axes
+    assert axes.texts[0].get_text() == "$c_1$ = 0, 0.001, $J_0$ = 0.1002 deg$^{2}$/s$^{3}$"
 
 
 def test_branches_are_drawn_with_their_energy_and_rolls_apart(minima):
@@ -570,7 +632,7 @@ def test_minimum_fuel_that_was_not_found_is_left_out():
     assert masses[1:] == ["not solved", "not solved"]
 
 
-def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
+def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff, printed):
     laws = np.array(["no feedback", "density null", "density and radius null", "density tuned", "both tuned"])
     further_perturbations = invented(
         FurtherPerturbations,
@@ -582,7 +644,10 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
         density_error=np.array([0.01, -0.01, 0.05, -0.05]),
     )
     further_perturbations.density_flown_error[1, 2] = np.nan
-    figure = figures.further_perturbations(Studies.given({"density_error": 0.05}), tradeoff, further_perturbations)
+    design, published = printed
+    figure = figures.further_perturbations(
+        design, Studies.given({"density_error": 0.05}), published, tradeoff, further_perturbations
+    )
     over_rows, energy, density, radius = figure.axes
     norms = np.linalg.norm(further_perturbations.row_linear_error, axis=-1)
     for number, line in enumerate(curves(over_rows)):
@@ -615,7 +680,7 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff):
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
-def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, tmp_path, reading):
+def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, desensitized_published, tmp_path, reading):
     """From a coarse mesh, with gains that have not converged and flights that are lost."""
     nominal, tradeoff, gains, responses = (
         desensitized.stage(name, reading, **SMALL) for name in ("nominal", "tradeoff", "gains", "responses")
@@ -625,7 +690,7 @@ def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, tmp_pa
     drawn = {
         "fig01a": inputs.call(figures.fig01a, nominal),
         "fig01b": figures.fig01b(nominal),
-        "fig02": figures.fig02(tradeoff),
+        "fig02": inputs.call(figures.fig02, desensitized_published, tradeoff),
         **{stem: getattr(figures, stem)(gains, responses) for stem in OF_LAWS},
         "dispersion": inputs.call(
             figures.dispersion,

@@ -435,18 +435,23 @@ def test_all_trials_decide_on_the_chance_constraint(random_field, random_field_p
 def test_lines_of_the_printed_slopes_would_lie_far_from_the_law_and_near_the_open_loop(random_field):
     """By hand: the distance of the mean from both lines, in deviations across them."""
     design = random_field.stage("double_integrator", "corrected")
+    mean, covariance = [*design.mean, design.free_mean], [*design.covariance, design.free_covariance]
     distance = []
-    for law in (0, 1):
+    for law in (0, 1, 2):
         for node in range(6):
-            position, velocity = design.mean[law, node]
+            position, velocity = mean[law][node]
             for slope, side in ((-0.5, 1.0), (0.5, -1.0)):
                 across = np.array([-slope, 1.0])
                 room = side * (0.1 + slope * (position - 0.7) - velocity)
-                distance.append((law, room / np.sqrt(across @ design.covariance[law, node] @ across)))
-    numbers = evaluate(random_field)["dint_constraint_slopes"].numbers
+                distance.append((law, room / np.sqrt(across @ covariance[law][node] @ across)))
+    found = evaluate(random_field)["dint_constraint_slopes"]
+    numbers = found.numbers
     assert numbers["open_distance"] == pytest.approx(min(value for law, value in distance if law == 0), rel=1e-4)
     assert numbers["closed_distance"] == pytest.approx(min(value for law, value in distance if law == 1), rel=1e-4)
-    assert numbers["open_distance"] < np.sqrt(-2.0 * np.log(0.0027)) < numbers["closed_distance"]
+    assert numbers["free_distance"] == pytest.approx(min(value for law, value in distance if law == 2), rel=1e-4)
+    assert numbers["free_distance"] == pytest.approx(5.57, abs=0.005)
+    assert numbers["open_distance"] < np.sqrt(-2.0 * np.log(0.0027)) < numbers["free_distance"]
+    assert "5.57 deviations from the mean of the law without constraints" in found.evidence
     assert numbers["flatter"] == pytest.approx(20.0, rel=1e-3)
 
 

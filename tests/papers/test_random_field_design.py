@@ -770,6 +770,18 @@ def test_a_constraint_never_lowers_the_cost(random_field):
     assert wide.unconstrained_objective < 1e-9 and wide.objective > 1e-7
 
 
+def test_lines_far_away_leave_the_law_that_has_none(random_field):
+    found = random_field.double_integrator()
+    far = random_field.double_integrator("corrected", double_integrator_bounds=np.array([10.0, 10.0]))
+    assert far.objective == pytest.approx(found.unconstrained_objective, rel=1e-6)
+    for name, scale in (("mean", [0.6, 0.1]), ("covariance", np.outer([0.6, 0.1], [0.6, 0.1]))):
+        free = getattr(found, f"free_{name}") / scale
+        np.testing.assert_allclose(free, getattr(far, name)[CLOSED] / scale, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(free, getattr(far, f"free_{name}") / scale, rtol=0, atol=1e-6)
+    # Those of Eq. 61 squeeze the velocity at the end.
+    assert found.free_covariance[-1, 1, 1] > 10.0 * found.covariance[CLOSED, -1, 1, 1]
+
+
 def test_disturbances_of_the_double_integrator_by_quadrature(random_field):
     """Eq. 26 along r = 0.1 + 0.1 t; Gauss-Legendre converges spectrally, as the kernel is analytic."""
     errors = []

@@ -209,6 +209,53 @@ def test_nominal_does_not_depend_on_its_steps(entry, reading):
     np.testing.assert_array_equal(finer.reversal_time, base.reversal_time)
 
 
+@pytest.mark.parametrize("reading", ["corrected", "printed", "desensitized_density"])
+def test_longitude_and_latitude_of_the_nominal_place_the_target_where_it_is_stored(entry, reading):
+    """By vectors in space: the arc to the target, and its angle from the plane of the inertial velocity."""
+    nominal, inputs = entry.nominal(reading), entry.stage_inputs(reading, "nominal")
+    mission, planet = inputs.mission, inputs.planet
+
+    def direction(longitude, latitude):
+        return np.stack(
+            [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
+        )
+
+    here, target = (
+        direction(nominal.longitude, nominal.latitude),
+        direction(mission.target_longitude, mission.target_latitude),
+    )
+    east = np.cross([0.0, 0.0, 1.0], here)
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    north = np.cross(here, east)
+    rotation = planet.rotation_rate * (planet.planet_radius + nominal.altitude) * np.cos(nominal.latitude)
+    horizontal = nominal.velocity * np.cos(nominal.flight_path_angle)
+    velocity = (
+        (horizontal * np.sin(nominal.azimuth) + rotation)[:, np.newaxis] * east
+        + (horizontal * np.cos(nominal.azimuth))[:, np.newaxis] * north
+    )  # fmt: skip
+    normal = np.cross(here, velocity)
+    arc = np.arctan2(np.linalg.norm(np.cross(here, target), axis=1), here @ target)
+    across = np.arcsin(normal @ target / np.linalg.norm(normal, axis=1))
+    np.testing.assert_allclose(-planet.planet_radius * arc, nominal.downrange, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(planet.planet_radius * across, nominal.crossrange, rtol=0, atol=1e-6)
+    entered = [nominal.longitude[0], nominal.latitude[0], nominal.azimuth[0]]
+    assert entered == [mission.entry_longitude, mission.entry_latitude, mission.entry_azimuth]
+
+
+def test_azimuth_of_the_nominal_is_the_direction_of_its_motion(entry):
+    """By central differences, whose error falls with the square of their step where the bank does not jump."""
+    nominal, substeps = entry.nominal(), 20
+    middle = np.arange(substeps // 2, len(nominal.time) - substeps, substeps)  # of every whole guidance period
+    errors = []
+    for stride in (8, 4, 2):
+        ahead, behind = middle + stride, middle - stride
+        eastward = (nominal.longitude[ahead] - nominal.longitude[behind]) * np.cos(nominal.latitude[middle])
+        northward = nominal.latitude[ahead] - nominal.latitude[behind]
+        errors.append(np.abs(np.arctan2(eastward, northward) - nominal.azimuth[middle]).max())
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.02)
+    assert errors[-1] < 1e-5
+
+
 # --- linear model -----------------------------------------------------------------------------------------------------
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
 
-from marsedl.papers.desensitized.claims.measures import printed_rows
+from marsedl.papers.desensitized.claims.measures import own_c1, printed_rows
 from marsedl.papers.desensitized.entry_problem import BANK
-from marsedl.papers.desensitized.inputs import Ensemble, Simulation, Solver, Studies, Vehicle
+from marsedl.papers.desensitized.inputs import Design, Ensemble, Simulation, Solver, Studies, Vehicle
 from marsedl.papers.desensitized.nominal import zero_crossings
 from marsedl.papers.desensitized.records import (
     ALL_COLUMNS,
@@ -56,6 +56,7 @@ FUEL_CURVE = (
 )
 FUEL = 1  # the solution of least fuel
 CROWDED = 0.04  # of the axes, under which rows of Table 3 share a label
+ROW_UNIT = {"c_1": "", "J_0": f" {printed_unit('deg^2/s^3')}"}  # of what names a row of Table 3
 ELLIPSE_SIGMA = 3
 LEVEL, ROOM = 0.995, 1.15  # of the flights' errors, either way; times those, how far the axes of the dispersion reach
 LOST = "x"  # marks lost flights
@@ -93,16 +94,17 @@ def fig01b(nominal: Nominal) -> Figure:
     return figure
 
 
-def fig02(tradeoff: Tradeoff) -> Figure:
+def fig02(design: Design, published, tradeoff: Tradeoff) -> Figure:
     """Bank angle of the rows of Table 3, those of an infinite weight apart."""
     figure, panels = new_figure(7.2, 5.2, nrows=2, sharex=True, height_ratios=(1.5, 1))
     zero(*panels)
+    names = _row_names(design, published, tradeoff)
     # The infinite rows come close to each other: the second is drawn thin, over the first.
     infinite = iter(({"linewidth": 3.0, "alpha": 0.6}, {"linestyle": "--"}))
     for number, color in enumerate(ROW_COLOR):
         finite = np.isfinite(tradeoff.printed_weight[number])
         axes, style = (panels[0], {}) if finite else (panels[1], next(infinite))
-        label = f"{_row(tradeoff, number)}: {_counted(tradeoff.reversals[number], 'reversal')}"
+        label = f"{_row(tradeoff, names, number)}: {_counted(tradeoff.reversals[number], 'reversal')}"
         bank = field(tradeoff, "state.bank", **BANK_ANGLE, at={"rows": number}, x="time")
         plot(axes, bank, color=color, label=label, **style)
     panels[0].set_xlim(0, tradeoff.time.max())
@@ -290,17 +292,14 @@ def _bank_angles(gains, responses, channel):
 # ---- beyond the paper ------------------------------------------------------------------------------------------------
 
 
-def pareto(simulation: Simulation, tradeoff: Tradeoff, branches: Branches, published=None) -> Figure:
-    """Control energy against final position error, on every branch, and the weight along the nominal's.
-
-    published: the printed claims by id, to draw the printed rows as well.
-    """
+def pareto(design: Design, simulation: Simulation, published, tradeoff: Tradeoff, branches: Branches) -> Figure:
+    """Control energy against final position error, on every branch, and the weight along the nominal's."""
     columns = 2 if len(branches.curve_error) else 1
     figure, panels = new_figure(4.6 * columns, 5.6, ncols=columns, width_ratios=(1.6, 1)[:columns], squeeze=False)
     axes, label = panels[0, 0], f"{FINAL_ERROR} for {simulation.tabulated_error:g} m of radius"
     _energies(axes, tradeoff, branches, published, label)
     axes.set_yscale("log")
-    rows = np.linalg.norm(tradeoff.error, axis=1)
+    rows, names = np.linalg.norm(tradeoff.error, axis=1), _row_names(design, published, tradeoff)
     enlarged = np.zeros(len(rows), bool)
     if columns == 2 and len(tradeoff.fold_error):
         (lowest_error, largest_error), (low, high) = _about_folds(tradeoff, branches)
@@ -316,18 +315,16 @@ def pareto(simulation: Simulation, tradeoff: Tradeoff, branches: Branches, publi
         axes.indicate_inset_zoom(inset, edgecolor=GREY)
         for number in np.flatnonzero(enlarged):
             spot = rows[number], tradeoff.effort[number]
-            text = f"$c_1$ = {_printed_weight(tradeoff, number)}"
-            inset.annotate(text, spot, (0, 7), textcoords="offset points", fontsize=7, ha="center")
-    for place, group in enumerate(_crowds(tradeoff, rows)):
+            inset.annotate(_joined([names[number]]), spot, (0, 7), textcoords="offset points", fontsize=7, ha="center")
+    for place, group in enumerate(_crowds(tradeoff, rows, names)):
         if enlarged[group].all():
             continue
         # Beside the curve, and inwards at its right end.
         at_end = rows[group[0]] > rows.max() - 0.03 * np.ptp(rows)
         below, end, beside = ((-6, -11), "right"), ((10, 6), "right"), ((6, 4), "left")
         offset, side = end if at_end else beside if place % 2 == 0 or group[-1] == len(rows) - 1 else below
-        names = ", ".join(dict.fromkeys(_printed_weight(tradeoff, number) for number in group))
-        spot = rows[group[0]], tradeoff.effort[group[0]]
-        axes.annotate(f"$c_1$ = {names}", spot, offset, textcoords="offset points", fontsize=7, ha=side)
+        text, spot = _joined([names[number] for number in group]), (rows[group[0]], tradeoff.effort[group[0]])
+        axes.annotate(text, spot, offset, textcoords="offset points", fontsize=7, ha=side)
     if columns == 2:
         weight, folded = panels[0, 1], np.isfinite(branches.fold_weight)
         along = field(branches, "curve_weight", x=field(branches, "curve_error", name=label))
@@ -363,9 +360,8 @@ def _energies(axes, tradeoff, branches, published, label):
     rows = field(tradeoff, "effort", x=_norm(tradeoff, "error"))
     circles = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 6}
     plot(axes, rows, **circles, color=BLACK, label="rows of Table 3")
-    if published:
-        efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
-        axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
+    efforts, _, _, errors = np.transpose(list(printed_rows(published).values()))
+    axes.plot(errors, efforts, "x", color=VERMILION, markersize=6, label="the same as printed")
 
 
 def _about_folds(tradeoff, branches):
@@ -548,7 +544,9 @@ def minimum_fuel(minimum_fuel: MinimumFuel) -> Figure:
     return figure
 
 
-def further_perturbations(studies: Studies, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations) -> Figure:
+def further_perturbations(
+    design: Design, studies: Studies, published, tradeoff: Tradeoff, further_perturbations: FurtherPerturbations
+) -> Figure:
     """Other perturbations of the rows of Table 3, and the density desensitized and fed back against."""
     figure, ((over_rows, energy), (density, radius)) = new_figure(8.0, 7.2, nrows=2, ncols=2)
     places = Field(np.arange(len(tradeoff.weight)), "$c_1$, against radius errors", "1")
@@ -559,7 +557,8 @@ def further_perturbations(studies: Studies, tradeoff: Tradeoff, further_perturba
         dashed = {"linestyle": "--", "markersize": 5, "markerfacecolor": "none"} if number % 2 else {"markersize": 3}
         style = {"color": PERTURBATION_COLOR[number], "marker": "o"} | dashed
         plot(over_rows, relative, label=str(name), **style)
-    over_rows.set_xticks(places.values, [_row_tick(tradeoff, number) for number in places.values])
+    names = _row_names(design, published, tradeoff)
+    over_rows.set_xticks(places.values, [_row_tick(tradeoff, names, number) for number in places.values])
     over_rows.tick_params(axis="x", labelsize=7)
     over_rows.legend(fontsize=7)
 
@@ -681,36 +680,49 @@ def _limits(axes, bound, largest, unit, shown_unit):
     axes.set_title(f"largest {largest:.3g} {unit}, bound {bound:g} {unit}", loc="right")
 
 
-def _row(tradeoff, number):
-    """What a row of Table 3 is called: its c1, and the weight that stands for an infinite one."""
-    name = f"$c_1$ = {_printed_weight(tradeoff, number)}"
+def _row_names(design: Design, published, tradeoff):
+    """Symbol and value by which each row of Table 3 is called: its c1, or its J0 where that is the reading's own."""
+    printed = printed_rows(published)
+    own = [own_c1(design, printed, printed_weight) for printed_weight in tradeoff.printed_weight]
+    return [
+        ("J_0", f"{effort:.4g}") if c1 is None else ("c_1", r"$\infty$" if np.isinf(c1) else f"{c1:g}")
+        for c1, effort in zip(own, tradeoff.effort, strict=True)
+    ]
+
+
+def _joined(names):
+    """Names of rows as a label, in which each symbol stands once, and each value."""
+    values = {symbol: dict.fromkeys(value for other, value in names if other == symbol) for symbol, _ in names}
+    return ", ".join(f"${symbol}$ = {', '.join(of_rows)}{ROW_UNIT[symbol]}" for symbol, of_rows in values.items())
+
+
+def _row(tradeoff, names, number):
+    """What a row of Table 3 is called: its name, and the weight that stands for an infinite one."""
+    name = _joined([names[number]])
     infinite = np.isnan(tradeoff.printed_weight[number])
     return f"{name} ($c$ = {_power(tradeoff.weight[number])})" if infinite else name
 
 
-def _row_tick(tradeoff, number):
+def _row_tick(tradeoff, names, number):
     """What a row of Table 3 is called beside an axis of c1."""
+    symbol, value = names[number]
+    if symbol != "c_1":
+        return f"${symbol}$ =\n{value}\n{ROW_UNIT[symbol].strip()}"
     infinite = np.isnan(tradeoff.printed_weight[number])
-    return _printed_weight(tradeoff, number) + (f"\n$c$ = {_power(tradeoff.weight[number])}" if infinite else "")
+    return value + (f"\n$c$ = {_power(tradeoff.weight[number])}" if infinite else "")
 
 
-def _crowds(tradeoff, errors):
+def _crowds(tradeoff, errors, names):
     """Numbers of neighbouring rows that lie too close to each other for labels of their own, in groups."""
     groups, heights = [[0]], np.log(tradeoff.effort)
     for number in range(1, len(errors)):
         first = groups[-1][0]
         apart = max(abs(values[number] - values[first]) / np.ptp(values) for values in (errors, heights))
-        alike = _printed_weight(tradeoff, number) == _printed_weight(tradeoff, first)
-        if apart < CROWDED or alike:
+        if apart < CROWDED or names[number] == names[first]:
             groups[-1].append(number)
         else:
             groups.append([number])
     return groups
-
-
-def _printed_weight(tradeoff, number):
-    printed = tradeoff.printed_weight[number]
-    return r"$\infty$" if np.isnan(printed) else f"{printed:g}"
 
 
 def _power(value):

@@ -7,7 +7,7 @@ import numpy as np
 from marsedl.montecarlo.outcomes import COMPLETED
 from marsedl.montecarlo.statistics import covariance_standard_errors
 from marsedl.papers.desensitized import components, entry_problem
-from marsedl.papers.desensitized.claims.measures import printed_rows
+from marsedl.papers.desensitized.claims.measures import is_papers, own_c1, printed_rows, row_c1
 from marsedl.papers.desensitized.entry_problem import propellant
 from marsedl.papers.desensitized.inputs import DesensitizedInputs, Design, Ensemble, Mission, Simulation, Vehicle
 from marsedl.papers.desensitized.records import (
@@ -64,11 +64,6 @@ ROOT_MEAN_SQUARE = Column("", ".4g", "of final over initial errors, flown")
 
 def _ratio(value, reference):
     return value / reference if reference else None
-
-
-def _c1(printed_weight):
-    """The paper's c1 of a row; the artifact has NaN for an infinite one."""
-    return float("inf") if np.isnan(printed_weight) else float(printed_weight)
 
 
 def _gain_columns(scaled):
@@ -143,24 +138,6 @@ def tab02(mission: Mission):
     )
 
 
-def _is_papers(design: Design, printed, printed_weight):
-    """Whether a row of a reading is taken like one of the paper's: by its c1, or by its c1 with its printed J0."""
-    c1 = _c1(printed_weight)
-    if c1 not in printed:
-        return False
-    if design.weight_rule != "matched" or c1 == 0.0 or np.isinf(c1):
-        return True
-    matched = design.matched_efforts[np.flatnonzero(design.printed_weights == c1)]
-    return bool(matched.size) and matched[0] == printed[c1][0]
-
-
-def _own_c1(design: Design, printed, printed_weight):
-    """The c1 of a row; None of a reading's own row that is taken at a J0, where c1 says nothing."""
-    if design.weight_rule == "matched" and not _is_papers(design, printed, printed_weight):
-        return None
-    return _c1(printed_weight)
-
-
 def _row_numbers(tradeoff, number):
     """The four numbers of a row of Table 3 in the units of the paper."""
     return (
@@ -175,14 +152,14 @@ def tab03(design: Design, simulation: Simulation, published, tradeoff: Tradeoff)
     """Table 3: the four numbers of every row as printed, as computed here, and the ratio of the two."""
     rows, printed = [], printed_rows(published)
     for number, printed_weight in enumerate(tradeoff.printed_weight):
-        is_papers = _is_papers(design, printed, printed_weight)
-        paper = printed[_c1(printed_weight)] if is_papers else [None] * 4
+        known = is_papers(design, printed, printed_weight)
+        paper = printed[row_c1(printed_weight)] if known else [None] * 4
         cells = [
             cell
             for value, reference in zip(_row_numbers(tradeoff, number), paper, strict=True)
             for cell in (reference, value, _ratio(value, reference))
         ]
-        rows.append((_own_c1(design, printed, printed_weight), tradeoff.weight[number], *cells))
+        rows.append((own_c1(design, printed, printed_weight), tradeoff.weight[number], *cells))
     error = f"for {simulation.tabulated_error:+g} m of radius at entry"
     columns = {"c1": C1, "weight": WEIGHT}
     for name, column in (COSTS | {"final position error": Column("m", ".1f", error)}).items():
@@ -200,7 +177,7 @@ def tab03_solutions(design: Design, simulation: Simulation, published, tradeoff:
     at_entry = f"for {simulation.tabulated_error:+g} m of radius at entry"
     return _columns(
         {
-            "c1": ([_own_c1(design, printed, c1) for c1 in tradeoff.printed_weight], C1),
+            "c1": ([own_c1(design, printed, c1) for c1 in tradeoff.printed_weight], C1),
             "weight": (tradeoff.weight, WEIGHT),
             "final position error": (np.linalg.norm(tradeoff.error, axis=1), Column("m", ".1f", at_entry)),
             **{f"its {name}": (tradeoff.error[:, k], error) for k, name in enumerate(ERRORS)},
@@ -712,7 +689,7 @@ def infinite_weight(tradeoff: Tradeoff, larger_weights: LargerWeights):
         (
             tradeoff.weight[number],
             "a row of Table 3",
-            _c1(tradeoff.printed_weight[number]),
+            row_c1(tradeoff.printed_weight[number]),
             *_row_numbers(tradeoff, number),
             None,
             None,
@@ -767,7 +744,7 @@ def other_perturbations(tradeoff: Tradeoff, further_perturbations: FurtherPertur
     rows = [
         (
             "radius",
-            _c1(tradeoff.printed_weight[number]),
+            row_c1(tradeoff.printed_weight[number]),
             weight,
             tradeoff.effort[number],
             tradeoff.propellant[number],
@@ -940,14 +917,14 @@ def weights(readings: dict[str, tuple[DesensitizedInputs, Records]], published):
     """
     printed = printed_rows(published)
     proportional_first = sorted(readings.items(), key=lambda item: item[1][0].design.weight_rule != "proportional")
-    weight_values = {_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
+    weight_values = {row_c1(value) for _, records in readings.values() for value in records.tradeoff.printed_weight}
     rows = []
     for c1 in sorted(weight_values | set(printed)):
         if c1 in printed:
             rows.append((c1, PAPER, *[None] * 5, *printed[c1], None, None))
         for name, (inputs, records) in proportional_first:
             tradeoff, design = records.tradeoff, inputs.design
-            for number in (k for k, value in enumerate(tradeoff.printed_weight) if _c1(value) == c1):
+            for number in (k for k, value in enumerate(tradeoff.printed_weight) if row_c1(value) == c1):
                 weight = tradeoff.weight[number]
                 finite = 0.0 < c1 < np.inf
                 rows.append(
@@ -986,4 +963,4 @@ def _rule(design: Design, printed, printed_weight):
     """By what a row of a finite weight is taken, in words."""
     if design.weight_rule == "proportional":
         return f"c = {design.weight_factor:g} c1"
-    return "at the printed J0" if _is_papers(design, printed, printed_weight) else "at its own J0"
+    return "at the printed J0" if is_papers(design, printed, printed_weight) else "at its own J0"

@@ -182,6 +182,8 @@ def compute(point_mass: PointMass) -> DoubleIntegrator:
         gain=np.array([silent[:, :, 0], solution.gain[:, :, 0]]),
         mean=mean,
         covariance=covariance,
+        free_mean=free.mean,
+        free_covariance=free.covariance,
         control_deviation=np.array([np.zeros(intervals), np.sqrt(solution.control_covariance[:, 0, 0])]),
         objective=solution.objective,
         unconstrained_objective=free.objective,

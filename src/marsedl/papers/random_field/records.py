@@ -250,6 +250,8 @@ class DoubleIntegrator:
     gain: np.ndarray = quantity("1", ("laws", "intervals", "nodes", POINT), "feedback gains on the state history")
     mean: np.ndarray = quantity("1", ("laws", "nodes", POINT), "predicted mean position and velocity")
     covariance: np.ndarray = quantity("1", ("laws", "nodes", POINT, POINT), "predicted covariance")
+    free_mean: np.ndarray = quantity("1", ("nodes", POINT), "predicted mean under the law without state constraints")
+    free_covariance: np.ndarray = quantity("1", ("nodes", POINT, POINT), "predicted covariance under that law")
     control_deviation: np.ndarray = quantity("1", ("laws", "intervals"), "predicted standard deviation of the control")
     objective: float = quantity("1", (), "least cost of the program")
     unconstrained_objective: float = quantity("1", (), "without the state constraints")

@@ -59,6 +59,7 @@ from marsedl.papers.stochastic_entry.records import (
 )
 
 STATES = 6  # that are integrated
+PLACE = (LONGITUDE, LATITUDE, AZIMUTH)  # of them, which only the nominal stores, behind the history
 SINE, COSINE, DRAG_FACTOR, LIFT_FACTOR = range(4)  # of the bank angle; of the vehicle
 
 # What a law feeds back.
@@ -125,7 +126,7 @@ class Tables(NamedTuple):
 class Group(NamedTuple):
     """Results of some trials, which the kernel fills."""
 
-    history: np.ndarray  # (times, HISTORY, trials)
+    history: np.ndarray  # (times, HISTORY, trials), or with len(PLACE) more rows
     observed: np.ndarray  # (times, OBSERVED, trials)
     largest: np.ndarray  # (OBSERVED, trials)
     length: np.ndarray  # (trials,)
@@ -546,7 +547,8 @@ def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, firs
                 aero[SINE, lane], aero[COSINE, lane] = sine_cosine(steering[FLOWN_BANK, lane])
             step = (constants.period if velocity_trigger else min(constants.period, end_time - time)) / substeps
         if (over and not velocity_trigger) or (flown_steps % every == 0 and not over):
-            _record(history.shape[0] - 1 if over else flown_steps // every, feature, sight, steering, constants, group)
+            row = history.shape[0] - 1 if over else flown_steps // every
+            _record(row, state, feature, sight, steering, constants, group)
             for lane in range(LANES):
                 steering[FLOWN_CHANGE, lane] = 0.0
         if over:
@@ -578,7 +580,7 @@ def _fly_group(settings, tables, law, schedule, entry_state, factors, seed, firs
 
 
 @inline_njit
-def _record(row, feature, sight, steering, constants, group):
+def _record(row, state, feature, sight, steering, constants, group):
     history, observed, _, _, _ = group
     for lane in range(LANES):
         history[row, ALTITUDE, lane] = feature[0, lane] - constants.planet_radius
@@ -590,6 +592,10 @@ def _record(row, feature, sight, steering, constants, group):
         history[row, BANK_COSINE, lane] = steering[COMMAND_COSINE, lane]
         observed[row, BANK, lane] = steering[FLOWN_BANK, lane]
         observed[row, BANK_CHANGE, lane] = steering[FLOWN_CHANGE, lane]
+    if history.shape[1] > HISTORY:
+        for j, component in enumerate(PLACE):
+            for lane in range(LANES):
+                history[row, HISTORY + j, lane] = state[component, lane]
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
@@ -622,14 +628,26 @@ def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_tria
 
 
 def fly(
-    settings, atmosphere, law, vehicles, *, trigger, end_time, substeps, seed, first_trial=0, every=None
+    settings,
+    atmosphere,
+    law,
+    vehicles,
+    *,
+    trigger,
+    end_time,
+    substeps,
+    seed,
+    first_trial=0,
+    every=None,
+    with_place=False,
 ) -> Trajectories:
     """Fly consecutive trials to their end.
 
     settings: see `settings`. atmosphere: `Atmosphere`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time"
     or "velocity". end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration
     steps per guidance period. seed, first_trial: key of the density variations and the number of the first trial.
-    every: integration steps between stored states; one guidance period unless given.
+    every: integration steps between stored states; one guidance period unless given. with_place: store longitude,
+    latitude and azimuth (rad), too, behind the rest of the history.
 
     Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
     the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
@@ -646,7 +664,7 @@ def fly(
     state = pad_to_groups(vehicles.entry_state.T)
     padded = state.shape[1]
     flights = Trajectories(
-        history=np.empty((times, HISTORY, padded)),
+        history=np.empty((times, HISTORY + len(PLACE) * with_place, padded)),
         observed=np.empty((times, OBSERVED, padded)),
         observed_maximum=np.zeros((OBSERVED, padded)),
         final_state=np.empty((FINAL, padded)),

@@ -16,6 +16,7 @@ from marsedl.papers.stochastic_entry.records import (
     DOWNRANGE,
     END_TIME,
     FLIGHT_PATH_ANGLE,
+    HISTORY,
     VELOCITY,
     Nominal,
 )
@@ -61,6 +62,7 @@ def compute(
             substeps=simulation.nominal_substeps,
             seed=0,  # of which still air draws nothing
             every=every,
+            with_place=True,
         )
 
     first = fly("velocity", mission.time_limit, simulation.nominal_substeps)
@@ -92,11 +94,15 @@ def compute(
     reversals, margin = _decisions(
         guidance.initial_bank_direction, time[guided], history[guided, CROSSRANGE], width[: len(guided)]
     )
+    longitude, latitude, azimuth = history[:, HISTORY:].T
     return Nominal(
         time=time,
         altitude=history[:, ALTITUDE],
+        longitude=longitude,
+        latitude=latitude,
         velocity=history[:, VELOCITY],
         flight_path_angle=history[:, FLIGHT_PATH_ANGLE],
+        azimuth=azimuth,
         downrange=history[:, DOWNRANGE],
         density=history[:, DENSITY],
         crossrange=history[:, CROSSRANGE],

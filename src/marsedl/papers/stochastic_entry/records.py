@@ -48,8 +48,13 @@ class Nominal:
 
     time: np.ndarray = quantity("s", ("time",), "time from entry interface", label="time from entry")
     altitude: np.ndarray = quantity("m", ("time",), "altitude")
+    longitude: np.ndarray = quantity("rad", ("time",), "longitude")
+    latitude: np.ndarray = quantity("rad", ("time",), "latitude")
     velocity: np.ndarray = quantity("m/s", ("time",), "planet-relative velocity", label="velocity")
     flight_path_angle: np.ndarray = quantity("rad", ("time",), "flight path angle")
+    azimuth: np.ndarray = quantity(
+        "rad", ("time",), "azimuth of the planet-relative velocity, clockwise from north", label="heading azimuth"
+    )
     downrange: np.ndarray = quantity("m", ("time",), "downrange, negative before the target")
     density: np.ndarray = quantity("kg/m^3", ("time",), "mean density", label="density")
     crossrange: np.ndarray = quantity("m", ("time",), "crossrange of the target")

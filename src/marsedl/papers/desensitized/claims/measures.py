@@ -54,6 +54,29 @@ def printed_rows(published: dict) -> dict[float, list[float]]:
     return dict(zip(map(float, published["c1_values"].printed), rows, strict=True))
 
 
+def row_c1(printed_weight):
+    """The paper's c1 of a row; the artifact has NaN for an infinite one."""
+    return float("inf") if np.isnan(printed_weight) else float(printed_weight)
+
+
+def is_papers(design: Design, printed, printed_weight):
+    """Whether a row of a reading is taken like one of the paper's: by its c1, or by its c1 with its printed J0."""
+    c1 = row_c1(printed_weight)
+    if c1 not in printed:
+        return False
+    if design.weight_rule != "matched" or c1 == 0.0 or np.isinf(c1):
+        return True
+    own = design.matched_efforts[np.flatnonzero(design.printed_weights == c1)]
+    return bool(own.size) and own[0] == printed[c1][0]
+
+
+def own_c1(design: Design, printed, printed_weight):
+    """The c1 of a row; None of a reading's own row that is taken at a J0, where c1 says nothing."""
+    if design.weight_rule == "matched" and not is_papers(design, printed, printed_weight):
+        return None
+    return row_c1(printed_weight)
+
+
 # ---- Table 3 ---------------------------------------------------------------------------------------------------------
 
 

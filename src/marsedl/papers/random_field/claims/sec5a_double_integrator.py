@@ -12,6 +12,8 @@ from marsedl.replication.claiming import claim, holds, measure, measured
 from marsedl.replication.counterexamples import replaced, scaled, shifted
 from marsedl.replication.thresholds import CONFIDENCE
 
+FREE = -1  # the law without constraints, behind those that fly
+
 # ---- inputs ----------------------------------------------------------------------------------------------------------
 
 
@@ -57,9 +59,9 @@ def dint_constraint_apex(point_mass: PointMass):
 
 @claim(
     """The normal vectors of Eq. 61 do pass through the apex, with slopes {flatter:.0f} times less steep. Between lines
-    of the printed slopes nothing would constrain the law. At all nodes they lie at least {closed_distance:.1f}
-    deviations from its mean. Without feedback the nearest lies {open_distance:.2f} deviations away. Its ellipse would
-    reach {open_reach:+.4f} beyond it.""",
+    of the printed slopes nothing would constrain the law. At all nodes they lie at least {free_distance:.2f} deviations
+    from the mean of the law without constraints. Without feedback the nearest lies {open_distance:.2f} deviations away.
+    Its ellipse would reach {open_reach:+.4f} beyond it.""",
     errata="E10",
     counterexample=replaced("point_mass.double_integrator_first_normal", (4.255319, 8.51064)),
 )
@@ -68,13 +70,19 @@ def dint_constraint_slopes(point_mass: PointMass, published, double_integrator: 
     slopes = -normals[:, 0] / normals[:, 1]
     lines = f"the lines of the two normal vectors have slopes {slopes[0]:.5f} and {slopes[1]:.5f}"
     printed = np.array(published["dint_constraint_slopes"].printed)
-    numbers = dict.fromkeys(("open_distance", "closed_distance", "open_reach"), np.nan)
+    numbers = dict.fromkeys(("open_distance", "closed_distance", "free_distance", "open_reach"), np.nan)
     if double_integrator is not None:
         distance, reach = _between_printed_slopes(point_mass, double_integrator, printed)
-        numbers = {"open_distance": distance[OPEN], "closed_distance": distance[CLOSED], "open_reach": reach[OPEN]}
+        numbers = {
+            "open_distance": distance[OPEN],
+            "closed_distance": distance[CLOSED],
+            "free_distance": distance[FREE],
+            "open_reach": reach[OPEN],
+        }
         lines += (
-            f"; of lines with the printed slopes the nearest is {distance[CLOSED]:.2f} deviations from the mean, "
-            f"without feedback {distance[OPEN]:.2f} (the ellipses reach {ellipse_radius(point_mass):.2f})"
+            f"; of lines with the printed slopes the nearest is {distance[FREE]:.2f} deviations from the mean of the "
+            f"law without constraints, {distance[CLOSED]:.2f} from that of the constrained law, without feedback "
+            f"{distance[OPEN]:.2f} (the ellipses reach {ellipse_radius(point_mass):.2f})"
         )
     return measured(slopes, evidence=lines, flatter=np.abs(printed / slopes).mean(), **numbers)
 
@@ -82,14 +90,17 @@ def dint_constraint_slopes(point_mass: PointMass, published, double_integrator: 
 def _between_printed_slopes(point_mass, double_integrator, slopes):
     """Least distance of the mean from lines of other slopes through the apex, in deviations, and the ellipses' reach.
 
-    Returns two arrays (laws,); the reach is the ellipses' largest excess of velocity over a line.
+    Returns two arrays by law, the last one (FREE) without constraints, as it is this law that tells whether lines would
+    constrain anything; the reach is the ellipses' largest excess of velocity over a line.
     """
     normals, bounds = normals_and_bounds(point_mass)
     apex = np.linalg.solve(normals, bounds)
     upward = np.sign(normals[:, 1])
     printed_normals = np.column_stack([-upward * slopes, upward])
-    spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", printed_normals, double_integrator.covariance, printed_normals))
-    room = printed_normals @ apex - double_integrator.mean @ printed_normals.T
+    mean = np.array([*double_integrator.mean, double_integrator.free_mean])
+    covariance = np.array([*double_integrator.covariance, double_integrator.free_covariance])
+    spread = np.sqrt(np.einsum("ci,lkij,cj->lkc", printed_normals, covariance, printed_normals))
+    room = printed_normals @ apex - mean @ printed_normals.T
     reach = ellipse_radius(point_mass) * spread - room
     return (room / spread).min(axis=(1, 2)), reach.max(axis=(1, 2))
 
