@@ -215,6 +215,8 @@ def test_other_readings_do_what_the_reasons_say(rows):
     assert verdict("acap_max_variance_above_h_trans", "sign_printed") == "fails"
     assert verdict("acap_end_steps_longer", "end_step_25") == "fails"
     assert verdict("dint_chance_constraints_satisfied", "cc_to_4") == "fails"
+    assert verdict("dint_constraint_slopes", "slopes_printed") == "reproduced"
+    assert verdict("dint_ellipses_protrude", "slopes_printed") == "fails"
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from marsedl.montecarlo.streams import normals
 from marsedl.papers.random_field import environment, flight, flight_statistics, linearization, montecarlo, nominal
 from marsedl.papers.random_field import field_study as fields
 from marsedl.papers.random_field import gains as design
-from marsedl.papers.random_field.double_integrator import kernel, system
+from marsedl.papers.random_field.double_integrator import kernel, normals_and_bounds, system
 from marsedl.papers.random_field.double_integrator_flights import block_simulator
 from marsedl.papers.random_field.linearization import UNITS
 from marsedl.papers.random_field.records import CLOSED, OPEN
@@ -780,6 +780,18 @@ def test_lines_far_away_leave_the_law_that_has_none(random_field):
         np.testing.assert_allclose(free, getattr(far, f"free_{name}") / scale, rtol=0, atol=1e-6)
     # Those of Eq. 61 squeeze the velocity at the end.
     assert found.free_covariance[-1, 1, 1] > 10.0 * found.covariance[CLOSED, -1, 1, 1]
+
+
+def test_lines_of_the_printed_slopes_constrain_nothing(random_field):
+    """They pass through the printed point, and the best law is the one without lines."""
+    found = random_field.double_integrator("slopes_printed")
+    lines, bounds = normals_and_bounds(random_field.inputs("slopes_printed").point_mass)
+    np.testing.assert_allclose(lines @ [0.7, 0.1], bounds, atol=1e-12)
+    np.testing.assert_allclose(-lines[:, 0] / lines[:, 1], [-0.05 / 0.1, 0.05 / 0.1])
+    assert (lines @ found.mean[CLOSED, 0] < bounds).all()  # the start lies between them
+    assert found.objective == pytest.approx(random_field.double_integrator().unconstrained_objective, rel=1e-6)
+    np.testing.assert_allclose(found.covariance[CLOSED], found.free_covariance, rtol=0, atol=1e-8)
+    assert found.support[CLOSED].max() < 0.0 < found.support[OPEN].max()
 
 
 def test_disturbances_of_the_double_integrator_by_quadrature(random_field):

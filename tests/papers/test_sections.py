@@ -52,6 +52,7 @@ DIGESTS = {
         "doc_fit": "d22dfe99a9e8",
         "exponential": "cd813631d2ff",
         "cc_to_4": "a195c26b054d",
+        "slopes_printed": "9c6ce860b42c",
     },
     "desensitized": {
         "printed": "639bfa30c52b",
