@@ -221,9 +221,9 @@ class Tree:
         )
 
     def _arguments(self, arguments, configfile):
-        own = ["--configfile", str(configfile)] if configfile else []
+        configuration = ["--configfile", str(configfile)] if configfile else []
         config = ["--config", *self.config] if self.config else []
-        return [*arguments, "--cores", "2", *own, *config]
+        return [*arguments, "--cores", "2", *configuration, *config]
 
 
 class Background:

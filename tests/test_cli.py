@@ -341,8 +341,8 @@ def test_explain_an_own_reading(project, tmp_path, capsys):
     output = explained(capsys, "powered_descent", "gains", "--reading", "mine", "--configfile", str(path))
     assert "3.9" in output
     assert "assumed: mine" in output
-    drawn = explained(capsys, "powered_descent", "fig07", "--reading", "mine", "--configfile", str(path))
-    assert f"\n  snakemake figures/powered_descent/mine/fig07.png --configfile {path}\n" in drawn
+    explanation = explained(capsys, "powered_descent", "fig07", "--reading", "mine", "--configfile", str(path))
+    assert f"\n  snakemake figures/powered_descent/mine/fig07.png --configfile {path}\n" in explanation
 
 
 @pytest.mark.parametrize(
@@ -467,8 +467,10 @@ def test_trial_refuses_what_there_is_not(bare_project, capsys, monkeypatch, argu
 def test_the_remedy_of_a_trial_builds_the_size_and_the_readings_that_were_asked_for(bare_project, capsys, monkeypatch):
     monkeypatch.setattr("marsedl.replication.jobs.pin_numerics", lambda root: None)
     path = bare_project / "my own.yaml"
-    own = "planet: {gravity: {value: 3.9, source: 'assumed: test'}}"
-    path.write_text(f"powered_descent: {{readings: {{mine: {{based_on: corrected, {own}}}}}}}\n", encoding="utf-8")
+    own_input = "planet: {gravity: {value: 3.9, source: 'assumed: test'}}"
+    path.write_text(
+        f"powered_descent: {{readings: {{mine: {{based_on: corrected, {own_input}}}}}}}\n", encoding="utf-8"
+    )
     arguments = ("powered_descent", "mine", "12", "--size", "smoke", "--configfile", str(path))
     message = refused(capsys, "trial", *arguments)
     target = "data/cache/powered_descent/mine/nominal.h5"
@@ -590,9 +592,9 @@ def completions(tmp_path_factory):
 
 def test_the_completion_of_zsh_is_that_of_bash(project, capsys, completions):
     assert cli.main(["completion", "zsh"]) == 0
-    first, rest = capsys.readouterr().out.split("\n", 1)
+    first, remainder = capsys.readouterr().out.split("\n", 1)
     assert first == "autoload -Uz bashcompinit && bashcompinit"
-    assert rest == completions.read_text(encoding="utf-8")
+    assert remainder == completions.read_text(encoding="utf-8")
 
 
 def test_a_request_that_is_none_is_refused(capsys):

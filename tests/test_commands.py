@@ -263,11 +263,11 @@ def batches() -> list[tuple[str, ...]]:
     """What is planned at once: targets that stand before the same options, with the same readings; all else alone."""
     together = {}
     for command in PLANNED:
-        prefix, _, rest = command.line.partition("snakemake ")
-        words = shlex.split(rest)
+        prefix, _, arguments = command.line.partition("snakemake ")
+        words = shlex.split(arguments)
         number = next((place for place, word in enumerate(words) if word.startswith("-")), len(words))
         targets, options = words[:number], tuple(words[number:])
-        key = (prefix, command.readings if "--configfile" in options else "", options if targets else (rest,))
+        key = (prefix, command.readings if "--configfile" in options else "", options if targets else (arguments,))
         together.setdefault(key, []).extend(targets)
     return [(*key, tuple(dict.fromkeys(targets))) for key, targets in together.items()]
 

@@ -180,8 +180,8 @@ def test_the_readings_that_are_shown_are_accepted(tmp_path, monkeypatch):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "gram_run.csv").write_text("altitude_km,density_kg_m3\n0,0.02\n50,1e-4\n125,1e-9\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    shown = [text for page in PAGES for text in code_blocks(page, "yaml") if not text.startswith(" ")]
-    texts = [text for text in shown if "\njobs:\n" not in text]  # those of a hosted workflow are no configurations
+    blocks = [text for page in PAGES for text in code_blocks(page, "yaml") if not text.startswith(" ")]
+    texts = [text for text in blocks if "\njobs:\n" not in text]  # those of a hosted workflow are no configurations
     assert len(texts) >= 3
     for text in texts:
         Path("mine.yaml").write_text(text, encoding="utf-8")

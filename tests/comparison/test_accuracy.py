@@ -41,8 +41,8 @@ def test_flat_tails_have_smaller_errors_than_normal_ones():
 def test_lost_flights_are_left_out_and_counted(flights):
     lost = np.array(flights)
     lost[:7, 2] = np.nan
-    kept = accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], flights[7:])
-    assert accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], lost) == [row._replace(lost=7) for row in kept]
+    rows = accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], flights[7:])
+    assert accuracy.deviations("case", QUANTITIES, [2.0, 3.0, 1.0], lost) == [row._replace(lost=7) for row in rows]
 
 
 def test_where_no_flight_is_left_no_number_is_given(flights):
@@ -84,9 +84,9 @@ def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities()
 def test_the_sensitivity_of_the_desensitized_landing_carries_the_errors_at_entry():
     final = np.array([[[1.0, 2.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 0.5]]])
     deviations = np.array([200.0, 1000.0, 300.0])
-    drawn = np.random.default_rng(9).normal(size=(1, TRIALS, 3)) * deviations
+    errors = np.random.default_rng(9).normal(size=(1, TRIALS, 3)) * deviations
     gains = SimpleNamespace(law=np.array(["no_doc"]), final=final)
-    final_states = SimpleNamespace(final_error=drawn @ final[0].T)
+    final_states = SimpleNamespace(final_error=errors @ final[0].T)
     ensemble = SimpleNamespace(initial_deviations=deviations)
     for row in accuracy.desensitized(ensemble, gains, final_states):
         assert abs(row.ratio - 1.0) < 4 * row.ratio_error

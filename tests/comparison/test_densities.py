@@ -87,9 +87,9 @@ def test_the_reference_is_one_and_the_powered_descent_has_no_atmosphere(records)
 def test_the_figure_draws_four_models_and_names_all_five(records):
     figure = densities.figure(records)
     means, spreads = figure.axes
-    drawn = [line for line in means.lines if len(line.get_xdata())]
-    assert len(drawn) == 2 * 4, "thin everywhere, thick where it is flown"
-    assert np.nanmin(drawn[1].get_ydata()[np.isfinite(drawn[1].get_xdata())]) == 20.0
+    lines = [line for line in means.lines if len(line.get_xdata())]
+    assert len(lines) == 2 * 4, "thin everywhere, thick where it is flown"
+    assert np.nanmin(lines[1].get_ydata()[np.isfinite(lines[1].get_xdata())]) == 20.0
     assert len(spreads.lines) == 4
     (legend,) = figure.legends
     assert len(legend.get_texts()) == len(NAMES)

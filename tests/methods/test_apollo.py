@@ -107,10 +107,12 @@ def test_double_integrator_has_the_gains_of_the_textbook():
     transition = np.tile([[1.0, step], [0.0, 1.0]], (intervals, 1, 1))
     control = np.tile([step**2 / 2, step], (intervals, 1))
     gains = adjoint_gains(transition, control, [1.0, 0.0], 3.0)
-    rest = step * np.arange(intervals, 0, -1)
-    np.testing.assert_allclose(gains.adjoint[:-1], np.stack([rest**0, rest], axis=1), rtol=1e-14)
-    np.testing.assert_allclose(gains.control_adjoint, rest**2 / 2, rtol=1e-14)
-    np.testing.assert_allclose(gains.gain, -3 * np.stack([2 / rest**2, 2 / rest], axis=1), rtol=1e-14)
+    remaining_time = step * np.arange(intervals, 0, -1)
+    np.testing.assert_allclose(gains.adjoint[:-1], np.stack([remaining_time**0, remaining_time], axis=1), rtol=1e-14)
+    np.testing.assert_allclose(gains.control_adjoint, remaining_time**2 / 2, rtol=1e-14)
+    np.testing.assert_allclose(
+        gains.gain, -3 * np.stack([2 / remaining_time**2, 2 / remaining_time], axis=1), rtol=1e-14
+    )
 
 
 def test_adjoint_predicts_the_final_error_of_a_held_control():

@@ -489,8 +489,8 @@ def test_without_deviations_the_program_is_deterministic(rich):
     start = whole.transition @ system.initial_mean + whole.affine
     hessian, gradient = np.zeros((8, 8)), np.zeros(8)
     for k in range(4):
-        rows, own = slice(3 * k, 3 * k + 3), slice(2 * k, 2 * k + 2)
-        hessian[own, own] += rich.mean_control_weight[k]
+        rows, columns = slice(3 * k, 3 * k + 3), slice(2 * k, 2 * k + 2)
+        hessian[columns, columns] += rich.mean_control_weight[k]
         weighted = whole.control[rows].T @ rich.state_weight[k]
         hessian += weighted @ whole.control[rows]
         gradient += weighted @ (start[rows] - rich.desired_state[k])
@@ -522,18 +522,18 @@ def test_compiled_program_solves_others_of_its_structure_without_translation(mon
     compiled = compile_program(drag_passage())
     assert compiled.cone_program.problem.is_dcp(dpp=True)
     assert compiled.solve(drag_passage()).objective == pytest.approx(solve(drag_passage()).objective, rel=1e-8)
-    others = [
+    problems = [
         drag_passage(noise=1e-3),
         drag_passage(percentiles=(Percentile([0.05, 0.05, 0.0], 10.0, 0.1),), percentile_weight=20.0),
         drag_passage(control_trust=0.3, control_reference=np.full((14, 1), 0.1)),
     ]
-    expected = [solve(other) for other in others]
+    expected = [solve(other) for other in problems]
 
     def refuse(*_):
         raise AssertionError("translated again")
 
     monkeypatch.setattr(ConeMatrixStuffing, "apply", refuse)
-    for other, law in zip(others, expected, strict=True):
+    for other, law in zip(problems, expected, strict=True):
         compiled_law = compiled.solve(other)
         assert compiled_law.objective == pytest.approx(law.objective, rel=1e-8)
         assert compiled_law.control == pytest.approx(law.control, abs=1e-5)

@@ -153,14 +153,14 @@ def recursion(base, solution, perturbations, gain):
     """The columns by the recursion of the midpoint rule, and its transitions."""
     h, n = np.diff(solution.time), 4
     middle = (solution.states[1:, :n] + solution.states[:-1, :n]) / 2
-    own = [solution.free["trim"], *(solution.given[name] for name in base.given)]
-    model = linearize(base.rates, middle, solution.controls, own)
+    parameters = [solution.free["trim"], *(solution.given[name] for name in base.given)]
+    model = linearize(base.rates, middle, solution.controls, parameters)
 
     def of_given(*a):
         return base.rates(*a[:4], *a[6:8], a[8], *a[4:6])
 
     forced = linearize(
-        of_given, middle, np.tile(own[1:], (len(middle), 1)), [*solution.controls.T, own[0]]
+        of_given, middle, np.tile(parameters[1:], (len(middle), 1)), [*solution.controls.T, parameters[0]]
     ).control_matrix
     direction = np.array([[p.parameters.get(name, 0.0) for p in perturbations] for name in base.given])
     start = np.array([[p.states.get(name, 0.0) for p in perturbations] for name in NAMES])

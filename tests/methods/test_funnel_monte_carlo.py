@@ -105,10 +105,10 @@ def test_values_use_the_matrix_of_their_node():
 
 def test_a_disturbance_drawn_anew_is_held_over_its_segment():
     loop = decay()
-    drawn = np.array([0.5, -1.0, 0.2, 0.0])[:, None, None]
-    values = fly(loop, np.full((21, 1, 1), 2.0), [[0.4]], drawn)
+    disturbance = np.array([0.5, -1.0, 0.2, 0.0])[:, None, None]
+    values = fly(loop, np.full((21, 1, 1), 2.0), [[0.4]], disturbance)
     position, expected = 0.4, [0.16]
-    for wind in drawn.ravel():
+    for wind in disturbance.ravel():
         fading = np.exp(-np.arange(1, 6) / 20)
         expected += list((fading * position + (1 - fading) * wind) ** 2)
         position = fading[-1] * position + (1 - fading[-1]) * wind
@@ -129,8 +129,8 @@ def test_the_greedy_adversary_drives_an_oscillator_in_resonance():
     assert 9 - late - 1e-4 < np.sqrt(2 * greedy[-1, 0]) < 9 + 1e-4
     constant = fly(loop, matrices, np.repeat(start, 41, axis=0), np.linspace(-1, 1, 41)[:, None])
     assert np.sqrt(2 * constant.max()) == pytest.approx(3.0, rel=1e-4)
-    drawn = generator().uniform(-1, 1, (40, 500, 1))
-    assert fly(loop, matrices, np.repeat(start, 500, axis=0), drawn).max() < 0.5 * greedy[-1, 0]
+    random_disturbance = generator().uniform(-1, 1, (40, 500, 1))
+    assert fly(loop, matrices, np.repeat(start, 500, axis=0), random_disturbance).max() < 0.5 * greedy[-1, 0]
 
 
 def test_the_greedy_adversary_takes_the_best_direction_of_every_trajectory():
@@ -158,10 +158,10 @@ def test_the_additive_adversary_takes_the_best_point_of_its_ellipsoid():
     deviation = boundary_deviations(matrices[7], 0.1, uniform_directions(generator(), 5, 3)).T
     chosen = greedy_additive(amplitudes)(loop, 7, matrices[7], deviation)
     np.testing.assert_allclose(np.sum((chosen / amplitudes[:, None]) ** 2, axis=0), 1.0, rtol=1e-14)
-    others = (uniform_directions(generator(3), 20000, 3) * amplitudes) @ matrices[7] @ deviation
+    growth_of_others = (uniform_directions(generator(3), 20000, 3) * amplitudes) @ matrices[7] @ deviation
     growth = np.einsum("im,ij,jm->m", chosen, matrices[7], deviation)
-    assert (others.max(axis=0) <= growth).all()
-    np.testing.assert_allclose(others.max(axis=0), growth, rtol=1e-3)
+    assert (growth_of_others.max(axis=0) <= growth).all()
+    np.testing.assert_allclose(growth_of_others.max(axis=0), growth, rtol=1e-3)
     np.testing.assert_array_equal(greedy_additive(amplitudes)(loop, 7, matrices[7], np.zeros((3, 2))), 0.0)
 
 

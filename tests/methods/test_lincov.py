@@ -199,8 +199,8 @@ def test_trigger_projection_keeps_the_state_on_the_surface():
     assert np.allclose(projection @ projection, projection, rtol=0, atol=1e-12)
     assert np.abs(VELOCITY @ projection).max() == 0
     assert np.abs(projection @ RATES).max() < 1e-12
-    others = [0, 2, 3, 4]
-    assert np.array_equal(projection[:, others], np.eye(5)[:, others])
+    not_velocity = [0, 2, 3, 4]
+    assert np.array_equal(projection[:, not_velocity], np.eye(5)[:, not_velocity])
     tilted = trigger_projection(RATES, np.array([1e-3, 1.0, 0.0, 2e-4, 0.0]))
     assert np.allclose(tilted @ tilted, tilted, rtol=1e-12, atol=1e-12)
 

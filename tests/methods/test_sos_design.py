@@ -118,10 +118,10 @@ def test_well_chosen_samples_interpolate_better_than_random_ones(entry_design):
     spheres = entry_design.spheres
     exponents = spheres.quotient_monomials(4)
     chosen = condition_number(spheres.evaluate(exponents, entry_design.points))
-    drawn = [
+    of_random = [
         condition_number(spheres.evaluate(exponents, random_design(spheres, 406, seed).points)) for seed in range(3)
     ]
-    assert chosen < min(drawn) / 4
+    assert chosen < min(of_random) / 4
 
 
 def test_design_depends_on_the_seed_alone(entry_design):

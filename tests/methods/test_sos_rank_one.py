@@ -186,7 +186,7 @@ def test_conic_solver_finds_the_same_bound(dimensions):
     bound, gram = cvxpy.Variable(), cvxpy.Variable((size, size), PSD=True)
     matched = cvxpy.sum(cvxpy.multiply(design.basis @ gram, design.basis), axis=1)
     problem = cvxpy.Problem(cvxpy.Minimize(bound), [bound - values == matched])
-    own = rank_one(values, design.basis, tolerance=1e-9)
+    certificate = rank_one(values, design.basis, tolerance=1e-9)
     for tolerance in (1e-8, 1e-11):
         limits = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
         problem.solve(solver="CLARABEL", direct_solve_method="qdldl", **limits)
@@ -195,9 +195,13 @@ def test_conic_solver_finds_the_same_bound(dimensions):
             values, design.basis, bound.value, gram.value, multipliers, iterations=0, solver="", status="optimal"
         )
         # Its own value may lie below the optimum, by the eigenvalues that it lets be negative; the safe one may not.
-        assert own.bound - own.gap <= theirs.safe_bound < own.safe_bound + 10 * tolerance * np.ptp(values)
-    assert own.bound == pytest.approx(theirs.bound, abs=1e-9 * np.ptp(values))
-    np.testing.assert_allclose(theirs.multipliers, own.multipliers, atol=1e-5)
+        assert (
+            certificate.bound - certificate.gap
+            <= theirs.safe_bound
+            < certificate.safe_bound + 10 * tolerance * np.ptp(values)
+        )
+    assert certificate.bound == pytest.approx(theirs.bound, abs=1e-9 * np.ptp(values))
+    np.testing.assert_allclose(theirs.multipliers, certificate.multipliers, atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [50, 100, 200, 350, 400])

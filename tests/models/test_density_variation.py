@@ -155,15 +155,15 @@ def test_covariance_of_the_process_sampler_in_closed_form():
     grid = np.array([0.0, 1e3, 1.5e3, 4e3, 9e3])
     decay = 2 / np.array([9e3, 8.9e3, 8.8e3, 8.5e3, 8e3])
     phi = dv.diffusion(decay, np.array([0.01, 0.012, 0.013, 0.02, 0.03]))
-    kept = dv.retention(grid, decay)
+    retention = dv.retention(grid, decay)
     deviation = np.sqrt(dv.innovation_variance(grid, decay, phi))
-    actual = covariance_of_samples(lambda z: dv.sample_process(z, kept, deviation, 0.2), 5)
+    actual = covariance_of_samples(lambda z: dv.sample_process(z, retention, deviation, 0.2), 5)
     variance = dv.process_variance(grid, decay, phi, 0.04)
     np.testing.assert_allclose(np.diag(actual), variance, rtol=1e-14)
     for low in range(5):
         for high in range(low, 5):
             # the past enters through the upper node alone
-            expected = np.prod(kept[low:high]) * variance[high]
+            expected = np.prod(retention[low:high]) * variance[high]
             assert actual[low, high] == pytest.approx(expected, rel=1e-13)
 
 
@@ -179,28 +179,28 @@ def test_covariance_of_the_exact_sampler_in_closed_form():
 def test_correlation_over_half_a_scale_height_is_one_over_e():
     scale_height = 8e3
     grid = np.arange(0, 40e3 + 1, 100.0)
-    kept = dv.retention(grid, dv.decay_rate(1 / scale_height, 2.0))
+    retention = dv.retention(grid, dv.decay_rate(1 / scale_height, 2.0))
     normals = np.random.default_rng(3).standard_normal((20_000, grid.size))
-    samples = dv.sample_exact(normals, kept, np.full(grid.size, 0.1))
+    samples = dv.sample_exact(normals, retention, np.full(grid.size, 0.1))
     assert np.var(samples, axis=0).mean() == pytest.approx(0.01, rel=0.02)
     distance = int(scale_height / 2 / 100)
     pairs = [np.corrcoef(samples[:, i], samples[:, i + distance])[0, 1] for i in range(0, 360, 40)]
     assert np.mean(pairs) == pytest.approx(np.exp(-1), abs=0.01)
-    assert np.prod(kept[:distance]) == pytest.approx(np.exp(-1), rel=1e-12)
+    assert np.prod(retention[:distance]) == pytest.approx(np.exp(-1), rel=1e-12)
 
 
 def test_a_trial_does_not_depend_on_the_others():
     normals = np.random.default_rng(4).standard_normal((7, GRID.size))
-    kept, deviation = dv.retention(GRID, decay_at(GRID)), np.sqrt(dv.exponential_variance(GRID, *VARIANCE)[0])
-    together = dv.sample_exact(normals, kept, deviation)
-    np.testing.assert_array_equal(dv.sample_exact(normals[4:5], kept, deviation)[0], together[4])
+    retention, deviation = dv.retention(GRID, decay_at(GRID)), np.sqrt(dv.exponential_variance(GRID, *VARIANCE)[0])
+    together = dv.sample_exact(normals, retention, deviation)
+    np.testing.assert_array_equal(dv.sample_exact(normals[4:5], retention, deviation)[0], together[4])
 
 
 def test_the_process_runs_from_the_top_down():
-    kept = dv.retention(GRID, decay_at(GRID))
+    retention = dv.retention(GRID, decay_at(GRID))
     normals = np.zeros((1, GRID.size))
     normals[0, 700] = 1.0
-    sample = dv.sample_exact(normals, kept, np.ones(GRID.size))[0]
+    sample = dv.sample_exact(normals, retention, np.ones(GRID.size))[0]
     assert (sample[701:] == 0).all()
     assert (sample[:701] > 0).all()
 

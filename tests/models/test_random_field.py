@@ -274,13 +274,13 @@ def test_recursion_has_exactly_the_covariance_of_the_kernel(kernel):
 
 
 def test_recursion_against_the_one_that_runs_upwards():
-    kept = np.exp(-np.diff(UNEVEN) / 11.1e3)
+    retention = np.exp(-np.diff(UNEVEN) / 11.1e3)
     b = dv.exponential_variance(UNEVEN, 0.148, 120e3, 20e3)[0]
     response = np.zeros((15, 15))
     response[0, 0] = np.sqrt(b[0])
     for i in range(1, 15):
-        response[:, i] = kept[i - 1] * response[:, i - 1]
-        response[i, i] = np.sqrt(b[i] - b[i - 1] * kept[i - 1] ** 2)
+        response[:, i] = retention[i - 1] * response[:, i - 1]
+        response[i, i] = np.sqrt(b[i] - b[i - 1] * retention[i - 1] ** 2)
     actual = covariance_of_samples(recursion(DENSITY, UNEVEN), 15)
     assert_same_covariance(actual, response.T @ response)
 
@@ -500,8 +500,8 @@ def test_interpolation_against_one_row_after_the_other():
     np.testing.assert_allclose(actual, [np.interp(positions, UNEVEN, row) for row in values], atol=1e-13)
     np.testing.assert_array_equal(rf.interpolate(UNEVEN, UNEVEN, values), values)
     np.testing.assert_array_equal(rf.interpolate([0.0, 20e3, 260e3, np.inf], UNEVEN, values), values[:, [0, 0, -1, -1]])
-    own = rf.interpolate(positions[:7, np.newaxis], UNEVEN, values)[:, 0]
-    np.testing.assert_array_equal(own, actual[range(7), range(7)])
+    row_by_row = rf.interpolate(positions[:7, np.newaxis], UNEVEN, values)[:, 0]
+    np.testing.assert_array_equal(row_by_row, actual[range(7), range(7)])
     np.testing.assert_array_equal(rf.interpolate(positions[3], UNEVEN, values), actual[:, 3])
     np.testing.assert_array_equal(rf.interpolate(positions, UNEVEN, values[2]), actual[2])
     assert np.isnan(rf.interpolate(np.nan, UNEVEN, values)).all()

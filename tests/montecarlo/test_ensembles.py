@@ -405,8 +405,8 @@ def test_moments_are_those_of_the_trials_still_flying():
         end = lengths[trial]
         np.testing.assert_array_equal(ensemble.kept_history[trial, :end], paths.history[:end, :, trial])
         np.testing.assert_array_equal(ensemble.kept_observed[trial, :end], paths.observed[:end, :, trial])
-    kept = np.isnan(ensemble.kept_history).all(axis=2)
-    np.testing.assert_array_equal(kept.sum(axis=1), TIMES - lengths[:230])
+    has_ended = np.isnan(ensemble.kept_history).all(axis=2)
+    np.testing.assert_array_equal(has_ended.sum(axis=1), TIMES - lengths[:230])
 
 
 def test_what_stands_beyond_the_end_of_a_trial_is_ignored():
@@ -439,9 +439,11 @@ def test_a_block_whose_trials_have_all_ended_adds_nothing_any_more():
 
     ensemble = merge(run_chunks(1, trials=300, simulate=ending_blocks))
     np.testing.assert_array_equal(ensemble.flying, np.where(np.arange(TIMES) < 5, 300, 200))
-    others = merge(run_chunks(1, trials=200, simulate=lambda first, last: simulate_block(first + 100, last + 100)))
+    later_blocks = merge(
+        run_chunks(1, trials=200, simulate=lambda first, last: simulate_block(first + 100, last + 100))
+    )
     for name in ("mean", "covariance", "maximum_over_trials", "histogram"):
-        np.testing.assert_array_equal(getattr(ensemble, name)[5:], getattr(others, name)[5:], err_msg=name)
+        np.testing.assert_array_equal(getattr(ensemble, name)[5:], getattr(later_blocks, name)[5:], err_msg=name)
     nobody = merge(
         run_chunks(1, trials=300, simulate=lambda a, b: replace(simulate_block(a, b), length=np.full(b - a, 5)))
     )
@@ -462,8 +464,8 @@ def test_a_trial_is_non_finite_by_its_valid_numbers_only():
     ensemble = merge(run_chunks(2, simulate=simulate))
     np.testing.assert_array_equal(np.flatnonzero(ensemble.outcome == NON_FINITE), [20])
     assert (ensemble.count, ensemble.excluded) == (1129, 1)
-    others = np.arange(1130) != 20
-    flying = (own_lengths(0, 1130)[others, np.newaxis] > np.arange(TIMES)).sum(axis=0)
+    finite_trials = np.arange(1130) != 20
+    flying = (own_lengths(0, 1130)[finite_trials, np.newaxis] > np.arange(TIMES)).sum(axis=0)
     np.testing.assert_array_equal(ensemble.flying, flying)
 
 

@@ -107,8 +107,8 @@ def test_the_error_of_a_percentile_is_that_of_a_bootstrap(count, level):
     rng = np.random.default_rng(10)
     samples, resamples = np.sort(rng.exponential(size=count)), 4000
     rank = int(level * count + 0.5)
-    drawn = np.array([np.partition(rng.choice(samples, count), rank - 1)[rank - 1] for _ in range(resamples)])
-    variance, fourth = drawn.var(ddof=1), ((drawn - drawn.mean()) ** 4).mean()
+    percentiles = np.array([np.partition(rng.choice(samples, count), rank - 1)[rank - 1] for _ in range(resamples)])
+    variance, fourth = percentiles.var(ddof=1), ((percentiles - percentiles.mean()) ** 4).mean()
     tolerance = 4.0 * variance_standard_error(variance, fourth, resamples)
     assert tolerance < 0.2 * variance
     assert abs(percentile(samples, level)[1] ** 2 - variance) < tolerance

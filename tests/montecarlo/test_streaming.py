@@ -111,9 +111,9 @@ def test_the_first_trials_are_kept_one_by_one():
     ensemble, exact = merge(chunks_of(7)), merge(chunks_of(7, trials=240, kept=30))
     assert type(exact) is Ensemble
     for name in ("final_state", "observed_maximum", "outcome"):
-        kept = getattr(ensemble, name)
-        assert len(kept) == EXACT
-        np.testing.assert_array_equal(kept[:240], getattr(exact, name))
+        values = getattr(ensemble, name)
+        assert len(values) == EXACT
+        np.testing.assert_array_equal(values[:240], getattr(exact, name))
     np.testing.assert_array_equal(ensemble.kept_history, exact.kept_history)
     assert ensemble.final_state.tobytes() == FLIGHTS.final_state[:, :EXACT].T.tobytes()
 
@@ -223,14 +223,14 @@ def test_standard_errors_shrink_with_the_root_of_the_number_of_trials():
     theory = np.sqrt(levels * (1 - levels)) / stats.norm.pdf(stats.norm.ppf(levels))
     for trials in (1_000, 10_000, 100_000):
         generator = np.random.Generator(np.random.Philox(trials))
-        drawn = [generator.normal(size=trials) for _ in range(sets)]
-        actual = np.array([[sketched_percentile(cells, 0, p) for p in levels] for cells in map(sketch_of, drawn)])
+        sample_sets = [generator.normal(size=trials) for _ in range(sets)]
+        actual = np.array([[sketched_percentile(cells, 0, p) for p in levels] for cells in map(sketch_of, sample_sets)])
         np.testing.assert_allclose(actual[..., 1].mean(axis=0), theory / np.sqrt(trials), rtol=0.15)
         np.testing.assert_allclose(actual[..., 0].std(axis=0), theory / np.sqrt(trials), rtol=0.4)
         assert (
             np.abs(actual[..., 0].mean(axis=0) - stats.norm.ppf(levels)) < 4 * theory / np.sqrt(trials * sets)
         ).all()
-        exact = np.array([[percentile(samples, level) for level in levels] for samples in drawn[:3]])
+        exact = np.array([[percentile(samples, level) for level in levels] for samples in sample_sets[:3]])
         np.testing.assert_allclose(actual[:3, :, 0], exact[..., 0], rtol=RELATIVE_ACCURACY, atol=3e-6)
         np.testing.assert_allclose(actual[:3, :, 1], exact[..., 1], rtol=0.02)
 

@@ -90,10 +90,14 @@ def test_normals_are_normal_in_the_middle_and_in_the_tails():
 
 def test_normals_are_independent_within_a_block_and_across_trials_streams_and_seeds():
     z = normals(7, 1, range(100_000), 8)
-    others = [z[:, i] for i in range(1, 8)]
-    others += [np.roll(z[:, 0], 1), normals(7, 0, range(100_000), 1)[:, 0], normals(8, 1, range(100_000), 1)[:, 0]]
+    other_normals = [z[:, i] for i in range(1, 8)]
+    other_normals += [
+        np.roll(z[:, 0], 1),
+        normals(7, 0, range(100_000), 1)[:, 0],
+        normals(8, 1, range(100_000), 1)[:, 0],
+    ]
     first = z[:, 0]
-    for other in others:
+    for other in other_normals:
         for a, b in ((first, other), (first**2, other**2), (np.abs(first), other)):
             assert abs(np.corrcoef(a, b)[0, 1]) < 4.5 / np.sqrt(first.size)
     # sums over a whole path have the right spread only if all its numbers are independent

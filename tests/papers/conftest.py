@@ -102,11 +102,11 @@ class Given:
         """These inputs with others in place of some, by their names without that of the section."""
         return Given(self.model, self.values | {self._names[name]: value for name, value in changes.items()})
 
-    def call(self, function, *others, **named):
+    def call(self, function, *arguments, **named):
         """Call a function with the sections that it takes and, in order, with its other arguments."""
         sections = self.of(function)
-        rest = [name for name in inspect.signature(function).parameters if name not in {**sections, **named}]
-        return function(**sections, **named, **dict(zip(rest, others, strict=False)))
+        parameters = [name for name in inspect.signature(function).parameters if name not in {**sections, **named}]
+        return function(**sections, **named, **dict(zip(parameters, arguments, strict=False)))
 
 
 class Pipeline:
@@ -136,8 +136,8 @@ class Pipeline:
     def used(self, name):
         """Names, without those of sections, of the inputs that a stage and those before it read."""
         stage = self.paper.stages[name]
-        own = {name.partition(".")[2] for name in stage.inputs}
-        return own.union(*(self.used(need) for need in stage.needs))
+        names = {name.partition(".")[2] for name in stage.inputs}
+        return names.union(*(self.used(need) for need in stage.needs))
 
     def needed(self, name, reading, **changes):
         """The artifacts that a stage needs."""

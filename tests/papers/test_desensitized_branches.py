@@ -81,10 +81,10 @@ def stationarity(program, guess, given):
     gradient, jacobian, _ = (m.full() for m in derivatives(values, parameters, np.zeros(multipliers.numel())))
     loose = (values > program._lower + 1e-5) & (values < program._upper - 1e-5)
     balance, *_ = np.linalg.lstsq(jacobian[:, loose].T, -gradient[loose, 0], rcond=None)
-    rest = gradient[loose, 0] + jacobian[:, loose].T @ balance
+    residual = gradient[loose, 0] + jacobian[:, loose].T @ balance
     hessian = derivatives(values, parameters, balance)[2].full()[np.ix_(loose, loose)]
     directions = null_space(jacobian[:, loose])
-    return np.linalg.norm(rest), np.linalg.eigvalsh(directions.T @ hessian @ directions)[0]
+    return np.linalg.norm(residual), np.linalg.eigvalsh(directions.T @ hessian @ directions)[0]
 
 
 # ---- local minima ----------------------------------------------------------------------------------------------------
@@ -103,8 +103,8 @@ def test_the_catalogue_holds_the_nominal_a_cheaper_solution_and_the_rolls(branch
 def test_every_solution_is_stationary_and_a_minimum(inputs, catalogue):
     program = inputs.call(entry_problem.program, inputs.call(entry_problem.problem))
     for solution in catalogue.solutions:
-        rest, curvature = stationarity(program, solution.guess(), entry_problem.given())
-        assert rest < 1e-5
+        residual, curvature = stationarity(program, solution.guess(), entry_problem.given())
+        assert residual < 1e-5
         assert curvature > 0.0
 
 
@@ -202,9 +202,9 @@ def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
 
 
 def test_a_further_condition_costs(branches, nominal):
-    own = branches.set_fixed.tolist().index([False, True, False, False])
-    assert branches.set_effort[own] == pytest.approx(nominal.effort, rel=1e-7)
-    assert branches.set_cumulative[own] == pytest.approx(nominal.cumulative, rel=1e-5)
+    printed_set = branches.set_fixed.tolist().index([False, True, False, False])
+    assert branches.set_effort[printed_set] == pytest.approx(nominal.effort, rel=1e-7)
+    assert branches.set_cumulative[printed_set] == pytest.approx(nominal.cumulative, rel=1e-5)
     assert len({tuple(choice) for choice in branches.set_fixed.tolist()}) == 16
     compared = 0
     for a, looser in enumerate(branches.set_fixed):
@@ -277,8 +277,8 @@ def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, branc
     for point in beside_the_fold:
         guess = Guess(point.states[:, :width], point.controls, point.final_time)
         given = entry_problem.given(stage.weight_at_error(point))
-        rest, curvature = stationarity(weighted, guess, given)
-        assert rest < 1e-5
+        residual, curvature = stationarity(weighted, guess, given)
+        assert residual < 1e-5
         signs.append(np.sign(curvature))
     before, beyond = (inputs.call(stage.given_error, point) for point in beside_the_fold)
     assert before > branches.fold_error + 10.0 > branches.fold_error - 10.0 > beyond
@@ -295,9 +295,9 @@ def test_a_curve_without_a_fold_has_none(inputs, error_problem):
         SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
         for norm in (8.0, 7.9, 7.8)
     ]
-    kept, top = inputs.call(stage.with_fold, error_problem, points)
+    curve, top = inputs.call(stage.with_fold, error_problem, points)
     assert np.isnan(top).all()
-    assert len(kept) == 3
+    assert len(curve) == 3
 
 
 # ---- other branches, comparison --------------------------------------------------------------------------------------

@@ -142,15 +142,15 @@ def test_sensitivity_is_the_derivative_of_the_discrete_flow(refined, scheme):
 
 @pytest.mark.parametrize("profile", ["temperature_pressure_fit", "log_quadratic"])
 def test_numpy_has_the_rates_that_the_solver_traces(inputs, best, profile):
-    own = inputs.changed(
+    other_inputs = inputs.changed(
         density_profile=profile,
         density_coefficients=np.array([-4e-10, -7e-5, -4.3]),
         density_upper_altitude=135e3,
     )
     states, control = best.state[:-1], best.bank_acceleration
-    model = linearize(own.call(entry_problem.rates), states, control[:, np.newaxis], [0.0, 1.0])
+    model = linearize(other_inputs.call(entry_problem.rates), states, control[:, np.newaxis], [0.0, 1.0])
     traced = np.einsum("kij,kj->ki", model.state_matrix, states) + model.control_matrix[:, :, 0] * control[:, None]
-    rates = own.call(module.motion, states, control)
+    rates = other_inputs.call(module.motion, states, control)
     assert rates == pytest.approx(traced + model.affine, rel=1e-9, abs=1e-9)
 
 
@@ -348,10 +348,10 @@ def flown_by_adaptive_steps(inputs, along, gain, factor, deviation=0.0):
         )
 
     def both(_, states, control):
-        own, beside = states[:8], states[8:]
+        trial, beside = states[:8], states[8:]
         bound = inputs.bank_acceleration_bound
-        commanded = np.clip(control + gain @ (own - beside), -bound, bound)
-        return [*rates(own, commanded, factor), *rates(beside, control, 1.0)]
+        commanded = np.clip(control + gain @ (trial - beside), -bound, bound)
+        return [*rates(trial, commanded, factor), *rates(beside, control, 1.0)]
 
     states = np.concatenate([along.state[0] + deviation * np.eye(8)[0], along.state[0]])
     for control, start, end in zip(along.bank_acceleration, along.time[:-1], along.time[1:], strict=True):
@@ -487,8 +487,8 @@ def test_flights_that_come_to_the_ground_are_no_errors(inputs, best):
 
 
 def test_density_errors_leave_some_air():
-    own = {"density_error": {"value": 0.6, "source": "assumed: test"}}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": own}}}
+    studies = {"density_error": {"value": 0.6, "source": "assumed: test"}}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": studies}}}
     with pytest.raises(InputError, match=r"density_error.*0\.5"):
         load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
 

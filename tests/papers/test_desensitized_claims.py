@@ -151,8 +151,8 @@ def evaluations(desensitized, evaluate):
 
 @pytest.fixture(scope="module")
 def rows(desensitized_published, evaluations):
-    known = {erratum.id for erratum in PAPER.errata}
-    claim_rows = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=known)
+    erratum_ids = {erratum.id for erratum in PAPER.errata}
+    claim_rows = collect(list(desensitized_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
     return {row["id"]: row for row in claim_rows}
 
 
@@ -170,10 +170,10 @@ def test_every_printed_claim_is_evaluated_in_every_reading(desensitized_publishe
 
 
 def test_declarations_name_existing_claims_and_all_errata(desensitized_published):
-    known = [erratum.id for erratum in PAPER.errata]
-    assert known == [f"E{number}" for number in range(1, 19)]
+    erratum_ids = [erratum.id for erratum in PAPER.errata]
+    assert erratum_ids == [f"E{number}" for number in range(1, 19)]
     assert set(DECLARATIONS) <= set(desensitized_published)
-    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(known)
+    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(erratum_ids)
     tolerances = {name: declaration.close for name, declaration in DECLARATIONS.items() if declaration.close}
     assert {f"tab03_{row}" for row in ("c0", "c0p001", "c0p01", "c0p1", "c1", "cinf_error")} < set(tolerances)
     for name, close in tolerances.items():
@@ -367,8 +367,8 @@ def test_fuel_is_judged_by_all_weights_that_stand_for_infinity(evaluate):
 
 def test_a_reading_without_a_row_of_the_table_says_so(evaluate, records, desensitized_published):
     t = records["tradeoff"]
-    own = replace(t, printed_weight=with_value(t.printed_weight, 0.02, 2))
-    new_evaluations = evaluate(tradeoff=own)
+    other_weights = replace(t, printed_weight=with_value(t.printed_weight, 0.02, 2))
+    new_evaluations = evaluate(tradeoff=other_weights)
     assert (
         new_evaluations["tab03_c0p01"].failed
         and "no row of Table 3 has c1 = 0.01" in new_evaluations["tab03_c0p01"].evidence
@@ -618,16 +618,18 @@ def test_statements_are_decided_by_the_numbers(evaluate, evaluations, records, n
 
 def test_every_statement_has_a_counterexample(desensitized_published):
     statements = {name for name, claim in desensitized_published.items() if claim.kind == "qualitative"}
-    others = UNDETERMINED | {"fuel_proportional_to_cumulative_rate"}  # tests of their own, and the real records
-    assert statements == set(BROKEN) | set(MENDED) | others
+    otherwise_tested = UNDETERMINED | {
+        "fuel_proportional_to_cumulative_rate"
+    }  # tests of their own, and the real records
+    assert statements == set(BROKEN) | set(MENDED) | otherwise_tested
     assert set(MENDED) == FAILS
 
 
 def test_every_counted_claim_names_its_counterexample(rows):
-    own = claims_of("desensitized").claims
+    claims = claims_of("desensitized").claims
     counted = {name for name, row in rows.items() if row["verdict"] not in ("by_construction", "quoted")}
     judged = {name for name in counted if rows[name]["kind"] in ("qualitative", "deterministic")}
-    assert not [name for name in judged if own[name].counterexample is None]
+    assert not [name for name in judged if claims[name].counterexample is None]
 
 
 def test_with_one_reversal_there_is_no_last_one(evaluate, records):

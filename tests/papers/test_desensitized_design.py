@@ -711,8 +711,8 @@ def test_one_set_of_gains_is_flown_and_tuned(desensitized):
     assert small[1] < 0.5 * small[0]
     responses = desensitized.responses()
     law = list(responses.law).index("all_columns")
-    known = np.linalg.norm(responses.tabulated_error[law], axis=-1)
-    np.testing.assert_array_equal(gain_study.all_flown_error[0][:, [3, 0]], known)
+    error_norm = np.linalg.norm(responses.tabulated_error[law], axis=-1)
+    np.testing.assert_array_equal(gain_study.all_flown_error[0][:, [3, 0]], error_norm)
 
 
 def test_gains_that_are_alike_are_one_candidate():

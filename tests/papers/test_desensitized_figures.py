@@ -146,10 +146,10 @@ def pareto(printed):
 def draw(gains, responses, tradeoff):
     """Draw a figure of the laws, from changed artifacts on demand."""
 
-    def drawn(stem, changed_gains=None, changed_responses=None):
+    def figures_of(stem, changed_gains=None, changed_responses=None):
         return getattr(figures, stem)(changed_gains or gains, changed_responses or responses)
 
-    return drawn
+    return figures_of
 
 
 def curves(axes, color=None, style=None, least=3):
@@ -228,9 +228,9 @@ def test_fig02_has_a_curve_per_row_with_its_weight_and_reversals(tradeoff, print
         np.testing.assert_allclose(line.get_ydata(), tradeoff.state[number, :, 6] / DEGREE)
     assert [line.get_linestyle() for line in lines] == ["-"] * 6 + ["--"]
     assert infinite[0].get_linewidth() > infinite[1].get_linewidth()  # one is seen behind the other
-    shown = labels(figure)
-    assert shown[0] == "$c_1$ = 0: 2 reversals" and shown[4] == "$c_1$ = 1: 1 reversal"
-    assert shown[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in shown[6]
+    texts = labels(figure)
+    assert texts[0] == "$c_1$ = 0: 2 reversals" and texts[4] == "$c_1$ = 1: 1 reversal"
+    assert texts[5].endswith("($c$ = $10^{6}$): 2 reversals") and r"2.5 \cdot 10^{7}" in texts[6]
 
 
 # --- errors at entry --------------------------------------------------------------------------------------------------
@@ -343,12 +343,12 @@ def test_what_was_lost_or_not_found_is_said(draw, gains, responses, stem):
         warnings.simplefilter("error")
         figure = draw(stem, unfinished, lost)
         figure.draw_without_rendering()
-    shown = labels(figure)
-    assert any("gains not converged" in label for label in shown)
+    texts = labels(figure)
+    assert any("gains not converged" in label for label in texts)
     if stem in SWEEPS:
-        assert any("9 of 9 flights lost" in label for label in shown)
+        assert any("9 of 9 flights lost" in label for label in texts)
     if stem in RATES or stem in ANGLES:
-        assert any(label.endswith(", lost") for label in shown)
+        assert any(label.endswith(", lost") for label in texts)
 
 
 def test_feedback_that_fails_does_not_hide_the_rest(draw, responses):
@@ -405,8 +405,8 @@ def test_pareto_labels_crowded_rows_together(tradeoff, minima, pareto):
     error[:, 2] = [8000.0, 7990.0, 7000.0, 6995.0, 6300.0, 6000.0, 6000.5]
     effort = np.array([0.1, 0.1001, 0.3, 3.0, 4.0, 500.0, 6500.0])
     (axes, _) = pareto(replace(tradeoff, error=error, effort=effort), minima).axes
-    shown = [text.get_text() for text in axes.texts]
-    assert shown == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
+    texts = [text.get_text() for text in axes.texts]
+    assert texts == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
 
 def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, pareto):
@@ -421,8 +421,8 @@ def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, pareto):
     assert axes.texts[0].get_text() == "$c_1$ = 0.01"
     (left, right), (low, high) = inset.get_xlim(), inset.get_ylim()
     assert left < ends.min() and ends.max() < right and low < tradeoff.fold_effort.min() < high
-    for shown, enlarged in zip(curves(axes), curves(inset), strict=True):
-        np.testing.assert_array_equal(shown.get_xydata(), enlarged.get_xydata())
+    for whole, enlarged in zip(curves(axes), curves(inset), strict=True):
+        np.testing.assert_array_equal(whole.get_xydata(), enlarged.get_xydata())
 
 
 def test_pareto_without_folds_or_curves(tradeoff, minima, pareto):
@@ -464,8 +464,8 @@ def test_rows_of_a_user_are_called_by_their_own_c1_or_control_energy(
     effort = np.array([0.1, 0.1001, 0.4, 1.5603, 5.1812, 500.0, 6500.0])
     rows = replace(tradeoff, printed_weight=weights, error=error, effort=effort)
     (axes, _) = pareto(rows, minima, **changes).axes
-    shown = [text.get_text() for text in axes.texts]
-    assert shown == ["$c_1$ = 0, 0.001", name, "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
+    texts = [text.get_text() for text in axes.texts]
+    assert texts == ["$c_1$ = 0, 0.001", name, "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
     design, published = printed
     design = design.model_copy(update=changes)
@@ -662,8 +662,8 @@ def test_further_perturbations_are_drawn_relative_to_the_first_row(tradeoff, pri
     np.testing.assert_array_equal(rows.get_ydata(), tradeoff.effort)
     assert "5 % of density" in energy.get_xlabel()
     assert [line.get_linestyle() for line in curves(over_rows)] == ["-", "--"] * 3  # seen where they coincide
-    shown = [text.get_text() for text in over_rows.get_xticklabels()]
-    assert len(set(shown)) == 7 and shown[5].endswith("$c$ = $10^{6}$")
+    tick_labels = [text.get_text() for text in over_rows.get_xticklabels()]
+    assert len(set(tick_labels)) == 7 and tick_labels[5].endswith("$c$ = $10^{6}$")
     for number, (_, line) in enumerate(sides(density)):
         np.testing.assert_allclose(line[:, 0], [-5.0, -1.0, 1.0, 5.0])
         error_norm = np.linalg.norm(further_perturbations.density_flown_error[number, [3, 1, 0, 2]], axis=-1) / 1e3
@@ -687,7 +687,7 @@ def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, desens
     )
     assert not gains.converged.all()
     inputs = desensitized.inputs(reading)
-    drawn = {
+    figure_of = {
         "fig01a": inputs.call(figures.fig01a, nominal),
         "fig01b": figures.fig01b(nominal),
         "fig02": inputs.call(figures.fig02, desensitized_published, tradeoff),
@@ -698,12 +698,12 @@ def test_every_figure_of_the_paper_draws_and_can_be_written(desensitized, desens
             desensitized.ensemble(reading, "entry_errors", 40, **SMALL),
         ),
     }
-    for figure in drawn.values():
+    for figure in figure_of.values():
         assert isinstance(figure, Figure)
         for axes in figure.axes:
             assert axes.has_data()
         assert figure.axes[0].get_ylabel() and figure.axes[-1].get_xlabel()
     for stem in ("fig03a", "fig05b", "dispersion"):
-        save_figure(drawn[stem], tmp_path / f"{stem}.png", tmp_path / f"{stem}.pdf")
+        save_figure(figure_of[stem], tmp_path / f"{stem}.png", tmp_path / f"{stem}.pdf")
         assert 10_000 < (tmp_path / f"{stem}.png").stat().st_size < 400_000
         assert (tmp_path / f"{stem}.pdf").stat().st_size > 5_000

@@ -328,8 +328,8 @@ def test_a_downrange_error_without_feedback_stays_what_it_is(reference, distance
     shifted = ENTRY.copy()
     shifted[components.LONGITUDE] += distance / RADIUS
     states = fly(shifted, reference=reference).history[:, :8, 0]
-    others = np.arange(8) != components.LONGITUDE
-    np.testing.assert_array_equal(states[:, others], nominal[:, others])
+    not_longitude = np.arange(8) != components.LONGITUDE
+    np.testing.assert_array_equal(states[:, not_longitude], nominal[:, not_longitude])
     errors = entry_problem.position_errors(states, nominal, RADIUS)
     # Rounding of 500 steps.
     np.testing.assert_allclose(errors, np.broadcast_to([0.0, 0.0, distance], errors.shape), rtol=0, atol=1e-9)
@@ -532,9 +532,11 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(bad):
         spoiled[[3, 66], component] = bad
         trajectories = fly(spoiled, GAIN)
         assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
-        others = np.delete(np.arange(70), [3, 66])
+        unspoiled = np.delete(np.arange(70), [3, 66])
         for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(getattr(trajectories, name)[..., others], getattr(healthy, name)[..., others])
+            np.testing.assert_array_equal(
+                getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
+            )
 
 
 def test_huge_gains_fly_at_the_bound():

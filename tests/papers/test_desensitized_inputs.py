@@ -28,10 +28,13 @@ ONE_REVERSAL = {
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
     sections = {key: section for section, of in MODEL.sections().items() for key in of.keys()}  # noqa: SIM118
-    own = {}
+    inputs_by_section = {}
     for key, value in inputs.items():
-        own.setdefault(sections.get(key, "vehicle"), {})[key] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": {"based_on": based_on} | own}}
+        inputs_by_section.setdefault(sections.get(key, "vehicle"), {})[key] = {
+            "value": value,
+            "source": "assumed: test",
+        }
+    overlay = {"readings": {"mine": {"based_on": based_on} | inputs_by_section}}
     return load_study("desensitized", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
 
 

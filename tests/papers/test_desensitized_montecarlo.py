@@ -212,13 +212,13 @@ def test_how_the_errors_go(desensitized, printed, channel, expected):
     assert 0.1 < np.abs(exact - errors).max() < 5.0
 
 
-@pytest.mark.parametrize(("channel", "known"), [("radius", 4.976), ("downrange", 5.148), ("crossrange", 5.045)])
-def test_effort_of_the_drawn_flights(desensitized, channel, known):
+@pytest.mark.parametrize(("channel", "effort"), [("radius", 4.976), ("downrange", 5.148), ("crossrange", 5.045)])
+def test_effort_of_the_drawn_flights(desensitized, channel, effort):
     """Known as sums of |u| at the starts of the intervals; flown is the integral, here by the mean of both ends."""
     flights, gains, number = desensitized.responses(), desensitized.gains(), CHANNELS.index(channel)
     law = FIRST + number
     steps, acceleration = np.diff(flights.time[law]), flights.acceleration[law, number]
-    assert steps @ np.abs(acceleration[:-1]) / DEGREE == pytest.approx(known, abs=5.1e-4)
+    assert steps @ np.abs(acceleration[:-1]) / DEGREE == pytest.approx(effort, abs=5.1e-4)
     fed_back = (flights.state[law, number] - flights.nominal[law]) @ gains.gain[law]
     middle = gains.bank_acceleration[law] + (fed_back[1:] + fed_back[:-1]) / 2.0
     assert flights.cumulative[law, number] == pytest.approx(steps @ np.abs(middle), rel=2e-5)
@@ -255,12 +255,12 @@ def test_a_crossrange_error_without_feedback_turns_the_flight(desensitized):
 
 def test_small_errors_are_those_of_the_linear_sensitivity(desensitized):
     """10 m, times 100: within what the discretisation leaves, 0.05 and 0.13 per cent."""
-    for law, known, linear in ((PLAIN, 8172, desensitized.linearization().final[0]), (SHAPED, 6162, None)):
+    for law, size, linear in ((PLAIN, 8172, desensitized.linearization().final[0]), (SHAPED, 6162, None)):
         errors = final_errors(desensitized, law, "radius", np.array([10.0, -10.0]))
         mean = 100.0 * (errors[0] - errors[1]) / 2.0
-        assert norms(mean) == pytest.approx(known, abs=0.51)
+        assert norms(mean) == pytest.approx(size, abs=0.51)
         if linear is not None:
-            np.testing.assert_allclose(mean, 1000.0 * linear[:, 0], rtol=0, atol=0.001 * known)
+            np.testing.assert_allclose(mean, 1000.0 * linear[:, 0], rtol=0, atol=0.001 * size)
     assert norms(mean) == pytest.approx(norms(desensitized.linearization().final[4][:, 0]) * 1000.0, rel=2e-3)
 
 
@@ -461,8 +461,8 @@ def test_small_errors_are_linear_under_every_law(desensitized, flown_sensitivity
     for law in range(len(LAWS)):
         expected = errors @ flown_sensitivity[law].T
         np.testing.assert_allclose(ensemble.final_error[law], expected, rtol=0, atol=2e-3 * np.abs(expected).max())
-    own, plain = ensemble.final_error[FIRST], ensemble.final_error[PLAIN]
-    assert norms(own.std(axis=0)) > norms(plain.std(axis=0))
+    of_law, plain = ensemble.final_error[FIRST], ensemble.final_error[PLAIN]
+    assert norms(of_law.std(axis=0)) > norms(plain.std(axis=0))
 
 
 def test_every_law_gets_the_same_errors(desensitized):

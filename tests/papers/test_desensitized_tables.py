@@ -219,7 +219,7 @@ def column(rows, name):
     return rows[heads[0]].to_numpy()
 
 
-def shown(rows):
+def printed_text(rows):
     """What readers see, by column."""
     heads, *cells = printed_cells(rows)
     return dict(zip(heads, map(list, zip(*cells, strict=True)), strict=True))
@@ -327,7 +327,7 @@ def test_table_3_has_the_printed_rows_beside_those_computed(table):
     np.testing.assert_allclose(here, expected, rtol=1e-12)
     ratios = [rows[f"{name} over the paper's"] for name in FOUR]
     np.testing.assert_allclose(ratios, here / printed, rtol=1e-12)
-    cells = shown(rows)
+    cells = printed_text(rows)
     assert cells["J0 in the paper (deg^2/s^3)"][5] == "586.8673" and cells["c1"][5] == "∞"
 
 
@@ -363,10 +363,10 @@ def test_rows_of_a_user_stand_beside_nothing_printed(table, weights, changes, c1
     rows = table("tab03", changes=changes, tradeoff=path)
     assert rows["c1"][2] == near(c1)
     assert column(rows, "J0 here")[2] == 0.4
-    known = np.arange(7) != 2
+    is_printed = np.arange(7) != 2
     for name in FOUR:
-        np.testing.assert_array_equal(np.isfinite(column(rows, f"{name} in the paper")), known)
-        np.testing.assert_array_equal(np.isfinite(column(rows, f"{name} over the paper's")), known)
+        np.testing.assert_array_equal(np.isfinite(column(rows, f"{name} in the paper")), is_printed)
+        np.testing.assert_array_equal(np.isfinite(column(rows, f"{name} over the paper's")), is_printed)
 
 
 def test_what_an_infinite_weight_costs_goes_on_from_the_last_row(table):
@@ -471,11 +471,11 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     rows = table("dispersions", gains=law, entry_errors=flights)
     assert list(rows["lost trials"]) == [0, 0, 0, 2, 40, 0]
     assert column(rows, "trials with a clipped") == near([0.0, 0.0, 27.5, 0.0, 0.0, 0.0])
-    kept = np.delete(flights.final_error[3], [7, 8], axis=0)
+    errors = np.delete(flights.final_error[3], [7, 8], axis=0)
     deviation, error = column(rows, "crossrange: deviation")[3], column(rows, "crossrange: standard error")[3]
-    assert deviation == near(kept[:, 1].std(ddof=1))
+    assert deviation == near(errors[:, 1].std(ddof=1))
     # For normal samples the standard error of a deviation is near sigma / sqrt(2 N).
-    assert error == pytest.approx(deviation / np.sqrt(2.0 * len(kept)), rel=0.4)
+    assert error == pytest.approx(deviation / np.sqrt(2.0 * len(errors)), rel=0.4)
     # The linear prediction as a sum over the drawn channels.
     predicted = np.sqrt(sum((law.final[0, 2, k] * s) ** 2 for k, s in enumerate((200.0, 1000.0, 200.0))))
     assert column(rows, "downrange: by linear")[0] == near(predicted)
@@ -485,7 +485,7 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     sizes = np.sort(np.linalg.norm(flights.final_error, axis=2), axis=1)
     assert column(rows, "median")[:4] == near(sizes[:4, 20])
     assert column(rows, "99th percentile")[0] == near(sizes[0, -1])
-    cells = shown(rows)
+    cells = printed_text(rows)
     assert cells["99th percentile (m)"][3] == cells["crossrange: deviation (m)"][4] == DASH
     assert cells["median (m)"][4] == cells["mean propellant (kg)"][4] == DASH
     # 0.0394294 kg of propellant per deg/s.
@@ -497,7 +497,7 @@ def test_dispersions_without_errors_at_entry_are_zero(table):
     flights = ensemble(final_error=np.zeros((6, 40, 3)))
     with np.errstate(all="raise"):
         rows = table("dispersions", changes={"initial_deviations": np.zeros(3)}, entry_errors=flights)
-    cells = shown(rows)
+    cells = printed_text(rows)
     assert cells["radius: deviation (m)"][0] == "0.0 ± 0.0" and cells["radius: flown over linear"][0] == DASH
 
 
@@ -512,7 +512,7 @@ def test_local_minima(table):
     assert list(rows["starts that led there"]) == list(study.found)
     assert set(rows["random starts that failed"]) == {study.failed_starts}
     assert set(rows["random starts"]) == {study.starts}
-    assert shown(rows)["change when shaken (deg)"] == ["5.7e-08", DASH, "1.1e+02"]
+    assert printed_text(rows)["change when shaken (deg)"] == ["5.7e-08", DASH, "1.1e+02"]
     assert column(rows, "cumulative") == near(study.cumulative / DEGREE)
     assert column(rows, "final position error") == near(np.linalg.norm(study.error, axis=1))
 
@@ -570,10 +570,10 @@ def test_least_fuel_is_the_measure_of_its_bound(table):
     assert column(rows, "intervals without thrust") == near(100.0 * study.coasting.ravel())
     assert column(rows, "intervals at the bound") == near(100.0 * study.at_bound.ravel())
     assert column(rows, "final time") == near(study.time[:, :, -1].ravel())
-    assert shown(rows)["bank reversals"] == ["2", "1", "1", "2", DASH, DASH]
-    known = np.repeat(study.switching_violation, 3)
-    known[[0, 2, 3, 5]] = np.nan
-    assert rows["contradiction"].to_numpy() == near(known)
+    assert printed_text(rows)["bank reversals"] == ["2", "1", "1", "2", DASH, DASH]
+    violation = np.repeat(study.switching_violation, 3)
+    violation[[0, 2, 3, 5]] = np.nan
+    assert rows["contradiction"].to_numpy() == near(violation)
 
 
 # ---- certificates, further perturbations -----------------------------------------------------------------------------
@@ -600,7 +600,7 @@ def test_identities_stand_beside_their_weights(table):
     assert list(column(rows, "weight")) == [0.0, 0.03, 0.6, 5.0, 45.0, 1e6, 1e7]
     np.testing.assert_array_equal(column(rows, "adjoint"), study.row_adjoint_deviation)
     np.testing.assert_array_equal(column(rows, "error in a mirror"), study.mirrored_error_deviation)
-    assert shown(rows)["slope"] == [DASH, "+1.0e-06", "-2.0e-06", "+3.0e-06", "-4.0e-06", DASH, DASH]
+    assert printed_text(rows)["slope"] == [DASH, "+1.0e-06", "-2.0e-06", "+3.0e-06", "-4.0e-06", DASH, DASH]
     rows = table("mesh_identities", certificates=study)
     assert column(rows, "longitude column") == near(study.mesh_longitude_deviation.max(axis=(1, 2)))
     rows = table("linearity", certificates=study)
@@ -723,6 +723,6 @@ def test_weights_stand_row_by_row(artifacts, desensitized_published):
 
 def test_weights_of_an_own_reading_have_rows_of_their_own(artifacts, desensitized_published):
     inputs, records = artifacts["corrected"]
-    own = replace(records.tradeoff, printed_weight=np.array([0.0, 0.001, 0.05, 0.1, 1.0, np.nan, np.nan]))
-    rows = tables.weights(artifacts | {"mine": (inputs, replace(records, tradeoff=own))}, desensitized_published)
+    tradeoff = replace(records.tradeoff, printed_weight=np.array([0.0, 0.001, 0.05, 0.1, 1.0, np.nan, np.nan]))
+    rows = tables.weights(artifacts | {"mine": (inputs, replace(records, tradeoff=tradeoff))}, desensitized_published)
     assert list(rows["reading"][rows["c1"] == 0.05]) == ["mine"]

@@ -213,10 +213,10 @@ def test_every_printed_claim_is_evaluated_in_every_reading(funnels_published, ev
 
 
 def test_declarations_name_existing_claims_and_all_errata(funnels_published):
-    known = [erratum.id for erratum in PAPER.errata]
-    assert known == [f"E{number}" for number in range(1, 24)]
+    erratum_ids = [erratum.id for erratum in PAPER.errata]
+    assert erratum_ids == [f"E{number}" for number in range(1, 24)]
     assert set(DECLARATIONS) <= set(funnels_published)
-    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(known)
+    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(erratum_ids)
     assert not [name for name, declaration in DECLARATIONS.items() if declaration.close]
 
 
@@ -381,8 +381,8 @@ def test_a_statement_follows_its_numbers(records_of, evaluate, evaluations, name
 
 def test_counted_claims_have_counterexamples(rows):
     counted = {name for name, row in rows.items() if row["verdict"] in COUNTED_VERDICTS and row["kind"] != UNDECIDED}
-    own = {name for name, marked in claims_of("funnels").claims.items() if marked.counterexample}
-    assert own == counted
+    with_counterexample = {name for name, marked in claims_of("funnels").claims.items() if marked.counterexample}
+    assert with_counterexample == counted
 
 
 REAL = ("funnel", "constant", "adversarial", "open_loop", "dubins_wind")

@@ -368,6 +368,6 @@ def test_artifacts_can_be_kept(tmp_path, trajectory, model, regulator):
     for number, artifact in enumerate((trajectory, model, regulator)):
         path = tmp_path / f"{number}.h5"
         artifacts.save(path, artifact, paper="funnels", reading="corrected", provenance={})
-        kept = artifacts.load(path, type(artifact), paper="funnels", reading="corrected")
+        loaded = artifacts.load(path, type(artifact), paper="funnels", reading="corrected")
         for name, value in vars(artifact).items():
-            assert np.array_equal(getattr(kept, name), value), name
+            assert np.array_equal(getattr(loaded, name), value), name

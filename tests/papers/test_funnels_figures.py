@@ -182,12 +182,12 @@ def records():
 def draw(records):
     """Draw a figure, from changed artifacts on demand."""
 
-    def drawn(stem, **replacements):
+    def figure_of(stem, **replacements):
         values = {name: INPUTS[name.partition(".")[2]] for name in MODEL.names() if name.partition(".")[2] in INPUTS}
         function = getattr(figures, stem)
         return function(**arguments_of(function, values, lambda name, kind: replacements.get(name, records[name])))
 
-    return drawn
+    return figure_of
 
 
 def curves(axes, color=None, style=None, least=3):
@@ -370,9 +370,9 @@ def test_fig04_fills_where_v_falls(draw, records):
             [line for line in axes.lines if line.get_marker() == "o" and same_color(line.get_color(), color)][:1]
             for color in (BLUE, VERMILION)
         )
-        shown = circle[:, side] < limit
-        np.testing.assert_array_equal(falling.get_xydata(), circle[shown])
-        np.testing.assert_array_equal(not_falling.get_xydata(), circle[~shown])
+        in_panel = circle[:, side] < limit
+        np.testing.assert_array_equal(falling.get_xydata(), circle[in_panel])
+        np.testing.assert_array_equal(not_falling.get_xydata(), circle[~in_panel])
         samples = next(line for line in axes.lines if line.get_marker() == ".")
         np.testing.assert_array_equal(samples.get_xydata(), funnel.samples[:, [1, 4]])
     share = 100 * np.mean(first < 0.45)
@@ -401,8 +401,8 @@ def test_nominal_shows_the_flight_and_all_optima(draw, records):
     np.testing.assert_allclose(points[:, 1], optima.cost / DEGREE**2)
     (nominal_point,) = [line.get_xydata()[0] for line in costs.lines if line.get_marker() == "s"]
     np.testing.assert_allclose(nominal_point, [linearization.half_time[-1], nominal.cost / DEGREE**2])
-    shown = [text.get_text() for text in costs.get_legend().get_texts()]
-    assert shown == ["100 intervals", "200 intervals", "the nominal"]
+    texts = [text.get_text() for text in costs.get_legend().get_texts()]
+    assert texts == ["100 intervals", "200 intervals", "the nominal"]
     heights = np.concatenate([line.get_ydata() for line in peaks.lines if line.get_marker() == "o"])
     np.testing.assert_allclose(heights, optima.peak_heat_rate / 1e4)
 
@@ -577,9 +577,11 @@ def test_dubins_rho_has_both_cars_against_their_own_funnels(draw, records):
         ):
             np.testing.assert_array_equal(curves(level, color)[0].get_ydata(), values)
             at_slices = values if len(values) == SLICES else values[STEP]
-            drawn = curves(ratio, color)[0].get_ydata()
+            curve_values = curves(ratio, color)[0].get_ydata()
             percent = 100 * (at_slices / dubins.level[number] - 1.0)
-            np.testing.assert_allclose(drawn if len(drawn) == SLICES else drawn[STEP], percent, atol=1e-12)
+            np.testing.assert_allclose(
+                curve_values if len(curve_values) == SLICES else curve_values[STEP], percent, atol=1e-12
+            )
     np.testing.assert_array_equal(curves(calm, ORANGE)[0].get_ydata(), dubins.level[1])
     np.testing.assert_array_equal(curves(calm, SKY)[0].get_ydata(), studied.backward_level)
     assert not curves(windy, ORANGE) and not curves(windy, SKY)

@@ -54,16 +54,16 @@ def deviations_of(slices, k, points):
 
 
 def on_sphere(stream, count, dimension):
-    drawn = normals(1, stream, np.arange(count), dimension)
-    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    normal_numbers = normals(1, stream, np.arange(count), dimension)
+    return normal_numbers / np.linalg.norm(normal_numbers, axis=1, keepdims=True)
 
 
 # --- levels -----------------------------------------------------------------------------------------------------------
 
 
 def test_levels_at_every_fifth_slice(corrected):
-    known = [0.1793, 0.1812, 0.2039, 0.3877, 1.3711, 3.6290, 6.2814, 8.4394, 9.6400, 10.085, 10.216, 10.178, 10.047]
-    np.testing.assert_allclose(corrected.level[::5], known, rtol=1e-3)
+    reference = [0.1793, 0.1812, 0.2039, 0.3877, 1.3711, 3.6290, 6.2814, 8.4394, 9.6400, 10.085, 10.216, 10.178, 10.047]
+    np.testing.assert_allclose(corrected.level[::5], reference, rtol=1e-3)
     assert corrected.outcome == "complete" and corrected.sound
     rising = np.diff(corrected.level) > 0.0
     assert np.flatnonzero(rising[:-1] & ~rising[1:]).tolist() == [49] and corrected.level.argmax() == 50
@@ -71,8 +71,8 @@ def test_levels_at_every_fifth_slice(corrected):
 
 
 def test_bounds_of_single_stages(corrected):
-    known = {7: 1.012875, 19: 1.303676, 26: 1.146102, 33: 1.060108, 41: 1.013735, 51: 0.999990, 60: 0.993321}
-    for k, bound in known.items():
+    reference = {7: 1.012875, 19: 1.303676, 26: 1.146102, 33: 1.060108, 41: 1.013735, 51: 0.999990, 60: 0.993321}
+    for k, bound in reference.items():
         assert corrected.bound[k - 1] == pytest.approx(bound, abs=2e-5), k
     np.testing.assert_array_equal(corrected.growth, corrected.bound)
     np.testing.assert_allclose(corrected.level[1:], corrected.growth * corrected.level[:-1], rtol=1e-14)
@@ -86,12 +86,12 @@ def test_the_first_slice_touches_the_initial_set(funnels, corrected):
 
 def test_half_widths_and_volumes(corrected):
     kilometres = corrected.half_width * [1e-3, RADIUS / 1e3, RADIUS / 1e3, 1.0, 1.0 / DEGREE, 1.0 / DEGREE]
-    for k, known in (
+    for k, widths in (
         (0, [0.69, 1.08, 1.21, 15.3, 0.09, 0.14]),
         (50, [3.40, 7.70, 7.15, 153, 3.4, 2.5]),
         (60, [4.48, 8.97, 8.97, 134, 2.7, 2.7]),
     ):
-        np.testing.assert_allclose(kilometres[k], known, rtol=5e-3, atol=0.051 if k else 0.0051)
+        np.testing.assert_allclose(kilometres[k], widths, rtol=5e-3, atol=0.051 if k else 0.0051)
     expected = np.sqrt(2.0 * corrected.level[:, None] * np.diagonal(np.linalg.inv(corrected.shape), axis1=1, axis2=2))
     np.testing.assert_allclose(corrected.half_width, expected, rtol=1e-9)
     logarithms = [
@@ -246,9 +246,9 @@ def test_rates_are_those_of_the_flown_level(corrected, funnels, loop):
 
 def test_where_the_level_rises(corrected):
     """Shares of fresh points; three standard errors of both studies, of which the other has many more points."""
-    known = np.array([0.008, 0.37, 0.43, 0.11, 0.0004])
-    error = np.sqrt(known * (1.0 - known) / 450) + 0.005 / 3.0
-    np.testing.assert_array_less(np.abs(corrected.rising[[6, 12, 18, 30, 45]] - known), 3.0 * error)
+    share = np.array([0.008, 0.37, 0.43, 0.11, 0.0004])
+    error = np.sqrt(share * (1.0 - share) / 450) + 0.005 / 3.0
+    np.testing.assert_array_less(np.abs(corrected.rising[[6, 12, 18, 30, 45]] - share), 3.0 * error)
     assert not corrected.rising_undisturbed.any()
 
 

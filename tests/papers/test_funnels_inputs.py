@@ -24,11 +24,11 @@ def stem(key):
 
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
-    own = {}
+    inputs_by_section = {}
     for key, value in inputs.items():
         section = next((name for name, of in MODEL.sections().items() if stem(key) in of.model_fields), "mission")
-        own.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": {"based_on": based_on, **own}}}
+        inputs_by_section.setdefault(section, {})[key] = {"value": value, "source": "assumed: test"}
+    overlay = {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}
     return load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
 
 

@@ -181,8 +181,8 @@ def test_reachable_ellipsoids_hold_linear_flights_and_little_more(inputs, bounds
 
 def test_own_shape_starts_and_stays_at_level_one(reference, inputs_of):
     inputs_with_shape = inputs_of("minkowski_shape")
-    own = inputs_with_shape.call(gains.compute, reference)
-    bounds = inputs_with_shape.call(linear_bounds.compute, reference, own)
+    laws = inputs_with_shape.call(gains.compute, reference)
+    bounds = inputs_with_shape.call(linear_bounds.compute, reference, laws)
     assert bounds.exact_level == pytest.approx(bounds.reachable_level, rel=1e-6)
     steps = bounds.slice_step
     assert bounds.exact_half_width == pytest.approx(
@@ -194,10 +194,10 @@ def test_other_readings_of_the_same_sets_have_the_same_bounds(funnels, inputs):
     """As nothing that the stages may use differs."""
     for stage in ("nominal", "linearization", "gains", "linear_bounds"):
         names = funnels.paper.stages[stage].inputs
-        known = funnels.study.readings["corrected"].slice(names)
+        expected = funnels.study.readings["corrected"].slice(names)
         for reading in ("printed", "euler", "inflated", "additive"):
-            assert funnels.study.readings[reading].slice(names) == known, (stage, reading)
-        assert (funnels.study.readings["minkowski_shape"].slice(names) == known) == (stage != "gains")
+            assert funnels.study.readings[reading].slice(names) == expected, (stage, reading)
+        assert (funnels.study.readings["minkowski_shape"].slice(names) == expected) == (stage != "gains")
 
 
 def test_artifact_survives_its_file(bounds, tmp_path):

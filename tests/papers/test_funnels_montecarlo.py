@@ -67,11 +67,11 @@ def rates_and_air(inputs):
 def test_levels_reached_by_constant_disturbances(funnels):
     """A fifth of the other study's trials, of which the largest is less by a part of the spread of that study's."""
     ensemble = funnels.ensemble("corrected", "constant", TRIALS)
-    known = [0.1793, 0.1796, 0.1943, 0.3315, 0.8693, 1.6715, 2.4944, 3.0881, 3.3588, 3.3537, 3.1052, 2.6449, 2.0000]
+    reference = [0.1793, 0.1796, 0.1943, 0.3315, 0.8693, 1.6715, 2.4944, 3.0881, 3.3588, 3.3537, 3.1052, 2.6449, 2.0000]
     largest = ensemble.maximum_over_trials[::20, 0]
     spread = ensemble.repeat_maximum[:, ::20, 0].std(axis=0)
     assert (spread[1:] > 0.0).all() and spread[0] < 1e-14
-    assert (np.abs(largest - known) < 3.0 * spread + 1e-4).all()
+    assert (np.abs(largest - reference) < 3.0 * spread + 1e-4).all()
     assert 3.25 < ensemble.maximum_over_trials[:, 0].max() < 3.5
     np.testing.assert_array_equal(ensemble.repeat_maximum.max(axis=0), ensemble.maximum_over_trials)
 
@@ -103,16 +103,16 @@ def test_what_is_left_at_the_end(funnels):
 
 
 @pytest.mark.parametrize(
-    ("case", "known"),
+    ("case", "reference"),
     [
         ("dubins_calm", [0.15, 0.11576, 0.08440, 0.05937, 0.03741]),
         ("dubins_wind", [0.15, 0.14684, 0.13446, 0.11749, 0.09145]),
     ],
 )
-def test_levels_of_the_car(runs, case, known):
+def test_levels_of_the_car(runs, case, reference):
     ensemble = runs[case]
     largest, spread = ensemble.maximum_over_trials[::100, 0], ensemble.repeat_maximum[:, ::100, 0].std(axis=0)
-    assert (np.abs(largest - known) < 3.0 * spread + 6e-5).all()
+    assert (np.abs(largest - reference) < 3.0 * spread + 6e-5).all()
     assert ensemble.observed_name.tolist() == ["level", "feedback"] and ensemble.final_state.shape == (TRIALS, 5)
 
 
@@ -137,8 +137,8 @@ def test_a_flight_by_adaptive_steps(inputs_and_records):
     """The states themselves under Eq. 37 and the feedback, with a disturbance drawn here; not their deviations."""
     inputs, linearization, gains, *_ = inputs_and_records
     ensemble, number = ensemble_of(inputs_and_records), 5
-    drawn = normals(inputs.seed, flight.DISTURBANCE_STREAM, [number], 2)[0]
-    w = drawn / np.linalg.norm(drawn)
+    normal_numbers = normals(inputs.seed, flight.DISTURBANCE_STREAM, [number], 2)[0]
+    w = normal_numbers / np.linalg.norm(normal_numbers)
     rates, air = rates_and_air(inputs)
     half = linearization.half_time
     reference, gain = CubicSpline(half, linearization.state), CubicSpline(half, gains.half_gain)
@@ -167,8 +167,8 @@ def test_disturbances_of_the_cases(inputs_and_records):
     constant = flight.disturbances(flight.Draws(inputs.seed), loop, trials)
     redrawn = flight.disturbances(flight.Draws(inputs.seed, "redrawn", inputs.redraw_steps), loop, trials)
     assert constant.shape == (1, 200, 2) and redrawn.shape == (30, 200, 2)
-    for drawn in (constant, redrawn):
-        np.testing.assert_allclose(np.linalg.norm(drawn, axis=-1), 1.0, rtol=1e-14)
+    for directions in (constant, redrawn):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0, rtol=1e-14)
     np.testing.assert_array_equal(redrawn[0], constant[0])
     assert len(np.unique(redrawn.reshape(-1, 2), axis=0)) == 6000
     others = flight.disturbances(flight.Draws(inputs.seed, "redrawn", 9), loop, trials)  # of 240: after 10 instead

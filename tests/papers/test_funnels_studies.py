@@ -438,9 +438,9 @@ def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
         assert np.isfinite(levels[: slices[j]]).all() == (study.outcome[i, j] == "complete")
         assert np.isnan(levels[slices[j] :]).all()
         np.testing.assert_array_equal(study.final_level[i, j], levels[slices[j] - 1])
-    known = study.excess[1]
-    assert study.unsafe_share[1] == np.mean(known < 0.0)
-    assert study.least_excess[1] == known.min() and study.largest_excess[1] == known.max()
+    excess = study.excess[1]
+    assert study.unsafe_share[1] == np.mean(excess < 0.0)
+    assert study.least_excess[1] == excess.min() and study.largest_excess[1] == excess.max()
     # Longer slices, larger differences.
     assert study.mean_difference[0] > study.mean_difference[1]
     np.testing.assert_array_equal(variant(coarse, "samples"), study.level[0, 0][: slices[0]])
@@ -478,8 +478,8 @@ def test_a_stage_is_that_between_the_slices_named(inputs, loop, regulator):
     ],
 )
 def test_studies_that_cannot_be_are_refused(inputs, message):
-    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
-    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": own}}}
+    studies = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
+    overlay = {"readings": {"mine": {"based_on": "corrected", "studies": studies}}}
     with pytest.raises(InputError) as error:
         load_study("funnels", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml")
     assert message in str(error.value)

@@ -192,14 +192,14 @@ def test_optima_are_in_the_units_of_their_head(table):
 
 
 def test_levels_stand_at_their_slices(table):
-    own, flights = funnel(), ensemble()
-    data = table("levels", funnel=own, constant=flights)
+    slices, flights = funnel(), ensemble()
+    data = table("levels", funnel=slices, constant=flights)
     assert list(data["k"]) == [k + 1 for k in range(SLICES)]
     k = 7
     largest_v = flights.maximum_over_trials[5 * k, 0]
-    assert data["rho"][k] == own.level[k]
+    assert data["rho"][k] == slices.level[k]
     assert data["constant disturbance"][k] == largest_v
-    assert data["rho over flights"][k] == pytest.approx(own.level[k] / largest_v)
+    assert data["rho over flights"][k] == pytest.approx(slices.level[k] / largest_v)
     deviation = np.std(flights.repeat_maximum[:, 5 * k, 0], ddof=1)
     assert data["its standard deviation"][k] == pytest.approx(deviation)
 
@@ -207,12 +207,12 @@ def test_levels_stand_at_their_slices(table):
 def test_half_widths_are_lengths_on_the_ground(table):
     widths = np.zeros((SLICES, 6))
     widths[-1] = [1500.0, 2000.0 / RADIUS, 3000.0 / RADIUS, 4.0, 5.0 * DEGREE, 6.0 * DEGREE]
-    own = funnel(half_width=widths, feedback=np.full(SLICES, 7.0 * DEGREE), level=np.arange(1.0, SLICES + 1))
-    row = row_of(table("half_widths", funnel=own), slice="last", of="funnel")
+    slices = funnel(half_width=widths, feedback=np.full(SLICES, 7.0 * DEGREE), level=np.arange(1.0, SLICES + 1))
+    row = row_of(table("half_widths", funnel=slices), slice="last", of="funnel")
     np.testing.assert_allclose(row.iloc[3:].astype(float), [1.5, 2, 3, 4, 5, 6, 7])
     final = np.zeros((40, 8))
     final[3, 0], final[5, 0] = -2500.0, np.nan
-    row = table("half_widths", funnel=own, constant=ensemble(final_state=final)).iloc[-1]
+    row = table("half_widths", funnel=slices, constant=ensemble(final_state=final)).iloc[-1]
     assert (row["of"], row["altitude (km)"]) == ("40 flights", 2.5)
     assert np.isnan(row["bank angle of the feedback (deg)"])
 
@@ -221,8 +221,8 @@ def test_a_stage_that_is_not_reached_has_no_value(table):
     nothing = np.full(STAGES, np.nan)
     empty = dict.fromkeys(("bound", "growth", "gap", "residual", "true_maximum", "violation"), nothing)
     status = np.array(["optimal"] * 11 + ["not solved"])
-    own = funnel(status=status, stage_sound=np.zeros(STAGES, bool), tightness=np.array([1e-6, np.nan]), **empty)
-    data = table("verification", funnel=own)
+    slices = funnel(status=status, stage_sound=np.zeros(STAGES, bool), tightness=np.array([1e-6, np.nan]), **empty)
+    data = table("verification", funnel=slices)
     assert data["bound over rho"].isna().all() and not data["sound"].any()
     assert data["solver"].iloc[-1] == "not solved"
     tight = data["polynomial below its bound"]
@@ -257,8 +257,8 @@ def test_the_euler_step_has_a_table_of_its_own(table):
 
 
 def test_proven_levels_stand_beside_those_by_samples(table):
-    own = funnel()
-    data = table("proof", funnel=own, proven=proven(level=1.125 * own.level))
+    slices = funnel()
+    data = table("proof", funnel=slices, proven=proven(level=1.125 * slices.level))
     np.testing.assert_allclose(data["over that by samples"], 1.125)
     assert data.iloc[-1, 4:].isna().all()
 
@@ -278,8 +278,8 @@ def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels)
         for name, seed, count in (("constant", 4, 1), ("redrawn", 11, 2), ("adversarial", 12, 4))
     }
     growth = np.full(STAGES, 2.0)
-    own = funnel(growth=growth, true_maximum=np.where(np.arange(STAGES) < 5, 2.5, 1.5), violation=growth / 100.0)
-    data = readings(funnel=own, **laws).set_index("reading")
+    slices = funnel(growth=growth, true_maximum=np.where(np.arange(STAGES) < 5, 2.5, 1.5), violation=growth / 100.0)
+    data = readings(funnel=slices, **laws).set_index("reading")
     assert list(data.index) == list(funnels.study.readings)
     corrected = data.loc["corrected"]
     assert corrected.isna()["inputs that differ"]
@@ -294,8 +294,8 @@ def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels)
 def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
     nothing = np.full(STAGES, np.nan)
     level = np.where(np.arange(SLICES) < 4, np.arange(1.0, SLICES + 1), np.nan)
-    own = funnel(true_maximum=nothing, violation=nothing, level=level, outcome="the funnel diverges")
-    row = row_of(readings(funnel=own), reading="corrected")
+    slices = funnel(true_maximum=nothing, violation=nothing, level=level, outcome="the funnel diverges")
+    row = row_of(readings(funnel=slices), reading="corrected")
     assert row.isna()[["stages exceeded", "last rho", "times of local maxima"]].all()
     assert (row["largest rho"], row["outcome"]) == (4.0, "the funnel diverges")
 

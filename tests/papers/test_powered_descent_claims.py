@@ -31,8 +31,8 @@ def evaluations(pipeline):
 
 @pytest.fixture(scope="module")
 def rows(published, evaluations):
-    known = {erratum.id for erratum in PAPER.errata}
-    claim_rows = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=known)
+    erratum_ids = {erratum.id for erratum in PAPER.errata}
+    claim_rows = collect(list(published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
     return {row["id"]: row for row in claim_rows}
 
 
@@ -76,11 +76,11 @@ def test_a_claim_without_evaluator_is_noticed(published, evaluations):
 
 
 def test_declarations_name_existing_claims_and_errata(published):
-    known = [erratum.id for erratum in PAPER.errata]
-    assert known == [f"E{number}" for number in range(1, 18)]
+    erratum_ids = [erratum.id for erratum in PAPER.errata]
+    assert erratum_ids == [f"E{number}" for number in range(1, 18)]
     for name, declaration in DECLARATIONS.items():
         assert name in published
-        assert set(declaration.errata) <= set(known), name
+        assert set(declaration.errata) <= set(erratum_ids), name
         assert declaration.close is None  # nothing is excused by a tolerance
 
 

@@ -269,9 +269,9 @@ def test_largest_gains_and_sign_changes(pipeline):
 
 def test_axes_do_not_couple_agree_in_segment_one_and_the_gain_jumps(pipeline, node):
     gains = pipeline.gains()
-    for row, others in ((0, (1, 3)), (1, (0, 2))):
+    for row, columns in ((0, (1, 3)), (1, (0, 2))):
         # The square roots are of full matrices: zero up to rounding.
-        assert np.abs(gains.gain[:, row, others]).max() < 1e-10 * np.abs(gains.gain).max()
+        assert np.abs(gains.gain[:, row, columns]).max() < 1e-10 * np.abs(gains.gain).max()
     first = gains.segment == 0
     np.testing.assert_allclose(gains.gain[first, 0, 0], gains.gain[first, 1, 1], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(gains.gain[first, 0, 2], gains.gain[first, 1, 3], rtol=1e-9, atol=1e-9)

@@ -21,10 +21,10 @@ PAPER = catalogue("powered_descent")
 @pytest.fixture(scope="module")
 def draw(pipeline):
     """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it, once."""
-    drawn = {}
+    figure_of = {}
 
     def draw_once(stem, reading="corrected"):
-        if (stem, reading) not in drawn:
+        if (stem, reading) not in figure_of:
             product = PAPER.figures[stem]
             records = {
                 need.split(".")[-1]: pipeline.ensemble(reading, need.split(".")[1])
@@ -32,8 +32,8 @@ def draw(pipeline):
                 else pipeline.stage(need, reading)
                 for need in product.needs
             }
-            drawn[stem, reading] = pipeline.product("figures", stem, reading, records)
-        return drawn[stem, reading]
+            figure_of[stem, reading] = pipeline.product("figures", stem, reading, records)
+        return figure_of[stem, reading]
 
     return draw_once
 
@@ -82,9 +82,9 @@ def test_fig01_has_one_curve_per_pass(draw, pipeline):
     assert len(lines) == len(nominal.mass_of_pass) - 1 == 8
     assert axes.get_yscale() == "log"
     for line, (before, after) in zip(lines, pairwise(nominal.mass_of_pass), strict=True):
-        shown = line.get_ydata()
-        np.testing.assert_array_equal(shown[~np.isnan(shown)], np.abs(after - before)[~np.isnan(shown)])
-        assert (after == before)[np.isnan(shown)].all()
+        changes = line.get_ydata()
+        np.testing.assert_array_equal(changes[~np.isnan(changes)], np.abs(after - before)[~np.isnan(changes)])
+        assert (after == before)[np.isnan(changes)].all()
     assert len(axes.get_legend().get_texts()) == 8
 
 
@@ -251,8 +251,8 @@ def test_integrator_figure_shows_every_component_with_those_of_its_unit(draw, pi
     for (strong, bias), unit, components in zip(panels, ("m", "m/s", "kg"), ((0, 1), (2, 3), (4,)), strict=True):
         assert strong.get_ylabel() == f"difference ({unit})"
         expected = [errors.strong_error[scheme, :, component] for scheme in (0, 1) for component in components]
-        drawn = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
-        for line, values in zip(drawn, expected, strict=True):
+        lines = [line for line in strong.lines if line.get_marker() in ("o", "s") and len(line.get_xdata())]
+        for line, values in zip(lines, expected, strict=True):
             np.testing.assert_array_equal(line.get_xydata(), np.transpose([errors.step, values]))
         lowest, highest = strong.get_ylim()
         assert lowest <= np.min(expected) and np.max(expected) <= highest

@@ -193,8 +193,8 @@ def test_flights_with_the_prior_mass_have_the_moments_of_the_linear_design(pipel
     assert (np.abs(final.mean(axis=0) - [100, 50, 0, 0]) < 4 * np.sqrt(np.diag(target) / 20_000)).all()
     assert wishart_deviance(np.cov(final, rowvar=False), 20_000, target).p_value > 1e-3
     # and those whose mass flows do not
-    own = simulator(pipeline)(0, 20_000).final_state[:4].T
-    assert wishart_deviance(np.cov(own, rowvar=False), 20_000, target).p_value < 1e-3
+    final_states = simulator(pipeline)(0, 20_000).final_state[:4].T
+    assert wishart_deviance(np.cov(final_states, rowvar=False), 20_000, target).p_value < 1e-3
 
 
 # --- without noise ----------------------------------------------------------------------------------------------------
@@ -418,13 +418,13 @@ def by_step(errors, name, scheme, step):
 
 
 def test_euler_maruyama_has_a_mean_bias_that_halves_with_the_step(errors):
-    known = {  # downrange, altitude, their rates, mass
+    reference = {  # downrange, altitude, their rates, mass
         0.02: (-0.014, -0.057, 0.044, 0.020, -0.062),
         0.1: (-0.060, -0.284, 0.221, 0.104, -0.316),
         0.2: (-0.099, -0.571, 0.446, 0.217, -0.649),
         0.5: (-0.074, -1.46, 1.15, 0.602, -1.75),
     }
-    for step, bias in known.items():
+    for step, bias in reference.items():
         means = by_step(errors, "bias", "euler_maruyama", step)
         # Two samples of 2,000 trials, and half a digit of the known values.
         error = by_step(errors, "bias_standard_error", "euler_maruyama", step)
@@ -442,14 +442,14 @@ def test_runge_kutta_has_no_resolved_bias_at_the_production_step(errors):
 
 
 def test_both_schemes_have_strong_order_one(errors):
-    known = {
+    reference = {
         ("rk4", 0.1): (0.0118, 0.0075, 0.0030, 0.0050, 0.0038),
         ("rk4", 0.2): (0.0232, 0.0149, 0.0061, 0.0102, 0.0076),
         ("rk4", 0.5): (0.0598, 0.0389, 0.0156, 0.0255, 0.0195),
         ("euler_maruyama", 0.1): (0.066, 0.285, 0.221, 0.106, 0.317),
         ("euler_maruyama", 0.2): (0.113, 0.572, 0.447, 0.219, 0.651),
     }
-    for (scheme, step), expected in known.items():
+    for (scheme, step), expected in reference.items():
         # A root mean square over 2,000 trials has a relative error of 1.6 %; four of both samples' are 9 %.
         np.testing.assert_allclose(by_step(errors, "strong_error", scheme, step), expected, rtol=0.09)
 

@@ -53,18 +53,18 @@ REFERENCE = {
 
 @pytest.mark.parametrize("reading", ["corrected", "target4"])
 def test_final_state_agrees_with_sixty_thousand_trials(large, reading):
-    ensemble, known = large[reading], REFERENCE[reading]
+    ensemble, reference = large[reading], REFERENCE[reading]
     state = ensemble.final_state[:, :4]
     errors = combined(covariance_standard_errors(state), TRIALS, REFERENCE_TRIALS)
     mean_errors = combined(mean_standard_error(state.var(axis=0), TRIALS), TRIALS, REFERENCE_TRIALS)
     covariance = np.cov(state, rowvar=False)
     half_digit = 6e-4  # of the coarsest known value
-    assert (np.abs(state.mean(axis=0) - known["mean"]) < SIGMAS * mean_errors + half_digit).all()
-    assert (np.abs(np.diag(covariance) - known["variance"]) < SIGMAS * np.diag(errors) + half_digit).all()
-    assert (np.abs(covariance[UPPER] - known["covariance"]) < SIGMAS * errors[UPPER] + half_digit).all()
+    assert (np.abs(state.mean(axis=0) - reference["mean"]) < SIGMAS * mean_errors + half_digit).all()
+    assert (np.abs(np.diag(covariance) - reference["variance"]) < SIGMAS * np.diag(errors) + half_digit).all()
+    assert (np.abs(covariance[UPPER] - reference["covariance"]) < SIGMAS * errors[UPPER] + half_digit).all()
     mass = ensemble.final_state[:, 4]
     mass_error = combined(mean_standard_error(mass.var(), TRIALS), TRIALS, REFERENCE_TRIALS)
-    assert abs(mass.mean() - known["mass"]) < SIGMAS * mass_error + half_digit
+    assert abs(mass.mean() - reference["mass"]) < SIGMAS * mass_error + half_digit
     assert mass.std() == pytest.approx(2.08, abs=SIGMAS * 2.08 / np.sqrt(2 * TRIALS) + 5e-3)
     # the standard errors that the comparison rests on, known at 2,000 trials
     np.testing.assert_allclose(mean_errors[1:] / np.sqrt(1 / TRIALS + 1 / REFERENCE_TRIALS), 0.5, rtol=0.05)

@@ -67,18 +67,18 @@ def test_a_mean_variation_is_a_denser_atmosphere_whose_variation_is_smaller(rand
         "density_floor": 1e-3 / (1.0 + mean),
     }
     raised = {"variation_mean": mean}
-    own, other = (random_field.nominal("corrected", **changes) for changes in (raised, denser))
-    assert own.entry_flight_path_angle == pytest.approx(other.entry_flight_path_angle, rel=1e-9)
-    np.testing.assert_allclose(own.dynamic_pressure, other.dynamic_pressure, rtol=1e-6)
-    assert abs(np.degrees(own.entry_flight_path_angle - random_field.nominal().entry_flight_path_angle)) > 0.05
-    own, other = (random_field.linearization("corrected", **changes) for changes in (raised, denser))
+    shifted, other = (random_field.nominal("corrected", **changes) for changes in (raised, denser))
+    assert shifted.entry_flight_path_angle == pytest.approx(other.entry_flight_path_angle, rel=1e-9)
+    np.testing.assert_allclose(shifted.dynamic_pressure, other.dynamic_pressure, rtol=1e-6)
+    assert abs(np.degrees(shifted.entry_flight_path_angle - random_field.nominal().entry_flight_path_angle)) > 0.05
+    shifted, other = (random_field.linearization("corrected", **changes) for changes in (raised, denser))
     scale = np.sqrt(np.diag(other.disturbance_covariance.reshape(42, 42)))
-    difference = (own.disturbance_covariance - other.disturbance_covariance).reshape(42, 42)
+    difference = (shifted.disturbance_covariance - other.disturbance_covariance).reshape(42, 42)
     assert np.abs(difference / np.outer(scale, scale)).max() < 1e-6
-    own, other = (
+    shifted, other = (
         random_field.ensemble("corrected", trials=200, iterations=1, **changes) for changes in (raised, denser)
     )
-    np.testing.assert_allclose(own.delta_v[0], other.delta_v[0], atol=1e-4)
+    np.testing.assert_allclose(shifted.delta_v[0], other.delta_v[0], atol=1e-4)
 
 
 # --- correlation ------------------------------------------------------------------------------------------------------
@@ -93,18 +93,18 @@ def test_the_fully_correlated_reading_is_a_field_of_one_normal_number(random_fie
     # The study flies the same field with an infinite length, in the same normal numbers.
     study = random_field.field_study("corrected")
     ensemble = random_field.ensemble("correlated", trials=study.trials)
-    known = study.percentile[list(HYPOTHESES).index("fully correlated")]
-    assert delta_v_percentile(ensemble, 0)[0] == pytest.approx(known, rel=2e-3)
+    percentile = study.percentile[list(HYPOTHESES).index("fully correlated")]
+    assert delta_v_percentile(ensemble, 0)[0] == pytest.approx(percentile, rel=2e-3)
 
 
 def test_the_study_flies_the_laws_that_the_readings_fly(random_field):
     """At the reading's own variance the study's rows are those of `corrected` and `metres`, trial by trial."""
     study = random_field.field_study("corrected")
-    own = int(np.argmin(np.abs(study.variance - 0.148)))
+    of_reading = int(np.argmin(np.abs(study.variance - 0.148)))
     for reading, unit in (("corrected", "km/s"), ("metres", "m/s")):
         ensemble = random_field.ensemble(reading, trials=study.trials)
         percentiles = [delta_v_percentile(ensemble, law)[0] for law in range(len(ensemble.delta_v))]
-        np.testing.assert_allclose(study.law_percentile[SPEED_UNITS.index(unit), own], percentiles, rtol=1e-9)
+        np.testing.assert_allclose(study.law_percentile[SPEED_UNITS.index(unit), of_reading], percentiles, rtol=1e-9)
     assert study.law_percentile[0, :, 0] == pytest.approx(study.law_percentile[1, :, 0], nan_ok=True)
 
 
@@ -129,10 +129,10 @@ def test_feedback_refers_to_what_the_reading_says(random_field):
         "expansion_point": states[:-1, nodes],
         "propagated_mean": states[1:, nodes],
     }
-    for name, own in gains.items():
-        np.testing.assert_allclose(own.feedback_reference[1:], expected[name], rtol=1e-12)
+    for name, laws in gains.items():
+        np.testing.assert_allclose(laws.feedback_reference[1:], expected[name], rtol=1e-12)
         # The program knows nothing of it.
-        np.testing.assert_array_equal(own.gain, gains["mean"].gain)
+        np.testing.assert_array_equal(laws.gain, gains["mean"].gain)
     assert np.abs(expected["mean"] - expected["expansion_point"])[..., 0].max() > 1e3
 
 
@@ -172,9 +172,9 @@ def test_the_nominal_of_the_double_integrator_is_the_integral_of_its_acceleratio
     step = time[1]
     velocity = 0.1 + np.append(0.0, np.cumsum(acceleration[:-1] * step))
     place = 0.1 + np.append(0.0, np.cumsum(velocity[:-1] * step + 0.5 * acceleration[:-1] * step**2))
-    own = nominal_states(point_mass, control, time)
-    np.testing.assert_allclose(own[0], place, atol=1e-9)
-    np.testing.assert_allclose(own[1], velocity, atol=1e-9)
+    states = nominal_states(point_mass, control, time)
+    np.testing.assert_allclose(states[0], place, atol=1e-9)
+    np.testing.assert_allclose(states[1], velocity, atol=1e-9)
 
 
 def test_a_mean_force_is_steered_against(random_field):
@@ -229,6 +229,6 @@ def test_weights_of_state_and_percentile_do_what_they_weigh(random_field):
 def test_the_force_without_its_period_is_the_other_factor_of_its_covariance(random_field):
     point_mass = random_field.inputs("corrected", double_integrator_kernel="squared_exponential").point_mass
     long_period = random_field.inputs("corrected", double_integrator_period=1e9).point_mass
-    own, other = system(point_mass), system(long_period)
-    np.testing.assert_allclose(own.disturbance_covariance, other.disturbance_covariance, rtol=1e-9)
+    nominal, other = system(point_mass), system(long_period)
+    np.testing.assert_allclose(nominal.disturbance_covariance, other.disturbance_covariance, rtol=1e-9)
     assert program(point_mass).percentiles == ()

@@ -105,8 +105,8 @@ def evaluations(random_field):
 
 @pytest.fixture(scope="module")
 def rows(random_field_published, evaluations):
-    known = {erratum.id for erratum in PAPER.errata}
-    claim_rows = collect(list(random_field_published.values()), DECLARATIONS, evaluations, known_errata=known)
+    erratum_ids = {erratum.id for erratum in PAPER.errata}
+    claim_rows = collect(list(random_field_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids)
     return {row["id"]: row for row in claim_rows}
 
 
@@ -137,10 +137,10 @@ def test_every_printed_claim_is_evaluated_in_every_reading(random_field, random_
 
 
 def test_declarations_name_existing_claims_and_all_errata(random_field_published):
-    known = [erratum.id for erratum in PAPER.errata]
-    assert known == [f"E{number}" for number in range(1, 19)]
+    erratum_ids = [erratum.id for erratum in PAPER.errata]
+    assert erratum_ids == [f"E{number}" for number in range(1, 19)]
     assert set(DECLARATIONS) <= set(random_field_published)
-    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(known)
+    assert {name for declaration in DECLARATIONS.values() for name in declaration.errata} == set(erratum_ids)
     assert not [name for name, declaration in DECLARATIONS.items() if declaration.close]
 
 
@@ -272,9 +272,9 @@ def test_a_percentile_among_lost_trials_does_not_exist(random_field, random_fiel
 def test_the_printed_percentiles_would_be_reproduced(random_field, random_field_published):
     ensemble = artifacts(random_field, "corrected")["aerocapture"]
     for law, name, printed in ((0, "acap_dv_p99_open", 717.0), (LAST, "acap_dv_p99_closed", 314.0)):
-        own = np.quantile(ensemble.delta_v[law], 0.99)
+        percentile = np.quantile(ensemble.delta_v[law], 0.99)
         moved = ensemble.delta_v.copy()
-        moved[law] += printed - own
+        moved[law] += printed - percentile
         evaluation = evaluate(random_field, aerocapture=replace(ensemble, delta_v=moved))[name]
         assert judge(random_field_published[name], evaluation).verdict == "reproduced"
 

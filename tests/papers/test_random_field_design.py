@@ -239,14 +239,14 @@ def test_affine_model_reproduces_its_trajectory(random_field, everything):
 
 def test_disturbance_covariance_is_symmetric_positive_and_of_second_order(random_field):
     """Errors relative to the standard deviations, known at five steps to two digits; the order is that of the kink."""
-    known = {0.25: 1.3e-4, 0.5: 6.4e-4, 1.0: 2.7e-3, 2.5: 1.7e-2, 5.0: 7e-2}
+    error_of_step = {0.25: 1.3e-4, 0.5: 6.4e-4, 1.0: 2.7e-3, 2.5: 1.7e-2, 5.0: 7e-2}
     matrices = {
         step: stacked(random_field.linearization("corrected", time_step=step).disturbance_covariance)
-        for step in (0.125, *known)
+        for step in (0.125, *error_of_step)
     }
     reference = matrices[0.125]
     deviation = np.sqrt(np.diag(reference))
-    for step, expected in known.items():
+    for step, expected in error_of_step.items():
         error = np.abs((matrices[step] - reference) / np.outer(deviation, deviation)).max()
         assert error == pytest.approx(expected, rel=0.05), step
     for matrix in matrices.values():
@@ -384,10 +384,10 @@ def test_predicted_spread_over_time(random_field, spline, row):
 
 def test_predicted_spread_of_the_density_variation(random_field):
     """At the nodes of the trajectory about which the last program was posed, which is that of the law before."""
-    known = ".3847 .1434 .0971 .0738 .0628 .0589 .0596 .0639 .0716 .0832 .1003 .1252 .1619 .2170 .3847"
+    reference = ".3847 .1434 .0971 .0738 .0628 .0589 .0596 .0639 .0716 .0832 .1003 .1252 .1619 .2170 .3847"
     gains = random_field.gains()
     deviation = gains.variation_deviation[2][np.searchsorted(gains.time, gains.partition)]
-    np.testing.assert_allclose(deviation, [float(text) for text in known.split()], rtol=0, atol=6e-5)
+    np.testing.assert_allclose(deviation, [float(text) for text in reference.split()], rtol=0, atol=6e-5)
 
 
 @pytest.mark.parametrize(
@@ -597,8 +597,8 @@ def test_dependence_of_the_disturbances(random_field):
         for component in range(3):
             at, last, before = 3 * k + component, range(3 * k - 3, 3 * k), range(3 * k - 6, 3 * k)
 
-            def given(known, at=at):
-                picked = [*known, at]
+            def given(conditions, at=at):
+                picked = [*conditions, at]
                 return 1.0 / np.linalg.inv(states[np.ix_(picked, picked)])[-1, -1]
 
             shares.append(1.0 - given(before) / given(last))
@@ -614,11 +614,11 @@ def test_one_branch_cycles_with_period_two_and_both_converge(random_field):
     assert list(study.variant) == ["one_branch", "both_branches", "short_end_steps"]
     assert list(study.outcome) == ["cycling", "converged", "cycling"] and list(study.period) == [2, 1, 2]
     assert study.apoapsis.shape == (3, 11) and not study.lost.any()
-    known = (5.00, 5.10, 5.01, 4.91, 5.01, 4.91, 5.01)
-    np.testing.assert_allclose(study.apoapsis[0, :7], known, rtol=0, atol=5.1e-3)
+    reference = (5.00, 5.10, 5.01, 4.91, 5.01, 4.91, 5.01)
+    np.testing.assert_allclose(study.apoapsis[0, :7], reference, rtol=0, atol=5.1e-3)
     # The cycle costs 16 m/s (302 to 286 m/s), known with 5,000 trials; here with 300.
-    known = {1: 302.0, 2: 293.0, 3: 302.0, 4: 286.0, 5: 302.0, 6: 286.0}
-    for iteration, expected in known.items():
+    reference = {1: 302.0, 2: 293.0, 3: 302.0, 4: 286.0, 5: 302.0, 6: 286.0}
+    for iteration, expected in reference.items():
         allowed = 4.0 * study.percentile_error[0, iteration] + 0.51
         assert study.percentile[0, iteration] == pytest.approx(expected, abs=allowed)
     steps = np.abs(np.diff(study.apoapsis, axis=1))
@@ -697,9 +697,9 @@ def test_a_fully_correlated_field_is_one_normal_number(random_field, everything)
     delta_v = orbits.total_delta_v(*state, 5 * RADIUS, 2 * RADIUS, MU)
     # At the numbers that are drawn, these are the flights' own.
     row = list(fields.HYPOTHESES).index("fully correlated")
-    drawn = normals(everything.simulation.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
-    expected = flight_statistics.percentile_with_lost(np.interp(drawn, levels, delta_v))
-    assert np.abs(drawn).max() < 3.9 and np.isfinite(delta_v).all()
+    normal_numbers = normals(everything.simulation.seed, flight.FIELD_STREAM, range(study.trials), 1)[:, 0]
+    expected = flight_statistics.percentile_with_lost(np.interp(normal_numbers, levels, delta_v))
+    assert np.abs(normal_numbers).max() < 3.9 and np.isfinite(delta_v).all()
     assert study.percentile[row] == pytest.approx(expected[0], rel=1e-3)
     # And that is one of normal numbers.
     weights = np.diff(ndtr(levels))
@@ -750,8 +750,8 @@ def test_double_integrator_constraints(random_field):
     assert relative[0, 0] > 1.0 - 1e-3
     np.testing.assert_allclose(double_integrator.mean[CLOSED, -1], [0.6, 0.1], atol=1e-9)
     # Ellipses of the same probability reach further than half planes: sqrt(-2 ln 0.0027) = 3.44 against 3.00.
-    known = np.array([0.9707, 0.9769, 0.9840, 0.9941, 0.9999, 1.0031])
-    np.testing.assert_allclose(double_integrator.support[CLOSED, :, 0] + 1.0, known, rtol=0, atol=6e-5)
+    reference = np.array([0.9707, 0.9769, 0.9840, 0.9941, 0.9999, 1.0031])
+    np.testing.assert_allclose(double_integrator.support[CLOSED, :, 0] + 1.0, reference, rtol=0, atol=6e-5)
     radius = np.sqrt(-2.0 * np.log(1.0 - 0.9973))
     np.testing.assert_allclose(double_integrator.support[CLOSED], excess + (radius - quantile) * spread, atol=1e-12)
 
@@ -837,8 +837,8 @@ def test_without_force_the_double_integrator_flies_its_linear_model(random_field
         )
         expected = deviations[-1] + double_integrator.mean[CLOSED, k + 1][:, np.newaxis]
         np.testing.assert_allclose(history[k + 1, :2], expected, rtol=0, atol=1e-13)
-    drawn = normals(inputs.seed, 0, range(64), 2) * [0.05 / 3, 0.01 / 3]
-    np.testing.assert_allclose(deviations[0], drawn.T, atol=1e-16)
+    initial_deviations = normals(inputs.seed, 0, range(64), 2) * [0.05 / 3, 0.01 / 3]
+    np.testing.assert_allclose(deviations[0], initial_deviations.T, atol=1e-16)
 
 
 def test_double_integrator_flights_agree_with_linear_covariance(random_field):
@@ -869,9 +869,9 @@ def test_violations_count_the_trials_beyond_the_lines(random_field):
             either = (first | second)[:, :trials].sum(axis=1)
             np.testing.assert_array_equal(getattr(flights, f"{name}any_violations")[number], either)
     assert flights.paper_trials == 1000
-    known = np.array([0.0, 0.0002, 0.011, 0.070, 0.289, 0.641])  # of 5,000 trials
-    error = np.sqrt(known * (1 - known) * (1 / 2000 + 1 / 5000))
-    np.testing.assert_array_less(np.abs(flights.any_violations[OPEN] / 2000 - known), 4.0 * error + 0.002)
+    share = np.array([0.0, 0.0002, 0.011, 0.070, 0.289, 0.641])  # of 5,000 trials
+    error = np.sqrt(share * (1 - share) * (1 / 2000 + 1 / 5000))
+    np.testing.assert_array_less(np.abs(flights.any_violations[OPEN] / 2000 - share), 4.0 * error + 0.002)
 
 
 def test_the_true_field_violates_a_little_more_than_allotted(random_field):

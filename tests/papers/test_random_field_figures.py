@@ -29,7 +29,7 @@ FIRST_FIGURES = tuple(f"fig{number:02d}" for number in range(1, 11))  # those be
 @pytest.fixture(scope="module")
 def draw(random_field):
     """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it; changed ones on demand."""
-    drawn = {}
+    figure_of = {}
 
     def made_of(stem, reading):
         return {
@@ -44,9 +44,9 @@ def draw(random_field):
         inputs = random_field.inputs(reading, random_field.paper.figures[stem].inputs, **changes)
         if artifacts or changes:
             return inputs.call(function, **made_of(stem, reading) | (artifacts or {}))
-        if (stem, reading) not in drawn:
-            drawn[stem, reading] = inputs.call(function, **made_of(stem, reading))
-        return drawn[stem, reading]
+        if (stem, reading) not in figure_of:
+            figure_of[stem, reading] = inputs.call(function, **made_of(stem, reading))
+        return figure_of[stem, reading]
 
     return draw_once
 
@@ -92,7 +92,7 @@ def arrows(axes):
         patch = getattr(text, "arrow_patch", None)
         if patch:
             vector_of_color[patch.get_edgecolor()] = np.array(text.xy) - np.array(text.xyann)
-    return lambda color: next(vector for drawn, vector in vector_of_color.items() if same_color(drawn, color))
+    return lambda color: next(vector for edge_color, vector in vector_of_color.items() if same_color(edge_color, color))
 
 
 @pytest.mark.parametrize("reading", ["corrected", "printed"])
@@ -115,10 +115,10 @@ def test_one_sample_suffices(draw, stem):
 
 
 def test_samples_drawn_are_not_those_of_flights_and_certificates():
-    drawn = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
-    assert len(drawn) >= 5
+    figure_streams = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
+    assert len(figure_streams) >= 5
     flight_streams = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
-    assert not drawn & (flight_streams | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
+    assert not figure_streams & (flight_streams | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
 
 
 # --- examples of fields -----------------------------------------------------------------------------------------------
@@ -204,8 +204,8 @@ def test_fig02_root_of_the_product_is_that_of_the_whole_plane(inputs_of, monkeyp
     coordinate, before, _ = inputs.call(figures.plane_samples)
     points = np.array([(x, y) for x in coordinate for y in coordinate])
     covariance = np.exp(-((points[:, None] - points) ** 2).sum(axis=-1) / 2)
-    drawn = normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
-    np.testing.assert_allclose(before.ravel(), fields.root(covariance) @ drawn.ravel(), atol=1e-9)
+    normal_numbers = normals(inputs.seed, figures.PLANE_STREAM, range(7), 7)
+    np.testing.assert_allclose(before.ravel(), fields.root(covariance) @ normal_numbers.ravel(), atol=1e-9)
 
 
 # --- the field and the process ----------------------------------------------------------------------------------------
@@ -267,8 +267,8 @@ def test_fig09_density_goes_through_the_table(draw, inputs_of):
     (axes,) = draw("fig09").axes
     (line,), (nodes,) = curves(axes, BLUE), curves(axes, ORANGE, "None")
     table = np.asarray(inputs_of("fig09").density_table)
-    shown = table[:, 0] <= 125e3
-    np.testing.assert_allclose(nodes.get_xydata(), table[shown][:, ::-1] * [1.0, 1e-3])
+    in_range = table[:, 0] <= 125e3
+    np.testing.assert_allclose(nodes.get_xydata(), table[in_range][:, ::-1] * [1.0, 1e-3])
     at_nodes = np.interp(nodes.get_ydata(), line.get_ydata(), line.get_xdata())
     np.testing.assert_allclose(at_nodes, nodes.get_xdata(), rtol=1e-6)
     assert axes.get_xscale() == "log" and axes.get_ylim() == (0, 125)
@@ -507,9 +507,9 @@ def test_fig11_shows_the_guess_dashed_and_the_last_iteration_solid(draw, random_
         np.testing.assert_allclose(last.get_ydata(), gains.altitude[-1] / 1e3)
     np.testing.assert_allclose(curves(panels[1], VERMILION)[0].get_xdata(), gains.velocity[-1] / 1e3)
     for axes, values in ((panels[2], gains.altitude / 1e3), (panels[3], gains.velocity)):
-        drawn = [line for line in curves(axes) if not same_color(line.get_color(), BLACK)]
-        assert len(drawn) == LAWS - 1
-        for number, line in enumerate(drawn, start=1):
+        lines = [line for line in curves(axes) if not same_color(line.get_color(), BLACK)]
+        assert len(lines) == LAWS - 1
+        for number, line in enumerate(lines, start=1):
             np.testing.assert_allclose(line.get_ydata() + values[0], values[number])
     assert any(f"lowest {gains.altitude[0].min() / 1e3:.2f} km" in label for label in labels(draw("fig11")))
 
@@ -673,8 +673,8 @@ def test_fig16_pressure_is_that_of_the_nominal_density_at_the_flown_altitude(dra
 
 def test_fig16_counts_the_trials_that_leave_the_axis(draw, random_field):
     axes = draw("fig16", "printed").axes[0]
-    drawn = random_field.ensemble("printed").kept_history[0, :, :, flight.DYNAMIC_PRESSURE] / 1e3
-    beyond = sum(trial[np.isfinite(trial)].max() > axes.get_ylim()[1] for trial in drawn)
+    pressures = random_field.ensemble("printed").kept_history[0, :, :, flight.DYNAMIC_PRESSURE] / 1e3
+    beyond = sum(trial[np.isfinite(trial)].max() > axes.get_ylim()[1] for trial in pressures)
     assert (f"{beyond} of {DRAWN} beyond the axis" in axes.get_title()) == (beyond > 0)
 
 
@@ -789,10 +789,10 @@ def test_convergence_shows_histories_and_how_they_end(inputs_of, history):
         (predicted,) = curves(percentile, color, "--")
         np.testing.assert_array_equal(predicted.get_xydata()[:, 1], history.predicted[row, 1:])
         np.testing.assert_array_equal(predicted.get_xdata(), [1, 2, 3, 4])
-    shown = labels(figure)
-    assert any(label.endswith("cycling with period 2") for label in shown)
-    assert "both branches: converged" in shown
-    assert any("stopped; 1 to 4 of 300 flights lost" in label for label in shown)
+    texts = labels(figure)
+    assert any(label.endswith("cycling with period 2") for label in texts)
+    assert "both branches: converged" in texts
+    assert any("stopped; 1 to 4 of 300 flights lost" in label for label in texts)
 
 
 def test_convergence_without_a_percentile_says_so(inputs_of, history):
@@ -830,8 +830,8 @@ def test_regularization_leaves_out_what_there_is_not(inputs_of):
     assert [line.get_xdata()[0] for line in without_percentile(percentile)] == [0.01]
     np.testing.assert_allclose(np.diff(bars(percentile.containers[0]))[1:, 0], [36.0, 1.2])
     for color, counts in ((ORANGE, study.saturated), (VERMILION, study.worst_step), (BLACK, study.lost)):
-        drawn = curves(shares, color)[0].get_ydata()
-        np.testing.assert_allclose(drawn, np.where(counts > 0, counts / 300, np.nan))
+        shares_shown = curves(shares, color)[0].get_ydata()
+        np.testing.assert_allclose(shares_shown, np.where(counts > 0, counts / 300, np.nan))
     (allotted,) = curves(shares, GREY, "--", least=2)
     assert allotted.get_ydata()[0] == pytest.approx(0.0027)
     for axes in (condition, gain, spread, percentile, shares):
@@ -862,8 +862,8 @@ def test_field_study_puts_variances_and_hypotheses_on_one_axis(inputs_of):
     np.testing.assert_allclose(reading.get_xydata(), [[5.9, 589.0]])
     np.testing.assert_allclose(correlated.get_xydata(), [[5.9, 684.0]])
     np.testing.assert_allclose([line.get_xdata()[0] for line in without_percentile(axes)], [15.1, 17.7])
-    shown = labels(figure)
-    assert "growth length doubled: no percentile, 286 lost" in shown and "no percentile, 82 or more lost" in shown
+    texts = labels(figure)
+    assert "growth length doubled: no percentile, 286 lost" in texts and "no percentile, 82 or more lost" in texts
     nothing = replace(study, percentile=np.full(3, np.nan), variance_percentile=np.full(3, np.nan))
     (axes,) = inputs_of("field_study").call(figures.field_study, nothing).axes
     assert "no 99th percentile" in text_of(axes)

@@ -99,12 +99,12 @@ def assert_identical(first, second, trials=slice(None)):
 
 def oracle_variations(air, trials):
     """Density variations at the nodes, (trials, nodes), drawn from the top down."""
-    drawn = normals(SEED, flight.FIELD_STREAM, range(trials), len(air.altitude))
+    normal_numbers = normals(SEED, flight.FIELD_STREAM, range(trials), len(air.altitude))
     variations = np.empty((trials, len(air.altitude)))
-    variations[:, -1] = air.top_deviation * drawn[:, 0]
+    variations[:, -1] = air.top_deviation * normal_numbers[:, 0]
     for down, node in enumerate(reversed(range(len(air.altitude) - 1)), start=1):
         variations[:, node] = (
-            air.retention[node] * variations[:, node + 1] + air.innovation_deviation[node] * drawn[:, down]
+            air.retention[node] * variations[:, node + 1] + air.innovation_deviation[node] * normal_numbers[:, down]
         )
     return variations
 
@@ -159,8 +159,8 @@ class Oracle:
         """Linear between the nodes, held beyond."""
         grid, table = self.air.altitude, self.variations
         node = np.clip(np.searchsorted(grid, altitude, side="right") - 1, 0, len(grid) - 2)
-        rest = np.clip((altitude - grid[node]) / (grid[node + 1] - grid[node]), 0.0, 1.0)
-        return (1.0 - rest) * table[self.trials, node] + rest * table[self.trials, node + 1]
+        fraction = np.clip((altitude - grid[node]) / (grid[node + 1] - grid[node]), 0.0, 1.0)
+        return (1.0 - fraction) * table[self.trials, node] + fraction * table[self.trials, node + 1]
 
     def rates(self, x, u):
         """Eqs. 71."""
@@ -453,10 +453,12 @@ def test_a_trial_that_is_not_finite_is_counted_and_leaves_the_others_alone(air, 
         spoiled = states.copy()
         spoiled[[3, 66], component] = bad
         trajectories = fly(air, law, initial=spoiled)
-        others = np.delete(np.arange(70), [3, 66])
+        unspoiled = np.delete(np.arange(70), [3, 66])
         assert (trajectories.outcome[[3, 66]] == NON_FINITE).all()
         for name in ("history", "observed", "observed_maximum", "final_state", "outcome", "length"):
-            np.testing.assert_array_equal(getattr(trajectories, name)[..., others], getattr(healthy, name)[..., others])
+            np.testing.assert_array_equal(
+                getattr(trajectories, name)[..., unspoiled], getattr(healthy, name)[..., unspoiled]
+            )
 
 
 def test_gains_that_are_not_finite_are_counted(air, law):
@@ -625,8 +627,8 @@ def test_points_that_are_not_finite_are_counted(root, point_law):
     initial[5, 0], initial[66, 1] = np.nan, np.inf
     trajectories = fly_point(point_law, root, initial)
     np.testing.assert_array_equal(np.flatnonzero(trajectories.outcome == NON_FINITE), [5, 66])
-    others = np.delete(np.arange(70), [5, 66])
-    np.testing.assert_array_equal(trajectories.history[..., others], healthy.history[..., others])
+    unspoiled = np.delete(np.arange(70), [5, 66])
+    np.testing.assert_array_equal(trajectories.history[..., unspoiled], healthy.history[..., unspoiled])
 
 
 def test_points_that_do_not_fit_are_refused(root, point_law):

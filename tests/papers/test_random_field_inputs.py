@@ -18,11 +18,11 @@ NODES = [0.0, 50.0, *(25.0 * k for k in range(3, 15)), 400.0]
 
 def reading_of(based_on="corrected", **inputs):
     """A user's own reading."""
-    own = {}
+    inputs_by_section = {}
     for name, value in inputs.items():
         section = next((section for section, of in MODEL.sections().items() if name in list(of.keys())), "air")
-        own.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
-    overlay = {"readings": {"mine": {"based_on": based_on, **own}}}
+        inputs_by_section.setdefault(section, {})[name] = {"value": value, "source": "assumed: test"}
+    overlay = {"readings": {"mine": {"based_on": based_on, **inputs_by_section}}}
     return load_study("random_field", MODEL, CONFIG, overlay=overlay, overlay_name="mine.yaml").readings["mine"]
 
 

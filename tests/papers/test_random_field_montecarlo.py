@@ -62,9 +62,9 @@ PERCENTILES = {  # of the laws of all iterations, with standard errors
 def test_percentiles_agree_with_another_program(random_field, reading):
     ensemble = random_field.ensemble(reading)
     assert not lost(ensemble).any()
-    for law, (known, known_error) in enumerate(PERCENTILES[reading], start=1):
+    for law, (reference, reference_error) in enumerate(PERCENTILES[reading], start=1):
         value, error = delta_v_percentile(ensemble, law)
-        assert value == pytest.approx(known, abs=SIGMAS * np.hypot(error, known_error) + 0.051), law
+        assert value == pytest.approx(reference, abs=SIGMAS * np.hypot(error, reference_error) + 0.051), law
 
 
 def test_open_loop_delta_v_agrees_with_another_program(random_field):
@@ -76,10 +76,10 @@ def test_open_loop_delta_v_agrees_with_another_program(random_field):
     median, error = percentile(delta_v, 0.5)
     assert median == pytest.approx(332.4, abs=SIGMAS * error * BOTH)
     # Heavy tails: errors from the fourth moments of the flights.
-    for sample, known in ((delta_v, 67.0), (apoapsis, 1.28)):
+    for sample, deviation in ((delta_v, 67.0), (apoapsis, 1.28)):
         variance, fourth = sample.var(), ((sample - sample.mean()) ** 4).mean()
         error = np.sqrt((fourth - variance**2) / TRIALS) / (2 * np.sqrt(variance))
-        assert sample.std() == pytest.approx(known, abs=SIGMAS * error * BOTH + 0.0051 * known)
+        assert sample.std() == pytest.approx(deviation, abs=SIGMAS * error * BOTH + 0.0051 * deviation)
 
 
 @pytest.mark.parametrize(
@@ -160,26 +160,26 @@ def test_spread_over_time(random_field, row):
 
 def test_density_variation_met_by_the_flights(random_field):
     """Closed loop: known standard deviations at the nodes, and those of the field there, within 4 %."""
-    known = ".3845 .1430 .0963 .0732 .0616 .0587 .0590 .0633 .0714 .0822 .0979 .1253 .1556 .2094 .3882"
-    known = np.array([float(text) for text in known.split()])
+    reference = ".3845 .1430 .0963 .0732 .0616 .0587 .0590 .0633 .0714 .0822 .0979 .1253 .1556 .2094 .3882"
+    reference = np.array([float(text) for text in reference.split()])
     ensemble, gains = random_field.ensemble(), random_field.gains()
     at = nodes_of(ensemble, gains.partition)
     deviation = np.sqrt(ensemble.covariance[3][at, flight.DENSITY_VARIATION, flight.DENSITY_VARIATION])
     error = SIGMAS / np.sqrt(2 * TRIALS)
-    assert np.abs(deviation / known - 1.0).max() < error * BOTH + 1e-3
+    assert np.abs(deviation / reference - 1.0).max() < error * BOTH + 1e-3
     assert np.abs(deviation / gains.variation_deviation[3][at] - 1.0).max() < 0.04 + error
 
 
 def test_dynamic_pressure_spreads_more_in_closed_loop(random_field):
     """Known from 400 trials, Pa at 75, 100, ..., 325 s."""
-    known = {
+    reference = {
         0: (0.3, 2.9, 13.5, 23.8, 18.4, 11.6, 22.9, 19.5, 16.3, 11.1, 3.7),
         3: (0.3, 4.4, 39.0, 118.2, 160.0, 113.1, 52.0, 17.0, 5.3, 1.3, 0.1),
     }
     ensemble = random_field.ensemble()
     at = nodes_of(ensemble, np.arange(75.0, 326.0, 25.0))
     allowed = SIGMAS / np.sqrt(2 * TRIALS) * np.sqrt(1 + TRIALS / 400)
-    for law, expected in known.items():
+    for law, expected in reference.items():
         deviation = np.sqrt(ensemble.covariance[law][at, flight.DYNAMIC_PRESSURE, flight.DYNAMIC_PRESSURE])
         # Four standard errors of normal samples, which these are not quite, and half a digit.
         np.testing.assert_allclose(deviation, expected, rtol=1.5 * allowed, atol=0.051)
@@ -237,11 +237,13 @@ def test_commands_leave_their_limits_about_as_often_as_allotted(random_field):
 # --- lost trials ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("reading", "known"), [("sign_printed", 4345), ("variance_printed", 4440), ("printed", 4860)])
-def test_open_loop_trials_that_are_lost(random_field, reading, known):
+@pytest.mark.parametrize(
+    ("reading", "lost_of_reference"), [("sign_printed", 4345), ("variance_printed", 4440), ("printed", 4860)]
+)
+def test_open_loop_trials_that_are_lost(random_field, reading, lost_of_reference):
     """Of 5,000 trials of another program; the counts depend on the floor of the density, which is the same."""
     trajectories = simulator(random_field, reading, number=0)(0, TRIALS)
-    share = known / REFERENCE_TRIALS
+    share = lost_of_reference / REFERENCE_TRIALS
     lost_share = (trajectories.outcome != CAPTURED).sum() / TRIALS
     # "About", but for the first: two per cent of the trials.
     allowed = SIGMAS * np.sqrt(share * (1 - share) * (1 / TRIALS + 1 / REFERENCE_TRIALS))
@@ -378,12 +380,12 @@ def test_delta_v_is_that_of_plain_numpy(random_field):
     """All trials at once by array operations, in the same fields, under the last law: 1e-8 m/s."""
     inputs, gains = random_field.inputs("corrected"), random_field.gains()
     air, trials = environment.air_tables(inputs.air), 100
-    drawn = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
+    normal_numbers = normals(inputs.seed, flight.FIELD_STREAM, range(trials), len(air.altitude))
     variation = np.empty((trials, len(air.altitude)))
-    variation[:, -1] = air.top_deviation * drawn[:, 0]
+    variation[:, -1] = air.top_deviation * normal_numbers[:, 0]
     for down, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
         variation[:, node] = air.retention[node] * variation[:, node + 1]
-        variation[:, node] += air.innovation_deviation[node] * drawn[:, down]
+        variation[:, node] += air.innovation_deviation[node] * normal_numbers[:, down]
     coarse = air.bottom + air.spacing * np.arange(len(air.log_density))
     log_density = CubicHermiteSpline(coarse, air.log_density, air.log_density_slope)
     rows = np.arange(trials)
@@ -392,8 +394,8 @@ def test_delta_v_is_that_of_plain_numpy(random_field):
         radius, velocity, angle = state
         position = (radius - RADIUS - 20e3) / 100.0
         node = np.clip(position.astype(int), 0, len(air.altitude) - 2)
-        rest = np.clip(position - node, 0.0, 1.0)
-        relative = (1 - rest) * variation[rows, node] + rest * variation[rows, node + 1]
+        fraction = np.clip(position - node, 0.0, 1.0)
+        relative = (1 - fraction) * variation[rows, node] + fraction * variation[rows, node + 1]
         density = np.exp(log_density(radius - RADIUS)) * np.maximum(1.0 + relative, 1e-3)
         drag, gravity = density / 300.0, MU / radius**2
         sine, cosine = np.sin(angle), np.cos(angle)

@@ -40,10 +40,10 @@ def evaluations(entry):
 
 @pytest.fixture(scope="module")
 def rows(entry_published, evaluations):
-    known = {erratum.id for erratum in PAPER.errata}
+    erratum_ids = {erratum.id for erratum in PAPER.errata}
     # Reasons are stated for the full size: here they need only be quotable.
     claim_rows = collect(
-        list(entry_published.values()), DECLARATIONS, evaluations, known_errata=known, require_reasons=False
+        list(entry_published.values()), DECLARATIONS, evaluations, known_errata=erratum_ids, require_reasons=False
     )
     return {row["id"]: row for row in claim_rows}
 
@@ -77,11 +77,11 @@ def test_only_what_needs_mars_gram_is_undetermined(entry_published):
 
 
 def test_declarations_name_existing_claims_and_errata(entry_published):
-    known = [erratum.id for erratum in PAPER.errata]
-    assert known == [f"E{number}" for number in range(1, 23)]
+    erratum_ids = [erratum.id for erratum in PAPER.errata]
+    assert erratum_ids == [f"E{number}" for number in range(1, 23)]
     for name, declaration in DECLARATIONS.items():
         assert name in entry_published
-        assert set(declaration.errata) <= set(known), name
+        assert set(declaration.errata) <= set(erratum_ids), name
     tolerant = {name for name, declaration in DECLARATIONS.items() if declaration.close}
     assert tolerant == {"zf_column_velocity", "fig9_range_error_turns"}
 
@@ -137,8 +137,8 @@ STATE_NAMES = ("radius", "velocity", "flight path angle", "range", "density")
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_verdicts_of_the_corrected_reading(rows, verdict):
-    others = {name: rows[name]["verdict"] for name in VERDICTS[verdict] if rows[name]["verdict"] != verdict}
-    assert not others
+    other_verdicts = {name: rows[name]["verdict"] for name in VERDICTS[verdict] if rows[name]["verdict"] != verdict}
+    assert not other_verdicts
 
 
 def test_what_cannot_fail_is_not_counted(rows):
@@ -413,8 +413,8 @@ def test_table_4_shows_that_nothing_is_finite(entry, entry_published):
     rows = table(entry, entry_published, "tab04", "printed")
     cell = row(rows, **{"final error": "downrange", "law": "stochastic", "trigger": "time", "percentile": 99.0})
     assert cell["trials"] == 0
-    known = ["final error", "unit", "law", "trigger", "percentile", "in the paper", "trials"]
-    assert list(cell.index[cell.notna()]) == known
+    filled_columns = ["final error", "unit", "law", "trigger", "percentile", "in the paper", "trials"]
+    assert list(cell.index[cell.notna()]) == filled_columns
     ends = row(table(entry, entry_published, "endings", "printed"), law="stochastic", trigger="velocity")
     assert (ends["completed"], ends["not finite"]) == (0, 2000) and np.isnan(ends["mean range error (km)"])
 

@@ -103,7 +103,7 @@ def test_table_of_combinations(entry, entry_published, study):
     )
     assert csv_text(rows) and len(rows) == len(study)
     names = zip(*(rows[head] for head in ("feedback", "adjoint", "partition (s)", "signs")), strict=True)
-    assert {(form.replace(" ", "_"), *rest) for form, *rest in names} == set(study)
+    assert {(form.replace(" ", "_"), *choices) for form, *choices in names} == set(study)
     row, tails = rows.iloc[0], study["five_state", "time", 1.0, "opposite"]
     assert tuple(row)[:4] == ("five state", "time", 1.0, "opposite")
     stochastic, apollo = (tails[case][DOWNRANGE][0] for case in ("stochastic_velocity", "apollo_velocity"))

@@ -412,8 +412,8 @@ def test_trigger_projection_is_a_projection_along_the_flight(entry, reading):
     np.testing.assert_allclose(projection @ projection * units, projection * units, atol=1e-12)
     np.testing.assert_allclose(normal @ projection, 0.0, atol=1e-15)
     np.testing.assert_allclose(projection @ rates / STATE_SCALE, 0.0, atol=1e-12)
-    others = [0, 2, 3, 4]
-    np.testing.assert_array_equal(projection[:, others], np.eye(5)[:, others])
+    not_velocity = [0, 2, 3, 4]
+    np.testing.assert_array_equal(projection[:, not_velocity], np.eye(5)[:, not_velocity])
 
 
 @pytest.mark.parametrize(
@@ -815,9 +815,9 @@ def test_other_formulations_find_the_same_optimum(entry):
     np.testing.assert_allclose(certificates.cone_ratio, 1.0, atol=2e-6)
     assert (np.abs(certificates.coarse_gap) < 1e-6).all()
     # The paper's route: from the best start within half a per cent, and never below the optimum inside the limits.
-    kept = certificates.search_worst < 1 + 1e-3
-    assert (np.where(kept, certificates.search_ratio, np.inf).min(axis=1) < 1.005).all()
-    assert (certificates.search_ratio[kept] > 1 - 2e-3).all()
+    within_limits = certificates.search_worst < 1 + 1e-3
+    assert (np.where(within_limits, certificates.search_ratio, np.inf).min(axis=1) < 1.005).all()
+    assert (certificates.search_ratio[within_limits] > 1 - 2e-3).all()
     # With the trigger on velocity every start will do; from small weights the time case ends far outside the limits.
     assert (certificates.search_success[1] == 1).all() and (certificates.search_ratio[1] < 1.001).all()
     assert certificates.search_success[0, -1] == 0 and certificates.search_worst[0, -1] > 1.5

@@ -25,7 +25,7 @@ PAPER = catalogue("stochastic_entry")
 @pytest.fixture(scope="module")
 def draw(entry):
     """Draw a figure of a reading from the inputs and artifacts that the catalogue gives it; changed ones on demand."""
-    drawn = {}
+    figure_of = {}
 
     def made_of(stem, reading):
         return {
@@ -41,9 +41,9 @@ def draw(entry):
             return entry.inputs(reading, PAPER.figures[stem].inputs, **changes).call(
                 getattr(figures, stem), **records_of_figure
             )
-        if (stem, reading) not in drawn:
-            drawn[stem, reading] = entry.product("figures", stem, reading, made_of(stem, reading))
-        return drawn[stem, reading]
+        if (stem, reading) not in figure_of:
+            figure_of[stem, reading] = entry.product("figures", stem, reading, made_of(stem, reading))
+        return figure_of[stem, reading]
 
     return draw_once
 
@@ -140,32 +140,32 @@ def test_fig02_shows_eq_8_beside_a_labelled_surrogate(draw, entry, reading):
     left, right = draw("fig02", reading).axes
     assert "surrogate" in right.get_title() and "not Mars-GRAM" in right.get_title()
     air = inputs.call(environment.atmosphere)
-    shown = (air.altitude >= 0) & (air.altitude <= 125e3)
+    in_atmosphere = (air.altitude >= 0) & (air.altitude <= 125e3)
     for axes, color in ((left, BLUE), (right, VERMILION)):
         assert len(curves(axes, color)) == inputs.drawn_densities
         for line, sign in zip(curves(axes, BLACK, "--"), (-1, 1), strict=True):
-            np.testing.assert_allclose(line.get_xdata(), sign * 2 * air.deviation[shown])
-            np.testing.assert_allclose(line.get_ydata(), air.altitude[shown] / 1e3)
+            np.testing.assert_allclose(line.get_xdata(), sign * 2 * air.deviation[in_atmosphere])
+            np.testing.assert_allclose(line.get_ydata(), air.altitude[in_atmosphere] / 1e3)
     # Eq. 8 step by step: decay 2/H, diffusion 4 zeta/H.
     inverse_height = -inputs.call(environment.profile)(air.altitude)[1]
-    drawn = normals(inputs.seed, dispersions.PROCESS_STREAM, [3], len(air.altitude))[0]
-    variation = air.deviation[-1] * drawn[0]
+    normal_numbers = normals(inputs.seed, dispersions.PROCESS_STREAM, [3], len(air.altitude))[0]
+    variation = air.deviation[-1] * normal_numbers[0]
     expected = [variation]
     for number, node in enumerate(range(len(air.altitude) - 2, -1, -1), start=1):
         decay = inverse_height[node] + inverse_height[node + 1]
         diffusion = 2 * (air.deviation**2 * inverse_height)[node : node + 2].sum()
         keep = np.exp(-decay * 100.0)
-        variation = keep * variation + np.sqrt(diffusion * (1 - keep**2) / (2 * decay)) * drawn[number]
+        variation = keep * variation + np.sqrt(diffusion * (1 - keep**2) / (2 * decay)) * normal_numbers[number]
         expected.append(variation)
-    np.testing.assert_allclose(curves(left, BLUE)[3].get_xdata(), np.array(expected)[::-1][shown], rtol=1e-9)
+    np.testing.assert_allclose(curves(left, BLUE)[3].get_xdata(), np.array(expected)[::-1][in_atmosphere], rtol=1e-9)
 
 
 def test_fig02_process_has_a_few_per_cent_too_much_deviation(draw):
     left, _ = draw("fig02").axes
     aimed, process = curves(left, BLACK, "--")[1], curves(left, BLACK, ":")[1]
-    shown = (process.get_ydata() >= 20) & (process.get_ydata() <= 100)
-    excess = np.interp(process.get_ydata()[shown], aimed.get_ydata(), aimed.get_xdata())
-    excess = process.get_xdata()[shown] / excess - 1
+    in_range = (process.get_ydata() >= 20) & (process.get_ydata() <= 100)
+    excess = np.interp(process.get_ydata()[in_range], aimed.get_ydata(), aimed.get_xdata())
+    excess = process.get_xdata()[in_range] / excess - 1
     assert excess.min() > 0.04 and excess.max() < 0.07
 
 
@@ -259,11 +259,11 @@ def test_fig08_stochastic_bounds_hold_and_those_of_apollo_leave_the_cosine(draw,
         (BLUE, ":", gains.timed_control_variance[0]),
     ):
         lower, upper = (line.get_ydata() for line in curves(axes, color, style))
-        shown = np.isfinite(upper)
-        assert shown.all() or (color, style) == (BLUE, "-")
-        np.testing.assert_allclose(((upper + lower) / 2)[shown], mean[shown], atol=1e-12)
+        is_finite = np.isfinite(upper)
+        assert is_finite.all() or (color, style) == (BLUE, "-")
+        np.testing.assert_allclose(((upper + lower) / 2)[is_finite], mean[is_finite], atol=1e-12)
         spread = 6 * np.sqrt(np.maximum(variance[: len(time)], 0))
-        np.testing.assert_allclose((upper - lower)[shown], spread[shown], atol=1e-12)
+        np.testing.assert_allclose((upper - lower)[is_finite], spread[is_finite], atol=1e-12)
         inside = np.nanmax(upper) < 1.002 and np.nanmin(lower) > -1.002
         assert inside == (color != BLUE)
     limits = sorted(line.get_ydata()[0] for line in curves(axes, BLACK, "--", least=2))
@@ -335,8 +335,8 @@ def test_errors_over_time_of_trials_ensemble_and_linear_model(draw, entry, stem,
         ensemble = entry.ensemble("corrected", f"{law}_{trigger}")
         assert column[0].get_title() == f"{'Apollo' if law == 'apollo' else law}, 2,000 flights"
         for axes, (name, component, unit) in zip(column, (*ROWS, ("crossrange", 5, 1e3)), strict=True):
-            drawn = curves(axes, color, least=100)
-            trials, bounds = drawn[:DRAWN], drawn[DRAWN:]
+            lines = curves(axes, color, least=100)
+            trials, bounds = lines[:DRAWN], lines[DRAWN:]
             assert len(bounds) == 2
             reference = at_whole_second(nominal, name, 100)
             for line, trial in zip(trials, ensemble.kept_history, strict=True):
@@ -413,9 +413,9 @@ def test_fig12_markers_are_the_final_errors(draw, entry):
             if component == records.VELOCITY:
                 np.testing.assert_allclose(marks.get_ydata(), 0.0, atol=1e-6)
                 continue
-            shown = {round(line.get_ydata()[0], 9) for line in curves(axes, BLACK, "--", least=2)}
+            bounds_shown = {round(line.get_ydata()[0], 9) for line in curves(axes, BLACK, "--", least=2)}
             bound = 3 * np.sqrt(predicted[component, component]) / unit
-            assert shown == {round(-bound, 9), round(bound, 9)}
+            assert bounds_shown == {round(-bound, 9), round(bound, 9)}
 
 
 @pytest.mark.parametrize("stem", ["fig09", "fig10", "fig11", "fig12"])
@@ -506,10 +506,10 @@ def test_reversal_histograms_have_the_areas_of_their_shares(draw, entry):
         areas = [float((values * np.diff(edges)).sum()) for values, edges, _ in steps]
         assert areas[-1] == pytest.approx(0.998, abs=0.001)  # all but a thousandth on either side
         assert sum(areas[:-1:2]) == pytest.approx(areas[-1], abs=0.01)
-        shown = [re.match(r"(\d) reversals?, ([\d.]+) %: mean ([+-][\d.]+)", text) for text in labels_of(axes)]
-        shown = [match.groups() for match in shown if match]
-        assert len(shown) == len(areas) // 2
-        for (count, share, mean), area in zip(shown, areas[::2], strict=False):
+        labels = [re.match(r"(\d) reversals?, ([\d.]+) %: mean ([+-][\d.]+)", text) for text in labels_of(axes)]
+        labels = [match.groups() for match in labels if match]
+        assert len(labels) == len(areas) // 2
+        for (count, share, mean), area in zip(labels, areas[::2], strict=False):
             of_count = number == int(count)
             assert float(share) == pytest.approx(100 * of_count.mean(), abs=0.051)
             assert float(mean) == pytest.approx(error[of_count].mean(), abs=0.0051)

@@ -341,8 +341,8 @@ def test_heading_alignment_with_only_its_sign_mended_is_bang_bang(entry):
     assert np.mean(changes > 9.99) > 0.95  # it never rests
     assert np.count_nonzero(np.diff(np.sign(bank))) > 15
     corrected = entry.nominal()
-    rest = corrected.time >= corrected.alignment_time + 50
-    assert np.degrees(np.abs(corrected.bank[rest])).max() < 3.0
+    settled = corrected.time >= corrected.alignment_time + 50
+    assert np.degrees(np.abs(corrected.bank[settled])).max() < 3.0
 
 
 def test_printed_rate_limit_lets_the_bank_jump(entry):

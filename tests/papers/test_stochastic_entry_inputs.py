@@ -16,10 +16,10 @@ CONFIG = Path(__file__).parents[2] / "configs" / "stochastic_entry.yaml"
 
 def reading_of(entry, **inputs):
     """A user's own reading, based on corrected."""
-    own = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
+    inputs_with_source = {name: {"value": value, "source": "assumed: test"} for name, value in inputs.items()}
     of = {key: section for section, inputs in entry.model.sections().items() for key in dict(inputs.keys())}
     overlay = {"readings": {"mine": {"based_on": "corrected"}}}
-    for name, body in own.items():
+    for name, body in inputs_with_source.items():
         overlay["readings"]["mine"].setdefault(of.get(name, "design"), {})[name] = body
     study = load_study("stochastic_entry", entry.model, CONFIG, overlay=overlay, overlay_name="mine.yaml")
     return study.readings["mine"]

@@ -36,11 +36,11 @@ TABLE_END = {"downrange": 0.26, "altitude": 0.06}
 @pytest.mark.parametrize(("reading", "case"), KNOWN)
 def test_final_errors_agree_with_another_program(entry, reading, case):
     final = errors(entry.ensemble(reading, case))
-    for (name, (row, unit)), known in zip(ROWS.items(), KNOWN[reading, case], strict=True):
-        if known is None:
+    for (name, (row, unit)), percentiles in zip(ROWS.items(), KNOWN[reading, case], strict=True):
+        if percentiles is None:
             assert np.abs(final[:, row]).max() < 1e-8
             continue
-        for level, expected in zip((0.01, 0.99), known, strict=True):
+        for level, expected in zip((0.01, 0.99), percentiles, strict=True):
             value, error = percentile(final[:, row] / unit, level)
             digit = 0.06 if name == "velocity" else 0.006
             allowed = SIGMAS * error * np.sqrt(1 + TRIALS / REFERENCE_TRIALS) + digit
@@ -123,7 +123,7 @@ def test_spread_over_time(entry, time):
     for k, case in enumerate(("stochastic_time", "apollo_time")):
         ensemble = entry.ensemble("corrected", case, **FRAGILE)
         deviation = np.sqrt(np.diagonal(ensemble.covariance[time]))[:4] / UNITS
-        known = np.array(SPREAD[time][4 * k : 4 * k + 4])
+        reference = np.array(SPREAD[time][4 * k : 4 * k + 4])
         # The path angle has heavy tails: errors from the fourth moments of the flights.
         state = time_history(entry, case)[time, :4]
         centred = state - state.mean(axis=1, keepdims=True)
@@ -131,7 +131,7 @@ def test_spread_over_time(entry, time):
         error = np.sqrt(variance) / UNITS * variance_standard_error(variance, fourth, TRIALS) / (2 * variance)
         np.testing.assert_allclose(np.sqrt(variance) / UNITS, deviation, rtol=1e-3)
         allowed = SIGMAS * error * np.sqrt(1 + TRIALS / 1000) + DIGITS
-        np.testing.assert_array_less(np.abs(deviation - known), allowed)
+        np.testing.assert_array_less(np.abs(deviation - reference), allowed)
 
 
 @pytest.mark.parametrize("time", LINEAR)
@@ -174,10 +174,10 @@ def test_velocity_trigger_makes_range_and_altitude_errors_smaller_than_at_equal_
 
 
 def test_correlation_of_range_and_velocity_at_the_fixed_time(entry):
-    for case, known in (("apollo_time", -0.57), ("stochastic_time", 0.03)):
+    for case, reference in (("apollo_time", -0.57), ("stochastic_time", 0.03)):
         final = errors(entry.ensemble("corrected", case))
         correlation = np.corrcoef(final[:, 3], final[:, 1])[0, 1]
-        assert correlation == pytest.approx(known, abs=SIGMAS * np.sqrt(1 / TRIALS + 1 / 1000))
+        assert correlation == pytest.approx(reference, abs=SIGMAS * np.sqrt(1 / TRIALS + 1 / 1000))
 
 
 # --- reversals and crossrange -----------------------------------------------------------------------------------------
@@ -227,14 +227,14 @@ def test_crossrange_is_nulled_at_the_end_though_the_stochastic_law_disperses_it_
 
 def test_hypotheses_move_the_percentiles_as_known(entry):
     """1,000 trials of another program; its percentiles have standard errors up to 0.3 km."""
-    known = {
+    reference = {
         ("velocity_adjoint", "apollo_time"): (-5.14, 6.07),
         ("density_blind", "apollo_velocity"): (-2.79, 4.39),
         ("drag_form", "apollo_time"): (-1.93, 1.98),
         ("density_blind_velocity_adjoint", "apollo_time"): (-5.76, 6.52),
         ("printed_aero", "apollo_time"): (-25.0, 2.4),
     }
-    for (reading, case), expected in known.items():
+    for (reading, case), expected in reference.items():
         final = errors(entry.ensemble(reading, case))[:, 3] / 1e3
         for level, number in zip((0.01, 0.99), expected, strict=True):
             value, error = percentile(final, level)

@@ -34,8 +34,8 @@ def length(a):
 
 def density_factors(inputs, air, trials):
     """Density over its mean at the nodes of the air's table, (trials, nodes), and which would be negative."""
-    drawn = normals(inputs.seed, dispersions.DENSITY_STREAM, trials, len(air.altitude))
-    ratio = 1.0 + sample_exact(drawn[:, ::-1], air.retention, air.deviation)  # drawn from the top down
+    normal_numbers = normals(inputs.seed, dispersions.DENSITY_STREAM, trials, len(air.altitude))
+    ratio = 1.0 + sample_exact(normal_numbers[:, ::-1], air.retention, air.deviation)  # drawn from the top down
     return np.maximum(ratio, 0.0), ratio < 0.0
 
 
@@ -68,8 +68,8 @@ class Oracle:
     def density(self, altitude):
         grid = self.air.altitude
         k = np.clip(np.searchsorted(grid, altitude, side="right") - 1, 0, len(grid) - 2)
-        rest = (altitude - grid[k]) / (grid[k + 1] - grid[k])
-        factor = (1.0 - rest) * self.factor[self.trials, k] + rest * self.factor[self.trials, k + 1]
+        fraction = (altitude - grid[k]) / (grid[k + 1] - grid[k])
+        factor = (1.0 - fraction) * self.factor[self.trials, k] + fraction * self.factor[self.trials, k + 1]
         return np.exp(np.interp(altitude, grid, self.air.log_density)) * factor
 
     def rates(self, position, velocity, bank):
@@ -292,7 +292,7 @@ def test_density_variations_met_in_flight_are_the_process_of_remark_ii_1(entry):
     log_density = inputs.call(environment.profile)
     for first, last in ((22, 23), (22, 24), (40, 42), (60, 64), (70, 90)):
         # lambda = 2/H, and ln density is the integral of 1/H.
-        kept = np.exp(2 * (log_density(altitude[first].mean())[0] - log_density(altitude[last].mean())[0]))
+        retained = np.exp(2 * (log_density(altitude[first].mean())[0] - log_density(altitude[last].mean())[0]))
         correlation = np.corrcoef(process[first], process[last])[0, 1]
         # Four standard errors of a correlation, and what the smoothing of interpolation may add.
-        assert correlation == pytest.approx(kept, abs=4 * (1 - kept**2) / np.sqrt(trials) + 0.014)
+        assert correlation == pytest.approx(retained, abs=4 * (1 - retained**2) / np.sqrt(trials) + 0.014)

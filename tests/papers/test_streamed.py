@@ -39,8 +39,8 @@ class Flown:
 
 @pytest.fixture(scope="module", params=PAPERS)
 def cases(request):
-    known = {"powered_descent": ("pipeline", "published"), "stochastic_entry": ("entry", "entry_published")}
-    return Flown(*map(request.getfixturevalue, known[request.param]))
+    fixtures = {"powered_descent": ("pipeline", "published"), "stochastic_entry": ("entry", "entry_published")}
+    return Flown(*map(request.getfixturevalue, fixtures[request.param]))
 
 
 def test_results_do_not_depend_on_chunks(cases):
@@ -65,14 +65,14 @@ def test_percentiles_of_the_final_state_are_within_their_bound(cases):
         exact, streamed = cases.exact[case], cases.streamed[case]
         for component in range(exact.final_state.shape[1]):
             for level in (0.01, 0.5, 0.95):
-                (percentile, error), (expected, known) = (
+                (percentile, error), (expected, expected_error) = (
                     streaming.final_percentile(ensemble, component, level) for ensemble in (streamed, exact)
                 )
                 samples = exact.final_state[:, component] - streamed.centre[component]
                 between = [np.quantile(samples, level, method=method) for method in ("lower", "higher")]
                 bound = streaming.RELATIVE_ACCURACY * max(np.abs(between))
                 assert abs(percentile - expected) <= bound + 1e-12 * abs(expected)
-                assert error == pytest.approx(known, rel=0.02, abs=bound + 1e-6)
+                assert error == pytest.approx(expected_error, rel=0.02, abs=bound + 1e-6)
         # Bins are finest at the centre: where percentiles are asked for it is within the spread of the trials.
         spread = exact.final_state.std(axis=0)
         off = np.abs(exact.final_state.mean(axis=0) - streamed.centre[: len(spread)])

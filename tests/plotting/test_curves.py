@@ -50,8 +50,8 @@ def test_trials_are_thin_lines_with_one_entry():
     _, axes = new_figure()
     both = Field(np.array([ALTITUDE.values, 2 * ALTITUDE.values]), "altitude", "km", TIME)
     assert trials(axes, both, color=ORANGE, label="{count} flights") == 2
-    drawn = [line for line in axes.lines if len(line.get_xdata())]
-    np.testing.assert_array_equal([line.get_ydata() for line in drawn], both.values)
+    lines = [line for line in axes.lines if len(line.get_xdata())]
+    np.testing.assert_array_equal([line.get_ydata() for line in lines], both.values)
     assert axes.get_legend_handles_labels()[1] == ["2 flights"]
     _, plane = new_figure()
     trials(plane, Field(both.values, "altitude", "km", both.of(-both.values, "downrange")), label=None)

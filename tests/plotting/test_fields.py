@@ -63,8 +63,8 @@ def test_a_field_without_coordinates_has_none(flights):
 def test_it_is_drawn_against_another_field_where_asked(flights):
     altitude = field(flights, "mean.altitude", at={"laws": 1}, x="mean.velocity")
     np.testing.assert_array_equal(altitude.x.values, flights.mean[1, :, 1])
-    own = field(flights, "mean.altitude", at={"laws": 1}, x=field(flights, "time"))
-    np.testing.assert_array_equal(own.x.values, flights.time)
+    against_time = field(flights, "mean.altitude", at={"laws": 1}, x=field(flights, "time"))
+    np.testing.assert_array_equal(against_time.x.values, flights.time)
 
 
 def test_trials_keep_their_dimension(flights):

@@ -30,8 +30,8 @@ def test_every_point_of_the_ellipse_is_that_many_deviations_away():
     at, units = {"time": 1}, ("km", "")
     curve = covariance_ellipse(axes, design, ("downrange", "velocity"), 3.0, at=at, units=units, color=BLUE)
     away = curve * [1e3, 1.0] - [1.0, 3.0]
-    own = covariance[np.ix_([0, 2], [0, 2])]
-    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, np.linalg.inv(own), away), 9.0, rtol=1e-9)
+    of_components = covariance[np.ix_([0, 2], [0, 2])]
+    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, np.linalg.inv(of_components), away), 9.0, rtol=1e-9)
     np.testing.assert_array_equal(axes.lines[0].get_xydata(), curve)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("downrange (km)", "velocity (m/s)")
 

@@ -7,7 +7,7 @@ import pytest
 from marsedl.plotting.style import new_figure, save_figure
 
 
-def drawn(slope=1.0):
+def example_figure(slope=1.0):
     figure, axes = new_figure(2.0, 1.5)
     axes.plot([0, 1], [0, slope], label=r"$\sigma$")
     axes.legend()
@@ -18,18 +18,18 @@ def drawn(slope=1.0):
 def test_the_same_figure_is_the_same_bytes_at_another_time(tmp_path, monkeypatch, ending):
     monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
     first, second, other = (tmp_path / f"{name}.{ending}" for name in ("first", "second", "other"))
-    save_figure(drawn(), first)
+    save_figure(example_figure(), first)
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 86_400)
-    save_figure(drawn(), second)
-    save_figure(drawn(2.0), other)
+    save_figure(example_figure(), second)
+    save_figure(example_figure(2.0), other)
     assert first.read_bytes() == second.read_bytes()
     assert first.read_bytes() != other.read_bytes()
 
 
 def test_both_files_of_a_figure_are_written_into_new_folders(tmp_path):
     paths = [tmp_path / "new" / f"fig01.{ending}" for ending in ("png", "pdf")]
-    save_figure(drawn(), *map(str, paths))
+    save_figure(example_figure(), *map(str, paths))
     assert paths[0].read_bytes().startswith(b"\x89PNG")
     assert paths[1].read_bytes().startswith(b"%PDF")
     assert b"CreationDate" not in paths[1].read_bytes()

@@ -705,10 +705,10 @@ def test_a_kill_in_mid_write_does_no_harm(tmp_path):
 
 def test_stale_and_foreign_temporaries(tmp_path):
     path = tmp_path / "a.h5"
-    own = artifacts._partial_path(path)
-    own.write_bytes(b"from an earlier process with the same number")
+    own_temporary = artifacts._partial_path(path)
+    own_temporary.write_bytes(b"from an earlier process with the same number")
     foreign = tmp_path / ".a.h5.another-machine.1.partial"
-    running = own.with_name(own.name.replace(f".{os.getpid()}.", f".{os.getppid()}."))
+    running = own_temporary.with_name(own_temporary.name.replace(f".{os.getpid()}.", f".{os.getppid()}."))
     for partial in (foreign, running):
         partial.write_bytes(b"another process is writing this")
     assert same(load(put(path, small()), Small), small())

@@ -49,8 +49,8 @@ def paper():
         {"fig01": Product("A figure.")},
     )
     whole = catalogue(SLUG)
-    shown = {"figures": figures, "tables": {}, "summaries": {"readings": "All."}, "picture": "fig01"}
-    return replace(whole, stages=stages, errata=(erratum,), **shown)
+    products = {"figures": figures, "tables": {}, "summaries": {"readings": "All."}, "picture": "fig01"}
+    return replace(whole, stages=stages, errata=(erratum,), **products)
 
 
 def planned(*files, rules=(), used=()):
@@ -125,13 +125,13 @@ def test_results_are_those_of_the_build_or_else_the_committed_ones(tmp_path):
 
 
 def test_figures_without_target_or_function_are_found(paper):
-    drawn = [f"figures/{SLUG}/fig01.{kind}" for kind in ("png", "pdf")]
-    drawn += [f"figures/{SLUG}/printed/fig01.{kind}" for kind in ("png", "pdf")]
-    result = audit.figures(paper, planned(*drawn), always)
+    files = [f"figures/{SLUG}/fig01.{kind}" for kind in ("png", "pdf")]
+    files += [f"figures/{SLUG}/printed/fig01.{kind}" for kind in ("png", "pdf")]
+    result = audit.figures(paper, planned(*files), always)
     assert (result.count, result.findings) == (1, ())
-    (finding,) = audit.figures(paper, planned(*drawn[:3]), always).findings
+    (finding,) = audit.figures(paper, planned(*files[:3]), always).findings
     assert finding.startswith(f"figures/{SLUG}/printed/fig01.pdf: no target")
-    (finding,) = audit.figures(paper, planned(*drawn), never).findings
+    (finding,) = audit.figures(paper, planned(*files), never).findings
     assert "figures.py: no function fig01" in finding
 
 
@@ -211,9 +211,9 @@ def test_readings_that_keep_an_erratum_exist(subject, paper):
 
 def test_the_picture_of_a_paper_is_one_of_its_figures(paper):
     def findings_on(picture):
-        return audit.figures(replace(paper, picture=picture), planned(*drawn), always).findings
+        return audit.figures(replace(paper, picture=picture), planned(*files), always).findings
 
-    drawn = [f"figures/{SLUG}/{place}fig01.{kind}" for place in ("", "printed/") for kind in ("png", "pdf")]
+    files = [f"figures/{SLUG}/{place}fig01.{kind}" for place in ("", "printed/") for kind in ("png", "pdf")]
 
     assert not findings_on("fig01")
     assert not findings_on("")

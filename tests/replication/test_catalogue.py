@@ -81,12 +81,12 @@ def test_every_figure_function_is_in_the_catalogue(slug):
         if not names:
             continue
         module = import_module(f"marsedl.papers.{slug}.{kind}")
-        drawn = {
+        function_names = {
             name
             for name, function in inspect.getmembers(module, inspect.isfunction)
             if function.__module__ == module.__name__ and re.match(r"fig\d|tab\d|eq\d", name)
         }
-        assert drawn <= set(names)
+        assert function_names <= set(names)
 
 
 @pytest.mark.parametrize("slug", SLUGS)
@@ -183,9 +183,9 @@ def test_sections_hold_inputs_alone():
     """A property would hide what is read of a section."""
     for slug in SLUGS:
         for of in input_model(slug).sections().values():
-            own = {name for kind in of.__mro__ if kind not in Section.__mro__ for name in vars(kind)}
-            own = {name for name in own if not name.startswith("_") and name not in of.model_fields}
-            assert not own - {"model_config", "model_fields", "model_computed_fields", "CASES"}, (
+            members = {name for kind in of.__mro__ if kind not in Section.__mro__ for name in vars(kind)}
+            members = {name for name in members if not name.startswith("_") and name not in of.model_fields}
+            assert not members - {"model_config", "model_fields", "model_computed_fields", "CASES"}, (
                 f"{slug}: {of.__name__}"
             )
 

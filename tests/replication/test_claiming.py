@@ -341,8 +341,8 @@ def test_numbers_in_a_sentence_say_which_are_missing():
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_a_shared_measure_has_one_name_in_a_paper_so_that_it_is_computed_once(slug):
-    own = claiming.claims_of(slug)
-    functions = {marked.function for marked in own.claims.values()} | set(own._providers.values())
+    claims = claiming.claims_of(slug)
+    functions = {marked.function for marked in claims.claims.values()} | set(claims._providers.values())
     names = {(kind, name) for function in functions for name, kind, _ in claiming._parameters(function)}
-    named = {kind: sorted(name for other, name in names if other is kind) for kind in own._providers}
+    named = {kind: sorted(name for other, name in names if other is kind) for kind in claims._providers}
     assert {kind.__name__: several for kind, several in named.items() if len(several) > 1} == {}

@@ -221,25 +221,27 @@ def test_every_component_of_a_deterministic_vector_must_reproduce():
 
 def test_monte_carlo_adds_half_a_digit_to_three_standard_errors_of_ours_and_the_papers():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
-    own = 0.3  # with 2000 trials: the paper's 500 have twice the error
-    combined = math.hypot(own, 2 * own)
+    our_error = 0.3  # with 2000 trials: the paper's 500 have twice the error
+    combined = math.hypot(our_error, 2 * our_error)
     edge = 0.5 + 3 * combined
     for sign in (+1, -1):
-        inside = judge(printed, Evaluation(1349 + sign * (edge - 1.01 * own), own, 2000))
+        inside = judge(printed, Evaluation(1349 + sign * (edge - 1.01 * our_error), our_error, 2000))
         assert inside.verdict == "reproduced"
-        assert inside.z == {"largest": pytest.approx(sign * (3 - 1.01 * own / combined)), "component": None}
-        assert inside.margin["distance"] == pytest.approx(1.01 * own / combined)
-        assert judge(printed, Evaluation(1349 + sign * (edge + 1.01 * own), own, 2000)).verdict == "differs"
+        assert inside.z == {"largest": pytest.approx(sign * (3 - 1.01 * our_error / combined)), "component": None}
+        assert inside.margin["distance"] == pytest.approx(1.01 * our_error / combined)
+        assert judge(printed, Evaluation(1349 + sign * (edge + 1.01 * our_error), our_error, 2000)).verdict == "differs"
 
 
 def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
-    own, far = 0.3, 0.5 + 3 * 0.3 * math.sqrt(5)
-    judged = judge(printed, Evaluation(1349 + far + 0.5 * own, own, 2000))
+    our_error, far = 0.3, 0.5 + 3 * 0.3 * math.sqrt(5)
+    judged = judge(printed, Evaluation(1349 + far + 0.5 * our_error, our_error, 2000))
     assert judged.verdict == "undetermined"
     number = float(judged.doubt.split("about ")[1].split()[0].replace(",", ""))
     # With so many trials and the same value it is decided.
-    settled = judge(printed, Evaluation(1349 + far + 0.5 * own, own * math.sqrt(2000 / number), int(number)))
+    settled = judge(
+        printed, Evaluation(1349 + far + 0.5 * our_error, our_error * math.sqrt(2000 / number), int(number))
+    )
     assert settled.verdict == "differs"
     assert number < 20_000
 
@@ -466,8 +468,8 @@ def test_readings_can_be_compared_at_equal_numbers_of_trials():
     results = next(row for row in rows if row["id"] == mean.id)["readings"]
     assert results["corrected"]["at_equal_trials"]["trials"] == small.trials
     assert results["printed"]["at_equal_trials"] is None
-    own = judge(mean, small, DECLARED["mean"])
-    assert results["corrected"]["at_equal_trials"]["margin"] == own.margin != results["corrected"]["margin"]
+    judged = judge(mean, small, DECLARED["mean"])
+    assert results["corrected"]["at_equal_trials"]["margin"] == judged.margin != results["corrected"]["margin"]
 
 
 def test_a_measure_that_is_stored_of_all_trials_is_not_one_of_fewer():

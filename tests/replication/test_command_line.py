@@ -51,7 +51,7 @@ def refused(target, *fragments, studies=STUDIES):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "own", "files"),
+    ("arguments", "settings", "files"),
     [
         (["all"], [], []),
         (["all", "--configfile", "mine.yaml"], [], ["mine.yaml"]),
@@ -65,8 +65,8 @@ def refused(target, *fragments, studies=STUDIES):
         (["all", "--", "--configfile", "mine.yaml"], [], []),
     ],
 )
-def test_settings_are_those_that_snakemake_takes_for_such(arguments, own, files):
-    assert configuration(arguments) == (own, files)
+def test_settings_are_those_that_snakemake_takes_for_such(arguments, settings, files):
+    assert configuration(arguments) == (settings, files)
 
 
 @pytest.mark.parametrize(
@@ -122,8 +122,8 @@ def documented():
 
 @pytest.mark.parametrize("arguments", list(documented()))
 def test_documented_commands_name_their_targets_where_snakemake_looks_for_them(arguments):
-    own, files = configuration(arguments)
-    assert all("=" in setting for setting in own if setting != "...")
+    settings, files = configuration(arguments)
+    assert all("=" in setting for setting in settings if setting != "...")
     assert all(path.endswith(".yaml") for path in files)
 
 

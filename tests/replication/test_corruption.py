@@ -175,18 +175,20 @@ def older(kind: Kind, change: str) -> type:
     """The type as it may have been: with a field less, of another unit, dimension or type, or one that is gone."""
     declared = {field.name: field for field in fields(kind.type)}
     name = next(iter(declared))
-    own = quantities(kind.type)[name]
+    stored = quantities(kind.type)[name]
 
     def renamed(dims):
         """Dimensions that no field is named after, as the field that is changed may be one."""
         return tuple(f"older_{d}" if isinstance(d, str) and change == "dimension" else d for d in dims)
 
     other = {
-        "unit": lambda: quantity(own.unit + "^2", own.dims, own.meaning, own.dtype),
-        "dimension": lambda: quantity(own.unit, (*renamed(own.dims), "more"), own.meaning, own.dtype),
-        "type": lambda: quantity(own.unit, own.dims, own.meaning, "int8" if own.dtype != "int8" else "int64"),
+        "unit": lambda: quantity(stored.unit + "^2", stored.dims, stored.meaning, stored.dtype),
+        "dimension": lambda: quantity(stored.unit, (*renamed(stored.dims), "more"), stored.meaning, stored.dtype),
+        "type": lambda: quantity(
+            stored.unit, stored.dims, stored.meaning, "int8" if stored.dtype != "int8" else "int64"
+        ),
         "missing": lambda: None,
-        "gone": lambda: quantity(own.unit, own.dims, own.meaning, own.dtype),
+        "gone": lambda: quantity(stored.unit, stored.dims, stored.meaning, stored.dtype),
     }[change]()
     rows = [
         (other_name, field.type, quantity(q.unit, renamed(q.dims), q.meaning, q.dtype, allow_nan=q.allow_nan))

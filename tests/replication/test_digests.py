@@ -36,8 +36,8 @@ def nominal(n=6):
     )
 
 
-def put(path, artifact, kept=None, reading="corrected"):
-    save(path, artifact, paper="funnels", reading=reading, provenance=kept or {"seed": 1})
+def put(path, artifact, provenance=None, reading="corrected"):
+    save(path, artifact, paper="funnels", reading=reading, provenance=provenance or {"seed": 1})
     return path
 
 
@@ -57,7 +57,7 @@ def with_value(array, index, value):
 
 def test_digest_does_not_see_provenance_or_the_name(tmp_path):
     a = put(tmp_path / "a.h5", nominal())
-    b = put(tmp_path / "b.h5", nominal(), kept={"seed": 2, "solver": {"name": "x"}})
+    b = put(tmp_path / "b.h5", nominal(), provenance={"seed": 2, "solver": {"name": "x"}})
     assert a.read_bytes() != b.read_bytes()
     assert digest(a) == digest(b)
     assert len(digest(a)) == 64

@@ -28,8 +28,8 @@ def margin(measure, value, limit, distance=1.0, scale="limits", unit=""):
 def result(value, verdict, error=None, trials=None, **more):
     components = [verdict] * len(value) if isinstance(value, list) else None
     absent = {"margin": None, "z": None, "doubt": "", "evidence": "", "numbers": {}, "at_equal_trials": None}
-    own = {"value": value, "standard_error": error, "trials": trials, "verdict": verdict, "components": components}
-    return {**absent, **own, **more}
+    fields = {"value": value, "standard_error": error, "trials": trials, "verdict": verdict, "components": components}
+    return {**absent, **fields, **more}
 
 
 def row(name, readings, **more):

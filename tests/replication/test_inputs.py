@@ -33,7 +33,7 @@ CONFIG = CONFIGS / "powered_descent.yaml"
 SOURCE = "assumed: test"
 
 
-def own(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
+def reading_file(tmp_path, *lines, name="mine", based_on="corrected") -> Path:
     """Write a user's file with one reading whose inputs are the given lines of YAML."""
     path = tmp_path / "mine.yaml"
     text = ["powered_descent:", "  readings:", f"    {name}:", f"      based_on: {based_on}"]
@@ -93,7 +93,7 @@ def project(tmp_path, old="", new="", count=1):
 
 def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
     line = f"noise_coefficient: {{value: 0.03, source: '{SOURCE}'}}"
-    study = load(own(tmp_path, line))
+    study = load(reading_file(tmp_path, line))
     mine, base = study.readings["mine"], study.readings["corrected"]
     assert mine.inputs.noise.noise_coefficient == 0.03
     assert mine.inputs.plain() | {"noise.noise_coefficient": 0.02} == base.inputs.plain()
@@ -102,7 +102,7 @@ def test_a_reading_is_its_base_plus_what_it_sets(tmp_path):
 
 
 def test_suffixes_convert_to_si(tmp_path):
-    path = own(
+    path = reading_file(
         tmp_path,
         f"initial_velocity_angle_deg: {{value: 90, source: '{SOURCE}'}}",
         f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
@@ -170,7 +170,7 @@ def test_what_may_be_missing_is_null_under_any_suffix(tmp_path):
 
 def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
     whole = "[[5.0, 0.5, 0, 0], [0.5, 0.25, 0, 0], [0, 0, 0.25, 0.1], [0, 0, 0.1, 0.25]]"
-    path = own(
+    path = reading_file(
         tmp_path,
         f"final_covariance: {{value: {whole}, source: '{SOURCE}'}}",
         f"initial_covariance: {{value: [4, 3, 2, 1], source: '{SOURCE}'}}",
@@ -181,7 +181,7 @@ def test_a_covariance_may_be_whole_or_its_diagonal(tmp_path):
 
 
 def test_tiny_and_badly_scaled_covariances_are_accepted(tmp_path):
-    path = own(tmp_path, f"final_covariance: {{value: [1.0e-14, 1.0e+8, 1.0e-9, 5], source: '{SOURCE}'}}")
+    path = reading_file(tmp_path, f"final_covariance: {{value: [1.0e-14, 1.0e+8, 1.0e-9, 5], source: '{SOURCE}'}}")
     assert load(path).readings["mine"].inputs.mission.final_covariance[0][0] == 1e-14
 
 
@@ -226,7 +226,7 @@ def test_a_size_may_compare_fewer_readings_of_the_file_and_all_of_a_users_own(tm
 
 
 def test_fewer_trials_may_be_flown_than_another_reading_draws(tmp_path):
-    read = load(own(tmp_path, f"trials: {{value: 7, source: '{SOURCE}'}}")).readings["mine"].inputs
+    read = load(reading_file(tmp_path, f"trials: {{value: 7, source: '{SOURCE}'}}")).readings["mine"].inputs
     assert read.ensemble.trials == 7 < read.ensemble.drawn_trials
 
 
@@ -330,7 +330,7 @@ def test_nearest_names_the_nearest_or_all():
     ],
 )  # fmt: skip
 def test_malformed_values_are_refused(tmp_path, key, value, fragments):
-    message = refused(own(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
+    message = refused(reading_file(tmp_path, f"{key}: {{value: {value}, source: '{SOURCE}'}}"), *fragments)
     assert "readings.mine" in message and section_of(key) in message
 
 
@@ -355,11 +355,11 @@ def test_malformed_values_are_refused(tmp_path, key, value, fragments):
     ],
 )
 def test_malformed_entries_are_refused(tmp_path, line, fragments):
-    refused(own(tmp_path, line), *fragments)
+    refused(reading_file(tmp_path, line), *fragments)
 
 
 def test_one_input_under_two_keys_is_refused(tmp_path):
-    path = own(
+    path = reading_file(
         tmp_path,
         f"initial_speed: {{value: 50.0, source: '{SOURCE}'}}",
         f"initial_speed_km_s: {{value: 0.05, source: '{SOURCE}'}}",
@@ -553,7 +553,7 @@ def test_the_largest_file_is_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["a" * 20, "a" * 40, "ab" * 20, "x" + "1" * 39, "mine" + "_" * 20])
 def test_a_name_that_snakemake_takes_for_a_loop_of_rules_is_refused(tmp_path, name):
-    refused(own(tmp_path, name=name), f"readings.{name}: the name ends in", "repeated", "rename it")
+    refused(reading_file(tmp_path, name=name), f"readings.{name}: the name ends in", "repeated", "rename it")
 
 
 @pytest.mark.parametrize("name", ["a" * 19, "ab" * 10, "a" * 20 + "b", "mine_" * 8])
@@ -561,15 +561,18 @@ def test_a_name_that_repeats_itself_less_is_accepted(tmp_path, name):
     from snakemake.io import PeriodicityDetector  # the judge of such names
 
     assert PeriodicityDetector().is_periodic(name) is None
-    assert name in load(own(tmp_path, name=name)).readings
+    assert name in load(reading_file(tmp_path, name=name)).readings
 
 
 @pytest.mark.parametrize("blank", ["\u200b", "\u200b \u2060\ufeff", "\u3164", "\u00ad", "...", "\u2800"])
 def test_a_source_without_a_letter_or_digit_that_shows_is_refused(tmp_path, blank):
-    refused(own(tmp_path, f"gravity: {{value: 3.7, source: {json.dumps(blank)}}}"), "gravity.source: say where")
+    refused(
+        reading_file(tmp_path, f"gravity: {{value: 3.7, source: {json.dumps(blank)}}}"), "gravity.source: say where"
+    )
     source = json.dumps(f"assumed: {blank}")
     refused(
-        own(tmp_path, f"gravity: {{value: 3.7, source: {source}}}"), "gravity.source: write 'assumed: ' and the reason"
+        reading_file(tmp_path, f"gravity: {{value: 3.7, source: {source}}}"),
+        "gravity.source: write 'assumed: ' and the reason",
     )
 
 

@@ -192,11 +192,11 @@ def test_an_artifact_of_another_reading_is_refused(tmp_path):
 def test_saving_keeps_where_a_result_comes_from(tmp_path):
     one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
     two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
-    kept = artifacts.provenance(two)
-    assert {name: kept[name] for name in recipe} == recipe
+    provenance = artifacts.provenance(two)
+    assert {name: provenance[name] for name in recipe} == recipe
     assert recipe["options"] == {"case": "closed_loop"}
-    assert kept["needs"].keys() == kept["made_from"].keys() == {"one.h5"}
-    assert (kept["recipe"], kept["size"]) == (recipe_digest(recipe), "smoke")
+    assert provenance["needs"].keys() == provenance["made_from"].keys() == {"one.h5"}
+    assert (provenance["recipe"], provenance["size"]) == (recipe_digest(recipe), "smoke")
 
 
 # ------------------------------------------------------------------------------------ artifacts that were copied here
@@ -281,11 +281,11 @@ def failed_solve(tmp_path, capsys):
 
 def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys):
     message = failed_solve(tmp_path, capsys)
-    kept = tmp_path / "logs" / "job.iterate.csv"
-    assert f"(its last iterate: {kept})" in message
-    assert kept.read_text(encoding="utf-8").splitlines()[0] == "time,bank"
+    iterate_file = tmp_path / "logs" / "job.iterate.csv"
+    assert f"(its last iterate: {iterate_file})" in message
+    assert iterate_file.read_text(encoding="utf-8").splitlines()[0] == "time,bank"
     np.testing.assert_array_equal(
-        np.loadtxt(kept, delimiter=",", skiprows=1), [[0.0, 1 / 3], [0.5, np.nan], [1.0, -2e-20]]
+        np.loadtxt(iterate_file, delimiter=",", skiprows=1), [[0.0, 1 / 3], [0.5, np.nan], [1.0, -2e-20]]
     )
 
 

@@ -96,11 +96,11 @@ def compiled(tmp_path_factory):
 @pytest.fixture
 def project(compiled, tmp_path):
     """The same where a test may damage it, under the same path, to which numba's files belong."""
-    kept, _ = compiled
-    shutil.copytree(kept.folder, tmp_path / "kept")
-    yield kept
-    shutil.rmtree(kept.folder)
-    shutil.copytree(tmp_path / "kept", kept.folder)
+    compiled_project, _ = compiled
+    shutil.copytree(compiled_project.folder, tmp_path / "kept")
+    yield compiled_project
+    shutil.rmtree(compiled_project.folder)
+    shutil.copytree(tmp_path / "kept", compiled_project.folder)
 
 
 def test_of_jobs_that_need_a_kernel_at_once_one_compiles_it(compiled):
@@ -130,13 +130,13 @@ def test_vectors_of_512_bits_are_asked_for_where_the_processor_has_them(monkeypa
 @pytest.mark.parametrize("pattern", ["*.nbc", "*.nbi"])
 def test_a_damaged_file_is_deleted_and_compiled_again(project, pattern):
     assert project.run() == (LOADED, "")
-    first, *others = project.cached(pattern)
-    for path in (first, *others):
+    first, *further_files = project.cached(pattern)
+    for path in (first, *further_files):
         path.write_bytes(path.read_bytes()[:100])
     printed, errors = project.run()
     assert printed == COMPILED
     assert errors == (
-        f"{first} and {len(others)} more: not as it was stored (cut short, edited or copied); it is "
+        f"{first} and {len(further_files)} more: not as it was stored (cut short, edited or copied); it is "
         f"deleted and compiled again\n{ANNOUNCED}"
     )
     assert project.run() == (LOADED, "")

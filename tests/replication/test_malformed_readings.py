@@ -29,10 +29,13 @@ from marsedl.replication.strict_yaml import read_yaml
 CONFIGS = Path(__file__).parents[2] / "configs"
 MODELS = {slug: input_model(slug) for slug in SLUGS}
 SECTIONS = {slug: model.sections() for slug, model in MODELS.items()}
-KEYS = {slug: {key: way for of in own.values() for key, way in of.keys().items()} for slug, own in SECTIONS.items()}
+KEYS = {
+    slug: {key: way for of in sections.values() for key, way in of.keys().items()}
+    for slug, sections in SECTIONS.items()
+}
 SCHEMAS = {
-    slug: {name: field for of in own.values() for name, field in of.model_json_schema()["properties"].items()}
-    for slug, own in SECTIONS.items()
+    slug: {name: field for of in sections.values() for name, field in of.model_json_schema()["properties"].items()}
+    for slug, sections in SECTIONS.items()
 }
 EXAMPLES = 35  # of each kind of fault
 SECONDS = 20  # within which each is refused, on a machine that does much else
@@ -104,10 +107,10 @@ def fields(*required: str) -> list[tuple[str, str, dict]]:
     """All inputs of all papers with the wanted keywords in their schema, or in that of the numbers in a list."""
     matches = []
     for slug, schema in SCHEMAS.items():
-        for name, own in schema.items():
-            bounds = own.get("items", own)
+        for name, constraints in schema.items():
+            bounds = constraints.get("items", constraints)
             kind = bounds.get("type")
-            if all(word in bounds or word in own or word == kind for word in required):
+            if all(word in bounds or word in constraints or word == kind for word in required):
                 matches.append((slug, name, bounds))
     assert matches, required
     return matches
@@ -138,18 +141,27 @@ def wrong_type(draw):
     """Something that is neither a number, a list of them, nor one of the input's words."""
     slug = draw(SLUG)
     name = draw(st.sampled_from([n for n in SCHEMAS[slug] if n != "density_table"]))
-    own = SCHEMAS[slug][name]
+    constraints = SCHEMAS[slug][name]
     value = draw(
         st.one_of(
-            WORDS.filter(lambda word: word not in own.get("enum", ()) and yaml.safe_load(word) == word),
+            WORDS.filter(lambda word: word not in constraints.get("enum", ()) and yaml.safe_load(word) == word),
             st.sampled_from(["1e3", "-4E-5", "'3.7'", "''", "2017-08-17", "2017-08-17T12:00:00Z", "[]", "[[[]]]"]),
             st.dictionaries(WORDS, st.integers(), min_size=1, max_size=2).map(json.dumps),
             st.sampled_from(["{}", "[{}]", "[null]", "[true, false]", "[[1.0, 2.0], a]"]),
-            st.sampled_from(["true", "false"]).filter(lambda _: own.get("type") != "boolean"),
-            st.just("null").filter(lambda _: not any(way.get("type") == "null" for way in own.get("anyOf", ()))),
+            st.sampled_from(["true", "false"]).filter(lambda _: constraints.get("type") != "boolean"),
+            st.just("null").filter(
+                lambda _: not any(way.get("type") == "null" for way in constraints.get("anyOf", ()))
+            ),
         )
     )
-    assume(not (value == "[]" and own.get("type") == "array" and "minItems" not in own and "maxItems" in own))
+    assume(
+        not (
+            value == "[]"
+            and constraints.get("type") == "array"
+            and "minItems" not in constraints
+            and "maxItems" in constraints
+        )
+    )
     return about(slug, name, value, ("must be", "should "))
 
 
@@ -195,23 +207,23 @@ def not_whole(draw):
 
 @st.composite
 def wrong_word(draw):
-    slug, name, own = draw(st.sampled_from([f for f in fields("enum") if f[2]["type"] == "string"]))
-    word = draw(st.sampled_from(own["enum"]))
+    slug, name, constraints = draw(st.sampled_from([f for f in fields("enum") if f[2]["type"] == "string"]))
+    word = draw(st.sampled_from(constraints["enum"]))
     change = draw(st.sampled_from([str.upper, str.title, lambda w: w + "s", lambda w: w[:-1], lambda w: f"{w} {w}"]))
-    assume(change(word) not in own["enum"])
-    return about(slug, name, f"'{change(word)}'", "should be", own["enum"][0])
+    assume(change(word) not in constraints["enum"])
+    return about(slug, name, f"'{change(word)}'", "should be", constraints["enum"][0])
 
 
 @st.composite
 def wrong_length(draw):
     """Too short, too long or enormously long."""
-    slug, name, own = draw(st.sampled_from([(s, n, SCHEMAS[s][n]) for s, n, _ in fields("items")]))
-    assume("maxItems" in own)
-    allowed = range(own.get("minItems", 0), own["maxItems"] + 1)
-    items = draw(st.one_of(st.integers(0, 30), st.integers(own["maxItems"] + 1, 1500)))
+    slug, name, constraints = draw(st.sampled_from([(s, n, SCHEMAS[s][n]) for s, n, _ in fields("items")]))
+    assume("maxItems" in constraints)
+    allowed = range(constraints.get("minItems", 0), constraints["maxItems"] + 1)
+    items = draw(st.one_of(st.integers(0, 30), st.integers(constraints["maxItems"] + 1, 1500)))
     assume(items not in allowed)
-    values = [valid(own["items"])] * items
-    more_or_fewer = "at most" if items > own["maxItems"] else "at least"
+    values = [valid(constraints["items"])] * items
+    more_or_fewer = "at most" if items > constraints["maxItems"] else "at least"
     return about(slug, name, listed(values), f"should have {more_or_fewer} ", f"not {items} (given: [")
 
 
@@ -448,7 +460,7 @@ def bad_reading(draw):
 def bad_yaml(draw):
     """What the language of the file itself allows, and a configuration does not, or what is no file of it at all."""
     slug, word = draw(SLUG), draw(WORDS)
-    name = draw(st.sampled_from([n for n, own in SCHEMAS[slug].items() if own.get("type") == "number"]))
+    name = draw(st.sampled_from([n for n, constraints in SCHEMAS[slug].items() if constraints.get("type") == "number"]))
     good = reading(slug, entry(slug, name, "1.0"))
     number = draw(st.integers(1, 59))
     tags = ["!!float", "!!str", "!!binary", "!!set", "!!omap", "!", "!mine", "!<tag:yaml.org,2002:int>"]
@@ -541,7 +553,7 @@ def too_much(draw):
     deep = strict_yaml.DEEPEST + draw(st.sampled_from([more, 20_000]))
     digits = strict_yaml.LONGEST_NUMBER + draw(st.sampled_from([more, 5000]))
     lines = strict_yaml.MOST_VALUES // 2 + more
-    own = "".join(f"    r{i}: {{based_on: corrected}}\n" for i in range(inputs.MOST_READINGS + more))
+    readings = "".join(f"    r{i}: {{based_on: corrected}}\n" for i in range(inputs.MOST_READINGS + more))
     content, *message = draw(
         st.sampled_from(
             [
@@ -563,7 +575,7 @@ def too_much(draw):
                     f"more than {strict_yaml.MOST_VALUES} keys and values; leave some out",
                 ),
                 (
-                    f"{slug}:\n  readings:\n{own}",
+                    f"{slug}:\n  readings:\n{readings}",
                     f"{slug}.readings: {inputs.MOST_READINGS + more} readings are more than {inputs.MOST_READINGS}; ",
                 ),
             ]
@@ -810,7 +822,7 @@ def test_enough_is_drawn():
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory, kind):
     path = tmp_path_factory.mktemp(kind.__name__) / "mine.yaml"
-    drawn = Counter()
+    count_of_content = Counter()
 
     @settings(
         max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
@@ -827,7 +839,7 @@ def test_what_is_malformed_is_refused_with_file_key_and_remedy(tmp_path_factory,
             assert any(text in message for text in ([fragment] if isinstance(fragment, str) else fragment)), fragment
         assert message.isprintable(), "one line that a terminal shows as it is"
         assert len(message) <= LONGEST
-        drawn[content] += 1
+        count_of_content[content] += 1
 
     refused()
-    assert drawn.total() >= EXAMPLES
+    assert count_of_content.total() >= EXAMPLES

@@ -426,13 +426,13 @@ def test_a_drawn_figure_shrinks_and_looks_the_same(tmp_path):
     assert (tmp_path / "fig.png").read_bytes() == before
     assert [reduced.width, reduced.height] == pytest.approx(list(80 * inches), abs=1)
     (tmp_path / "reduced.png").write_bytes(reduced.content)
-    drawn, image = (
+    whole_image, image = (
         np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")).astype(int) for n in ("fig", "reduced")
     )
-    moved = np.abs(image - drawn)
+    moved = np.abs(image - whole_image)
     assert moved.max() <= 32
     assert moved.mean() < 1.0
-    assert not moved[(drawn == 255).all(axis=-1)].any()
+    assert not moved[(whole_image == 255).all(axis=-1)].any()
 
 
 def test_a_transparent_image_stays_so_and_a_small_one_does_not_grow(tmp_path):
@@ -457,8 +457,10 @@ def test_every_count_of_the_matrix_is_a_link_to_as_many_claims(site, pages):
     html = (site[0] / "out" / "index.html").read_text(encoding="utf-8")
     matrix = html.partition('class="matrix')[2].partition("</table>")[0]
     links = re.findall(r'href="(\w+)\.html#show=([\w.]+)">(\d+)</a>', matrix)
-    shown = {(paper.slug, group) for paper in site[1] for group in groups(site[0] / "out" / f"{paper.slug}.html")}
-    assert {(slug, group) for slug, group, _ in links} == shown
+    groups_shown = {
+        (paper.slug, group) for paper in site[1] for group in groups(site[0] / "out" / f"{paper.slug}.html")
+    }
+    assert {(slug, group) for slug, group, _ in links} == groups_shown
     for slug, group, count in links:
         assert groups(site[0] / "out" / f"{slug}.html").count(group) == int(count)
 
@@ -481,9 +483,9 @@ def test_a_claim_that_other_readings_judge_otherwise_names_them(site):
     claim = html.partition('id="mc_final_mean"')[2].partition("</details>")[0]
     row = next(row for row in site[1][0].claims if row["id"] == "mc_final_mean")
     verdicts = {name: (result["at_equal_trials"] or result)["verdict"] for name, result in row["readings"].items()}
-    others = {name for name, verdict in verdicts.items() if verdict not in (verdicts[row["reading"]], None)}
-    assert others
-    assert set(re.findall('href="#reading-([a-z0-9_]+)"', claim)) == others
+    differing = {name for name, verdict in verdicts.items() if verdict not in (verdicts[row["reading"]], None)}
+    assert differing
+    assert set(re.findall('href="#reading-([a-z0-9_]+)"', claim)) == differing
     assert 'href="#E11"' in claim
     assert 'href="#fig02"' in claim
 

@@ -79,8 +79,8 @@ def passes_its_tests_and_the_contract(tree, *slugs):
     process = run(tree, "pytest", "tests", "-k", " or ".join((*slugs, "rules")), "-vv", "-p", "no:cacheprovider")
     assert process.returncode == 0, process.stdout[-3000:]
     for slug in slugs:
-        own, contract = f"tests/papers/test_{slug}.py", "tests/replication/test_catalogue.py"
-        assert f"{own}::test_every_claim_has_the_verdict_that_is_expected PASSED" in process.stdout
+        tests_of_paper, contract = f"tests/papers/test_{slug}.py", "tests/replication/test_catalogue.py"
+        assert f"{tests_of_paper}::test_every_claim_has_the_verdict_that_is_expected PASSED" in process.stdout
         assert (
             f"{contract}::test_every_paper_has_the_files_that_its_catalogue_asks_for[{slug}] PASSED" in process.stdout
         )
@@ -197,9 +197,9 @@ def test_it_is_registered_behind_the_other_papers(scaffolded):
 
 def test_the_same_request_writes_the_same_bytes(tree, scaffolded):
     other, files = scaffolded
-    for mine, others in zip(write_papers(tree), files, strict=True):
-        assert mine.relative_to(tree) == others.relative_to(other)
-        assert mine.read_bytes() == others.read_bytes()
+    for mine, theirs in zip(write_papers(tree), files, strict=True):
+        assert mine.relative_to(tree) == theirs.relative_to(other)
+        assert mine.read_bytes() == theirs.read_bytes()
 
 
 def test_many_papers_fit_into_the_register(tree):

@@ -433,13 +433,13 @@ def test_a_full_disk_is_said_and_nothing_else_is_lost(tree):
     folder, target = tree.path(f"{CACHE}/kilonewton_noise"), f"{CACHE}/kilonewton_noise/gains.h5"
     shutil.rmtree(folder)
     folder.mkdir()
-    others = {name: digest for name, digest in digests.items() if "kilonewton_noise" not in name}
+    unaffected = {name: digest for name, digest in digests.items() if "kilonewton_noise" not in name}
     with mounted("-t", "tmpfs", "-o", "size=64k", "tmpfs", folder):
         output = failed(tree, target)
         assert "reading kilonewton_noise, job powered_descent_nominal" in output
         assert f"{CACHE}/kilonewton_noise/nominal.h5: cannot be written, there is no space left" in output
         assert not list(folder.iterdir()), "no half-written file stays"
-    assert tree.digests() == others
+    assert tree.digests() == unaffected
     works(tree, target)
     assert tree.digests()[target] == digests[target]
 

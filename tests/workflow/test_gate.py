@@ -94,21 +94,21 @@ def of_others(tree):
 
 @pytest.mark.workflow
 def test_the_gate_passes_until_a_number_moves(tree, runner):
-    own, before = tree.folder / "own", of_others(tree)
-    (own / "mine.yaml").write_text(READING % 0.03, encoding="utf-8")
+    own_folder, before = tree.folder / "own", of_others(tree)
+    (own_folder / "mine.yaml").write_text(READING % 0.03, encoding="utf-8")
     built = runner("Rebuild what changed")
     assert built.returncode == 0, built.stdout[-3000:]
     compared = runner("Compare with your reference")
     assert compared.returncode == 2
-    assert f"write it with 'marsedl accept --reference {own / 'kept'}'" in compared.stdout
+    assert f"write it with 'marsedl accept --reference {own_folder / 'kept'}'" in compared.stdout
     proposed = runner("Propose a reference")
     assert proposed.returncode == 0, proposed.stdout[-3000:]
-    shutil.move(tree.folder / "proposed", own / "kept")
+    shutil.move(tree.folder / "proposed", own_folder / "kept")
     compared = runner("Compare with your reference")
     assert compared.returncode == 0, compared.stdout
     assert "0 numbers beyond tolerance" in compared.stdout
 
-    (own / "mine.yaml").write_text(READING % 0.04, encoding="utf-8")
+    (own_folder / "mine.yaml").write_text(READING % 0.04, encoding="utf-8")
     built = runner("Rebuild what changed")
     assert built.returncode == 0, built.stdout[-3000:]
     assert of_others(tree) == before

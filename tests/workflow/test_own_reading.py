@@ -70,9 +70,9 @@ def test_an_own_reading_is_built_beside_the_others(tree, mine):
 
     # The other readings are as they were,
     after = tree.state()
-    own = {name for name in after if "/mine/" in name}
-    assert {name: after[name] for name in after.keys() - own} == before
-    assert {name: digest for name, digest in tree.digests().items() if name not in own} == digests
+    own_files = {name for name in after if "/mine/" in name}
+    assert {name: after[name] for name in after.keys() - own_files} == before
+    assert {name: digest for name, digest in tree.digests().items() if name not in own_files} == digests
     assert tree.plan("all").rules == set(), "a plain run has nothing to do"
 
     # and the claims get a column for it, which goes again with the file.
@@ -150,19 +150,19 @@ def test_who_shares_with_an_edited_reading_keeps_its_results(tree, tmp_path):
     # All of it is that of `corrected`,
     assert f"{cache}/mine/gains.h5 is shared: it is {cache}/corrected/gains.h5" in run(f"{cache}/mine/gains.h5", figure)
     assert not tree.path(f"{cache}/mine").exists()
-    drawn, digests = tree.path(figure).read_bytes(), tree.digests()
+    picture, digests = tree.path(figure).read_bytes(), tree.digests()
     stages = ("nominal", "gains", "montecarlo.closed_loop")
     shared = {name: datasets(tree.path(f"{cache}/corrected/{name}.h5")) for name in stages}
     # until that one changes.
     tree.set_inputs("corrected", noise_coefficient="0.03")
     run(figure, "figures/powered_descent/fig03.png")
-    assert tree.path(figure).read_bytes() == drawn
+    assert tree.path(figure).read_bytes() == picture
     after = tree.digests()
     for name in stages:
         assert datasets(tree.path(f"{cache}/mine/{name}.h5")) == shared[name]
         assert after[f"{cache}/corrected/{name}.h5"] != digests[f"{cache}/corrected/{name}.h5"]
     tree.edit("configs/powered_descent.yaml", '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
     run(figure, "figures/powered_descent/fig03.png")
-    assert tree.path(figure).read_bytes() == drawn
+    assert tree.path(figure).read_bytes() == picture
     assert {name: digest for name, digest in tree.digests().items() if name in digests} == digests
     assert tree.plan(figure, configfile=path).rules == set()

@@ -89,8 +89,8 @@ def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(copied
         page = copied.path(f"report/{slug}.html").read_text(encoding="utf-8")
         assert not re.search(r"""(src|href)=["'](https?:)?//""", page)
         assert str(copied.folder) not in page
-        own = [row for row in rows if row["paper"] == slug]
-        names = {row["id"] for row in own} | {name for row in own for name in row["readings"]}
+        rows_of_paper = [row for row in rows if row["paper"] == slug]
+        names = {row["id"] for row in rows_of_paper} | {name for row in rows_of_paper for name in row["readings"]}
         names |= set(catalogue(slug).figures) | {erratum.id for erratum in catalogue(slug).errata}
         assert [name for name in names if name not in page] == []
 

@@ -83,12 +83,12 @@ def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(copied
     copied.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
     plan = copied.plan("all")
     assert plan.papers == {slug, *edit.get("shared_with", ())}
-    mine, others = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
+    mine, other_plans = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
     assert mine.changed_rules == set(edit["changed"])
     paper = catalogue(slug)
     products = {name for name, stems in (("figure", paper.figures), ("table", paper.tables)) if stems}
     assert mine.rules == {*edit["rerun"], *products, *JUDGED}
-    assert plan.rules == mine.rules.union(CLAIMS, {"comparison_product"}, *(other.rules for other in others))
+    assert plan.rules == mine.rules.union(CLAIMS, {"comparison_product"}, *(other.rules for other in other_plans))
     shared = Shared(paper, load_study(slug, input_model(slug), copied.path(f"configs/{slug}.yaml"), size="smoke"))
     paths = {path for reading in shared.readings for path in shared.claimed(reading).values()}
     rerun = {path.split("/")[3] for path in paths if Path(path).name.split(".")[0] in edit["rerun"]}

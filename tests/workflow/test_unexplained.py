@@ -63,8 +63,8 @@ def test_it_is_refused_where_verdicts_count_and_named_elsewhere(project):
     assert reason(project / "build" / "smoke").startswith("Not explained")
 
     config = project / f"configs/{SLUG}.yaml"
-    own = 'initial_velocity: {value: -21.0, unit: m/s, source: "assumed: an input that was changed"}'
-    config.write_text(re.sub("initial_velocity: {value: -20.0.*}", own, config.read_text("utf-8")), "utf-8")
+    changed_input = 'initial_velocity: {value: -21.0, unit: m/s, source: "assumed: an input that was changed"}'
+    config.write_text(re.sub("initial_velocity: {value: -20.0.*}", changed_input, config.read_text("utf-8")), "utf-8")
     process = build(project)
     assert process.returncode == 0, process.stdout[-3000:]
     assert f"{SLUG}: claims that differ or fail without a reason: {CLAIM}" in process.stdout
