@@ -95,10 +95,10 @@ def test_a_configuration_file_in_order_is_passed_on(tmp_path):
     check_configuration(["all", "--configfile", str(path)], SLUGS)
 
 
-@pytest.mark.parametrize("built", [False, True])
-def test_a_target_behind_the_option_is_not_read_as_a_configuration(built, tmp_path, monkeypatch):
+@pytest.mark.parametrize("made_before", [False, True])
+def test_a_target_behind_the_option_is_not_read_as_a_configuration(made_before, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if built:
+    if made_before:
         Path("fig07.png").write_bytes(b"\x89PNG")
     for target in ("fig07.png", "all"):
         with pytest.raises(SystemExit, match=rf"{target}: .* write targets before --configfile"):
