@@ -195,7 +195,7 @@ def test_starts_that_fail_are_counted(inputs, nominal, path, monkeypatch):
     assert failed.failed_starts == inputs.search_starts
     assert failed.roll_status == ["Maximum_Iterations_Exceeded"] * 2
     assert [entry_problem.branch_name(s.states[:, BANK]) for s in failed.solutions] == ["1 reversal", "2 reversals"]
-    assert failed.found == [0, 0]
+    assert failed.start_counts == [0, 0]
 
 
 # ---- conditions on the bank ------------------------------------------------------------------------------------------

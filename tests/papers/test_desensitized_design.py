@@ -720,7 +720,7 @@ def test_gains_that_are_alike_are_one_candidate():
     study.keep(candidates, "b", np.array([[1.0005, 2.0]]))
     study.keep(candidates, "b", np.array([[1.01, 2.0]]))
     study.keep(candidates, "c", np.array([[1.01, 2.0]]))
-    assert [(c.method, c.found) for c in candidates] == [("a", 2), ("b", 2)]
+    assert [(c.method, c.start_count) for c in candidates] == [("a", 2), ("b", 2)]
 
 
 # --- other choices ----------------------------------------------------------------------------------------------------

@@ -415,7 +415,7 @@ class Claims:
         values: Mapping[str, object],
         artifact: Callable,
         published: Mapping[str, PublishedClaim],
-        **others: object,
+        **further_arguments: object,
     ) -> dict[str, Evaluation | None]:
         """Evaluate all claims in one reading.
 
@@ -423,13 +423,13 @@ class Claims:
             values: all inputs as plain values by "section.name".
             artifact: function of an artifact's name and type, that returns it, or None for one that there is not.
             published: the paper's printed claims by id; what fails takes the shape of what is printed.
-            others: further arguments, used by functions that have parameters of these names.
+            further_arguments: used by functions that have parameters of these names.
 
         Returns:
             Evaluations by claim id; None for a claim that lacks an artifact.
 
         """
-        reading = self._reading(values, artifact, published, others)
+        reading = self._reading(values, artifact, published, further_arguments)
         stated = {name: printed for name, printed in published.items() if printed.input is not None}
         if twice := stated.keys() & self.claims.keys():
             raise InputError(f"claim {min(twice)} has an input in data/published and a function too; drop one of them")
@@ -442,13 +442,13 @@ class Claims:
         self,
         readings: Mapping[str, tuple[Mapping, Callable]],
         published: Mapping[str, PublishedClaim],
-        **others: object,
+        **further_arguments: object,
     ) -> tuple[dict[str, dict], dict[str, dict]]:
         """Evaluate all claims in several readings.
 
         Args:
             readings: the arguments `values` and `artifact` of `evaluate` by reading.
-            published, others: as in `evaluate`.
+            published, further_arguments: as in `evaluate`.
 
         Returns:
             The evaluations by reading; and once more those of the readings that have more trials of a case than another
@@ -471,12 +471,12 @@ class Claims:
 
         larger: set[str] = set()
         evaluations = {
-            name: self.evaluate(values, partial(note, reading=name, artifact=artifact), published, **others)
+            name: self.evaluate(values, partial(note, reading=name, artifact=artifact), published, **further_arguments)
             for name, (values, artifact) in readings.items()
         }
         larger |= {name for of in trials.values() for name, number in of.items() if number > min(of.values())}
         smaller = {
-            name: self.evaluate(values, partial(fewer, artifact=artifact), published, **others)
+            name: self.evaluate(values, partial(fewer, artifact=artifact), published, **further_arguments)
             for name, (values, artifact) in readings.items()
             if name in larger
         }
@@ -488,10 +488,12 @@ class Claims:
         values: Mapping[str, object],
         artifact: Callable,
         published: Mapping[str, PublishedClaim],
-        **others: object,
+        **further_arguments: object,
     ) -> Evaluation | None:
         """Evaluate one claim that is a function; arguments as in `evaluate`."""
-        return self._reading(values, artifact, published, others).evaluation(self.claims[name], published.get(name))
+        return self._reading(values, artifact, published, further_arguments).evaluation(
+            self.claims[name], published.get(name)
+        )
 
     def turned(
         self,
@@ -499,13 +501,14 @@ class Claims:
         values: Mapping[str, object],
         artifact: Callable,
         published: Mapping[str, PublishedClaim],
-        **others: object,
+        **further_arguments: object,
     ) -> dict[str, dict[str, Any] | None]:
         """Turn every counted claim by its counterexample.
 
         Args:
             rows: the claims with the verdicts of all readings.
-            values: all inputs of the reading whose verdicts count; artifact, published, others: as in `evaluate`.
+            values: all inputs of the reading whose verdicts count.
+            artifact, published, further_arguments: as in `evaluate`.
 
         Returns:
             What was changed, by how much, and the verdict after it, by claim; None for one that was not turned. See
@@ -533,23 +536,23 @@ class Claims:
                     else None
                 )
 
-            def judged(values, artifact, others):
-                evaluation = self.evaluate_one(name, values, artifact, published, **others)
+            def judged(values, artifact, further_arguments):
+                evaluation = self.evaluate_one(name, values, artifact, published, **further_arguments)
                 if evaluation is None or evaluation.failed or not is_finite(evaluation.value):
                     raise ValueError(f"{name}: nothing to judge")
                 judgement = judge(published[name], evaluation, marked.declaration)
                 return judgement.verdict, judgement.components
 
             try:
-                return turning_point(counterexample, judged, values, artifact, others)
+                return turning_point(counterexample, judged, values, artifact, further_arguments)
             except ValueError:
                 return None  # the claim fails as a whole in this reading
 
         counted = [row for row in rows if row["verdict"] in COUNTED_VERDICTS and row["kind"] != UNDECIDED]
         return {row["id"]: turn(row) for row in counted if is_built(row)}
 
-    def _reading(self, values, artifact, published, others) -> "_Reading":
-        return _Reading(self._providers, values, artifact, others | {"published": published})
+    def _reading(self, values, artifact, published, further_arguments) -> "_Reading":
+        return _Reading(self._providers, values, artifact, further_arguments | {"published": published})
 
     @staticmethod
     def _add(table: dict, key: object, value: object) -> None:
@@ -576,8 +579,8 @@ class _Reading:
     providers: Mapping[type, Callable]
     values: Mapping[str, object]
     artifact: Callable
-    others: Mapping[str, object]
-    known: dict[object, object] = field(default_factory=dict)  # what was asked for before
+    further_arguments: Mapping[str, object]
+    cache: dict[object, object] = field(default_factory=dict)  # what was asked for before
 
     def evaluation(self, marked: _Claim, printed: PublishedClaim | None) -> Evaluation | None:
         try:
@@ -602,8 +605,8 @@ class _Reading:
 
     def _value(self, name: str, kind: object) -> object:
         plain, *marks = typing.get_args(kind) if typing.get_origin(kind) is typing.Annotated else (kind,)
-        if name in self.others:
-            return self.others[name]
+        if name in self.further_arguments:
+            return self.further_arguments[name]
         if plain in self.providers:
             return self.providers[plain](**self._arguments(self.providers[plain]))
         if isinstance(plain, type) and issubclass(plain, Section):
@@ -617,12 +620,12 @@ class _Reading:
 
     def _once(self, key: object, compute: Callable[[], object]) -> object:
         """What a function returns or raises, which is called once."""
-        if key not in self.known:
+        if key not in self.cache:
             try:
-                self.known[key] = compute()
+                self.cache[key] = compute()
             except (_Missing, Fails) as error:
-                self.known[key] = error
-        if isinstance(value := self.known[key], Exception):
+                self.cache[key] = error
+        if isinstance(value := self.cache[key], Exception):
             raise value
         return value
 

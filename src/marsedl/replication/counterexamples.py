@@ -91,7 +91,7 @@ def turning_point(
     judge: _Judge,
     values: Mapping[str, object],
     artifact: Callable,
-    others: Mapping[str, object],
+    further_arguments: Mapping[str, object],
 ) -> dict[str, Any] | None:
     """Return the least change, of those that are tried, which turns a verdict.
 
@@ -101,7 +101,7 @@ def turning_point(
             if nothing can be judged.
         values: the inputs by "section.name".
         artifact: function of an artifact's name and type.
-        others: further arguments of claims.
+        further_arguments: of claims.
 
     Returns:
         `{"change", "of", "amount", "to"}`: the amount is the factor, the shift in standard deviations, or the share of
@@ -114,11 +114,11 @@ def turning_point(
 
     def after(amount: float) -> Any:
         try:
-            return judge(*_given(counterexample, amount, values, artifact, others))
+            return judge(*_given(counterexample, amount, values, artifact, further_arguments))
         except (ValueError, ArithmeticError, np.linalg.LinAlgError):
             return None  # nothing left to judge
 
-    before = judge(values, artifact, others)
+    before = judge(values, artifact, further_arguments)
 
     def turned(amount: float) -> bool:
         verdict = after(amount)
@@ -155,7 +155,7 @@ def _factor(amount: float) -> float:
     return 1.0 + amount if amount >= 0 else 1.0 / (1.0 - amount)
 
 
-def _given(counterexample, amount, values, artifact, others) -> tuple:
+def _given(counterexample, amount, values, artifact, further_arguments) -> tuple:
     """Inputs, artifacts and further arguments after a change."""
     first, _, name = counterexample.target.partition(".")
     if counterexample.change == "swapped":
@@ -166,15 +166,19 @@ def _given(counterexample, amount, values, artifact, others) -> tuple:
                 return artifact(counterexample.other + LARGE * large, kind)
             return artifact(artifact_name, kind)
 
-        return values, swap, others
+        return values, swap, further_arguments
     if counterexample.target in values:
         changed_input = _changed(counterexample, amount, values[counterexample.target], None, ())
-        return {**values, counterexample.target: changed_input}, artifact, others
+        return {**values, counterexample.target: changed_input}, artifact, further_arguments
     if first == "measured":
-        rows = dict(others.get("measured") or {})
+        rows = dict(further_arguments.get("measured") or {})
         if name not in rows:
             raise InputError(f"counterexample of '{name}': there is no such measurement; {nearest(name, rows)}")
-        return values, artifact, {**others, "measured": {**rows, name: _changed(counterexample, amount, rows[name])}}
+        return (
+            values,
+            artifact,
+            {**further_arguments, "measured": {**rows, name: _changed(counterexample, amount, rows[name])}},
+        )
 
     def change(artifact_name: str, kind: type):
         record = artifact(artifact_name, kind)
@@ -182,7 +186,7 @@ def _given(counterexample, amount, values, artifact, others) -> tuple:
             return record
         return _with_field(counterexample, amount, record, name, artifact, kind)
 
-    return values, change, others
+    return values, change, further_arguments
 
 
 def _with_field(counterexample, amount, record, name, artifact, kind):

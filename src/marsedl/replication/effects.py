@@ -712,7 +712,7 @@ def _varied(names, inputs, readings, assumed, labelled) -> tuple[list[tuple[str,
                 joint.setdefault(name, (against, unnamed & labelled))
     if alone:
         return list(alone.items()), ()
-    beside = set().union(*(others for _, others in joint.values()))
+    beside = set().union(*(unnamed for _, unnamed in joint.values()))
     return [(name, against) for name, (against, _) in joint.items()], tuple(sorted(beside))
 
 

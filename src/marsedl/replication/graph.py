@@ -90,20 +90,20 @@ class Run:
         """
         return self._remembered(name)[0]
 
-    def evaluations(self, published: Mapping[str, typing.Any], **others) -> dict[str, typing.Any]:
+    def evaluations(self, published: Mapping[str, typing.Any], **further_arguments) -> dict[str, typing.Any]:
         """Return the evaluation of each claim of the paper.
 
-        published: the printed claims by id; others: what claims ask for beside artifacts.
+        published: the printed claims by id; further_arguments: what claims ask for beside artifacts.
         """
-        return claims_of(self.paper.slug).evaluate(self.values, self._artifact, published, **others)
+        return claims_of(self.paper.slug).evaluate(self.values, self._artifact, published, **further_arguments)
 
     def table(self, stem: str, published: Mapping[str, typing.Any]) -> typing.Any:
         """Return a table of this reading; published: the printed claims by id."""
         function = getattr(import_module(f"marsedl.papers.{self.paper.slug}.tables"), stem)
         return function(**self._arguments(function, self.paper.tables[stem].inputs, published=published))
 
-    def _arguments(self, function: typing.Callable, names: typing.Iterable[str], **others) -> dict:
-        return arguments_of(function, {name: self.values[name] for name in names}, self._artifact, **others)
+    def _arguments(self, function: typing.Callable, names: typing.Iterable[str], **further_arguments) -> dict:
+        return arguments_of(function, {name: self.values[name] for name in names}, self._artifact, **further_arguments)
 
     def _artifact(self, parameter: str, kind: type) -> typing.Any:
         """The artifact that a parameter takes; None for a case without trials."""
@@ -129,8 +129,8 @@ class Run:
         }
         key = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).hexdigest()
 
-        def give(function, **others):
-            return self._arguments(function, declared.inputs, **others)
+        def give(function, **further_arguments):
+            return self._arguments(function, declared.inputs, **further_arguments)
 
         return self.memory.get(
             key, record_type(declared.entries), lambda: compute_record(declared.entries, give, options), self.paper.slug

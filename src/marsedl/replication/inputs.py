@@ -76,15 +76,15 @@ class Reading:
 class Study:
     """All of a paper's configuration: its readings and the number of chunks of each Monte Carlo case.
 
-    `compared` are the readings in which claims are evaluated; a smaller size may leave some out. `own` are those of a
-    user's file.
+    `compared` are the readings in which claims are evaluated; a smaller size may leave some out. `own_readings` are
+    those of a user's file.
     """
 
     paper: str
     readings: dict[str, Reading]
     chunks: dict[str, int]
     compared: tuple[str, ...]
-    own: frozenset[str] = frozenset()
+    own_readings: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

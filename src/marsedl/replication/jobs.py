@@ -85,7 +85,9 @@ def _pinned() -> dict[str, str]:
     return {name: value for name, value in NUMERIC_ENVIRONMENT.items() if name not in free}
 
 
-def arguments_of(function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **others) -> dict:
+def arguments_of(
+    function: typing.Callable, inputs: Mapping[str, object], artifact: typing.Callable, **further_arguments
+) -> dict:
     """Return the arguments that a stage, figure, table or claim has in its signature.
 
     Args:
@@ -93,7 +95,7 @@ def arguments_of(function: typing.Callable, inputs: Mapping[str, object], artifa
         inputs: plain values by "section.name"; a section has no others.
         artifact: function of an artifact's name and type, that returns it, or None for one that there is not; then the
             function's own default is used.
-        others: further arguments, used if the function has parameters of these names.
+        further_arguments: used if the function has parameters of these names.
 
     Returns:
         Its arguments by name, without keyword-only ones.
@@ -106,8 +108,8 @@ def arguments_of(function: typing.Callable, inputs: Mapping[str, object], artifa
         kind = hints.get(name)
         if parameter.kind is parameter.KEYWORD_ONLY:
             continue
-        if name in others:
-            arguments[name] = others[name]
+        if name in further_arguments:
+            arguments[name] = further_arguments[name]
         elif _is(kind, Section):
             arguments[name] = kind.given(sections.get(name, {}))
         elif _is(kind, Inputs) or _is(kind, Artifacts):
@@ -168,20 +170,24 @@ class Job:
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
         self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
 
-    def arguments_of(self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **others) -> dict:
+    def arguments_of(
+        self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **further_arguments
+    ) -> dict:
         """Return the function's arguments: sections, and artifacts from the job's input files, see `arguments_of`.
 
         inputs: plain values by "section.name"; by default those of the job's params.
         """
         if chunks := self.input.get("chunks"):
             kind = typing.get_args(typing.get_type_hints(function)["chunks"])[0]
-            others["chunks"] = [self.load(path, kind) for path in ([chunks] if isinstance(chunks, str) else chunks)]
+            further_arguments["chunks"] = [
+                self.load(path, kind) for path in ([chunks] if isinstance(chunks, str) else chunks)
+            ]
         files = dict(self.input.items())
         return arguments_of(
             function,
             self.params.inputs if inputs is None else inputs,
             lambda name, kind: self.load(files[name], kind) if name in files else None,
-            **others,
+            **further_arguments,
         )
 
     def load(self, path: str, kind: type) -> object:

@@ -72,10 +72,10 @@ class Shared:
 
     def claimed(self, reading: str) -> dict[str, str]:
         """Return the paths of all artifacts that the claims of a reading use, by name; a user's reading uses all."""
-        own = reading in self._study.own
+        is_own_reading = reading in self._study.own_readings
         stages = [(name, stage) for name, stage in self.paper.stages.items() if not name.startswith(FLIGHTS)]
         names = [
-            *(name for name, stage in stages if own or reading in (stage.claimed_in or [reading])),
+            *(name for name, stage in stages if is_own_reading or reading in (stage.claimed_in or [reading])),
             *(f"{FLIGHTS}.{case}" for case in self._flown[reading]),
         ]
         return {name: self.file(reading, name) for name in names}

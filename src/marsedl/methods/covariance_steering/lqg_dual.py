@@ -563,10 +563,10 @@ def _weights(system, final_weight, control_weight):
 def _checked(problem):
     """The problem with arrays of floats, after a look at every field."""
     system = DiscreteSystem(*(np.ascontiguousarray(field, dtype=float) for field in problem.system))
-    others = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
+    problem_fields = {name: np.ascontiguousarray(getattr(problem, name), dtype=float) for name in problem._fields[1:]}
     if system.control.ndim != 2:
         raise ValueError(f"system.control must have shape (N, n), not {system.control.shape}")
-    (intervals, n), m = system.control.shape, others["final_limits"].size
+    (intervals, n), m = system.control.shape, problem_fields["final_limits"].size
     shapes = {
         "system.transition": (intervals, n, n),
         "system.control": (intervals, n),
@@ -579,16 +579,16 @@ def _checked(problem):
         "control_limits": (intervals,),
         "state_scale": (n,),
     }
-    arrays = {f"system.{name}": field for name, field in system._asdict().items()} | others
+    arrays = {f"system.{name}": field for name, field in system._asdict().items()} | problem_fields
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name} must have shape {shape} to fit system.control, not {arrays[name].shape}")
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} must be finite")
     for name in ("control_weight", "final_limits", "control_limits", "state_scale"):
-        if not (others[name] > 0).all():
-            raise ValueError(f"{name} must be positive; entry {np.argmin(others[name] > 0)} is not")
-    problem = ChanceConstrainedProblem(system, **others)
+        if not (problem_fields[name] > 0).all():
+            raise ValueError(f"{name} must be positive; entry {np.argmin(problem_fields[name] > 0)} is not")
+    problem = ChanceConstrainedProblem(system, **problem_fields)
     if not _open_loop_cost(problem, np.outer(problem.objective, problem.objective)) > 0:
         raise ValueError("objective: its final variance is zero without any control, so there is nothing to minimize")
     return problem

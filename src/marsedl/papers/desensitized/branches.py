@@ -112,7 +112,7 @@ class Catalogue(NamedTuple):
     """Different solutions of the problem without weight, sorted by control energy, and how they were found."""
 
     solutions: list[Solution]
-    found: list[int]  # random starts that led to each
+    start_counts: list[int]  # random starts that led to each
     nominal: int
     returned: list[float]
     failed_starts: int
@@ -320,7 +320,7 @@ def described(vehicle: Vehicle, studies: Studies, minima: Catalogue, errors):
         "error": errors,
         "time": np.array([solution.time for solution in solutions]),
         "bank": banks,
-        "found": np.array(minima.found),
+        "found": np.array(minima.start_counts),
         "returned": np.array(minima.returned),
         "nominal": minima.nominal,
         "starts": int(studies.search_starts),

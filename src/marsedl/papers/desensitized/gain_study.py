@@ -34,7 +34,7 @@ class Candidate(NamedTuple):
 
     method: str
     scaled_gain: np.ndarray
-    found: int = 1
+    start_count: int = 1
 
 
 @stage(claimed_in=("corrected",))
@@ -73,7 +73,7 @@ def compute(
                 {
                     "channel": number,
                     "method": candidate.method,
-                    "found": candidate.found,
+                    "found": candidate.start_count,
                     "rank": place,
                     "scaled_gain": candidate.scaled_gain,
                     "linear_error": sensitivity_gains.final_errors(problem, candidate.scaled_gain[np.newaxis])[:, 0],
@@ -125,7 +125,7 @@ def keep(candidates, method, scaled_gain):
     gain = np.ravel(scaled_gain)
     for k, candidate in enumerate(candidates):
         if np.linalg.norm(candidate.scaled_gain - gain) < SAME * np.linalg.norm(gain):
-            candidates[k] = candidate._replace(found=candidate.found + 1)
+            candidates[k] = candidate._replace(start_count=candidate.start_count + 1)
             return
     candidates.append(Candidate(method, gain))
 

@@ -126,7 +126,7 @@ def _final_states(setup: Setup, steps, intervals, ensemble: Ensemble, trials):
             tables = [steering.gain, steering.mean, steering.feedforward] + ([] if mass is None else [mass[number]])
             schedules.append(flight.schedule(times[number], tables, finest[number] // multiple))
         if interval != CONTINUOUS:
-            schedules = [flight.held(schedule, interval) for schedule in schedules]
+            schedules = [flight.with_held_command(schedule, interval) for schedule in schedules]
         draws, every = flight.Draws(ensemble.seed, increments=multiple), [schedule.steps for schedule in schedules]
         ends = flight.fly(schedules, setup.plant, states, draws, steps_per_output=every, integrator=scheme)
         return ends.final_state[:4].T

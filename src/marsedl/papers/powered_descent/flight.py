@@ -104,7 +104,7 @@ def plant_of(planet: Planet, vehicle: Vehicle, noise: Noise) -> Plant:
     return Plant(planet.gravity, segments.mass_flow(vehicle), segments.plant_noise_density(noise))
 
 
-def held(schedule, command_interval):
+def with_held_command(schedule, command_interval):
     """Return a schedule whose command is held over whole steps, no longer than `command_interval` (s)."""
     return schedule._replace(steps_per_command=max(1, int(command_interval / schedule.step + 1e-9)))
 

@@ -98,7 +98,7 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, case: str)
     if kind == "open_loop":
         schedules = [flight.open_loop(schedule) for schedule in schedules]
     if simulation.command_interval is not None:
-        schedules = [flight.held(schedule, simulation.command_interval) for schedule in schedules]
+        schedules = [flight.with_held_command(schedule, simulation.command_interval) for schedule in schedules]
     widening = flights.ensemble.wide_switch_factor if kind == "wide_switch" else 1.0
     plant = flight.Plant(flights.planet.gravity, segments.mass_flow(vehicle), gains.noise_density_plant)
     start = flight.Start(segments.initial_mean(entry), entry.initial_covariance, vehicle.wet_mass)

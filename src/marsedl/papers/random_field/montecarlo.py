@@ -90,11 +90,11 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1,
     lower, upper = vehicle.control_limits
 
     def simulate_block(first, last):
-        drawn = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
+        normal_numbers = normals(simulation.seed, flight.INITIAL_STREAM, np.arange(first, last), 3)
         trajectories = flight.fly(
             *plant,
             flown_law,
-            mean + random_field.sample(drawn, root),
+            mean + random_field.sample(normal_numbers, root),
             time_step=simulation.time_step,
             seed=simulation.seed,
             first_trial=first,

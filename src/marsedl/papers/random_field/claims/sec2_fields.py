@@ -35,14 +35,14 @@ def conditioned_1d_samples(drawing: Drawing):
 def conditioned_2d_right_edges(drawing: Drawing):
     plane = partial(random_field.squared_exponential, variance=1.0, length=np.full(2, drawing.example_length))
     extent = drawing.example_extent
-    given, unknown = (_edges(extent, EDGE_POINTS * finer) for finer in (1, 4))
+    coarse, fine = (_edges(extent, EDGE_POINTS * finer) for finer in (1, 4))
     opposite = np.array([[0.0, extent]])
     mean, covariance = random_field.condition(
-        plane, np.concatenate([unknown, opposite]), given, np.full(len(given), drawing.example_edge), 0.0
+        plane, np.concatenate([fine, opposite]), coarse, np.full(len(coarse), drawing.example_edge), 0.0
     )
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     departure = (np.abs(mean - drawing.example_edge) + SIGMAS * spread)[:-1]
-    subject = f"departure from the constant on two adjacent edges, held at {len(given)} points (mean and three sigma)"
+    subject = f"departure from the constant on two adjacent edges, held at {len(coarse)} points (mean and three sigma)"
     return holds(
         measure(subject, departure, "deviations of the field") < CONSTANT,
         f"in the opposite corner {spread[-1]:.3f} of the deviation is left",
