@@ -42,7 +42,7 @@ def test_a_sample_stands_beside_its_prediction_with_the_sampling_band():
     sampled = Field(np.array([4.4, 1.0]), "variance", "m^2", time.where([0, 2]))
     _, (above, below) = new_figure(nrows=2)
     predicted_against_sampled(above, below, predicted, sampled, 1000, color=BLUE)
-    assert above.get_legend_handles_labels()[1] == ["95 % sampling band", "predicted", "1,000 trials"]
+    assert above.get_legend_handles_labels()[1] == ["95 % sampling band", "predicted", "1,000 flights"]
     (line,) = (line for line in above.lines if same_color(line.get_color(), BLUE))
     np.testing.assert_array_equal(line.get_ydata(), predicted.values)
     (dots,) = (line for line in below.lines if same_color(line.get_color(), BLACK))

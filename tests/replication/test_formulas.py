@@ -3,7 +3,7 @@
 import pytest
 
 from marsedl.replication.errors import InputError
-from marsedl.replication.formulas import mathml, with_formulas, without_markup
+from marsedl.replication.formulas import mathml, with_formulas, with_raised_powers, without_markup
 
 
 def test_a_formula_becomes_mathml_and_code_stays_code():
@@ -43,3 +43,9 @@ def test_latex_that_is_not_understood_is_refused(latex, message):
 def test_a_dollar_sign_without_its_other_one_is_refused():
     with pytest.raises(InputError, match="without its other one"):
         with_formulas("costs $5")
+
+
+def test_powers_are_raised_where_readers_see_them():
+    page = '<td title="m^2">3 m^2, kg/m^-3, (a)^10 and 2^k</td><code>a^2</code><math><mi>x^2</mi></math><p>x^2.5</p>'
+    raised = '<td title="m^2">3 m², kg/m⁻³, (a)¹⁰ and 2^k</td><code>a^2</code><math><mi>x^2</mi></math><p>x^2.5</p>'
+    assert with_raised_powers(page) == raised

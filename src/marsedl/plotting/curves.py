@@ -51,7 +51,7 @@ def plot(axes: Axes, source: Any, path: str = "", *, label: str | None = None, *
     return _lines(axes, curve, label, style)
 
 
-def trials(axes: Axes, source: Any, path: str = "", *, label: str | None = "{count} trials", **how: Any) -> int:
+def trials(axes: Axes, source: Any, path: str = "", *, label: str | None = "{count} flights", **how: Any) -> int:
     """Draw a field of (trials, ...) as one thin curve for each trial.
 
     Args:

@@ -89,7 +89,7 @@ def predicted_against_sampled(
         variance, lower, upper, filled=True, color=style.get("color"), label=f"{100 * SAMPLING_LEVEL:g} % sampling band"
     )
     plot(variance, predicted, label=label, **style)
-    plot(variance, sampled, label=f"{count:,} trials", **dots)
+    plot(variance, sampled, label=f"{count:,} flights", **dots)
     low, high = (
         share.of(100.0 * (bound - 1.0))
         for bound in variance_sampling_band(1.0 + 0.0 * expected.values, count, SAMPLING_LEVEL)

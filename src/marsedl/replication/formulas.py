@@ -9,6 +9,9 @@ import re
 from marsedl.replication.errors import InputError, shown
 
 _PIECES = re.compile(r"`([^`]+)`|\$([^$]*)\$|(\$)")
+# Powers behind a letter or a bracket; what stands before them in the pattern is passed over: code, formulas and tags.
+_POWERS = re.compile(r"<(script|style|code|pre|math)\b.*?</\1>|<[^>]*>|(?<=[A-Za-z)])\^(-?\d+)(?![\w.])", re.DOTALL)
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # What the converter passes through or writes in names that no browser knows.
 _REFUSED = {
     r"\!": "no browser has negative space; leave it out",
@@ -64,6 +67,11 @@ def with_formulas(text: str) -> str:
         parts += [html.escape(text[start : match.start()]), piece(match)]
         start = match.end()
     return "".join([*parts, html.escape(text[start:])])
+
+
+def with_raised_powers(page: str) -> str:
+    """Return a page of HTML with powers of units and symbols raised: `m/s^2` as m/s²; code and formulas stay."""
+    return _POWERS.sub(lambda match: match[0] if match[2] is None else match[2].translate(_RAISED), page)
 
 
 def without_markup(text: str) -> str:

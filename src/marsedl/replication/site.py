@@ -30,7 +30,7 @@ from marsedl.replication.claims import (
 )
 from marsedl.replication.counterexamples import in_words
 from marsedl.replication.errors import InputError, nearest
-from marsedl.replication.formulas import with_formulas, without_markup
+from marsedl.replication.formulas import with_formulas, with_raised_powers, without_markup
 from marsedl.replication.pictures import Picture, picture
 from marsedl.replication.report import Comparison, FigureEntry, InputEntry, PaperReport, ReadingEntry, is_assumed
 from marsedl.replication.words import words
@@ -191,7 +191,11 @@ def _renderer() -> Callable[[str, Mapping[str, Any]], str]:
         "cards": _CARDS,
         "default": DEFAULT_READING,
     }
-    return lambda name, context: templates.get_template(f"{name}.html.j2").render(context).strip() + "\n"
+
+    def render(name: str, context: Mapping[str, Any]) -> str:
+        return with_raised_powers(templates.get_template(f"{name}.html.j2").render(context)).strip() + "\n"
+
+    return render
 
 
 def _script_json(data: Any) -> str:
