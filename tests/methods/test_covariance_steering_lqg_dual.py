@@ -400,9 +400,13 @@ def test_search_over_weights_reaches_the_optimum_from_a_good_start(pose):
 
 
 def test_search_over_weights_says_that_it_failed(pose):
-    problem = pose(20)
-    search = solve_over_weights(problem, (np.outer(RANGE, RANGE), 1e-3 * problem.control_weight))
+    """No law meets a limit of a metre in altitude, so no search can, whatever its last bits are."""
+    problem = pose(20, final_limits=np.array([1.0, np.radians(0.3)]))
+    with pytest.raises(InfeasibleProblem, match="final limit 0"):
+        solve(problem)
+    search = solve_over_weights(problem)
     assert not search.success and search.status
+    assert search.worst_ratio == pytest.approx(cost_of(problem, search.gain)[1].max(), rel=1e-12)
     assert search.worst_ratio > 1.5
 
 

@@ -547,6 +547,11 @@ def test_unbounded_gains_are_refused_or_reported(random_field):
 # --- certificates -----------------------------------------------------------------------------------------------------
 
 
+# What rounding makes of a product of matrices of 45 rows: this times the largest entry of |I + B L| |I - B K|, which is
+# 2,671 as a rule, 3,341 with both branches and 14,561 in m/s. The last digits depend on the processor.
+ROUNDING = 45 * np.finfo(float).eps
+
+
 def test_certificates(random_field):
     certificates, gains = random_field.certificates(), random_field.gains()
     assert certificates.objective == pytest.approx(gains.objective[0], rel=1e-9)
@@ -555,7 +560,7 @@ def test_certificates(random_field):
     assert certificates.other_solver == "SCS" and certificates.other_objective == pytest.approx(
         certificates.objective, rel=1e-6
     )
-    assert certificates.identity_residual < 1e-11 and certificates.triangular_residual < 1e-12
+    assert certificates.identity_residual < 2_671 * ROUNDING and certificates.triangular_residual < 1e-12
     assert certificates.control_covariance_residual < 1e-13
     assert certificates.mean_shift < 1e-10 and certificates.gain_shift < 1e-10
     assert certificates.convexity > -1e-12
@@ -565,13 +570,13 @@ def test_certificates(random_field):
     assert certificates.samples == 300
 
 
-@pytest.mark.parametrize("reading", ["both_branches", "metres"])
-def test_certificates_of_other_costs(random_field, reading):
+@pytest.mark.parametrize(("reading", "largest"), [("both_branches", 3_341), ("metres", 14_561)])
+def test_certificates_of_other_costs(random_field, reading, largest):
     """Of two percentiles; and in m/s, where the quadratic terms are less than a thousandth of the cost."""
     certificates = random_field.certificates(reading)
     assert certificates.history_objective == pytest.approx(certificates.objective, rel=1e-7)
     assert certificates.other_objective == pytest.approx(certificates.objective, rel=1e-6)
-    assert certificates.identity_residual < 1e-11 and certificates.control_covariance_residual < 1e-12
+    assert certificates.identity_residual < largest * ROUNDING and certificates.control_covariance_residual < 1e-12
 
 
 def test_dependence_of_the_disturbances(random_field):

@@ -818,9 +818,9 @@ def test_other_formulations_find_the_same_optimum(entry):
     within_limits = certificates.search_worst < 1 + 1e-3
     assert (np.where(within_limits, certificates.search_ratio, np.inf).min(axis=1) < 1.005).all()
     assert (certificates.search_ratio[within_limits] > 1 - 2e-3).all()
-    # With the trigger on velocity every start will do; from small weights the time case ends far outside the limits.
+    # With the trigger on velocity every start will do. A search that says that it ended well is within the limits.
     assert (certificates.search_success[1] == 1).all() and (certificates.search_ratio[1] < 1.001).all()
-    assert certificates.search_success[0, -1] == 0 and certificates.search_worst[0, -1] > 1.5
+    assert within_limits[certificates.search_success == 1].all()
     assert (certificates.weights_gain_error < 1e-7).all()
     assert (certificates.perturbed_cost > 0).all()
 
