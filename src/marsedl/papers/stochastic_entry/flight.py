@@ -627,6 +627,16 @@ def _fly(settings, tables, law, schedule, entry_state, factors, seed, first_tria
         length[lanes] = group.length
 
 
+class Stored(NamedTuple):
+    """What of a flight is stored."""
+
+    every: int | None = None  # integration steps from one stored state to the next; None: a guidance period
+    place: bool = False  # whether longitude, latitude and azimuth (rad) are, too, behind the rest of the history
+
+
+EVERY_PERIOD = Stored()
+
+
 def fly(
     settings,
     atmosphere,
@@ -638,16 +648,14 @@ def fly(
     substeps,
     seed,
     first_trial=0,
-    every=None,
-    with_place=False,
+    stored=EVERY_PERIOD,
 ) -> Trajectories:
     """Fly consecutive trials to their end.
 
     settings: see `settings`. atmosphere: `Atmosphere`. law: `Law`. vehicles: `Vehicles` of the trials. trigger: "time"
     or "velocity". end_time: s, the fixed final time, or the time limit of the velocity trigger. substeps: integration
     steps per guidance period. seed, first_trial: key of the density variations and the number of the first trial.
-    every: integration steps between stored states; one guidance period unless given. with_place: store longitude,
-    latitude and azimuth (rad), too, behind the rest of the history.
+    stored: what of the flights is stored.
 
     Returns `Trajectories`. Stored are altitude (m), velocity (m/s), flight path angle, downrange (m, negative before
     the target), density (kg/m^3), crossrange (m) and commanded bank cosine at the start of every guidance period, and
@@ -655,7 +663,7 @@ def fly(
     these, then the end time (s), the number of bank reversals and that of tabulated densities set to zero. Outcomes:
     ESCAPED for a trigger not reached within the time limit, CRASHED below the ground.
     """
-    every = substeps if every is None else every
+    every = substeps if stored.every is None else stored.every
     period = float(settings["period"][0])
     cycles = int(np.ceil(end_time / period - 1e-9))
     velocity_trigger = trigger == "velocity"
@@ -664,7 +672,7 @@ def fly(
     state = pad_to_groups(vehicles.entry_state.T)
     padded = state.shape[1]
     flights = Trajectories(
-        history=np.empty((times, HISTORY + len(PLACE) * with_place, padded)),
+        history=np.empty((times, HISTORY + len(PLACE) * stored.place, padded)),
         observed=np.empty((times, OBSERVED, padded)),
         observed_maximum=np.zeros((OBSERVED, padded)),
         final_state=np.empty((FINAL, padded)),
