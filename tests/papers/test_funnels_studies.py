@@ -222,6 +222,21 @@ def test_newton_finds_stationary_points_of_a_cubic():
     np.testing.assert_array_equal(start, polynomial(np.zeros(2))[1])
 
 
+def test_newton_takes_no_step_where_the_hessian_vanishes():
+    """Of an affine function and a bowl, only the bowl has a lowest point."""
+    slope, flat = np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([0.0, 1.0])
+
+    def polynomial(w):
+        w = np.broadcast_to(w, (2, 2))
+        away = w - 0.5
+        value = (slope * w).sum(axis=1) + flat * (away**2).sum(axis=1)
+        return value, slope + 2.0 * flat[:, np.newaxis] * away, 2.0 * flat[:, np.newaxis, np.newaxis] * np.eye(2)
+
+    point, gradient, _ = stationary.newton(polynomial)
+    np.testing.assert_array_equal(point, [[0.0, 0.0], [0.5, 0.5]])
+    np.testing.assert_array_equal(gradient, [[1.0, 2.0], [0.0, 0.0]])
+
+
 def test_stationary_disturbances_are_saddles_outside_of_the_disc(still):
     assert still.stationary_converged > 0.9
     assert still.stationary_inside == 0 and still.stationary_norm[0] > 1.0 < still.stationary_norm[1] / 100.0

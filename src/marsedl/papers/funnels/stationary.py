@@ -109,7 +109,9 @@ def newton(polynomial):
     _, gradient, hessian = polynomial(np.zeros(2))
     start, w = gradient, np.zeros_like(gradient)
     for _ in range(NEWTON_STEPS):
-        step = np.linalg.solve(hessian, -gradient[..., np.newaxis])[..., 0]
+        # A Hessian that vanishes, as that of an affine function, gives no step.
+        regular, step = np.linalg.det(hessian) != 0.0, np.zeros_like(w)
+        step[regular] = np.linalg.solve(hessian[regular], -gradient[regular, :, np.newaxis])[..., 0]
         trials = np.array([w, *(w + fraction * step for fraction in NEWTON_FRACTIONS)])
         sizes = np.array([np.linalg.norm(polynomial(trial)[1], axis=1) for trial in trials])
         w = trials[sizes.argmin(axis=0), np.arange(len(w))]
