@@ -474,7 +474,7 @@ def _artifact(paper, shared, reading, name) -> tuple[str, str]:
     stage = name.partition(".")[0]
     meaning = paper.stages[stage].meaning
     if not shared.has(reading.name, name):
-        return name, f"{meaning} (flies no trials in this reading)"
+        return name, f"{meaning} (has no trials in this reading)"
     owner = shared.owner(reading.name, name)
     return name, meaning if owner == reading.name else f"{meaning} (shared: that of the reading {owner})"
 

@@ -440,7 +440,7 @@ def _result(claim: PublishedClaim, evaluation: Evaluation, judgement: Judgement)
 
 
 def _smaller(claim, declaration, evaluation, other: Evaluation | None) -> dict[str, Any] | None:
-    """Return what fewer trials give, if they are fewer; nothing where the measure is stored of all trials alone."""
+    """Return the result recomputed with fewer trials, or None if that is impossible or no different."""
     if other is None or other.trials is None or other.trials == evaluation.trials:
         return None
     judgement = judge(claim, other, declaration)
