@@ -75,9 +75,10 @@ class Change:
     else the measure that decides a statement. `component` are the indices of one number of a row, from 0, and empty for
     a single number. `before` and `after` are the values in the reading `against` and in `reading`, `difference` is
     `after - before`, `error` its standard error (0 without sampling, and at most this where readings share random
-    numbers); all have the unit `unit`. `size` is |difference| divided by what noise and rounding
-    could explain: three standard errors and half a printed digit for a printed number; three standard errors for a
-    sampled measure, and its distance from its limit for another. A change counts if it exceeds 1. `equal_trials`: whether both rest on as many trials (or on none).
+    numbers); all have the unit `unit`. `size` is |difference| divided by what noise and rounding could explain: three
+    standard errors and half a printed digit for a printed number; three standard errors for a sampled measure, and its
+    distance from its limit for another. A change counts if it exceeds 1. `equal_trials`: whether both rest on as many
+    trials (or on none).
     """
 
     claim: str
