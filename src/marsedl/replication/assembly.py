@@ -190,7 +190,7 @@ def run_times(benchmarks: Sequence[Sequence[str]], papers: Iterable[str]) -> lis
 def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     """What differs on other machines, one row for each, the first row the header; empty if nothing was measured.
 
-    machines: the table of `replication.machines`.
+    machines: the table of `bench/machines.py`.
     """
     if not machines:
         return []
@@ -212,7 +212,7 @@ def machine_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
 def margin_rows(machines: Sequence[Sequence[str]]) -> list[list[str]]:
     """The worst margin of every artifact on every other machine, in tolerances; the first row is the header.
 
-    machines: the table of `replication.machines`; empty if nothing was measured, and so is the result.
+    machines: the table of `bench/machines.py`; empty if nothing was measured, and so is the result.
     """
     rows = [dict(zip(machines[0], row, strict=True)) for row in machines[1:]]
     names = list(dict.fromkeys(row["machine"] for row in rows))
