@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from marsedl.replication import artifacts
 from marsedl.replication.catalogue import Paper, Stage
 from marsedl.replication.claims import read_claims
@@ -275,7 +277,7 @@ def _solves(path: Path) -> list[tuple[str, list[str], list[int], list[float]]]:
 
         def values(*names):
             present = next((name for name in names if artifacts.holds_field(file, name)), None)
-            return artifacts.read_array(path, file[present]).ravel().tolist() if present else []
+            return np.asarray(file[present][()]).ravel().tolist() if present else []
 
         for name in sorted(file):
             prefix, _, last = name.rpartition("_")
