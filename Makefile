@@ -67,7 +67,7 @@ $(STAMP): requirements.lock pyproject.toml
 
 # Resolve again, without any package index address in the result.
 lock:
-	uv pip compile $(COMPILE) --extra dev --extra docs --extra crate pyproject.toml -o requirements.lock
+	uv pip compile $(COMPILE) --extra dev --extra docs pyproject.toml -o requirements.lock
 	uv pip compile $(COMPILE) --extra slurm --constraint requirements.lock pyproject.toml -o requirements-slurm.lock
 
 # Everything that can be regenerated; the environment stays.

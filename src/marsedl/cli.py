@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import marsedl
-from marsedl.extras import MissingExtra
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.sizes import FULL, build_folder, size_of
+from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import columns, printable_lines
 
 TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
@@ -24,8 +23,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = command_line().parse_args(arguments)
     try:
         return _COMMANDS[options.command](options)
-    except (MarsedlError, MissingExtra) as error:
+    except MarsedlError as error:
         print(f"marsedl: {printable_lines(error)}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        print(f"marsedl: {error.name} is not installed; run: pip install 'marsedl[pipeline]'", file=sys.stderr)
         return 2
     except BrokenPipeError:
         sys.stderr.close()
@@ -98,25 +100,6 @@ def command_line() -> argparse.ArgumentParser:
         "differs.",
     )
     verify.add_argument("--no-rebuild", action="store_true", help="only compare the full size with the stored numbers")
-    machines = add(
-        "machines",
-        "check how results depend on the processor and on library versions",
-        "Builds the smoke size as pinned and under other instruction sets or libraries, and compares the results.",
-    )
-    machines.add_argument("names", nargs="*", metavar="machine", help="sse or avx512 (default: both)")
-    machines.add_argument(
-        "--libraries",
-        action="append",
-        default=[],
-        metavar="NAME=PYTHON",
-        help="a name, and the Python of an environment with other library versions; can be repeated",
-    )
-    machines.add_argument(
-        "--paper", metavar="NAME", action="append", default=[], help="only this paper; can be repeated"
-    )
-    machines.add_argument(
-        "--cores", metavar="N", type=_positive, default=2, help="cores of each build (default: %(default)s)"
-    )
     accept = add(
         "accept",
         "store the numbers of the full-size build as the reference",
@@ -139,23 +122,6 @@ def command_line() -> argparse.ArgumentParser:
         "write what came out of each paper into README.md",
         "Writes the answers and the badge from the stored verdicts.",
     )
-    add(
-        "audit",
-        "check that nothing is missing or unused",
-        "Counts claims, figures, inputs, errata and targets. The exit status is 1 if one lacks what belongs to it.",
-    )
-    crate = add(
-        "crate",
-        "describe the build for an archive, as an RO-Crate",
-        "Writes ro-crate-metadata.json with the workflow, its inputs, and all products with their checksums.",
-    )
-    crate.add_argument(
-        "--config",
-        metavar="KEY=VALUE",
-        nargs="*",
-        default=[],
-        help="settings that the build was made with, as for snakemake",
-    )
     new = add(
         "new-paper",
         "create a small complete paper as the start of another replication",
@@ -165,12 +131,6 @@ def command_line() -> argparse.ArgumentParser:
     new.add_argument("--title", default="Title to be given", help="the paper's title")
     new.add_argument("--authors", default="Authors to be named", help="the paper's authors, in one line")
     new.add_argument("--without-monte-carlo", action="store_true", help="one stage and no Monte Carlo trials")
-    completion = add(
-        "completion",
-        "print a script that completes commands in your shell",
-        'For bash, add this line to ~/.bashrc: eval "$(marsedl completion bash)"',
-    )
-    completion.add_argument("shell", choices=("bash", "zsh"), help="your shell")
     for command in (listing, explain, trial, verify, accept):
         where = "with --reference: " if command in (verify, accept) else ""
         command.add_argument(
@@ -189,13 +149,6 @@ class _Version(argparse.Action):
     def __call__(self, parser, *_):
         print(f"marsedl {marsedl.__version__}")
         parser.exit()
-
-
-def _positive(text: str) -> int:
-    """Read a whole number above zero; the parser refuses the argument otherwise."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above zero")
-    return int(text)
 
 
 def project_root() -> Path:
@@ -604,22 +557,6 @@ def _trial(options) -> int:
     return 0
 
 
-def _completion(options) -> int:
-    from marsedl.papers import SLUGS
-    from marsedl.replication.completion import script
-
-    project = _project()
-    items = {}
-    for slug in SLUGS:
-        paper = _paper(slug)
-        items[slug] = {
-            "explain": [*paper.figures, *paper.tables, *paper.stages, *(c.id for c in _published(project.root, slug))],
-            "trial": [*project.studies[slug].readings],
-        }
-    print(script(command_line(), options.shell, items), end="")
-    return 0
-
-
 def _verify(options) -> int:
     from marsedl.papers import rounding_noise
     from marsedl.replication import verification
@@ -652,21 +589,9 @@ def _own_build(options) -> tuple[_Project, dict]:
     return project, {paper.slug: Shared(paper, project.studies[paper.slug]) for paper in papers}
 
 
-def _machines(options) -> int:
-    from marsedl.papers import SLUGS, rounding_noise
-    from marsedl.replication import machines
-    from marsedl.replication.errors import nearest
-
-    if unknown := next((paper for paper in options.paper if paper not in SLUGS), None):
-        raise InputError(f"there is no paper '{unknown}'; {nearest(unknown, SLUGS)}")
-    selected = machines.select(options.names, options.libraries)
-    slugs = options.paper or SLUGS
-    return 0 if machines.measure(project_root(), selected, slugs, rounding_noise(), options.cores) else 1
-
-
 def _accept(options) -> int:
     from marsedl.papers import SLUGS, rounding_noise
-    from marsedl.replication import audit, quotes, verification
+    from marsedl.replication import quotes, verification
 
     root = project_root()
     if _own_reference(options):
@@ -681,10 +606,7 @@ def _accept(options) -> int:
     _say(f"wrote {verification.accept_inputs(root, project.studies)}")
     _say(f"wrote {quotes.accept(root, {slug: (_paper(slug), project.quotes(slug)) for slug in SLUGS})}")
     _write_readme(root)
-    results = _run_audit(root)
-    _say(audit.format_results(results, audit.read_counts(root)))
-    _say(f"wrote {audit.write_counts(root, results)}")
-    return 1 if audit.findings(results) else 0
+    return 0
 
 
 def _readme(options) -> int:
@@ -702,29 +624,6 @@ def _write_readme(root: Path) -> None:
         _say(f"wrote {path}")
 
 
-def _audit(options) -> int:
-    from marsedl.replication import audit
-    from marsedl.replication.verification import REMEDY
-
-    root = project_root()
-    results, committed = _run_audit(root), audit.read_counts(root)
-    _say(audit.format_results(results, committed))
-    changes = audit.count_changes(results, committed)
-    if changes:
-        _say(REMEDY)
-    return 1 if changes or audit.findings(results) else 0
-
-
-def _crate(options) -> int:
-    from marsedl.papers import SLUGS
-    from marsedl.replication.crate import write_crate
-
-    project = _project(size_of(options.config))
-    papers = {slug: project.paper(slug) for slug in SLUGS}
-    _say(f"wrote {write_crate(project_root(), papers, _shared(size_of(options.config)), *options.config)}")
-    return 0
-
-
 def _new_paper(options) -> int:
     from marsedl.replication.scaffold import new_paper, next_steps
 
@@ -736,37 +635,14 @@ def _new_paper(options) -> int:
     return 0
 
 
-def _run_audit(root) -> list:
-    """Audit all papers and comparisons of the project."""
-    from marsedl.comparison import comparisons
-    from marsedl.papers import catalogue
-    from marsedl.replication import audit
-    from marsedl.replication.claiming import claims_of
-
-    subjects = [
-        audit.Subject(
-            catalogue(slug),
-            study,
-            _published(root, slug),
-            claims_of(slug).declarations,
-        )
-        for slug, study in _project().studies.items()
-    ]
-    return audit.audit(root, subjects, comparisons(), TARGETS)
-
-
 _COMMANDS = {
-    "completion": _completion,
     "list": _list,
     "explain": _explain,
     "diff": _diff,
     "trial": _trial,
     "verify": _verify,
-    "machines": _machines,
     "accept": _accept,
     "readme": _readme,
-    "audit": _audit,
-    "crate": _crate,
     "new-paper": _new_paper,
 }
 

@@ -149,17 +149,6 @@ def test_an_edit_of_its_equations_reruns_what_its_facts_say(sapling, slug):
     assert stages == set(facts["rerun"])
 
 
-@pytest.mark.workflow
-def test_the_audit_finds_nothing_amiss_with_it(sapling):
-    (sapling / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
-    # The audit asks for verdicts of the full size.
-    shutil.copytree(build_folder(sapling, "smoke") / "report" / "claims", sapling / "report" / "claims")
-    lines = run(sapling, "marsedl.cli", "audit").stdout.splitlines()
-    assert any(f"{SMALL} 1, {SLUG} 1" in line for line in lines if "printed claims" in line), lines
-    findings = [line for line in lines if re.match(r"  [^ \d]", line) and "is committed" not in line]
-    assert not [line for line in findings if SLUG in line or SMALL in line]
-
-
 def test_it_keeps_to_the_style_and_is_written_where_papers_are(scaffolded):
     tree, files = scaffolded
     assert all(path.is_file() for path in files)

@@ -17,7 +17,6 @@ from marsedl.replication.inputs import (
     counted_inputs,
     load_studies,
 )
-from marsedl.replication.jobs import pretended_machine
 from marsedl.replication.libraries import versions_used
 from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.sharing import Shared
@@ -76,9 +75,8 @@ def file_digest(path):
 
 @functools.cache
 def code(script, *entries):
-    """Digests of the code that a job can reach: its script and its functions; and the machine if it is unpinned."""
-    digests = [DIGESTS.script(script), *map(DIGESTS.code, entries)]
-    return " ".join([*(d[:16] for d in digests), pretended_machine()]).strip()
+    """Digests of the code that a job can reach: its script and its functions."""
+    return " ".join(d[:16] for d in [DIGESTS.script(script), *map(DIGESTS.code, entries)])
 
 
 @functools.cache
