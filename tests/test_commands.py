@@ -35,7 +35,9 @@ STANDS_FOR = {  # what the pages write for anything, and one thing that it may s
     "READING": "printed",
     "COMMAND": "list",
     "diff A B": "diff configs configs",
-    "trial random_field both_branches": "trial random_field metres",  # a reading that the smoke size builds
+    "trial random_field both_branches": "trial random_field corrected",  # a reading that the smoke size builds
+    # Shown for a Slurm, which is not everywhere; tests/slurm runs it. What stands in which order is the same.
+    "--workflow-profile profiles/slurm": "--workflow-profile profiles/default",
 }
 ELSEWHERE = [
     *("make *", ". .venv/bin/activate", "python bench/*", "python profiles/*", "pytest *", "uv *", "pip *", "git *"),

@@ -35,11 +35,16 @@ class Kernels:
 
     @staticmethod
     def from_function(py_func, py_file):
-        """Return numba's own locator for NUMBA_CACHE_DIR."""
+        """Return numba's own locator for NUMBA_CACHE_DIR, where the module counts and not the path of its file."""
         from numba.core.caching import UserProvidedCacheLocator
 
+        class ByModule(UserProvidedCacheLocator):
+            @classmethod
+            def get_suitable_cache_subpath(cls, py_file):
+                return py_func.__module__
+
         _take_turns()
-        return UserProvidedCacheLocator.from_function(py_func, py_file)
+        return ByModule.from_function(py_func, py_file)
 
 
 @cache
