@@ -297,7 +297,7 @@ def test_nearest_names_the_nearest_or_all():
         ("drawn_trials", "5000", ["drawn_trials: 5000 is more than trials (2000): lower it"]),
         ("ellipses_per_segment", "1000000000", ["at most 10000: a figure shows no more"]),
         ("certificate_intervals", "[1000000, 50]", ["at most 1000: a certificate is a semidefinite program"]),
-        ("convergence_trials", "1000000000", ["at most 10000000: a study keeps all of its trials in memory"]),
+        ("choice_trials", "1000000000", ["at most 10000000: a study keeps all of its trials in memory"]),
         ("mass_iterations", "1000000000", ["at most 1000000: an iteration that has not converged by then never does"]),
         ("integrator", "rk5", ["rk4", "euler_maruyama"]),
         ("boundary_condition", "3", ["algorithm_1"]),
