@@ -708,7 +708,6 @@ REVERSED = st.tuples(POSITIVE, POSITIVE).filter(lambda pair: pair[0] != pair[1])
 TINY = st.floats(1e-29, 1e-20)
 UNFIT = [  # inputs that are each in order and do not go together
     ("powered_descent", "time_step", TINY, "steps in a segment, more than"),
-    ("powered_descent", "finest_time_step", TINY, "steps in a segment, more than"),
     ("powered_descent", "output_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "design_interval", TINY, "steps in a segment, more than"),
     ("powered_descent", "time_step", st.floats(15.1, 1e9), "is longer than a segment", "lower it"),

@@ -224,3 +224,11 @@ def test_claims_are_a_long_table():
     ]
     assert rows[8][4:7] == (math.inf, None, math.inf)
     assert [row[4:7] for row in rows[9:]] == [(None, None, 5.0), (1.0, None, 5.0)]
+
+
+def test_a_pandas_that_misreads_numbers_is_told_from_a_table_of_mixed_types(monkeypatch):
+    read, data = pd.read_csv, table({"mass": [0.1, 0.2]}, {"mass": Column("kg")})
+    monkeypatch.setattr(pd, "read_csv", lambda text: read(text).map(lambda x: np.nextafter(x, 1.0)))
+    monkeypatch.setattr(pd, "__version__", "3.0.0")
+    with pytest.raises(ValueError, match=r"'mass \(kg\)' has other numbers when pandas 3.0.0 .* install pandas>=3.1"):
+        csv_text(data)

@@ -26,8 +26,6 @@ rule comparison_product:
         **reached("comparison.py", comparison_entries),
         inputs=comparison_inputs,
         artifacts=compared_artifacts,
-        benchmarks=source(BENCHMARKS),
-        measured=lambda wildcards: file_digest(BENCHMARKS) if COMPARISONS[wildcards.stem].measured else "",
         captions=comparison_captions,
     script:
         "../scripts/comparison.py"

@@ -23,6 +23,7 @@ from marsedl.replication.terminal import printable
 
 COMMITTED_INPUTS = Path("data/reference/inputs.json")
 MOST_READINGS = 200  # of a user's own, of one paper
+READ_AS_MISSING = ("nan", "null")  # by pandas, in tables; it is not imported here, which takes time
 SETTINGS = ("size", "chunks")  # at the top of a user's configuration, beside the papers
 LONGEST_REASON = 5000  # characters of a message
 INVISIBLE_LETTERS = "\u115f\u1160\u3164\uffa0"  # letters to Unicode, blank to a reader
@@ -357,6 +358,8 @@ def _base(name: str, bodies: dict[str, _Written], model: type[Inputs]) -> str | 
         raise InputError(
             f"{place}: a reading's name is lower case letters, digits and _, at most 40 of them; rename it"
         )
+    if name in READ_AS_MISSING:
+        raise InputError(f"{place}: pandas reads the name {name!r} in a table as no value; rename it")
     if periodic := re.search(r"(.+?)\1{19,}$", name):
         raise InputError(
             f"{place}: the name ends in {periodic[1]!r} repeated, which Snakemake takes for a rule that needs "

@@ -11,7 +11,7 @@ from marsedl.replication.counterexamples import spread
 from marsedl.replication.thresholds import ABOUT
 
 
-@claim(by_construction="a mass iteration that does not converge is an error of its stage, so that nothing is judged")
+@claim(by_construction="a mass iteration that does not converge is an error of its stage")
 def mass_iteration_converges(nominal: Nominal):
     contraction = nominal.integrated_change[1:] / nominal.integrated_change[:-1]
     return holds(measure(f"factor from pass to pass, {len(contraction) + 1} passes", contraction) < 1)
