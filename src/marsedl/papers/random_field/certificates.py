@@ -16,7 +16,7 @@ from marsedl.papers.random_field import gains as design
 from marsedl.papers.random_field.inputs import Air, Guidance, Mission, Planet, Simulation, Studies, Vehicle
 from marsedl.papers.random_field.linearization import UNITS, along, motion_of
 from marsedl.papers.random_field.nominal import states_of
-from marsedl.papers.random_field.records import Certificates, Gains, Linearization, Nominal
+from marsedl.papers.random_field.records import Certificates, Linearization, Nominal
 from marsedl.replication.catalogue import stage
 from marsedl.replication.errors import MarsedlError
 
@@ -35,7 +35,6 @@ def compute(
     studies: Studies,
     nominal: Nominal,
     linearization: Linearization,
-    gains: Gains,
 ) -> Certificates:
     """Solve the first program in every way, sample fields along its trajectory, and compare.
 
@@ -62,7 +61,6 @@ def compute(
         history_gain_difference=float(np.abs(innovations.gain - history.gain)[:, 1:].max()),
         other_objective=other.objective,
         other_solver=other.solver,
-        largest_gain_difference=float(np.abs(innovations.gain[:, 1:, 0] - gains.gain[1][:, 1:] * UNITS).max()),
         samples=studies.study_trials,
         **_identities(posed.system, innovations),
         **_separation(simulation, system, innovations),

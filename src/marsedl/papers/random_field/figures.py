@@ -29,12 +29,10 @@ from marsedl.papers.random_field.records import (
     Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
-    FieldStudy,
     FlightEnsemble,
     Gains,
     Linearization,
     Nominal,
-    Regularization,
 )
 from marsedl.plotting.curves import (
     OPAQUE,
@@ -42,7 +40,6 @@ from marsedl.plotting.curves import (
     legend_below,
     legend_entry,
     mark,
-    name_axes,
     note,
     plot,
     trials,
@@ -83,7 +80,6 @@ SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of a
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
 LEAST_PROBABILITY = 1e-6  # of the axis of violations
-NO_PERCENTILE = {"linestyle": "-", "linewidth": 7.0, "alpha": 0.3}  # across the axes: nothing that looks like a value
 VARIANT_STYLE = {
     "one_branch": (VERMILION, "o", "one branch, as in the paper"),
     "both_branches": (BLUE, "s", "both branches"),
@@ -878,119 +874,6 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
     missing = "no 99th percentile over flights: too many lost"
     percentile.set_title("without the initial guess" if any_percentile else missing)
     legend_below(figure, (apoapsis, percentile), columns=1 if convergence.lost[:, 1:].any() else 2)
-    return figure
-
-
-def regularization(guidance: Guidance, studies: Studies, regularization: Regularization) -> Figure:
-    """What the size of the design's navigation errors does to gains, predictions and flights."""
-    figure, panels = new_figure(9.6, 5.6, nrows=2, ncols=3, sharex=True)
-    study, trial_count = regularization, studies.study_trials
-    condition, gain, deviation, percentile, shares, corner = panels.flat
-    with_position_error = condition, gain, deviation, percentile, shares
-    against = {"x": field(study, "position_error", name="navigation error of the radius\nin the design")}
-    curve = {"marker": "o", "markersize": 3.5, "linewidth": 1.0}
-    plot(condition, study, "condition_number", **against, **curve, name="condition number of Cov(W)", color=BLACK)
-    largest_gain = "largest gain, in units of\n1 km, 100 m/s, 10 mrad"
-    plot(gain, study, "largest_gain", **against, **curve, name=largest_gain, color=VERMILION)
-    for path, color, style, label in (
-        ("predicted_deviation", BLACK, "-", "linear covariance"),
-        ("design_deviation", BLACK, ":", "with navigation errors"),
-        ("flown_deviation", BLUE, "-", "captured flights"),
-    ):
-        line = {"color": color, "linestyle": style, "label": label, **curve}
-        plot(deviation, study, path, **against, name=r"standard deviation of $\Delta v$", **line)
-    for axes in (condition, gain, deviation):
-        axes.set_yscale("log")
-    flights = field(study, "percentile", **against, name=r"99th percentile of $\Delta v$")
-    name_axes(percentile, flights)
-    size, missing = study.position_error, np.isnan(study.percentile)
-    percentile.errorbar(size, study.percentile, 3 * study.percentile_error, color=BLUE, capsize=2, **curve)
-    legend_entry(percentile, r"flights, $\pm 3$ standard errors", color=BLUE, **curve)
-    mark(percentile, x=size[missing], label="none: more than 1 % lost", **NO_PERCENTILE, color=BLUE)
-    if missing.all():
-        percentile.set_yticks([])
-    for path, color, label in (
-        ("saturated", ORANGE, "beyond the limits at any step"),
-        ("worst_step", VERMILION, "at the worst step"),
-        ("lost", BLACK, "lost"),
-    ):
-        counts = field(study, path, **against, name=f"share of {trial_count:,} flights")
-        share = counts.of(np.where(counts.values > 0, counts.values / trial_count, np.nan))
-        plot(shares, share, color=color, label=label, **curve)
-    allotted = 1.0 - guidance.control_probability
-    mark(shares, y=allotted, linewidth=1.2, linestyle="--", label="allotted to a step")
-    shares.set(yscale="log", ylim=(min(0.5 / trial_count, 0.3 * allotted), 2.0))
-    if not np.isfinite(study.condition_number).any():
-        note(gain, "no law was designed", 0.6)
-    nominal_error = guidance.navigation_deviations[0]
-    for axes in with_position_error:
-        if nominal_error > 0:
-            mark(axes, x=nominal_error, label=f"this reading, {nominal_error:g} m" if axes is condition else None)
-        axes.set_xscale("log")
-        if axes.get_legend_handles_labels()[0]:
-            place = "upper right" if axes is percentile else "best"
-            axes.legend(loc=place, fontsize=7, frameon=True, framealpha=1.0, edgecolor="none")
-    percentile.set_ymargin(0.35)  # room for the legend
-    # Under the empty place, the panel above names the axis.
-    corner.remove()
-    deviation.tick_params(labelbottom=True)
-    deviation.set_xlabel(against["x"].label)
-    return figure
-
-
-def field_study(air: Air, field_study: FieldStudy) -> Figure:
-    """Percentile of delta-v without control against the density variation at 45 km, in other random fields."""
-    figure, axes = new_figure(6.8, 4.2)
-    study = field_study
-    deviation = 100 * study.deviation_at_45_km
-    scaled = deviation[0] * np.sqrt(study.variance / air.variance_at_top)
-    axes.errorbar(
-        scaled,
-        study.variance_percentile,
-        3 * study.variance_percentile_error,
-        color=BLUE,
-        marker="o",
-        markersize=4,
-        capsize=2,
-        label="variance times a factor",
-    )
-    for place, percentile, variance in zip(scaled, study.variance_percentile, study.variance, strict=True):
-        if np.isfinite(percentile):
-            text = rf"$\times${variance / air.variance_at_top:g}"
-            axes.annotate(text, (place, percentile), (5, -10), textcoords="offset points", color=BLUE, fontsize=8)
-    colors = (BLACK, ORANGE, GREEN, PURPLE, VERMILION)
-    for number, name in enumerate(str(name) for name in study.hypothesis):
-        color = colors[number % len(colors)]
-        lost = f", {study.lost[number]:,} lost" if study.lost[number] else ""
-        label = f"{name}: "
-        if np.isfinite(study.percentile[number]):
-            label += f"{study.percentile[number]:.0f} m/s{lost}"
-            axes.errorbar(
-                deviation[number],
-                study.percentile[number],
-                3 * study.percentile_error[number],
-                fmt="D",
-                color=color,
-                markersize=5,
-                capsize=2,
-                zorder=4,
-                label=label,
-            )
-        else:
-            label += f"no percentile{lost}"
-            mark(axes, x=deviation[number], label=label, **NO_PERCENTILE, color=color)
-    missing = np.isnan(study.variance_percentile)
-    above = f"no percentile, {study.variance_lost[missing].min():,} or more lost" if missing.any() else None
-    mark(axes, x=scaled[missing], label=above, **NO_PERCENTILE, color=BLUE)
-    axes.set(
-        xlabel="standard deviation of the density variation at 45 km (%)",
-        ylabel=r"99th percentile of $\Delta v$, open loop (m/s)",
-        title=f"{study.trials:,} flights each",
-    )
-    if not np.isfinite(np.concatenate([study.percentile, study.variance_percentile])).any():
-        note(axes, "no 99th percentile: more than 1 % of the flights lost", 0.5)
-        axes.set_yticks([])
-    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
