@@ -152,9 +152,13 @@ class Certificates:
     convexity: float = quantity("1", (), "least excess of a chord over the cost, relative, along random segments")
     process_mean_score: float = quantity("1", (), "largest deviation of a sampled mean along the nominal, in errors")
     disturbance_mean_score: float = quantity("1", (), "likewise of the disturbances' mean (Eq. 25)")
-    process_score: float = quantity("1", (), "largest deviation of a sampled covariance along the nominal, in errors")
-    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)")
-    normality_score: float = quantity("1", (), "likewise of skewness and excess kurtosis of the disturbances")
+    process_score: float = quantity(
+        "1", (), "largest deviation of a sampled covariance along the nominal, in errors", allow_nan=True
+    )
+    disturbance_score: float = quantity("1", (), "likewise of the disturbances' covariance (Eq. 26)", allow_nan=True)
+    normality_score: float = quantity(
+        "1", (), "likewise of skewness and excess kurtosis of the disturbances", allow_nan=True
+    )
     samples: int = quantity("1", (), "fields sampled")
     largest_correlation: float = quantity("1", (), "largest correlation between disturbances of different intervals")
     deviation_ratio: float = quantity("1", (), "largest over smallest standard deviation of a disturbance's component")
@@ -218,7 +222,9 @@ class DoubleIntegratorFlights:
     count: np.ndarray = quantity("1", ("laws",), "trials", "int64")
     excluded: np.ndarray = quantity("1", ("laws",), "trials that are not finite", "int64")
     mean: np.ndarray = quantity("1", ("laws", "time", POINT_STATE), "mean state")
-    covariance: np.ndarray = quantity("1", ("laws", "time", POINT_STATE, POINT_STATE), "sample covariance")
+    covariance: np.ndarray = quantity(
+        "1", ("laws", "time", POINT_STATE, POINT_STATE), "sample covariance", allow_nan=True
+    )
     violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "trials beyond each line at each node", "int64")
     paper_violations: np.ndarray = quantity("1", ("laws", "nodes", LINE), "those among the first trials", "int64")
     any_violations: np.ndarray = quantity("1", ("laws", "nodes"), "trials beyond either line at each node", "int64")
