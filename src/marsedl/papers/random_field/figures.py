@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from marsedl.models import density_variation, orbits, random_field
-from marsedl.montecarlo.statistics import binomial_interval
 from marsedl.papers.random_field import double_integrator as linear_example
 from marsedl.papers.random_field import environment, flight_statistics
 from marsedl.papers.random_field.environment import targets
@@ -25,7 +24,6 @@ from marsedl.papers.random_field.inputs import (
 )
 from marsedl.papers.random_field.records import (
     BRANCHES,
-    CLOSED,
     Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
@@ -48,7 +46,6 @@ from marsedl.plotting.ellipses import band
 from marsedl.plotting.fields import field, sigma_bounds, standard_deviation
 from marsedl.plotting.forms import covariance_ellipse, distribution, iterations
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
-from marsedl.replication.thresholds import CONFIDENCE
 from marsedl.replication.units import DEGREE, KM, converted
 
 ALTITUDE_LABEL = "altitude (km)"  # of what is drawn upwards, against the altitude
@@ -79,7 +76,6 @@ TRIAL = {"color": GREY, "linewidth": 0.5, "alpha": 0.5}
 SAMPLED = {"color": BLUE, "linestyle": "--", "label": r"mean $\pm 3 \sigma$ of all flights"}
 FAR = 2.5  # times the spread of the flights, beyond which a prediction may leave the axes
 PRESSURE_MARGIN = 1.5  # of the nominal's largest dynamic pressure, where the axis ends
-LEAST_PROBABILITY = 1e-6  # of the axis of violations
 VARIANT_STYLE = {
     "one_branch": (VERMILION, "o", "one branch, as in the paper"),
     "both_branches": (BLUE, "s", "both branches"),
@@ -767,74 +763,6 @@ def fig17(gains: Gains, aerocapture: FlightEnsemble) -> Figure:
     return figure
 
 
-def violations(
-    vehicle: Vehicle,
-    guidance: Guidance,
-    point_mass: PointMass,
-    gains: Gains,
-    double_integrator: DoubleIntegrator,
-    double_integrator_flights: DoubleIntegratorFlights,
-    aerocapture: FlightEnsemble,
-) -> Figure:
-    """Probability of leaving each constraint: allotted, predicted, and the share of flights with its interval."""
-    iterations = _iterations(gains)
-    figure, panels = _grid(len(iterations) + 1, 7.6, 3.0, sharey=True)
-    allotted = 1.0 - guidance.control_probability
-    by_step, _ = flight_statistics.step_violations(aerocapture, gains.partition)
-    trial_count = aerocapture.outcome.shape[1]
-    middle = (gains.partition[:-1] + gains.partition[1:]) / 2
-    for axes, (number, color) in zip(panels, iterations, strict=False):
-        mark(axes, y=allotted, color=BLACK, linestyle="--", linewidth=1.2)
-        for deviation, style in (
-            (gains.control_deviation, {"marker": "_", "color": BLACK, "markersize": 9, "markeredgewidth": 1.6}),
-            (gains.design_control_deviation, {"marker": "x", "color": GREY, "markersize": 4}),
-        ):
-            predicted = _beyond_limits(gains.control[number], deviation[number], *vehicle.control_limits)
-            axes.plot(middle, np.where(predicted > 0.0, predicted, np.nan), linestyle="none", **style)
-        _shares(axes, middle, by_step[number], trial_count, color, "o")
-        axes.set(title=f"aerocapture, {_iteration(number)}", xlabel=field(gains, "partition").label)
-        axes.set_xlim(gains.partition[[0, -1]])
-    axes = panels[-1]
-    flights = double_integrator_flights
-    normals, bounds = linear_example.normals_and_bounds(point_mass)
-    closed = CLOSED
-    time = double_integrator.partition
-    mark(axes, y=linear_example.tail(point_mass), color=BLACK, linestyle="--", linewidth=1.2)
-    spread = np.sqrt(np.einsum("ci,kij,cj->kc", normals, double_integrator.covariance[closed], normals))
-    predicted = _upper_tail((bounds - double_integrator.mean[closed] @ normals.T) / spread)
-    for line, color in enumerate((BLUE, VERMILION)):
-        side = 0.12 * (2 * line - 1)
-        axes.plot(time + side, predicted[:, line], "_", color=BLACK, markersize=9, markeredgewidth=1.6)
-        first = flights.paper_violations[closed, :, line], flights.paper_trials
-        every = flights.violations[closed, :, line], flights.count[closed]
-        for (counts, number), shift, marker in ((first, -0.05, "D"), (every, 0.05, "o")):
-            _shares(axes, time + side + shift, counts, number, color, marker, filled=marker == "o")
-        axes.plot([], [], "o", color=color, markersize=4, label=f"line {line + 1}")
-    axes.set(title="double integrator, closed loop", xlabel="time (1)", xlim=(time[0] - 0.4, time[-1] + 0.4))
-    axes.legend(loc="upper left")
-    sizes = " or ".join(dict.fromkeys(f"{count:,}" for count in (trial_count, flights.count[closed])))
-    fewest = min(trial_count, flights.paper_trials)
-    largest = max(by_step.max() / trial_count, flights.violations[closed].max() / flights.count[closed], allotted)
-    for axes in panels:
-        axes.set_yscale("log")
-        axes.set_ylim(LEAST_PROBABILITY, min(10 * max(largest, binomial_interval(0, fewest, CONFIDENCE)[1]), 1.5))
-    for axes in panels[:: 2 if len(panels) > 1 else 1]:
-        axes.set_ylabel("probability of violation")
-    handles = []
-    for color, style, marker, face, label in (
-        (BLACK, "--", "", BLACK, "allotted"),
-        (BLACK, "none", "_", BLACK, "linear covariance"),
-        (GREY, "none", "x", GREY, "linear covariance, with navigation errors"),
-        (GREY, "none", "o", GREY, f"share of {sizes} flights, {100 * CONFIDENCE:g} % interval"),
-        (GREY, "none", "D", "none", f"share of the first {flights.paper_trials:,} (double integrator)"),
-        (GREY, "none", "v", "none", "no violation: upper end of the interval"),
-    ):
-        point = {"linestyle": style, "marker": marker, "markerfacecolor": face, "markersize": 5}
-        handles.append(legend_entry(panels[0], label, color=color, **point))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    return figure
-
-
 def convergence(mission: Mission, guidance: Guidance, studies: Studies, convergence: Convergence) -> Figure:
     """Nominal apoapsis, predicted and flown percentile of delta-v over many iterations of every variant."""
     figure, (apoapsis, percentile) = new_figure(7.4, 4.2, ncols=2)
@@ -924,19 +852,6 @@ def delta_v_map(
         panels[1].plot([], [], ".-", color=color, label=f"flights, {_law(number)}, and their histogram")
     legend_below(figure, panels, columns=2)
     return figure
-
-
-def _upper_tail(score):
-    from scipy.special import ndtr
-
-    return ndtr(-np.asarray(score))
-
-
-def _beyond_limits(mean, deviation, lower, upper):
-    """Probability that a normal control leaves its limits; zero or one where it has no deviation."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        both = _upper_tail((upper - mean) / deviation) + _upper_tail((mean - lower) / deviation)
-    return np.where(deviation > 0.0, both, (mean > upper) | (mean < lower))
 
 
 def _iterations(gains):
@@ -1081,24 +996,6 @@ def _limit_to_flights(axes, bounds, predicted):
 def _limits_of_control(axes, vehicle: Vehicle, label=None):
     for limit in vehicle.control_limits:
         axes.axhline(limit, color=BLACK, linewidth=0.9, linestyle="--", label=label if limit > 0 else None)
-
-
-def _shares(axes, place, counts, trials, color, marker, filled=True):
-    """Shares of trials with their intervals; where there is none, a triangle at the interval's upper end."""
-    share, (lower, upper) = counts / trials, binomial_interval(counts, trials, CONFIDENCE)
-    some = counts > 0
-    axes.errorbar(
-        place[some],
-        share[some],
-        [(share - lower)[some], (upper - share)[some]],
-        fmt=marker,
-        color=color,
-        markerfacecolor=color if filled else "none",
-        markersize=4,
-        elinewidth=1.0,
-        capsize=2,
-    )
-    axes.plot(place[~some], upper[~some], "v", color=color, markerfacecolor="none", markersize=3.5, markeredgewidth=0.7)
 
 
 def _delta_v_curve(planet: Planet, mission: Mission, linearization, gains):

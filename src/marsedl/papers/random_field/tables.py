@@ -438,30 +438,6 @@ def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published)
     )
 
 
-def densities_apart(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """What the printed numbers say of the density: how far the readings lie apart, and which comes closest."""
-    numbers = _density_numbers(readings)
-    rows = []
-    for k, (claim, name) in enumerate(DENSITY_CLAIMS.items()):
-        values, printed = np.array([row[k] for row in numbers.values()]), published[claim].printed
-        miss = np.abs(values - printed)
-        has_finite = np.isfinite(miss).any()
-        best = int(np.nanargmin(miss)) if has_finite else 0
-        unit = published[claim].unit
-        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if has_finite else None, miss[best]))
-    return table(
-        rows,
-        {
-            "quantity": Column(),
-            "unit": Column(meaning="of the three numbers"),
-            PAPER: Column("", "g"),
-            "largest less least": Column("", ".4f", "over the readings"),
-            "closest reading": Column(),
-            "distance of the closest": Column("", ".4f", "from the printed number"),
-        },
-    )
-
-
 def _density_numbers(readings):
     """The numbers that are called as `DENSITY_CLAIMS` says, by reading: those that differ in the density alone."""
     reference, numbers = readings["corrected"][0], {}
