@@ -75,15 +75,14 @@ def simulate(
     )
 
 
-def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1, covariance=None, varied=True):
+def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1):
     """Return the function `simulate_block(first, last)` under one law, which also replays single trials.
 
-    number: 0 for the open loop, or an iteration, the last one unless given. covariance: of the density variation, if it
-    is not the reading's. varied: whether there is any.
+    number: 0 for the open loop, or an iteration, the last one unless given.
     """
     planet, vehicle, simulation = flights.planet, flights.vehicle, flights.simulation
     least_exit_altitude = flights.mission.least_exit_altitude
-    plant = flight.plant_of(planet, flights.air, vehicle, simulation, covariance)
+    plant = flight.plant_of(planet, flights.air, vehicle, simulation)
     flown_law = law(gains, number)
     mean, root = initial_state(planet, vehicle, nominal.entry_flight_path_angle), initial_root(vehicle)
     every = output_steps(flights.mission, simulation)
@@ -99,7 +98,6 @@ def block_simulator(flights: Flights, nominal: Nominal, gains: Gains, number=-1,
             seed=simulation.seed,
             first_trial=first,
             every=every,
-            varied=varied,
         )
         completed = trajectories.outcome == CAPTURED
         altitude, velocity, path_angle = trajectories.final_state[:3]

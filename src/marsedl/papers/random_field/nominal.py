@@ -86,7 +86,6 @@ def compute(
     peak_time, largest_pressure = peak(time, pressure)
     target_apoapsis, target_periapsis, gravity = targets(planet, mission)
     end = states[-1]
-    burns = orbits.burns(*end, target_apoapsis, target_periapsis, gravity)
     return Nominal(
         entry_flight_path_angle=float(angle),
         time=time,
@@ -101,7 +100,6 @@ def compute(
         lowest_altitude=float(altitude.min()),
         apoapsis=finite_or_nan(orbits.apoapsis_radius(*end, gravity) / planet.planet_radius),
         delta_v=finite_or_nan(orbits.total_delta_v(*end, target_apoapsis, target_periapsis, gravity)),
-        clean_up_burn=finite_or_nan(burns.apoapsis_change),
     )
 
 

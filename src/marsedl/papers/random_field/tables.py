@@ -9,19 +9,16 @@ from marsedl.papers.random_field.claims.measures import OPEN, node_deviations, n
 from marsedl.papers.random_field.components import FLOORED
 from marsedl.papers.random_field.double_integrator import normals_and_bounds, tail
 from marsedl.papers.random_field.flight_statistics import LEVEL, delta_v_percentile, lost, step_violations
-from marsedl.papers.random_field.inputs import Air, Guidance, PointMass, RandomFieldInputs, Studies, Vehicle
+from marsedl.papers.random_field.inputs import Guidance, PointMass, RandomFieldInputs, Vehicle
 from marsedl.papers.random_field.records import (
     CLOSED,
-    SPEED_UNITS,
     Certificates,
     Convergence,
     DoubleIntegrator,
     DoubleIntegratorFlights,
-    FieldStudy,
     FlightEnsemble,
     Gains,
     Nominal,
-    Regularization,
 )
 from marsedl.replication.catalogue import Artifacts
 from marsedl.replication.tables import Column, frame, table
@@ -377,106 +374,6 @@ def convergence_history(guidance: Guidance, convergence: Convergence):
     )
 
 
-def navigation_errors(studies: Studies, regularization: Regularization):
-    """What the navigation errors of the design do to gains, predictions and flights."""
-    study, trials = regularization, studies.study_trials
-    fixed = frame(
-        study,
-        factor="g",
-        position_error=Column(digits="g", label="position error per interval"),
-        condition_number=".2e",
-        largest_gain=GAIN,
-        predicted_deviation=Column(digits=".2f", label="predicted deviation of delta-v"),
-        design_deviation=Column(digits=".2f", label="design's deviation"),
-        flown_deviation=".1f",
-        percentile=Column(digits=".2f", label=PERCENTILE, error="percentile_error"),
-        percentile_error=Column(label=f"{PERCENTILE}: standard error"),
-        lost=Column(label="lost trials"),
-    )
-    worst = _share_columns("beyond the control limits at the worst step")
-    any_step = _share_columns("beyond the control limits at any step")
-    shares = [
-        (*_share(step, trials), *_share(saturated, trials))
-        for step, saturated in zip(study.worst_step, study.saturated, strict=True)
-    ]
-    cells = dict(zip((*worst, *any_step), zip(*shares, strict=True), strict=True))
-    return table(fixed.assign(**cells, trials=trials), {**worst, **any_step, "trials": Column()})
-
-
-def other_fields(air: Air, published, field_study: FieldStudy):
-    """Open-loop delta-v in other random fields beside the printed percentile."""
-    study, claim = field_study, published["acap_dv_p99_open"]
-    rows = [(PAPER, None, None, claim.printed, None, 1.0, None, claim.trials)]
-
-    def row(name, variance, low, percentile, error, away):
-        rows.append((name, variance, 100 * low, percentile, error, percentile / claim.printed, away, study.trials))
-
-    for k, hypothesis in enumerate(study.hypothesis):
-        name = str(hypothesis) if k == 0 else f"{hypothesis} (hypothesis)"
-        values = study.deviation_at_45_km[k], study.percentile[k], study.percentile_error[k], study.lost[k]
-        row(name, air.variance_at_top, *values)
-    # The deviation grows with the root of the variance, everywhere.
-    nominal_deviation = study.deviation_at_45_km[0] / np.sqrt(air.variance_at_top)
-    for k, variance in enumerate(study.variance):
-        values = study.variance_percentile[k], study.variance_percentile_error[k], study.variance_lost[k]
-        row(
-            f"{variance / air.variance_at_top:g} times the variance",
-            variance,
-            nominal_deviation * np.sqrt(variance),
-            *values,
-        )
-    return table(
-        rows,
-        {
-            "field": Column(),
-            "largest variance": Column("", "g", "of the density variation"),
-            "deviation at 45 km": Column("%", ".2f", "of the density variation"),
-            **_with_error(PERCENTILE, ".1f", "of delta-v"),
-            "share of the printed one": Column("", ".3f"),
-            "lost trials": LOST,
-            "trials": Column(),
-        },
-    )
-
-
-def other_variances(air: Air, published, field_study: FieldStudy):
-    """Delta-v of all iterations in other variances, each designed for its variance, beside the printed percentiles."""
-    study, trials = field_study, field_study.trials
-    printed = published["acap_dv_p99_open"].printed, published["acap_dv_p99_closed"].printed
-    last = study.law_percentile.shape[-1] - 1
-    rows = [
-        (PAPER, None, _law(law), value, None, None, *(None,) * 3, published["acap_dv_p99_open"].trials)
-        for law, value in ((OPEN, printed[0]), (last, printed[1]))
-    ]
-    for unit, name in enumerate(SPEED_UNITS):
-        for k, variance in enumerate(study.variance):
-            for law in range(last + 1):
-                rows.append(
-                    (
-                        name,
-                        variance / air.variance_at_top,
-                        _law(law),
-                        study.law_percentile[unit, k, law],
-                        study.law_percentile_error[unit, k, law],
-                        study.law_lost[unit, k, law],
-                        *_share(study.law_worst_step[unit, k, law], trials),
-                        trials,
-                    )
-                )
-    return table(
-        rows,
-        {
-            "unit of delta-v in the cost": Column(),
-            "factor of the variance": Column("", "g"),
-            "law": Column(),
-            **_with_error(PERCENTILE, ".1f", "of delta-v"),
-            "lost trials": LOST,
-            **_share_columns("beyond the control limits at the worst step"),
-            "trials": Column(),
-        },
-    )
-
-
 # ---- over all readings -----------------------------------------------------------------------------------------------
 
 
@@ -537,30 +434,6 @@ def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published)
             f"{last}, over the printed": Column("", ".3f"),
             **_with_error(f"best iteration: {PERCENTILE}", ".1f", "of delta-v"),
             "trials": Column(),
-        },
-    )
-
-
-def densities_apart(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """What the printed numbers say of the density: how far the readings lie apart, and which comes closest."""
-    numbers = _density_numbers(readings)
-    rows = []
-    for k, (claim, name) in enumerate(DENSITY_CLAIMS.items()):
-        values, printed = np.array([row[k] for row in numbers.values()]), published[claim].printed
-        miss = np.abs(values - printed)
-        has_finite = np.isfinite(miss).any()
-        best = int(np.nanargmin(miss)) if has_finite else 0
-        unit = published[claim].unit
-        rows.append((name, unit, printed, np.ptp(values), list(numbers)[best] if has_finite else None, miss[best]))
-    return table(
-        rows,
-        {
-            "quantity": Column(),
-            "unit": Column(meaning="of the three numbers"),
-            PAPER: Column("", "g"),
-            "largest less least": Column("", ".4f", "over the readings"),
-            "closest reading": Column(),
-            "distance of the closest": Column("", ".4f", "from the printed number"),
         },
     )
 

@@ -12,15 +12,6 @@ from marsedl.replication.claiming import Evaluation, Fails, Test, holds, provide
 OPEN = 0  # the law without control; the last one is that of the last iteration
 
 
-def chance_of_more(count: np.ndarray, trials: int, probability: float) -> np.ndarray:
-    """Probability of `count` or more of `trials` if each has the given one: p-value of a one-sided binomial test."""
-    from scipy.special import betainc
-
-    count = np.asarray(count, dtype=float)
-    at_least_one = np.maximum(count, 1.0)
-    return np.where(count > 0, betainc(at_least_one, trials - at_least_one + 1.0, probability), 1.0)
-
-
 def normal_violation(mean: np.ndarray, deviation: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
     """Probability that a normal variable lies beyond either of two limits."""
     from scipy.special import ndtr
