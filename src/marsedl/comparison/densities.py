@@ -70,17 +70,15 @@ def random_field(air: random_field_inputs.Air, nominal: RandomFieldNominal) -> D
     )
 
 
-def desensitized(
-    planet: desensitized_inputs.Planet, studies: desensitized_inputs.Studies, nominal: DesensitizedNominal
-) -> Density:
-    """A known density; the further perturbations fly with constant errors of it."""
+def desensitized(planet: desensitized_inputs.Planet, nominal: DesensitizedNominal) -> Density:
+    """A known density."""
     return Density(
         _range(nominal.state[:, 0]),
         PROFILES[planet.density_profile],
-        "none in the paper",
-        "constant error, beyond the paper",
+        "none",
+        "known density",
         profile(planet)(ALTITUDE)[0],
-        _about_one(np.full(ALTITUDE.shape, studies.density_error)),
+        _about_one(np.zeros(ALTITUDE.shape)),
         ":",
     )
 

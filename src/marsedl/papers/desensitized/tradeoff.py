@@ -202,13 +202,6 @@ def last_finite_row(tradeoff: Tradeoff) -> int:
     return int(np.flatnonzero(np.isfinite(tradeoff.printed_weight))[-1])
 
 
-def norm(planet: Planet, design: Design, extended, solution: Solution):
-    """Norm of the sensitivity in the objective."""
-    names = [variable.name for variable in solution.problem.states]
-    end = dict(zip(names, solution.states[-1], strict=True))
-    return float(np.sqrt(entry_problem.squared_norm(planet, design, end, [p.name for p in extended.perturbations])))
-
-
 def described(setup: Setup, simulation: Simulation, extended, points, folds, rows) -> Tradeoff:
     """Path, folds and rows as an artifact."""
     planet, design = setup.planet, setup.design
@@ -230,10 +223,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
-        path_norm=np.array([norm(planet, design, extended, s) for s in path]),
-        path_cumulative=np.array([cumulative(s) for s in path]),
         path_error=np.array([errors(s) for s in path]),
-        path_reversals=np.array([entry_problem.reversals(bank(s)) for s in path]),
         path_status=np.array([s.status for s in path]),
         path_branch=np.array([point.branch for point in points]),
         branch=np.array([entry_problem.branch_name(bank(p.solution)) for p in firsts]),
@@ -250,7 +240,6 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         cumulative=np.array([cumulative(s) for s in solutions]),
         propellant=np.array([entry_problem.propellant(setup.vehicle, cumulative(s)) for s in solutions]),
         error=np.array([errors(s) for s in solutions]),
-        norm=np.array([norm(planet, design, extended, s) for s in solutions]),
         reversals=np.array([entry_problem.reversals(bank(s)) for s in solutions]),
         row_branch=np.array([row.branch for row in rows]),
         largest_bank_rate=np.array([np.abs(s.states[:, BANK_RATE]).max() for s in solutions]),

@@ -1,7 +1,5 @@
 """What several claims share: the rows of Table 3, the flights that figures draw, and what statements call so."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from marsedl.papers.desensitized import entry_problem, mean_density
@@ -15,7 +13,6 @@ from marsedl.papers.desensitized.records import (
     NO_DOC,
     RESHAPED,
     Gains,
-    GainStudy,
     Linearization,
     Responses,
     Tradeoff,
@@ -302,25 +299,3 @@ def needs_feedback(linearization: Linearization, gains: Gains, channel: int) -> 
         < ROUNDING,
         measure("with feedback it is", with_feedback) < MUCH * sensitivity[0],
     )
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Of all gains of a channel the smallest and largest flown final error, m, at the largest error at entry."""
-
-    least: float
-    most: float
-    count: int
-    lost: int  # sets of gains under which a flight is lost
-
-    @classmethod
-    def of(cls, gain_study: GainStudy | None, channel: int) -> "Candidates":
-        """Take those of a channel; none without the study."""
-        if gain_study is None:
-            return cls(np.nan, np.nan, 0, 0)
-        of_channel = gain_study.channel == channel
-        largest = np.abs(gain_study.tuning_error) == np.abs(gain_study.tuning_error).max()
-        worst = gain_study.flown_error[of_channel][:, largest].max(axis=1)
-        finite_worst = worst[np.isfinite(worst)]
-        lost = int(of_channel.sum()) - len(finite_worst)
-        return cls(finite_worst.min(initial=np.inf), finite_worst.max(initial=-np.inf), int(of_channel.sum()), lost)
