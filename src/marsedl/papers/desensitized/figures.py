@@ -90,11 +90,12 @@ def fig02(design: Design, published, tradeoff: Tradeoff) -> Figure:
     figure, panels = new_figure(7.2, 5.2, nrows=2, sharex=True, height_ratios=(1.5, 1))
     zero(*panels)
     names = _row_names(design, published, tradeoff)
-    # The infinite rows come close to each other: the second is drawn thin, over the first.
-    infinite = iter(({"linewidth": 3.0, "alpha": 0.6}, {"linestyle": "--"}))
-    for number, color in enumerate(ROW_COLOR):
-        finite = np.isfinite(tradeoff.printed_weight[number])
-        axes, style = (panels[0], {}) if finite else (panels[1], next(infinite))
+    last = len(names) - 1
+    for number, finite in enumerate(np.isfinite(tradeoff.printed_weight)):
+        axes, style, color = panels[0], {}, ROW_COLOR[number % len(ROW_COLOR)]
+        if not finite:
+            # The infinite rows come close to each other: the last is drawn thin, over the others.
+            axes, style = panels[1], {"linestyle": "--"} if number == last else {"linewidth": 3.0, "alpha": 0.6}
         label = f"{_row(tradeoff, names, number)}: {_counted(tradeoff.reversals[number], 'reversal')}"
         bank = field(tradeoff, "state.bank", **BANK_ANGLE, at={"rows": number}, x="time")
         plot(axes, bank, color=color, label=label, **style)

@@ -171,8 +171,7 @@ def tuned(tuning: Tuning, nominal_reference, channel, least):
         for start in starts
         if np.isfinite(simulate(start)).all()
     ]
-    ranking = sensitivity_gains.rank([result.k for result in results], simulate)
-    return [results[number] for number in ranking.order]
+    return [results[number] for number in sensitivity_gains.rank([result.k for result in results], simulate)]
 
 
 def together(setup: Setup, nominal: Nominal, channel) -> Law:

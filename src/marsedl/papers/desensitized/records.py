@@ -70,7 +70,8 @@ class Tradeoff:
     """The path of solutions over the weight, where it changes its branch, and the rows of Table 3.
 
     Errors are those that the sensitivity gives for the radius error of Table 3. Rows are those of c1 = 0, of the
-    printed weights, and of the weights that stand for an infinite one.
+    printed weights, and of the weights that stand for an infinite one; one whose control energy lies below the least is
+    left out.
     """
 
     path_weight: np.ndarray = quantity(

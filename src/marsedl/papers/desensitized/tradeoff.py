@@ -140,11 +140,19 @@ def solution_beyond(solver: Solver, transcribed, end: BranchEndError) -> Solutio
     )
 
 
+def has_row(design: Design, least):
+    """Which of the printed weights have a row: no solution has a control energy below the least, deg^2/s^3."""
+    if design.weight_rule == "proportional":
+        return np.full(len(design.printed_weights), True)
+    return design.matched_efforts >= least
+
+
 def chosen(solver: Solver, design: Design, transcribed, points) -> list[Point]:
     """The rows of the printed weights between zero and infinity."""
     if design.weight_rule == "proportional":
         return [at_weight(points, weight) for weight in design.weight_factor * design.printed_weights]
-    return [at_effort(solver, transcribed, points, effort) for effort in design.matched_efforts]
+    efforts = design.matched_efforts[has_row(design, effort(points[0].solution))]
+    return [at_effort(solver, transcribed, points, target) for target in efforts]
 
 
 def at_weight(points, weight) -> Point:
@@ -219,7 +227,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
 
     firsts = [next(p for p in points if p.branch == number) for number in range(points[-1].branch + 1)]
     ends = [(fold.before, fold.beyond) for fold in folds]
-    size = len(STATES)
+    size, finite = len(STATES), design.printed_weights[has_row(design, effort(path[0]))]
     return Tradeoff(
         path_weight=np.array([s.given["weight"] for s in path]),
         path_effort=np.array([effort(s) for s in path]),
@@ -230,7 +238,7 @@ def described(setup: Setup, simulation: Simulation, extended, points, folds, row
         fold_weight=np.array([[s.given["weight"] for s in pair] for pair in ends]).reshape(-1, 2),
         fold_effort=np.array([[effort(s) for s in pair] for pair in ends]).reshape(-1, 2),
         fold_error=np.array([[np.linalg.norm(errors(s)) for s in pair] for pair in ends]).reshape(-1, 2),
-        printed_weight=np.array([0.0, *design.printed_weights, *np.full(len(design.infinite_weights), np.nan)]),
+        printed_weight=np.array([0.0, *finite, *np.full(len(design.infinite_weights), np.nan)]),
         weight=np.array([s.given["weight"] for s in solutions]),
         time=np.array([s.time for s in solutions]),
         state=np.array([s.states[:, :size] for s in solutions]),

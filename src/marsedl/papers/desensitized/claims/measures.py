@@ -82,7 +82,7 @@ class Rows:
 
     def __init__(self, simulation: Simulation, design: Design, tradeoff: Tradeoff):
         """Take the trade-off and the error at entry that the table is made with."""
-        self.tradeoff, self.tabulated_error = tradeoff, abs(simulation.tabulated_error)
+        self.design, self.tradeoff, self.tabulated_error = design, tradeoff, abs(simulation.tabulated_error)
         self.infinite = np.flatnonzero(~np.isfinite(tradeoff.printed_weight))
         self.number = np.array([*np.flatnonzero(np.isfinite(tradeoff.printed_weight)), self.infinite[-1]])
         self.weight = tradeoff.weight[self.number]
@@ -106,9 +106,18 @@ class Rows:
     def at(self, c1: float) -> int:
         """The number of the row with a printed weight."""
         matching = np.flatnonzero(self.tradeoff.printed_weight[self.number] == c1)
-        if not matching.size:
-            raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
-        return int(matching[0])
+        if matching.size:
+            return int(matching[0])
+        if c1 in self.design.printed_weights:
+            raise Fails(
+                f"the control energy of the row c1 = {c1:g} lies below the least, {self.effort[0]:.4f} deg^2/s^3"
+            )
+        raise Fails(f"no row of Table 3 has c1 = {c1:g} here")
+
+    def require_all(self) -> None:
+        """Refuse a table in which a printed weight has no row."""
+        for c1 in self.design.printed_weights:
+            self.at(c1)
 
     @property
     def stands_for(self) -> str:

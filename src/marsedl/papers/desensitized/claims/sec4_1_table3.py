@@ -259,6 +259,7 @@ def j0_increases_with_c1(rows: Rows):
 
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(1,)))
 def fuel_increases_except_first_step(rows: Rows):
+    rows.require_all()
     steps = np.diff(rows.propellant)
     return holds(
         measure("change of fuel from the first row to the second", steps[0], "kg") < 0.0,
@@ -270,6 +271,7 @@ def fuel_increases_except_first_step(rows: Rows):
 @claim(errata="E2", counterexample=scaled("tradeoff.propellant", at=(0,)))
 def more_fuel_when_desensitized(rows: Rows):
     # The first row with a weight is the exception that the paper names itself.
+    rows.require_all()
     return holds(
         measure("fuel of the rows after the first with a weight", rows.propellant[2:], "kg") > rows.propellant[0],
         rows.fuels,
