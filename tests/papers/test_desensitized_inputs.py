@@ -57,7 +57,6 @@ def reading_of(based_on="corrected", **inputs):
         ({"tabulated_error": 0.0}, ["tabulated_error has a zero"]),
         ({"compared_errors": [-930.0, 0.0]}, ["compared_errors has a zero"]),
         ({"drawn_errors": [200.0, 0.0, 200.0]}, ["drawn_errors has a zero"]),
-        ({"larger_weight_factors": [0.5, 10.0]}, ["larger_weight_factors does not increase: 1, 0.5, 10"]),
         ({"low_heights_km": [10.0, 2.0]}, ["low_heights does not increase: 10000, 2000"]),
         ({"pressure_exponent": 1.05e-4}, ["pressure_exponent", "less than 0"]),
         ({"nominal_first_bank": "left"}, ["nominal_first_bank", "negative", "positive"]),
@@ -358,6 +357,21 @@ def test_rows_are_the_first_points_with_their_energy(monkeypatch):
     point = tradeoff.at_effort(None, None, points, 1.5)
     assert point.branch == 0
     assert point.solution.given["weight"] == pytest.approx(np.sqrt(0.5), rel=1e-8)
+
+
+def test_a_row_below_the_least_energy_is_left_out(monkeypatch):
+    """Before, the first one was matched on the next branch, whose energies begin far below."""
+
+    def solved(solver, case, transcribed, guess, weight, **options):
+        return path_of([weight], [1], [weight])[0].solution
+
+    monkeypatch.setattr(tradeoff.entry_problem, "solve", solved)
+    weights = {"printed_weights": np.array([0.001, 0.01]), "matched_efforts": np.array([0.14, 0.3078])}
+    design = Design.given(weights | {"weight_rule": "matched"})
+    points = path_of([0.1416, 0.143, 0.0509, 5.0], [0, 0, 1, 1], [0.0, 0.036, 0.0509, 5.0])
+    (row,) = tradeoff.chosen(None, design, None, points)
+    assert row.branch == 1 and tradeoff.effort(row.solution) == pytest.approx(0.3078)
+    assert tradeoff.has_row(design, 0.1416).tolist() == [False, True]
 
 
 def test_a_jump_between_the_solutions_is_not_taken_for_a_row(monkeypatch):
