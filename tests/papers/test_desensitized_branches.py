@@ -26,7 +26,6 @@ SMALL = {
     "infinite_weights": np.array([50.0, 60.0]),
     "weight_path": np.array([0.04, 0.06, 0.2, 1.5, 15.0]),
 }
-MIDDLE, FINER = 60, (120, 200)  # intervals on which least fuel is sought
 
 
 @pytest.fixture(scope="module")
@@ -212,12 +211,12 @@ def test_a_curve_without_a_fold_has_none(inputs, error_problem):
 
 @pytest.fixture(scope="module")
 def fuel_inputs(desensitized):
-    return desensitized.inputs("corrected", intervals=MIDDLE)
+    return desensitized.inputs("corrected", intervals=60)
 
 
 @pytest.fixture(scope="module")
 def fuel_nominal(desensitized):
-    return desensitized.nominal("corrected", intervals=MIDDLE)
+    return desensitized.nominal("corrected", intervals=60)
 
 
 @pytest.fixture(scope="module")

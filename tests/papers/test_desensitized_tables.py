@@ -469,10 +469,3 @@ def test_weights_stand_row_by_row(artifacts, desensitized_published):
     assert last["J0 (deg^2/s^3)"][0] == 586.8673 and len(last) == 1 + 2 * len(READINGS)
     assert last[["row taken", "weight over c1 (deg^2/s^3)"]].isna().all(axis=None)
     assert groups[0.0][["row taken", "columns", "length (km)"]].isna().all(axis=None)
-
-
-def test_weights_of_an_own_reading_have_rows_of_their_own(artifacts, desensitized_published):
-    inputs, records = artifacts["corrected"]
-    tradeoff = replace(records.tradeoff, printed_weight=np.array([0.0, 0.001, 0.05, 0.1, 1.0, np.nan, np.nan]))
-    rows = tables.weights(artifacts | {"mine": (inputs, replace(records, tradeoff=tradeoff))}, desensitized_published)
-    assert list(rows["reading"][rows["c1"] == 0.05]) == ["mine"]
