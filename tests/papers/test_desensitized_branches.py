@@ -191,11 +191,6 @@ def test_beyond_the_fold_no_weighted_sum_is_least(inputs, beside_the_fold, branc
     assert signs == [1.0, -1.0]
 
 
-def test_points_on_both_sides_of_the_fold_are_minima_at_their_error(error_problem, beside_the_fold):
-    for point in beside_the_fold:
-        assert stationarity(error_problem.program, point.guess(), point.given)[1] > 0.0
-
-
 def test_a_curve_without_a_fold_has_none(inputs, error_problem):
     points = [
         SimpleNamespace(given={"norm": norm}, boundary_multipliers={"norm of the radius column": norm - 8.0})
@@ -301,61 +296,6 @@ def test_a_linear_program_finds_no_less_fuel(fuel_inputs, way):
     assert best.fun == pytest.approx(fuel @ now, rel=1e-6)
 
 
-def test_finer_meshes_confirm_the_bursts(fuel_inputs, fuel_nominal, way):
-    bound, solutions = fuel_inputs.fuel_bounds[1], [way.last]
-    for intervals in FINER:
-        program = fuel_inputs.call(minimum_fuel.fuel_program, fuel_nominal, bound, intervals=intervals)
-        guess = solutions[-1].guess(intervals)
-        near = fuel_inputs.call(stage.attempt, program, guess, minimum_fuel.share(0.99), barrier=WARM)
-        solutions.append(fuel_inputs.call(stage.attempt, program, near, minimum_fuel.share(1.0), barrier=1e-6))
-        assert solutions[-1].status == SOLVED
-    solution_fields = [fuel_fields(fuel_inputs, solution) for solution in solutions]
-    assert [fields["bursts"] for fields in solution_fields] == [2, 2, 2]
-    assert [fields["reversals"] for fields in solution_fields] == [1, 1, 1]
-    # The fuel converges with the square of the interval, as the midpoint rule does.
-    fuel, square = np.array([[f["cumulative"], 1.0 / len(f["bank_acceleration"]) ** 2] for f in solution_fields]).T
-    slopes = np.diff(fuel) / np.diff(square)
-    assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
-    assert abs(slopes[0] * square[0]) < 0.01 * fuel[0]
-    # Thrust is short of the bound at the ends of bursts only: less and less, the finer the mesh.
-    for fields in solution_fields:
-        between = 1.0 - fields["coasting"] - fields["at_bound"]
-        assert between <= 2.0 * fields["bursts"] / len(fields["bank_acceleration"]) + 1e-9
-    starts = []
-    for solution in solutions:
-        on = np.abs(minimum_fuel.thrust(solution)) > 0.5 * bound
-        starts.append(solution.time[:-1][on & ~np.concatenate([[False], on[:-1]])])
-    np.testing.assert_allclose(starts[0], starts[-1], atol=way.last.time[1])
-
-
-def test_where_bursts_are_shorter_than_an_interval_none_comes_to_the_bound(desensitized, nominal, inputs):
-    wide = desensitized.minimum_fuel("corrected", **SMALL)
-    assert set(wide.status.ravel()) == {SOLVED}
-    step = np.diff(wide.time[0, 1])[0]
-    assert wide.cumulative[0, 1] / wide.bound[0] < step  # all thrust at the bound would not fill an interval
-    assert wide.at_bound[0, 1] == 0.0
-    assert 1.0 - wide.coasting[0, 1] <= 2.0 * wide.bursts[0, 1] / inputs.intervals
-    assert wide.bursts[:, 1].tolist() == [2, 2]
-    # Each is the least of what it minimises, and the bound costs.
-    assert (wide.cumulative[:, 1] < wide.cumulative[:, 2]).all()
-    assert (wide.effort[:, 2] < wide.effort[:, 1]).all()
-    assert wide.cumulative[0, 1] <= wide.cumulative[1, 1]
-    np.testing.assert_allclose(wide.effort[:, 0], nominal.effort, rtol=1e-5)
-    assert (wide.switching_violation < 1e-5).all()
-    # So coarse a mesh holds the nominal's branch all the way.
-    assert wide.branch_share.tolist() == [1.0, 1.0]
-    assert wide.reversals.tolist() == [[2, 2, 2], [2, 2, 2]]
-    np.testing.assert_allclose(wide.effort[:, 2], nominal.effort, rtol=1e-5)
-
-
-def test_thrust_within_a_bound_below_the_nominals(inputs, nominal):
-    bound = 0.8 * nominal.largest_bank_acceleration
-    tight = inputs.changed(fuel_bounds=np.array([1.0, bound]))
-    fields = tight.call(minimum_fuel.under_bound, nominal, bound)
-    assert np.abs(fields["bank_acceleration"][0]).max() <= bound * (1.0 + 1e-6)
-    assert fields["effort"][0] > nominal.effort
-
-
 def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     hopeless = inputs.changed(solver_iterations=2)
     record = hopeless.call(minimum_fuel.compute, nominal)
@@ -364,23 +304,6 @@ def test_what_is_not_solved_says_so(inputs, nominal, tmp_path):
     assert (record.bursts == -1).all()
     assert np.isnan(record.branch_share).all()
     artifacts.save(tmp_path / "fuel.h5", record, paper="desensitized", reading="corrected", provenance={})
-
-
-def test_a_way_that_gets_stuck_says_where(inputs, nominal, monkeypatch):
-    monkeypatch.setattr(minimum_fuel, "STEP_ITERATIONS", 1)
-    fields = inputs.call(minimum_fuel.under_bound, nominal, inputs.fuel_bounds[0])
-    assert fields["status"] == [SOLVED, "stopped at a share of 0", "stopped at a share of 0"]
-    assert np.isnan(fields["cumulative"]).tolist() == [False, True, True]
-    assert np.isnan(fields["switching_violation"])
-    assert fields["branch_share"] == 0.0
-
-
-def test_shares_of_the_intervals(inputs):
-    controls = np.array([[1.0, 0.0], [0.5, 0.0], [0.0, 0.0], [0.0, 0.9995], [0.0, 0.3]])
-    solution = SimpleNamespace(time=np.arange(6.0), states=np.zeros((6, 8)), controls=controls)
-    fields = inputs.call(minimum_fuel.described, 1.0, solution, True)
-    assert (fields["coasting"], fields["at_bound"], fields["bursts"]) == pytest.approx((0.2, 0.4, 2))
-    assert fields["cumulative"] == pytest.approx(2.7995)
 
 
 @pytest.mark.parametrize(
