@@ -131,14 +131,10 @@ def test_conditions_are_at_the_values_given(inputs, nominal):
 
 
 @pytest.fixture(scope="module")
-def beside_the_fold(inputs, error_problem, minima, branches):
+def beside_the_fold(inputs, minima, path):
     """Points of the curve well before its fold and at its end."""
-    point = inputs.call(stage.held_at_own_error, error_problem, minima[0])
-    points = []
-    for error in (branches.curve_error[5], branches.curve_error[-1]):
-        (point,) = error_problem.program.follow(point, "norm", [error / inputs.tabulated_error])
-        points.append(point)
-    return points
+    curve, _ = inputs.call(stage.nominal_curve, minima[0], path)
+    return curve[5], curve[-1]
 
 
 def test_the_fold_lies_where_the_path_over_the_weight_loses_the_branch(branches, path):
