@@ -48,7 +48,6 @@ REDUCED = {
     "desensitized": {
         "drawn_trials": DRAWN_TRIALS,
         "trials": TRIALS,
-        "search_starts": 3,
         "sweep_points": 9,
         "tuning_starts": 1,
         "gain_iterations": 60,

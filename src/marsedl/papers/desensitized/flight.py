@@ -15,7 +15,7 @@ from marsedl.montecarlo.elementary import exponential, sine_cosine
 from marsedl.montecarlo.ensembles import Trajectories, new_trajectories, pad_to_groups
 from marsedl.montecarlo.integrators import runge_kutta_4
 from marsedl.montecarlo.lanes import LANES, inline_njit, lane_array
-from marsedl.montecarlo.outcomes import COMPLETED, CRASHED, NON_FINITE
+from marsedl.montecarlo.outcomes import CRASHED, NON_FINITE
 from marsedl.papers.desensitized.components import (
     ALTITUDE,
     BANK,
@@ -387,24 +387,3 @@ def fly(constants, cells, reference, gain, initial_states, *, density_factor=1.0
     for stored in (trajectories.history, trajectories.observed):
         np.copyto(stored, np.nan, where=ended)
     return trajectories
-
-
-def fly_nominal(constants, cells, reference, substeps):
-    """The nominal as `fly` integrates it, the y* of its feedback: states at the ends of all intervals.
-
-    Args:
-        constants, cells, reference, substeps: as of `fly`.
-
-    Returns:
-        (N + 1, 8), states in their order there.
-
-    Raises:
-        ValueError: as `fly`, or if the nominal comes below altitude zero or is not finite.
-    """
-    trajectories = fly(constants, cells, reference, np.zeros(STATES), [reference.initial_state], substeps=substeps)
-    if trajectories.outcome[0] != COMPLETED:
-        end = "comes below altitude zero" if trajectories.outcome[0] == CRASHED else "is not finite"
-        raise ValueError(
-            f"the nominal {end} on interval {trajectories.length[0] - 1} of {len(reference.bank_acceleration)}"
-        )
-    return trajectories.history[:, :STATES, 0].copy()
