@@ -38,8 +38,6 @@ def compute(
     level[0] = gains.initial_level
     for proof in stages:
         level[proof.nodes] = proof.levels
-    straight = np.interp(np.arange(len(level)), steps, level[steps])
-    existing = np.isfinite(straight)
 
     def of_stages(name):
         missing = [np.nan] * (len(steps) - 1 - len(stages))
@@ -54,7 +52,6 @@ def compute(
         half_width=half_widths(2.0 * level[steps, np.newaxis, np.newaxis] * np.linalg.inv(gains.shape[steps])),
         node_time=linearization.time,
         node_level=level,
-        interpolation_excess=float((level[existing] / straight[existing]).max() - 1.0) if len(stages) else np.nan,
         bound=level[steps[1:]] / level[steps[:-1]],
         **{name: of_stages(name) for name in ("polynomial_bound", "truncation", "remainder", "rise")},
         basis_size=design.basis.shape[1],

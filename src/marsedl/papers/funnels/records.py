@@ -345,9 +345,6 @@ class Proven:
     )
     node_time: np.ndarray = quantity("s", ("nodes",), "nodes of the fine grid", label="time from entry")
     node_level: np.ndarray = quantity("1", ("nodes",), "proven level there, between slices too", allow_nan=True)
-    interpolation_excess: float = quantity(
-        "1", (), "by how much a level between slices is above the straight line at most, relative", allow_nan=True
-    )
     bound: np.ndarray = quantity(
         "1",
         ("stages",),

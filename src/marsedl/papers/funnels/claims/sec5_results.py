@@ -177,7 +177,7 @@ def multiplier_dimension_limit(measured: dict[str, float] | None = None):
     counterexample=scaled(f"measured.{BY_COEFFICIENTS[1]}"),
 )
 def multiplier_prohibitive(measured: dict[str, float] | None = None):
-    (samples, *multipliers), missing = _rows(measured or {}, BY_SAMPLES, *BY_COEFFICIENTS)
+    multipliers, missing = _rows(measured or {}, *BY_COEFFICIENTS)
     cheapest = np.min(multipliers)
     # What is prohibitive takes longer than what is not: the minute of the paper.
     return holds(
