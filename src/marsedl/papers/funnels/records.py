@@ -204,8 +204,10 @@ class OpenLoop:
 
     trials: int = quantity("1", (), "flights without feedback")
     lost: int = quantity("1", (), "of which not finite")
-    flown_half_width: np.ndarray = quantity("m", (GROUND,), "largest final deviation of the others")
-    repeat_half_width: np.ndarray = quantity("m", ("repeats", GROUND), "the same of ten parts of the flights")
+    flown_half_width: np.ndarray = quantity("m", (GROUND,), "largest final deviation of the others", allow_nan=True)
+    repeat_half_width: np.ndarray = quantity(
+        "m", ("repeats", GROUND), "the same of ten parts of the flights", allow_nan=True
+    )
     linear_half_width: np.ndarray = quantity(
         "m", (FEEDBACK, GROUND), "largest final deviation of linear motion from the first slice, any disturbance"
     )

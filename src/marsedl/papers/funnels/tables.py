@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marsedl.papers.funnels.basics import COMPLETE, LEVEL
-from marsedl.papers.funnels.claims.measures import flown_levels, largest, over_flown, peaks
+from marsedl.papers.funnels.basics import COMPLETE
+from marsedl.papers.funnels.claims.measures import flown_levels, largest, largest_error, over_flown, peaks
 from marsedl.papers.funnels.inputs import FunnelsInputs, Planet
 from marsedl.papers.funnels.records import (
     CoarseFunnels,
@@ -59,8 +59,7 @@ def levels(
 ):
     """Level of the funnel at equally spaced slices, beside that of linear dynamics and of flights."""
     ratio = np.concatenate([[1.0], over_flown(funnel, constant)])
-    # The maximum of all varies as that of a tenth does, at most.
-    spread = constant.repeat_maximum[:, funnel.step, LEVEL].std(axis=0, ddof=1)
+    spread = largest_error(funnel, constant)  # the maximum of all varies as that of a tenth does, at most
     numbers = np.unique(np.linspace(0, len(funnel.time) - 1, TIMES).round().astype(int))
     columns = (
         np.arange(len(funnel.time)) + 1,

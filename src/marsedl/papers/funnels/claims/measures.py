@@ -50,6 +50,13 @@ def over_flown(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
         return funnel.level[1:] / flown_levels(funnel, ensemble)[1:]
 
 
+def largest_error(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
+    """Standard deviation of the largest V of a tenth of the flights at the slices, (slices,); NaN of fewer than two."""
+    repeats = ensemble.repeat_maximum[:, funnel.step, LEVEL]
+    repeats = repeats[np.isfinite(repeats).any(axis=1)]
+    return np.std(repeats, axis=0, ddof=1) if len(repeats) > 1 else np.full(len(funnel.step), np.nan)
+
+
 def largest(values: np.ndarray, default: float = np.nan) -> float:
     """Largest of the numbers among some values."""
     values = np.asarray(values)

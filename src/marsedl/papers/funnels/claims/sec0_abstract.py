@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from marsedl.papers.funnels.basics import HEAT_RATE, LEVEL
-from marsedl.papers.funnels.claims.measures import complete, flown_levels, largest, over_flown
+from marsedl.papers.funnels.basics import HEAT_RATE
+from marsedl.papers.funnels.claims.measures import complete, flown_levels, largest, largest_error, over_flown
 from marsedl.papers.funnels.inputs import Mission, Planet
 from marsedl.papers.funnels.records import FlightEnsemble, Funnel, OpenLoop, Proven
 from marsedl.replication.claiming import check, claim, holds, listed, measure
@@ -81,11 +81,11 @@ def reaches_goal_region(planet: Planet, mission: Mission, funnel: Funnel, proven
 )
 def increased_landing_accuracy(planet: Planet, funnel: Funnel, constant: FlightEnsemble, open_loop: OpenLoop):
     ends = np.abs(constant.final_state[:, 1:3]) * planet.planet_radius / KM
-    finite = np.isfinite(ends).all(axis=1)
-    under, without = ends[finite].max(axis=0), open_loop.flown_half_width / KM
-    parts = [ends[finite & (np.arange(len(ends)) % REPEATS == part)] for part in range(REPEATS)]
-    repeats = [part.max() for part in parts if len(part)], open_loop.repeat_half_width.max(axis=1) / KM
-    error = np.sqrt(sum(np.var(repeat, ddof=1) for repeat in repeats))  # of tenths; that of all is smaller
+    ends[~np.isfinite(ends).all(axis=1)] = np.nan
+    under, without = np.fmax.reduce(ends, axis=0), open_loop.flown_half_width / KM
+    parts = [ends[part::REPEATS].ravel() for part in range(REPEATS)]
+    repeats = np.array([largest(part) for part in parts]), open_loop.repeat_half_width.max(axis=1) / KM
+    error = np.sqrt(sum(_variance(repeat) for repeat in repeats))  # of tenths; that of all is smaller
     linear_without, linear_with = open_loop.linear_half_width / KM
     reach = _widths(planet, funnel.half_width[-1])
     return holds(
@@ -133,9 +133,10 @@ def no_distribution_assumed(
     )
 
 
-def largest_error(funnel: Funnel, ensemble: FlightEnsemble) -> np.ndarray:
-    """Standard deviation of the largest V of a tenth of the flights at the slices, (slices,)."""
-    return np.std(ensemble.repeat_maximum[:, funnel.step, LEVEL], axis=0, ddof=1)
+def _variance(values):
+    """Sample variance of the numbers among some values, if there are two of them."""
+    values = values[np.isfinite(values)]
+    return np.var(values, ddof=1) if len(values) > 1 else np.nan
 
 
 def _widths(planet, half_width):
