@@ -188,11 +188,14 @@ class Tradeoff:
     """Standard deviation of the range error with the fixed time, by the linear model, against the altitude limit."""
 
     altitude_limit: np.ndarray = quantity("m", ("altitude_limit",), "limit of the final altitude error")
-    interval: np.ndarray = quantity("s", ("interval",), "intervals over which the control is held")
+    control_interval: np.ndarray = quantity("s", ("control_interval",), "intervals over which the control is held")
     deviation: np.ndarray = quantity(
-        "m", ("interval", "altitude_limit"), "least deviation by interval and limit; NaN: infeasible", allow_nan=True
+        "m",
+        ("control_interval", "altitude_limit"),
+        "least deviation by interval and limit; NaN: infeasible",
+        allow_nan=True,
     )
-    floor: float = quantity("m", (), "deviation from noise after the last control")
+    noise_deviation: float = quantity("m", (), "deviation from noise after the last control")
 
 
 @record

@@ -26,11 +26,11 @@ def compute(guidance: Guidance, design: Design, linearization: Linearization) ->
     fine = problem(guidance, design, linearization, TIME, guidance.guidance_period)
     return Tradeoff(
         altitude_limit=limits,
-        interval=np.array(intervals),
+        control_interval=np.array(intervals),
         deviation=np.array(
             [[_deviation(guidance, design, linearization, i, limit) for limit in limits] for i in intervals]
         ),
-        floor=float(np.sqrt(noise_floor(fine.system, fine.objective))),
+        noise_deviation=float(np.sqrt(noise_floor(fine.system, fine.objective))),
     )
 
 

@@ -103,7 +103,7 @@ def trigger_time_statistics(nominal: Nominal, linearization: Linearization, flig
         late, ratio, count = time.mean() - nominal.end_time, time.std(ddof=1) / expected, len(time)
         numbers[f"{law}_late"] = late
         parts += [
-            f"{LAW_NAMES[law]} law: mean {late:+.2f} s from t_f, deviation {ratio:.2f} of the predicted {expected:.2f} s",
+            f"{LAW_NAMES[law]} law: mean {late:+.2f} s from t_f, {ratio:.2f} of the predicted deviation",
             measure("distance of the mean from t_f", abs(late / expected), "deviations", error=1 / np.sqrt(count))
             < ABOUT,
             measure("relative error of the predicted deviation", abs(ratio - 1.0), error=1 / np.sqrt(2 * count))
@@ -113,7 +113,7 @@ def trigger_time_statistics(nominal: Nominal, linearization: Linearization, flig
 
 
 @claim(
-    "Bank reversals move the mean range, by {apollo_offset:+.2f} (Apollo) and {stochastic_offset:+.2f} km (stochastic).",
+    "Bank reversals move the range, by {apollo_offset:+.2f} (Apollo) and {stochastic_offset:+.2f} km (stochastic).",
     errata="E4 E22",
     withheld=DEADBAND,
     counterexample=shifted("apollo_velocity.final_state", component="downrange"),
@@ -153,7 +153,7 @@ def trigger_covariance(linearization: Linearization, flights: Flights, at_trigge
         numbers[f"{law}_deviation"] = deviation[2] / 1e3
         off, sampling = np.abs(deviation / expected - 1.0), deviation / expected / np.sqrt(2 * len(error))
         parts += [
-            f"{LAW_NAMES[law]} law: {listed(deviation / expected, '.2f')} of the deviations of altitude, path angle and "
+            f"{LAW_NAMES[law]} law: {listed(deviation / expected, '.2f')} of the deviations of altitude, path angle, "
             "range that Eq. 65 predicts from the flights' own covariance at t_f",
             measure("relative error of the predictions", off, error=sampling) < ABOUT,
         ]

@@ -95,8 +95,8 @@ def tab3_aero(vehicle: Vehicle):
 def nominal_uprange(nominal: Nominal):
     return measured(
         float(-nominal.downrange[-1] / 1e3),
-        evidence=f"after {nominal.end_time:.2f} s and {len(nominal.reversal_time)} bank reversals, which were decided at "
-        f"least {nominal.deadband_margin:.0f} m from the deadband",
+        evidence=f"after {nominal.end_time:.2f} s and {len(nominal.reversal_time)} bank reversals, decided at least "
+        f"{nominal.deadband_margin:.0f} m from the deadband",
     )
 
 

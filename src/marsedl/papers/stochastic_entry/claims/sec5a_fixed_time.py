@@ -59,7 +59,7 @@ def direction(*, state):
 
 
 @claim(
-    "Its multiplier is {multiplier:.1g}, with `partition_24` {partition_24[multiplier]:.2g}: the limit costs almost nothing.",
+    "It costs next to nothing: its multiplier is {multiplier:.1g}, with `partition_24` {partition_24[multiplier]:.2g}.",
     errata="E12",
     withheld=PARTITION,
     counterexample=scaled("gains.stochastic_covariance", at=(0, -1, ALTITUDE, ALTITUDE)),
@@ -91,7 +91,7 @@ def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
     if not np.isfinite(fine[[at, largest]]).all():
         raise Fails(f"altitude limits of {' and '.join(limits)} km cannot both be kept")
     parts = []
-    for interval, row in zip(tradeoff.interval, (fine, coarse), strict=True):
+    for interval, row in zip(tradeoff.control_interval, (fine, coarse), strict=True):
         deviations = ", ".join(f"{value:.1f}" for value in row[np.isfinite(row)])
         parts.append(f"on intervals of {interval:g} s range deviations of {deviations} m")
     return holds(
@@ -101,9 +101,9 @@ def fig9_altitude_range_tradeoff(design: Design, tradeoff: Tradeoff):
         )
         < -ROUNDING,
         *parts,
-        f"noise alone makes {tradeoff.floor:.1f} m",
+        f"noise alone makes {tradeoff.noise_deviation:.1f} m",
         at_limit=fine[at],
-        coarse_interval=tradeoff.interval[1],
+        coarse_interval=tradeoff.control_interval[1],
         coarse=coarse[at],
     )
 

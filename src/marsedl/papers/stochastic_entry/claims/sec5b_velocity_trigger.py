@@ -47,7 +47,6 @@ from marsedl.replication.claims import Close, Evaluation, judge
 from marsedl.replication.counterexamples import in_reading, scaled, shifted, spread
 from marsedl.replication.thresholds import ROUNDING, STRONG, VISIBLE, WEAK
 
-
 # ---- Eqs. 76 to 79 ---------------------------------------------------------------------------------------------------
 
 
@@ -240,7 +239,7 @@ def headline_range_reduction(flights: Flights, tails: Tails, compared_tails: Com
 def _halved(name, side, errata):
     """One of the two percentiles: its claim."""
     return claim(
-        "The ratio is {compared:.2f}, the paper's {printed_ratio:.2f}; with `density_blind` {density_blind[compared]:.2f}.",
+        "It is {compared:.2f}, the paper's {printed_ratio:.2f}, with `density_blind` {density_blind[compared]:.2f}.",
         errata=errata,
         withheld=(FORM, SIGNS, DENSITY, DEADBAND),
         counterexample=spread("stochastic_velocity.final_state", component="downrange"),
