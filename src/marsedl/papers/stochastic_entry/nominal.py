@@ -10,7 +10,6 @@ from marsedl.papers.stochastic_entry.inputs import Air, Guidance, Mission, Plane
 from marsedl.papers.stochastic_entry.records import (
     ALTITUDE,
     BANK,
-    BANK_COSINE,
     CROSSRANGE,
     DENSITY,
     DOWNRANGE,
@@ -106,7 +105,6 @@ def compute(
         density=history[:, DENSITY],
         crossrange=history[:, CROSSRANGE],
         bank=observed[:, BANK],
-        commanded_cosine=history[:, BANK_COSINE],
         drag=drag_factor * history[:, DENSITY] * history[:, VELOCITY] ** 2,
         guidance_time=time[cycles],
         deadband=width,
