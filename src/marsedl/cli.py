@@ -12,7 +12,7 @@ from pathlib import Path
 import marsedl
 from marsedl.replication.errors import InputError, MarsedlError
 from marsedl.replication.sizes import FULL, build_folder
-from marsedl.replication.terminal import columns, printable_lines
+from marsedl.replication.terminal import columns, printable
 
 TARGETS = ("all", "claims", "comparison", "report", "verify")  # of the workflow, beside one for every paper
 KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of what a paper has
@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return _COMMANDS[options.command](options)
     except MarsedlError as error:
-        print(f"marsedl: {printable_lines(error)}", file=sys.stderr)
+        print(f"marsedl: {printable(error)}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         print(f"marsedl: {error.name} is not installed; run: pip install 'marsedl[pipeline]'", file=sys.stderr)
@@ -260,7 +260,7 @@ def _published(root, slug) -> list:
 
 def _say(text: object = "") -> None:
     """Print a text with its control characters escaped."""
-    print(printable_lines(text))
+    print(printable(text))
 
 
 def _list(options) -> int:

@@ -15,7 +15,6 @@ import numpy as np
 
 from marsedl.replication.artifacts import PROVENANCE, opened
 from marsedl.replication.errors import InputError
-from marsedl.replication.terminal import printable
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
@@ -82,7 +81,7 @@ def difference(a: str | Path, b: str | Path) -> list[Difference]:
 
 
 def format_difference(rows: list[Difference]) -> str:
-    """The rows of `difference` as text for a person, one line each, without control characters."""
+    """The rows of `difference` as text for a person, one line each."""
     if not rows:
         return "no difference"
     lines = []
@@ -90,7 +89,7 @@ def format_difference(rows: list[Difference]) -> str:
         line = f"{row.file}: {row.field}: {row.what}" if row.field else f"{row.file}: {row.what}"
         if row.absolute is not None:
             line += f", at most {row.absolute:.3g} (relative {row.relative:.3g})"
-        lines.append(printable(f"{line}, at {row.place}" if row.place else line))
+        lines.append(f"{line}, at {row.place}" if row.place else line)
     return "\n".join(lines)
 
 
