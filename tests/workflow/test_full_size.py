@@ -61,9 +61,10 @@ def test_a_paper_at_full_size_has_the_committed_verdicts(slug, monkeypatch):
     reference, declarations, moved = read_reference(ROOT, slug), claims_of(slug).declarations, {}
     for name, claim in published.items():
         committed = reference[f"verdicts/{name}"].get("corrected")
-        found = judge(claim, evaluations.get(name), declarations.get(name, Declaration())).verdict
-        if committed in COUNTED_VERDICTS and committed != found:
-            moved[name] = committed, found
+        if committed in COUNTED_VERDICTS:
+            found = judge(claim, evaluations[name], declarations.get(name, Declaration())).verdict
+            if found != committed:
+                moved[name] = committed, found
     assert moved == {}
 
 
