@@ -558,15 +558,6 @@ def test_json_is_deterministic_complete_and_without_nan(tmp_path):
     assert by_id["weights"]["verdict"] == "as_stated"
 
 
-def test_papers_are_sorted_and_claims_keep_their_order(tmp_path):
-    def of(paper):
-        return [{**row, "paper": paper} for row in collected()]
-
-    write_claims([*of("b"), *of("a")], tmp_path / "claims.json")
-    back = read_claims(tmp_path / "claims.json")
-    assert [(row["paper"], row["id"]) for row in back] == [(p, c.id) for p in "ab" for c in CLAIMS]
-
-
 def test_a_bad_row_leaves_the_good_file_alone(tmp_path):
     path = tmp_path / "claims.json"
     write_claims(collected(), path)
