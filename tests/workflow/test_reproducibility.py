@@ -19,7 +19,7 @@ from marsedl.schemas import claims_schema
 pytestmark = pytest.mark.workflow
 
 
-def test_two_builds_agree(built):
+def test_two_builds_agree_in_every_product(built):
     assert built.agree, built.output
     kinds = {name.rsplit(".", 1)[1] for name in built.digests}
     assert {"h5", "png", "pdf", "csv", "md", "json", "html"} <= kinds
