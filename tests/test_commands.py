@@ -135,9 +135,6 @@ ELSEWHERE = {
     "snakemake --workflow-profile profiles/mycluster *": (
         "tests/slurm/test_profile.py::test_rules_that_the_profile_names_exist_and_grow_with_the_attempt"
     ),
-    "cp -r profiles/slurm profiles/mycluster": (
-        "tests/slurm/test_profile.py::test_rules_that_the_profile_names_exist_and_grow_with_the_attempt"
-    ),
     "snakemake --report *": (
         "tests/comparison/test_comparison_workflow.py::test_the_report_of_snakemake_holds_captions_categories_and_labels"
     ),
