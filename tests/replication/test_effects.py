@@ -157,15 +157,6 @@ def test_the_line_says_what_leaves_a_claim_open(doubt, line):
     assert effects.why(delta_v(verdict="undetermined") | {"readings": {"corrected": {"doubt": doubt}}}, {}) == line
 
 
-def test_the_line_is_short():
-    long = "the partition is an input that we chose, and this states no more than what we chose there before"
-    by_construction = delta_v(verdict="by_construction", by_construction=long)
-    assert effects.why(by_construction, {}) == "the partition is an input that we chose"
-    endless = delta_v(withheld=[" ".join(["word"] * 30), "two"])
-    assert effects.why(endless, {}) == f"not printed: {' '.join(['word'] * 7)} ... and 1 more"
-    assert effects.why(delta_v(verdict="as_stated"), {}) == ""
-
-
 # -------------------------------------------------------------------------------------------------- errata
 
 
@@ -282,28 +273,11 @@ def test_errata_are_ranked_by_what_they_change():
     assert effect_of_id["E4"].title == "Title of E4"
 
 
-def test_an_erratum_that_changes_nothing_is_notation():
-    (effect,) = effects.errata_effects([delta_v()], [erratum("E1", "air")], READINGS)
-    assert (effect.rank, effect.verdicts, [c.difference for c in effect.headline]) == ("nothing", (), [0.0])
-
-
-def test_of_errata_that_change_the_headline_the_largest_comes_first():
-    rows = [delta_v()]
-    rows[0]["readings"]["coarse"]["value"] = 406.0
-    ranked = effects.errata_effects(rows, [erratum("E1", "slip"), erratum("E2", "coarse")], READINGS)
-    assert [(effect.id, effect.rank) for effect in ranked] == [("E2", "headline"), ("E1", "headline")]
-
-
 def test_a_reading_is_compared_with_its_nearest_base_that_mends_the_erratum():
     (effect,) = effects.errata_effects([delta_v()], [erratum("E1", "slip", "air_slip")], READINGS)
     assert effect.readings == (("slip", "corrected"), ("air_slip", "air"))
     (effect,) = effects.errata_effects([delta_v()], [erratum("E1", "air", "air_slip")], READINGS)
     assert effect.readings == (("air", "corrected"), ("air_slip", "corrected"))
-
-
-def test_the_printed_reading_isolates_no_erratum():
-    (effect,) = effects.errata_effects([delta_v()], [erratum("E1", "printed")], READINGS)
-    assert (effect.rank, effect.no_result) == ("not_isolated", ())
 
 
 def test_what_fewer_trials_may_leave_open_is_no_change():
@@ -381,11 +355,6 @@ def test_an_input_that_accompanies_another_is_no_choice_of_its_own():
     assert inputs_by_label["what guidance.refusal is"].no_result == ()
     assert "what guidance.tail is" not in inputs_by_label, "it is printed"
     assert inputs_by_label["what simulation.seed is"].low is None
-
-
-def test_inputs_that_vary_together_alone_are_one():
-    (both,) = [one for one in effects.open_inputs([delta_v()], INPUTS, READINGS) if "lost" in one.no_result]
-    assert both.inputs == ("guidance.navigation", "guidance.refusal")
 
 
 def test_open_inputs_that_no_reading_varies_alone_name_each_other():

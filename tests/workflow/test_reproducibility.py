@@ -6,6 +6,7 @@ import re
 import shutil
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from marsedl.papers import SLUGS, catalogue, input_model
 from marsedl.replication.badge import badge
@@ -13,11 +14,12 @@ from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.sizes import build_folder
 from marsedl.replication.verification import PRODUCTS, built_artifacts
+from marsedl.schemas import claims_schema
 
 pytestmark = pytest.mark.workflow
 
 
-def test_two_builds_agree(built):
+def test_two_builds_agree_in_every_product(built):
     assert built.agree, built.output
     kinds = {name.rsplit(".", 1)[1] for name in built.digests}
     assert {"h5", "png", "pdf", "csv", "md", "json", "html"} <= kinds
@@ -78,8 +80,9 @@ def test_the_report_stands_alone_and_names_every_claim_reading_and_figure(copied
         assert [name for name in names if name not in page] == []
 
 
-def test_the_badge_counts_the_claims_of_the_build(copied):
+def test_the_claims_are_as_their_schema_says_and_the_badge_counts_them(copied):
     rows = json.loads(copied.path("report/claims.json").read_text(encoding="utf-8"))
+    assert not [error.message for error in Draft202012Validator(claims_schema()).iter_errors(rows)]
     assert json.loads(copied.path("report/badge.json").read_text(encoding="utf-8")) == badge(rows)
 
 

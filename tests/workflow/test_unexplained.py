@@ -33,7 +33,7 @@ def test_it_is_refused_where_verdicts_count_and_named_elsewhere(small):
     model = small.path(f"src/marsedl/papers/{SLUG}/inputs.py")
     exec(compile(model.read_text("utf-8"), str(model), "exec"), names)
     digest = counted_inputs(load_study(SLUG, names["MODEL"], small.path(f"configs/{SLUG}.yaml")))
-    small.path(COMMITTED_INPUTS).write_text(json.dumps({SLUG: digest}), "utf-8")
+    small.path(str(COMMITTED_INPUTS)).write_text(json.dumps({SLUG: digest}), "utf-8")
 
     process = small.run(TARGET)
     assert process.returncode == 0, process.stdout[-3000:]
