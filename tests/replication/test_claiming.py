@@ -272,6 +272,8 @@ def test_a_sampled_measure_is_decided_three_errors_from_its_limit():
     # What fails for certain decides, whatever is in doubt beside it.
     decided = evaluated(1.1, measure("mass", 5.0) < 3)
     assert (decided.value, decided.undetermined) == (False, "")
+    few = holds(measure("mean", [1.1, 0.9], error=np.nan) > 1.0, trials=1)
+    assert (few.undetermined, few.margin) == ("'mean' has no standard error with so few trials", None)
     # Of an array, one entry that fails for certain is enough.
     assert holds(measure("mean", [0.5, 1.1], error=0.1) > 1.0).undetermined == ""
 

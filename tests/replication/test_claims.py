@@ -204,6 +204,15 @@ def test_within_one_of_our_errors_of_the_limit_more_trials_would_decide():
     assert number < 20_000
 
 
+def test_a_number_without_a_standard_error_decides_nothing():
+    printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
+    judged = judge(printed, Evaluation(1349.0, math.nan, 7))
+    assert (judged.verdict, judged.margin) == ("undetermined", None)
+    assert judged.doubt == "so few trials give no standard error"
+    both = replace(printed, printed=[1349, 1349])
+    assert judge(both, Evaluation([1349.0, 9.0], [math.nan, 0.1], 7)).verdict == "differs"
+
+
 def test_without_sampling_error_the_rule_is_the_deterministic_one():
     printed = claim(kind="monte_carlo", trials=500, resolution=1.0)
     assert verdict(printed, 1349.5, 0.0, 10) == "reproduced"
@@ -338,7 +347,7 @@ def test_a_value_that_is_not_finite_never_reproduces():
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1), "trials"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, [0.1], 10), "shape"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, -0.1, 10), "negative"),
-        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.nan, 10), "finite"),
+        ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, math.inf, 10), "finite"),
         ({"kind": "monte_carlo", "trials": 10}, Evaluation(1.0, 0.1, 0), "positive"),
     ],
 )

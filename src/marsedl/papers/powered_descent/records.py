@@ -188,10 +188,16 @@ class Choices:
         MOTION.unit, ("profile", "command_interval", "simulation", MOTION), "mean final state", label="mean"
     )
     covariance: np.ndarray = quantity(
-        "SI", ("profile", "command_interval", "simulation", MOTION, MOTION), "covariance of the final state"
+        "SI",
+        ("profile", "command_interval", "simulation", MOTION, MOTION),
+        "covariance of the final state",
+        allow_nan=True,
     )
     mean_error: np.ndarray = quantity(
-        "SI", ("profile", "command_interval", "simulation", MOTION, MOTION), "covariance of the error of the mean"
+        "SI",
+        ("profile", "command_interval", "simulation", MOTION, MOTION),
+        "covariance of the error of the mean",
+        allow_nan=True,
     )
 
 

@@ -13,6 +13,11 @@ MOTION_PART, MASS = slice(4), 4  # components of the final state
 UPPER = ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3))
 
 
+def freedom(trials: int) -> float:
+    """Degrees of freedom of a sample variance; NaN of one trial, which has none."""
+    return trials - 1 if trials > 1 else np.nan
+
+
 class FinalMass(NamedTuple):
     """Final mass over the closed-loop trials: its mean, its variance and their number."""
 
@@ -58,7 +63,7 @@ def misses(moments: tuple, mean: np.ndarray, covariance: np.ndarray) -> Misses:
     scale = np.sqrt(np.diag(covariance))
     product = np.outer(scale, scale)
     sampling = np.sqrt(
-        (sample_covariance**2 + np.outer(np.diag(sample_covariance), np.diag(sample_covariance))) / (trials - 1)
+        (sample_covariance**2 + np.outer(np.diag(sample_covariance), np.diag(sample_covariance))) / freedom(trials)
     )
     return Misses(
         np.abs(sample_mean - mean) / scale,
@@ -88,11 +93,13 @@ def mean_chi_square(published, choices: Choices) -> np.ndarray:
     """Chi-square of the printed mean under each choice of the simulation, on 4 degrees of freedom.
 
     The sampling error is that of the paper's number of trials with the covariance of the choice, and that of the choice
-    itself. Returns (profiles, command intervals, simulations).
+    itself. Returns (profiles, command intervals, simulations); NaN where too few trials make it singular.
     """
     printed = published["mc_final_mean"]
     difference = np.array(printed.printed) - choices.mean
     error = choices.covariance / printed.trials + choices.mean_error
+    if choices.trials <= error.shape[-1]:
+        return np.full(error.shape[:-2], np.nan)
     return np.einsum("...i,...i->...", difference, np.linalg.solve(error, difference[..., np.newaxis])[..., 0])
 
 

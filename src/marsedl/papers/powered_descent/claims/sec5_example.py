@@ -14,6 +14,7 @@ from marsedl.papers.powered_descent.claims.measures import (
     UPPER,
     FinalMass,
     FinalMisses,
+    freedom,
     misses,
     misses_at_the_end,
     printed_covariance,
@@ -191,7 +192,7 @@ def disperse_then_contract(closed_loop: Largest[FlightEnsemble]):
     switch = _switch(closed_loop)
     position = closed_loop.covariance[: switch + 1, :2, :2]
     scatter = np.sqrt(np.trace(position, axis1=1, axis2=2) / 2)
-    errors = scatter / np.sqrt(4 * (closed_loop.count - 1))  # of two independent axes
+    errors = scatter / np.sqrt(4 * freedom(closed_loop.count))  # of two independent axes
     peak = scatter.argmax()
     widest, last = (
         measure(name, scatter[at], "m", error=np.hypot(errors[at], errors[0]))
@@ -226,7 +227,8 @@ def segment2_depends_on_intermediate(
 @claim(counterexample=shifted("open_loop.final_state", component="altitude"))
 def open_loop_mean_equals_closed_loop_mean(closed_loop: Largest[FlightEnsemble], open_loop: Largest[FlightEnsemble]):
     closed, without = FinalMoments(closed_loop, MOTION_PART), FinalMoments(open_loop, MOTION_PART)
-    difference = np.abs(without.mean - closed.mean) / without.population_deviation
+    deviation = without.population_deviation if without.count > 1 else np.nan
+    difference = np.abs(without.mean - closed.mean) / deviation
     error = np.sqrt(1 / without.count + closed.variance / without.variance / closed.count)
     subject = "difference of the final means"
     return holds(
@@ -358,7 +360,7 @@ def _deviations(mission: Mission, gains, ensemble):
     local = ensemble.time - np.where(ensemble.segment == 0, 0.0, mission.segment_durations[0])
     share = local / mission.segment_durations[ensemble.segment]
     middle = np.abs(everywhere[(share > 0.25) & (share < 0.75)])
-    return np.abs(everywhere[[0, -1]]), middle, np.sqrt(2 / (ensemble.count - 1)), ensemble.count
+    return np.abs(everywhere[[0, -1]]), middle, np.sqrt(2 / freedom(ensemble.count)), ensemble.count
 
 
 @claim(counterexample=scaled("closed_loop.covariance", at=-1))
