@@ -48,7 +48,6 @@ def refused(**inputs):
         ({"initial_correlations": [0.9, 0.9, -0.9]}, ["initial_correlations", "belong to no covariance"]),
         ({"variation_mean": -1.0}, ["variation_mean", "must be above -1"]),
         ({"correlation_altitude": "upper", "correlation_length_km": 50.0}, ["correlation_length", "'upper'"]),
-        ({"navigation_factors": []}, ["navigation_factors", "at least 1 item"]),
         ({"double_integrator_final_correlation": 1.0}, ["double_integrator_final_correlation", "less than 1"]),
         ({"double_integrator_partition": [0.0, 2.0, 1.0]}, ["double_integrator_partition", "node 1 is 2"]),
         (
