@@ -475,7 +475,7 @@ def test_compiled_program_of_every_kind_of_constraint(rich):
 
 def test_compiled_program_refuses_another_structure(rich):
     compiled = compile_program(drag_passage())
-    with pytest.raises(ValueError, match=r"controls, which is \(13, 3, 1\) instead of \(14, 3, 1\)"):
+    with pytest.raises(ValueError, match="differs from the compiled one in: intervals, states and controls"):
         compiled.solve(drag_passage(13))
     with pytest.raises(ValueError, match="kinds of costs and constraints"):
         compiled.solve(drag_passage(control_trust=None))

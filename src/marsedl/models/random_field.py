@@ -442,7 +442,7 @@ def _decomposed(covariance):
     if asymmetry > _ROUNDING * largest:
         raise ValueError(
             "covariance is not symmetric: entries differ from their mirror images by up to "
-            f"{asymmetry / largest:.1e} of the largest; use half the sum of the matrix and its transpose if it ought to be"
+            f"{asymmetry / largest:.1e} of the largest"
         )
     covariance = _symmetric(covariance)
     eigenvalues, vectors = np.linalg.eigh(covariance)

@@ -808,7 +808,7 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
 def delta_v_map(
     planet: Planet, mission: Mission, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble
 ) -> Figure:
-    """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
+    """Delta-v against the exit apoapsis: exact, the linear branches, the flights, and what the design predicts."""
     figure, panels = new_figure(7.6, 4.4, ncols=2)
     iterations = _iterations(gains)
     apoapsis, delta_v, slopes, at = _delta_v_curve(planet, mission, linearization, gains)
