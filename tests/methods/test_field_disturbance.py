@@ -332,11 +332,8 @@ def test_nominal_is_reproduced_with_a_mean_field(flight):
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"field_effects": []}, "one array per interval and at least one, not 0 and 2"),
         ({"weights": [np.ones(4)]}, "one array per interval and at least one, not 2 and 1"),
-        ({"weights": [np.ones(4), np.ones(4)]}, "do not fit in interval 1"),
         ({"field_effects": [np.ones((4, 2)), np.ones(3)]}, "do not fit in interval 1"),
-        ({"field_effects": [np.ones((0, 2)), np.ones((3, 2))], "weights": [np.ones(0), np.ones(3)]}, "in interval 0"),
         ({"field_effects": [np.ones((4, 2)), np.ones((3, 1))]}, "must have 2 states in every interval, not 1 in"),
     ],
 )

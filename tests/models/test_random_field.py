@@ -2,7 +2,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numba import njit
 
 from marsedl.models import density_variation as dv
 from marsedl.models import random_field as rf
@@ -53,13 +52,6 @@ def as_printed(first, second, sign):
     lower = min(first, second)
     b = 0.148 * np.exp(sign * (lower - 120e3) / 20e3)
     return np.exp(-abs(first - second) / 11.1e3) * (b if lower < 120e3 else 0.148)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_altitude_exponential_against_the_printed_cases(sign):
-    expected = [[as_printed(first, second, sign) for second in UNEVEN] for first in UNEVEN]
-    actual = rf.covariance_matrix(partial(DENSITY, growth_sign=sign), UNEVEN)
-    np.testing.assert_allclose(actual, expected, rtol=1e-14)
 
 
 def test_altitude_that_sets_the_variance():
@@ -260,31 +252,6 @@ def test_conditioned_samples_have_exactly_the_conditional_covariance():
     np.testing.assert_allclose(actual, covariance, atol=1e-12)
 
 
-def test_surface_with_constant_right_most_edges():
-    side = np.linspace(0, 1, 13)
-    surface = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    edge = surface[(surface == 1.0).any(axis=1)]
-    kernel = partial(rf.squared_exponential, variance=2.0, length=(0.25, 0.25))
-    root = rf.root(rf.covariance_matrix(kernel, np.concatenate([surface, edge])))
-    prior = rf.sample(np.random.default_rng(7).standard_normal((20, len(root))), root)
-    values = np.full(len(edge), 1.5)
-    posterior = rf.condition_samples(kernel, surface, edge, values, 0.0, prior)
-    on_edge = (surface == 1.0).any(axis=1)
-    # The noise d = 1e-10 variance that stands for none leaves d (K + d)^-1 (y - x): of the values y at most
-    # sqrt(d y' (K + d)^-1 y), of a sample x = K^(1/2) xi at most sqrt(d) |xi| / 2, and xi has 25 normal components.
-    noise = 1e-10 * 2.0
-    of_values = values @ np.linalg.solve(rf.covariance_matrix(kernel, edge) + noise * np.eye(25), values)
-    assert np.abs(posterior[:, on_edge] - 1.5).max() < np.sqrt(noise) * (np.sqrt(of_values) + np.sqrt(80) / 2)
-    mean, covariance = rf.condition(kernel, surface, edge, values, 0.0)
-    assert np.abs(mean[on_edge] - 1.5).max() < np.sqrt(noise * of_values)
-    assert (covariance.diagonal()[on_edge] <= 1.001 * noise).all()
-    # The opposite corner is five correlation lengths from any edge.
-    corner = np.flatnonzero((surface == 0.0).all(axis=1))
-    assert covariance.diagonal()[corner] == pytest.approx(2.0, rel=1e-3)
-    np.testing.assert_allclose(posterior[:, corner], prior[:, corner], atol=0.05)
-    assert np.abs(posterior - prior[:, :169]).max() > 1.0
-
-
 # ---- use of a sample ----
 
 
@@ -303,22 +270,6 @@ def test_interpolation_against_one_row_after_the_other():
     assert np.isnan(rf.interpolate(np.nan, UNEVEN, values)).all()
 
 
-def test_density_factor_and_its_floor():
-    variation = np.array([-2.0, -0.9991, -0.998, 0.0, 0.5, np.nan])
-    np.testing.assert_allclose(dv.density_factor(variation, 1e-3), [1e-3, 1e-3, 2e-3, 1.0, 1.5, np.nan], rtol=1e-12)
-    np.testing.assert_array_equal(dv.is_floored(variation, 1e-3), [True, True, False, False, False, False])
-
-
-@njit
-def compiled(variation):
-    return dv.density_factor(variation, 1e-3), dv.is_floored(variation, 1e-3)
-
-
-def test_numba_agrees_with_numpy():
-    for variation in (-1.5, -0.5, 0.3, np.nan):
-        np.testing.assert_array_equal(compiled(variation), compiled.py_func(variation))
-
-
 # ---- errors ----
 
 EYE2 = np.eye(2)
@@ -329,46 +280,27 @@ EYE2 = np.eye(2)
     [
         (lambda: SMOOTH(0.0, 1.0, variance=-1.0), "variance must not be negative, got -1"),
         (lambda: SMOOTH(0.0, 1.0, length=np.nan), "length must be positive, got nan"),
-        (lambda: SMOOTH(EYE2, EYE2, length=(1.0, 0.0)), "length must be positive"),
         (lambda: SMOOTH(EYE2, EYE2, length=(1.0, 1.0, 1.0)), "one entry per component .* shape \\(3,\\) does not fit"),
         (lambda: FORCE(0.0, 1.0, period=0.0), "period must be positive"),
-        (lambda: FORCE(0.0, 1.0, periodic_length=-1.0), "periodic_length must be positive"),
-        (lambda: DENSITY(0.0, 1.0, growth_length=0.0), "growth_length must be positive"),
-        (lambda: DENSITY(0.0, 1.0, correlation_length=-1.0), "correlation_length must be positive"),
         (lambda: DENSITY(0.0, 1.0, growth_sign=0), "growth_sign must be 1 .* or -1"),
         (
             lambda: DENSITY(0.0, 1.0, correlation_altitude="middle"),
             "correlation_altitude must be 'lower', 'upper' or 'both', not 'middle'",
         ),
         (lambda: rf.covariance_matrix(SMOOTH, 1.0), "points must have shape \\(k,\\) on a line"),
-        (lambda: rf.covariance_matrix(SMOOTH, []), "points must have shape"),
-        (lambda: rf.covariance_matrix(SMOOTH, [1.0], EYE2), "same dimension"),
         (lambda: rf.covariance_matrix(SMOOTH, EYE2), "kernel must return one covariance per pair, shape \\(2, 2\\)"),
         (lambda: rf.covariance_matrix(SMOOTH, [1.0, np.nan]), "kernel is not finite"),
         (lambda: rf.sample(np.ones((2, 3)), EYE2), "do not fit: shapes \\(2, 3\\) and \\(2, 2\\)"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES[:3], 0.0), "values must be one finite number"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, -1.0), "noise_variance must be"),
-        (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, [0.1, 0.1]), "noise_variance must be"),
         (lambda: rf.condition(SMOOTH, POINTS, MEASURED, VALUES, 0.0, mean=VALUES), "mean must be one number"),
         (lambda: rf.condition(partial(SMOOTH, variance=0.0), POINTS, MEASURED, VALUES, 0.0), "not positive definite"),
-        (
-            lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 0.0, np.ones((2, 9))),
-            "shape \\(trials, 13\\)",
-        ),
         (
             lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 1.0, np.ones((2, 13))),
             "noise_normals must be",
         ),
-        (
-            lambda: rf.condition_samples(SMOOTH, POINTS, MEASURED, VALUES, 1.0, np.ones((2, 13)), np.ones((2, 3))),
-            "noise_normals must have shape \\(2, 4\\)",
-        ),
         (lambda: rf.markov(DENSITY, UNEVEN[::-1]), "altitudes must be at least 2 finite, strictly increasing"),
-        (lambda: rf.markov(DENSITY, [0.0, 1.0, 1.0]), "altitudes must be"),
-        (lambda: rf.markov(DENSITY, [0.0, np.inf]), "altitudes must be"),
-        (lambda: rf.markov(DENSITY, [0.0]), "altitudes must be"),
         (lambda: rf.markov(lambda a, b: -DENSITY(a, b), UNEVEN), "kernel is not a covariance: at 20000 m"),
-        (lambda: rf.interpolate(1.0, [1.0, 0.0], [1.0, 1.0]), "grid must be"),
         (lambda: rf.interpolate(1.0, [0.0, 1.0], [1.0, 1.0, 1.0]), "one entry per node, shape \\(..., 2\\)"),
     ],
 )

@@ -16,7 +16,7 @@ from marsedl.models import orbits
 from marsedl.models import random_field as fields
 from marsedl.montecarlo.streams import normals
 from marsedl.papers import catalogue
-from marsedl.papers.random_field import certificates, environment, figures, flight
+from marsedl.papers.random_field import environment, figures, flight
 from marsedl.papers.random_field.flight_statistics import delta_v_percentile
 from marsedl.papers.random_field.records import CLOSED, OPEN, Convergence
 from marsedl.plotting.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
@@ -105,13 +105,6 @@ def test_every_figure_draws_with_few_flights_and_without_laws(draw, random_field
         assert stem in ("fig06", "fig07", "fig08") or any(labelled(axes) for axes in figure.axes)
 
 
-def test_samples_drawn_are_not_those_of_flights_and_certificates():
-    figure_streams = {value for name, value in vars(figures).items() if name.endswith("_STREAM")}
-    assert len(figure_streams) >= 5
-    flight_streams = {flight.INITIAL_STREAM, flight.FIELD_STREAM}
-    assert not figure_streams & (flight_streams | {certificates.SAMPLE_STREAM, certificates.SAMPLE_STREAM + 1})
-
-
 # --- examples of fields -----------------------------------------------------------------------------------------------
 
 
@@ -134,23 +127,6 @@ def test_fig01_bands_are_two_deviations_of_prior_and_posterior(draw, inputs_of):
     np.testing.assert_allclose(lower, mean - 2 * deviation, atol=1e-9)
     np.testing.assert_allclose(upper, mean + 2 * deviation, atol=1e-9)
     assert deviation[[np.abs(place - m).argmin() for m in measured]].max() < 0.1
-
-
-def test_fig01_samples_have_the_mean_and_deviation_drawn(inputs_of):
-    position, before, after, mean, deviation = inputs_of("fig01", drawn_samples=4000).call(figures.line_samples)
-    for samples, centre, spread in ((before, 0.0, 1.0), (after, mean, deviation)):
-        error = (samples.mean(axis=0) - centre) / (spread / np.sqrt(4000))
-        assert np.abs(error).max() < 5
-        error = (samples.var(axis=0, ddof=1) / spread**2 - 1) / np.sqrt(2 / 3999)
-        assert np.abs(error).max() < 5
-    assert len(position) == len(mean)
-
-
-def test_fig01_panels_share_their_random_numbers(inputs_of):
-    position, before, after, *_ = inputs_of("fig01", example_extent=50.0).call(figures.line_samples)
-    far = position > 14.0  # ten correlation lengths behind the last measurement
-    np.testing.assert_allclose(before[:, far], after[:, far], atol=1e-6)
-    assert np.abs(before - after)[:, position < 4].max() > 0.5
 
 
 def test_fig02_edges_on_the_right_are_constant_only_when_held(draw, inputs_of):
@@ -202,15 +178,6 @@ def test_fig03_process_is_the_field_at_the_altitude_of_each_time(draw, random_fi
         np.testing.assert_allclose(places.get_ydata(), np.interp(times.get_xdata(), *nominal_curve.get_xydata().T))
 
 
-def test_fig03_and_fig10_samples_have_the_covariance_of_the_kernel(inputs_of):
-    inputs, altitude, count = inputs_of("fig10"), np.array([45e3, 60e3, 61e3, 100e3, 125e3]), 20_000
-    samples = inputs.call(figures.variation_samples, altitude, count)
-    expected = environment.kernel(inputs.air)(altitude[:, None], altitude)
-    variance = np.diag(expected)
-    error = np.sqrt((np.outer(variance, variance) + expected**2) / count)
-    assert (np.abs(samples.T @ samples / count - expected) < 5 * error).all()
-
-
 def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
     axes, apart = draw("fig10").axes
     altitude, lower, upper = band(axes, along=1)
@@ -224,15 +191,6 @@ def test_fig10_band_is_twice_the_deviation(draw, inputs_of):
     distance = 1.2 * max(np.abs(line.get_xdata()).max() for line in samples)
     for number, (line, sample) in enumerate(zip(curves(apart, BLUE), samples, strict=True), start=1):
         np.testing.assert_allclose((line.get_xdata() - number) * distance, sample.get_xdata(), atol=1e-9)
-
-
-def test_fig10_says_where_no_density_is_left(draw):
-    axes, _ = draw("fig10", "printed").axes
-    altitude, _, upper = band(axes, along=1)
-    assert upper[np.abs(altitude - 120).argmin()] == pytest.approx(2 * np.sqrt(1480.0))
-    assert upper[0] == pytest.approx(2 * np.sqrt(1480.0) * np.exp(3.0))  # Eq. 74 as printed grows downwards
-    assert "no density left" in labels(axes.figure)
-    assert "no density left" not in labels(draw("fig10", variance_at_top=0.01))
 
 
 def test_fig09_density_goes_through_the_table(draw, inputs_of):
@@ -357,18 +315,6 @@ def test_fig06_orbits_have_the_radii_of_the_mission_and_join(draw, random_field)
     np.testing.assert_allclose(below.get_xdata(), (flown_angle - flown_angle[0]) * 3397, atol=1e-6)
 
 
-def test_fig06_curves_have_the_flight_path_angle_of_the_flight(draw, random_field):
-    whole, _ = draw("fig06").axes
-    nominal = random_field.nominal()
-    approach, flight_curve, coast = (polar(curves(whole, color, "-")[0]) for color in (GREY, VERMILION, ORANGE))
-    # r' / (r angle') = tan(gamma), which holds only if the angle runs as fast as the flight says.
-    slope = np.gradient(np.log(flight_curve[0]), flight_curve[1], edge_order=2)
-    np.testing.assert_allclose(slope, np.tan(nominal.flight_path_angle), atol=2e-5)
-    for (radius, angle), joint, at in ((approach, -1, 0), (coast, 0, -1)):
-        slope = np.gradient(np.log(radius), angle, edge_order=2)[joint]
-        assert slope == pytest.approx(np.tan(nominal.flight_path_angle[at]), abs=1e-3)
-
-
 def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
     (axes,) = draw("fig07").axes
     vector = arrows(axes)
@@ -379,23 +325,6 @@ def test_fig07_lift_and_drag_are_normal_and_opposite_to_the_velocity(draw):
     assert arc[0, 1] == 0.0  # from the local horizontal to the velocity
     assert np.arctan2(*arc[-1, ::-1]) == pytest.approx(np.arctan2(*velocity[::-1]))
     assert {"$r$", "$v$", r"$\gamma$", "$L$", "$D$"} <= {text.get_text() for text in axes.texts}
-
-
-def test_fig08_control_is_the_cosine_of_the_bank_angle(draw):
-    side, rear = draw("fig08").axes
-    vector = arrows(side)
-    velocity, lift = vector(BLUE), vector(GREEN)
-    assert velocity @ lift == 0.0
-    (axis,) = curves(side, BLACK, "--", least=2)
-    force = axis.get_xydata()[0] - axis.get_xydata()[-1]  # along the axis, into the heat shield
-    assert force @ lift > 0 > force @ velocity
-    vector = arrows(rear)
-    lift, vertical = vector(GREEN), vector(ORANGE)
-    assert vertical[0] == 0.0
-    (arc,) = curves(rear, BLACK, "-")
-    bank = np.arctan2(*arc.get_xydata()[-1])
-    assert vertical[1] == pytest.approx(np.linalg.norm(lift) * np.cos(bank))
-    assert {r"$\alpha$", r"$\sigma$"} <= {text.get_text() for axes in (side, rear) for text in axes.texts}
 
 
 # --- flights of the aerocapture ---------------------------------------------------------------------------------------
@@ -441,20 +370,19 @@ def test_a_reading_without_laws_says_why(draw):
 
 
 def test_fig12_histograms_have_the_area_of_the_flights_inside(draw, random_field, inputs_of):
-    for reading, window in (("corrected", (200.0, 400.0)), ("literal_gains", (200.0, 400.0))):
+    for reading, laws in (("corrected", LAWS), ("printed", 1)):
         ensemble, panels = random_field.ensemble(reading), draw("fig12", reading).axes
-        assert len(panels) == LAWS
+        assert len(panels) == laws
         for number, axes in enumerate(panels):
             delta_v = ensemble.delta_v[number]
             (values, edges, _) = axes.patches[0].get_data()
             assert tuple(axes.get_xlim()) == pytest.approx((edges[0], edges[-1]))
             if number:
-                assert tuple(axes.get_xlim()) == window
+                assert tuple(axes.get_xlim()) == (200.0, 400.0)
             inside = np.isfinite(delta_v) & (delta_v >= edges[0]) & (delta_v <= edges[-1])
             assert (values * np.diff(edges)).sum() == pytest.approx(inside.mean())
             lost = np.isnan(delta_v).sum()
             assert (f"{lost:,} lost" in text_of(axes)) == (lost > 0)
-    assert (np.isnan(random_field.ensemble("literal_gains").delta_v).sum(axis=1) > 0).any()
     assert tuple(inputs_of("fig12").delta_v_window) == (200.0, 400.0)
 
 
@@ -543,11 +471,11 @@ def test_errors_are_those_from_the_nominal_of_the_law(draw, random_field, stem, 
     assert control.get_ylim() == (-1.6, 1.6)
 
 
-def test_errors_that_leave_the_axes_are_stated(draw):
-    control = draw("fig15", "literal_gains").axes[-1]
-    assert control.get_ylim() == (-1.6, 1.6) and re.search(
-        r"stars beyond the axis: up to \d(\.\d)?e\+\d\d", text_of(control)
-    )
+def test_errors_that_leave_the_axes_are_stated(draw, random_field):
+    ensemble = random_field.ensemble()
+    large = {"aerocapture": replace(ensemble, mean=1e9 * ensemble.mean)}
+    control = draw("fig15", artifacts=large).axes[-1]
+    assert control.get_ylim() == (-1.6, 1.6) and re.search(r"beyond the axis: up to 3e\+08", text_of(control))
     for axes in draw("fig14", "printed").axes[:3]:
         stated = float(re.search(r"linear covariance up to ([\d.e+]+)", text_of(axes)).group(1))
         assert stated > 2 * axes.get_ylim()[1]

@@ -221,16 +221,6 @@ def test_closed_loop_flights_are_those_of_plain_numpy(air, law):
     assert 0.05 < saturated.mean() < 0.95  # both kinds of command occur
 
 
-def test_beyond_their_nodes_the_mean_goes_on_and_the_variation_is_held(profile):
-    coarse, fine = np.arange(50e3, 110.5e3, 1e3), np.linspace(55e3, 100e3, 451)
-    log_density, slope, _ = profile(coarse)
-    short = AirTables(50e3, 1e3, log_density, slope, fine, *random_field.markov(kernel(0.148), fine))
-    law = flight.open_loop(PARTITION, np.zeros(14))
-    trajectories = fly(short, law, 20)
-    assert_as_the_oracle(trajectories, Oracle(short, law, ENTRY, 20), 50)
-    assert trajectories.history[:, flight.ALTITUDE].min() < 48e3 and trajectories.history[0, flight.ALTITUDE, 0] > 120e3
-
-
 def test_dynamic_pressure_of_the_actual_density(air):
     law = flight.open_loop(PARTITION, np.zeros(14))
     nominal = fly(air, law).history
@@ -239,21 +229,6 @@ def test_dynamic_pressure_of_the_actual_density(air):
     row = flight.DYNAMIC_PRESSURE
     np.testing.assert_allclose(actual[:, row], nominal[:, row] * ratio, rtol=1e-13)
     np.testing.assert_array_equal(np.delete(actual, row, axis=1), np.delete(nominal, row, axis=1))
-
-
-# ---- aerocapture: without variation ----------------------------------------------------------------------------------
-
-
-def test_without_variation_every_gain_flies_the_nominal(air, law):
-    reference, control = law.reference, np.zeros(14)
-    law = law._replace(control=control)
-    calm = air._replace(innovation_deviation=np.zeros(2400), top_deviation=0.0)
-    for trajectories in (fly(air, law, varied=False), fly(calm, law)):
-        np.testing.assert_allclose(trajectories.final_state[0], reference[-1, 0] - RADIUS, rtol=1e-9)
-        np.testing.assert_allclose(trajectories.final_state[1], reference[-1, 1], rtol=1e-9)
-        np.testing.assert_allclose(trajectories.final_state[2], reference[-1, 2], rtol=1e-9)
-        assert (trajectories.history[:, flight.DENSITY_VARIATION] == 0.0).all()
-        assert np.abs(trajectories.observed_maximum).max() < 1e-6
 
 
 def test_nominal_flight_is_that_of_the_oracle_at_every_step(air):

@@ -162,9 +162,7 @@ class CompiledProgram:
         model = _assemble(program, accept_ill_conditioned)
         for name, compiled_value in self.structure.items():
             if model.structure[name] != compiled_value:
-                raise ValueError(
-                    f"the program's structure differs from the compiled one in: {name}; compile it again"
-                )
+                raise ValueError(f"the program's structure differs from the compiled one in: {name}; compile it again")
         for name, parameter in self.parameters.items():
             parameter.value = model.data[name]
         return _solve(model, self.cone_program, self.solver, tolerance, accept_inaccurate, accept_ill_conditioned)
