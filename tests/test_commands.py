@@ -89,7 +89,7 @@ STANDS_FOR = {
     "PAPER": "powered_descent",
     "COMMAND": "list",
     "diff A B": "diff configs configs",
-    "trial random_field both_branches": "trial random_field metres",  # a reading that the smoke size builds
+    "trial random_field both_branches": "trial random_field corrected",  # a reading that the smoke size builds
     # Shown for a Slurm, which is not everywhere; tests/slurm runs it. What stands in which order is the same.
     "--workflow-profile profiles/slurm": "--workflow-profile profiles/default",
 }
