@@ -42,7 +42,6 @@ REDUCED = {
         "trials": TRIALS,
         "paper_trials": 1000,
         "study_trials": 300,
-        "navigation_factors": np.array([1e-3, 0.1, 0.3, 1.0, 3.0]),
         "double_integrator_trials": TRIALS,
     },
     "desensitized": {

@@ -304,19 +304,19 @@ def test_the_double_integrator_and_the_aerocapture_do_not_rerun_each_other(copie
 def test_a_percentile_of_one_reading_reruns_its_design_and_flights(copied):
     copied.edit(
         "configs/random_field.yaml",
-        """  metres_pf_printed:
-    summary: As metres, with p_f = 0.1.
-    based_on: metres
+        """  pf_printed:
+    summary: As corrected, with p_f = 0.1, which is the 90th percentile.
+    based_on: corrected
     guidance:
       percentile_tail: {value: 0.1,""",
-        """  metres_pf_printed:
-    summary: As metres, with p_f = 0.1.
-    based_on: metres
+        """  pf_printed:
+    summary: As corrected, with p_f = 0.1, which is the 90th percentile.
+    based_on: corrected
     guidance:
       percentile_tail: {value: 0.05,""",
     )
     plan = copied.plan("all")
-    assert plan.readings == {"metres_pf_printed"}
+    assert plan.readings == {"pf_printed"}
     assert plan.stages == {"gains", "montecarlo"}
     assert plan.changed_rules == {"gains"}
 

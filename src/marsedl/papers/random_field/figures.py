@@ -808,12 +808,14 @@ def convergence(mission: Mission, guidance: Guidance, studies: Studies, converge
 def delta_v_map(
     planet: Planet, mission: Mission, linearization: Linearization, gains: Gains, aerocapture: FlightEnsemble
 ) -> Figure:
-    """Delta-v against the exit apoapsis: its kink, the linear branches, the flights, and what the design predicts."""
+    """Delta-v against the exit apoapsis: exact, the linear branches, the flights, and what the design predicts."""
     figure, panels = new_figure(7.6, 4.4, ncols=2)
     iterations = _iterations(gains)
     apoapsis, delta_v, slopes, at = _delta_v_curve(planet, mission, linearization, gains)
     captured = aerocapture.apoapsis[0][np.isfinite(aerocapture.apoapsis[0])]
     reach = np.quantile(captured, OPEN_LOOP_LEVELS) if captured.size else at[0] + np.array([-1.0, 1.0])
+    # About the nominal, however few flights there are.
+    reach = min(reach[0], at[0] - APOAPSIS_MARGIN), max(reach[1], at[0] + APOAPSIS_MARGIN)
     reach = reach[0], min(reach[1], LARGEST_APOAPSIS * mission.target_apoapsis)
     nominals = np.append(gains.apoapsis[np.isfinite(gains.apoapsis)], mission.target_apoapsis)
     near = nominals.min() - APOAPSIS_MARGIN, nominals.max() + APOAPSIS_MARGIN
@@ -957,7 +959,7 @@ def _errors_over_time(planet: Planet, vehicle: Vehicle, gains, ensemble, number)
     for sign in (-1, 0, 1):
         control.plot(gains.partition[:-1], mean + sign * 3 * sampled, "*", color=BLUE, markersize=6, zorder=4)
     control.set(xlim=(-0.01 * gains.time[-1], 1.01 * gains.time[-1]), ylim=CONTROLS)
-    reach = np.nanmax(np.abs(mean) + 3 * sampled) if np.isfinite(mean).any() else 0.0
+    reach = np.nan_to_num(np.abs(mean) + 3 * sampled).max()
     if reach > CONTROLS[1]:
         note(control, f"stars beyond the axis: up to {reach:.2g}", 0.95)
     refused = f"no law was designed: {gains.refused}\n" if gains.refused else ""

@@ -47,12 +47,8 @@ def acap_partition(mission: Mission):
 
 
 @claim()
-def acap_cost_percentile(guidance: Guidance):
-    return measured(
-        100.0 * LEVEL,
-        evidence=f"reported; the percentile that the design makes small is the "
-        f"{100 * (1 - guidance.percentile_tail):g}th, see acap_p_f",
-    )
+def acap_cost_percentile():
+    return measured(100.0 * LEVEL, evidence="reported; for that which the design makes small see acap_p_f")
 
 
 @claim("`corrected` takes {value:g}.", errata="E4")
@@ -64,11 +60,6 @@ def acap_p_f(guidance: Guidance):
 def acap_weights(guidance: Guidance):
     weights = guidance.control_variance_weight, guidance.mean_control_weight, guidance.percentile_weight
     return measured(list(map(float, weights)))
-
-
-@claim()
-def acap_trust_control(guidance: Guidance):
-    return measured([guidance.control_trust, guidance.control_trust_weight])
 
 
 @claim(errata="E13")
@@ -94,15 +85,11 @@ def acap_entry_fpa(vehicle: Vehicle, nominal: Nominal):
     lowest = nominal.lowest_altitude / 1e3
     return measured(
         float(np.degrees(nominal.entry_flight_path_angle)),
-        evidence=f"exit apoapsis {nominal.apoapsis:.5f} r_p, lowest altitude {lowest:.2f} km" + _whether_given(vehicle),
+        evidence=f"exit apoapsis {nominal.apoapsis:.5f} r_p, lowest altitude {lowest:.2f} km",
         by_construction="the angle is an input of this reading" if vehicle.entry_angle == "given" else "",
         lowest=lowest,
         final=nominal.altitude[-1] / 1e3,
     )
-
-
-def _whether_given(vehicle):
-    return " (given, not solved)" if vehicle.entry_angle == "given" else ""
 
 
 @claim(
@@ -115,7 +102,7 @@ def acap_guess_hits_target(vehicle: Vehicle, mission: Mission, nominal: Nominal)
     miss = abs(nominal.apoapsis - mission.target_apoapsis)
     return holds(
         measure("distance of the exit apoapsis from the target, without control", miss, "r_p") < HIT,
-        f"it is {nominal.apoapsis:.5f} r_p, from an entry angle of {angle:.4f} deg{_whether_given(vehicle)}",
+        f"it is {nominal.apoapsis:.5f} r_p, from an entry angle of {angle:.4f} deg",
         by_construction="the entry angle is solved for it" if vehicle.entry_angle == "solved" else "",
         apoapsis=nominal.apoapsis,
     )
@@ -131,8 +118,7 @@ def acap_time_max_q(nominal: Nominal, gains: Gains):
     time, last = nominal.time_of_largest_dynamic_pressure, peak(gains.time, gains.dynamic_pressure[-1])[0]
     return measured(
         time,
-        evidence=f"{nominal.largest_dynamic_pressure:.0f} Pa at {time:.2f} s, without control; on the nominal of the "
-        f"last law at {last:.2f} s",
+        evidence=f"{nominal.largest_dynamic_pressure:.0f} Pa, without control",
         last=last,
     )
 
