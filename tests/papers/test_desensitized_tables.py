@@ -262,9 +262,6 @@ def test_sensitivity_blocks_are_in_metres_per_kilometre(table):
     assert list(rows["final error in"]) == list(CHANNELS) * len(LAWS)
     heads = [f"{channel} at entry (m per km)" for channel in CHANNELS]
     np.testing.assert_allclose(rows[heads].to_numpy().reshape(-1, 3, 3), 1e3 * design.final, rtol=1e-12)
-    norms = table("sensitivity_norms", gains=design)
-    np.testing.assert_allclose(norms[heads], 1e3 * np.sqrt((design.final**2).sum(axis=1)), rtol=1e-12)
-    assert column(norms, "all three") == near(1e3 * np.sqrt((design.final**2).sum(axis=(1, 2))))
 
 
 def test_gain_sets_have_a_row_for_every_law(table):
