@@ -334,14 +334,6 @@ def test_dispersions_are_those_of_the_trials_that_came_down(table):
     assert column(rows, "mean propellant")[0] == pytest.approx(fuel, rel=1e-4)
 
 
-def test_dispersions_without_errors_at_entry_are_zero(table):
-    flights = ensemble(final_error=np.zeros((6, 40, 3)))
-    with np.errstate(all="raise"):
-        rows = table("dispersions", changes={"initial_deviations": np.zeros(3)}, entry_errors=flights)
-    cells = printed_text(rows)
-    assert cells["radius: deviation (m)"][0] == "0.0 ± 0.0" and cells["radius: flown over linear"][0] == DASH
-
-
 # ---- other solutions -------------------------------------------------------------------------------------------------
 
 
