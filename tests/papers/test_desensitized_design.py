@@ -450,11 +450,10 @@ def test_tuned_gains_fly_better_than_the_least(desensitized, monkeypatch):
 def test_trajectory_and_gains_together_are_cut_short(desensitized):
     """The paper's problem as it stands: what it came to after the iterations allowed is the result."""
     inputs = desensitized.stage_inputs("corrected", "gains", unregularized_iterations=4)
-    for channel in ("radius",):
-        law = inputs.call(design.together, desensitized.nominal(), channel)
-        assert not law.converged and law.ended == "Maximum_Iterations_Exceeded" and law.iterations == 4
-        assert np.abs(law.bank_acceleration).max() <= inputs.bank_acceleration_bound
-        assert law.state.shape == (101, 8) and np.isfinite(law.state).all() and law.scaled_gain.any()
+    law = inputs.call(design.together, desensitized.nominal(), "radius")
+    assert not law.converged and law.ended == "Maximum_Iterations_Exceeded" and law.iterations == 4
+    assert np.abs(law.bank_acceleration).max() <= inputs.bank_acceleration_bound
+    assert law.state.shape == (101, 8) and np.isfinite(law.state).all() and law.scaled_gain.any()
 
 
 # --- other choices ----------------------------------------------------------------------------------------------------
