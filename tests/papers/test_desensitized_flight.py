@@ -187,7 +187,7 @@ def test_observed_are_the_command_and_what_is_flown_of_it():
     assert trajectories.observed_maximum[components.BANK_ACCELERATION].max() == bound < magnitude.max()
 
 
-@pytest.mark.parametrize("bound", [np.radians(5.0), NARROW])
+@pytest.mark.parametrize("bound", [NARROW])
 def test_flights_are_those_of_an_adaptive_method(bound):
     """Interval by interval, so that the nominal's control is smooth; by small steps, as of corners at the bound."""
     initial, factor = perturbed(8, spread=10.0 * SPREAD)[[6, 7, 1]], np.array([0.95, 1.0, 1.05])
