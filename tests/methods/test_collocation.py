@@ -304,32 +304,6 @@ def test_path_and_boundary_conditions_with_bounds_apart_and_several_controls():
     assert solution.boundary_multipliers["side"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_free_parameters_come_before_the_given_ones():
-    # x' = 1 + free - 10 given: two unlike parameters that a swap would show.
-    problem = Problem(
-        rates=lambda x, push, chosen, wind: (1 + chosen - 10 * wind + push,),
-        states=(Variable("x", 2.0),),
-        controls=(Variable("push", 1.0, -1.0, 1.0),),
-        final_time=Variable("final_time", 1.0, 1.0, 1.0),
-        initial={"x": 0.0},
-        final={"x": 0.5},
-        running_cost=lambda x, push, chosen, wind: push**2 + wind,
-        end_cost=lambda start, end, parameters: (parameters["chosen"] - 3 * parameters["wind"]) ** 2,
-        free=(Variable("chosen", 5.0),),
-        given=("wind",),
-    )
-    wind = 0.2
-    solution = Program(problem, 4).solve(flat(problem, 4, 1.0, free={"chosen": 0.0}), {"wind": wind}, tolerance=1e-11)
-    # chosen + push = 10 wind - 1/2; least push^2 + (chosen - 3 wind)^2 shares the gap of 7 wind - 1/2.
-    gap = 7 * wind - 0.5
-    np.testing.assert_allclose(solution.controls, gap / 2, atol=1e-8)
-    assert solution.free["chosen"] == pytest.approx(3 * wind + gap / 2, abs=1e-8)
-    assert solution.objective == pytest.approx(gap**2 / 2 + wind, abs=1e-8)
-    assert solution.running_cost == pytest.approx(gap**2 / 4 + wind, abs=1e-8)
-    assert solution.given == {"wind": wind}
-    np.testing.assert_allclose(resimulate(solution), solution.states, atol=1e-10)
-
-
 # ---- multipliers -----------------------------------------------------------------------------------------------------
 
 
@@ -546,12 +520,6 @@ def test_continuation_says_where_there_is_nothing_any_more():
     assert caught.value.solution.given["tilt"] == caught.value.reached
 
 
-def test_continuation_refuses_a_parameter_that_is_not_given(right_well):
-    program, start = right_well
-    with pytest.raises(ValueError, match="'place' is not a given parameter; these are tilt"):
-        program.follow(start, "place", [1.0])
-
-
 # ---- failures --------------------------------------------------------------------------------------------------------
 
 
@@ -573,24 +541,6 @@ def test_an_unreachable_end_is_reported_with_the_worst_constraint():
     assert str(solution.residual) == expected
     assert str(caught.value).endswith(f"the worst constraint is {expected}")
     assert solution.states.shape == (11, 2)
-
-
-def test_an_impossible_condition_is_named():
-    impossible = Condition("impossible", lambda start, end: end["velocity"] ** 2, -9.0, -4.0, 2.0)
-    problem = double_integrator(final={"position": 1.0}, boundary=(impossible,))
-    with pytest.raises(NotConvergedError, match="the worst constraint is impossible at the boundary, off by 4"):
-        Program(problem, 10).solve(flat(problem, 10, 2.0))
-
-
-def test_too_few_iterations_are_reported_with_the_last_iterate():
-    program = Program(pendulum(), 20)
-    with pytest.raises(NotConvergedError, match="Maximum_Iterations_Exceeded after 2 iterations") as caught:
-        program.solve(swing_guess(20), iterations=2)
-    last = caught.value.solution
-    assert last.iterations == 2
-    assert program.solve(last.guess()).status == "Solve_Succeeded"
-    accepted = program.solve(swing_guess(20), iterations=2, accept=("Maximum_Iterations_Exceeded",))
-    np.testing.assert_array_equal(accepted.states, last.states)
 
 
 @pytest.mark.parametrize("rate", [lambda x: np.sqrt(x - 5), lambda x: 1 / (x - 0.1)], ids=["nan", "infinite"])

@@ -277,7 +277,8 @@ def test_a_row_below_the_least_energy_has_no_value_and_says_why(evaluate, record
         return replace(record, **{name: np.delete(getattr(record, name), 1, axis=0) for name in by_row})
 
     left = {name: without_second(records[name]) for name in ("tradeoff", "linearization")}
-    new_evaluations = evaluate(**left)
+    efforts = {"matched_efforts": np.array([0.1, 0.3078, 1.5603, 5.1812])}
+    new_evaluations = evaluate(inputs=efforts, **left)
     for name in ("tab03_c0p001", "fuel_increases_except_first_step", "more_fuel_when_desensitized"):
         assert new_evaluations[name].failed and "c1 = 0.001 lies below the least" in new_evaluations[name].evidence
     assert judge(desensitized_published["tab03_c0p001"], new_evaluations["tab03_c0p001"])[0] == "differs"

@@ -310,18 +310,6 @@ def test_what_was_lost_or_not_found_is_said(draw, gains, responses, stem):
         assert any(label.endswith(", lost") for label in texts)
 
 
-def test_feedback_that_fails_does_not_hide_the_rest(draw, responses):
-    wild = responses.wide_error.copy()
-    wild[law("radius")] *= 1e6
-    (axes,) = draw("fig03a", changed_responses=replace(responses, wide_error=wild)).axes
-    plain = max(line.get_ydata().max() for line in curves(axes)[:2])
-    assert plain < axes.get_ylim()[1] < 3.0 * plain
-    errors = responses.error.copy()
-    errors[law("radius")] *= -1e6
-    for axes in draw("fig04", changed_responses=replace(responses, error=errors)).axes:
-        assert -10.0 < axes.get_ylim()[0] < 0.0
-
-
 # --- beyond the paper -------------------------------------------------------------------------------------------------
 
 
@@ -348,15 +336,6 @@ def test_pareto_shows_path_jumps_rows_and_the_curve_beyond_the_fold(tradeoff, mi
     np.testing.assert_array_equal(curve.get_xdata(), minima.curve_error)
     np.testing.assert_array_equal(curve.get_ydata(), minima.curve_weight)
     assert f"{minima.fold_weight:.4g}" in weight.get_title()
-
-
-def test_pareto_labels_crowded_rows_together(tradeoff, minima, pareto):
-    error = np.zeros((7, 3))
-    error[:, 2] = [8000.0, 7990.0, 7000.0, 6995.0, 6300.0, 6000.0, 6000.5]
-    effort = np.array([0.1, 0.1001, 0.3, 3.0, 4.0, 500.0, 6500.0])
-    (axes, _) = pareto(replace(tradeoff, error=error, effort=effort), minima).axes
-    texts = [text.get_text() for text in axes.texts]
-    assert texts == ["$c_1$ = 0, 0.001", "$c_1$ = 0.01", "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
 
 
 def test_pareto_enlarges_what_lies_about_the_fold(tradeoff, minima, pareto):
@@ -446,17 +425,6 @@ def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     assert len(set(limits)) > 1
     np.testing.assert_allclose(np.abs(curves(figure.axes[1], GREY, ":")[0].get_xydata()), limits[0])
     assert "2,000 of 4,000 flights" in labels(figure)
-
-
-def test_dispersion_with_a_single_error_is_a_line(gains):
-    ensemble = invented(FlightEnsemble, {"law": 6, "trials": 5})
-    figure = figures.dispersion(Ensemble.given({"initial_deviations": np.array([0.0, 1000.0, 0.0])}), gains, ensemble)
-    for number, axes in enumerate(figure.axes):
-        (curve,) = curves(axes, VERMILION)
-        column = gains.final[number, [DOWNRANGE, CROSSRANGE], CROSSRANGE]
-        reach = 3.0 * np.linalg.norm(column)  # km
-        assert np.linalg.norm(curve.get_xydata(), axis=1).max() == pytest.approx(reach, rel=1e-3)
-        np.testing.assert_allclose(curve.get_xdata() * column[1], curve.get_ydata() * column[0], atol=1e-9)
 
 
 def test_discretisation_lines_fall_beside_the_slopes(tradeoff):

@@ -233,40 +233,6 @@ def test_sweeps_pass_through_the_other_flights(desensitized):
         np.testing.assert_array_equal(getattr(flights, sweep)[:, number, at], flights.error[:, number, -1])
 
 
-def test_feedback_is_best_for_small_errors_only(desensitized):
-    """Its errors grow faster than in proportion, those without feedback in proportion."""
-    flights = desensitized.responses()
-    for number in range(3):
-        law = FIRST + number
-        small, large = norms(flights.narrow_error[law, number]), norms(flights.wide_error[law, number])
-        plain = norms(flights.narrow_error[PLAIN, number])
-        away = np.arange(9) != 4
-        assert (small[away] < 0.15 * plain[away]).all()
-        assert large[6] / small[8] > 1.4 * 1000.0 / 200.0 and large[2] / small[0] > 1.4 * 1000.0 / 200.0
-        np.testing.assert_allclose(plain, np.abs(np.linspace(-1, 1, 9)) * plain[8], rtol=1e-2, atol=1e-9)
-        reshaped = norms(flights.narrow_error[SHAPED, number])
-        assert (reshaped[away] < plain[away]).all() if number == 0 else np.allclose(reshaped, plain, rtol=1e-4)
-
-
-def test_lost_flights_are_told(desensitized):
-    """An error that the law for another channel cannot bear: NaN from the node on at which it is below the ground."""
-    flights = desensitized.responses()
-    lost = np.isnan(flights.tabulated_error).any(axis=-1)
-    np.testing.assert_array_equal(lost, np.isnan(flights.tabulated_error).all(axis=-1))
-    law = FIRST + 1
-    assert lost[law, 2, 0] and not lost[:2].any()
-    inputs = desensitized.stage_inputs("corrected", "responses", drawn_errors=np.array([200.0, 1000.0, 1000.0]))
-    size = np.full((3, 1), 1000.0)
-    one = inputs.call(responses.responses_of_law, *flown_law(desensitized.gains(), law), size, size)
-    gone = np.isnan(one["state"][2]).any(axis=1)
-    first = np.flatnonzero(gone)[0]
-    assert 50 < first < 100 and gone[first:].all() and not gone[:first].any()
-    assert (one["state"][2, :first, 0] > 0.0).all()
-    np.testing.assert_array_equal(np.isnan(one["error"][2]).any(axis=1), gone)
-    np.testing.assert_array_equal(np.isnan(one["acceleration"][2]), gone)
-    assert np.isfinite(one["state"][:2]).all()
-
-
 @pytest.fixture(scope="module")
 def doomed(desensitized):
     """Laws of which one follows a trajectory that dives, as an unfinished solve may leave behind."""
@@ -411,17 +377,6 @@ def test_a_trial_flown_alone_is_that_of_the_ensemble(desensitized, number):
     assert "bit" not in inputs.call(montecarlo.replay, gains, trial=Trial("entry_errors", number))
 
 
-@pytest.mark.parametrize(
-    ("intervals", "step"), [(10, 1), (19, 1), (20, 1), (50, 2), (97, 1), (100, 5), (105, 5), (400, 20)]
-)
+@pytest.mark.parametrize(("intervals", "step"), [(10, 1), (97, 1), (100, 5), (105, 5)])
 def test_stored_times_divide_the_intervals(intervals, step):
     assert montecarlo.output_step(intervals) == step
-
-
-def test_the_compared_errors_may_be_any_two(desensitized):
-    """Those at the ends of the wide sweep are flown as there; the figures' errors may be negative."""
-    flights = desensitized.responses(compared_errors=np.array([-2000.0, 2000.0]))
-    np.testing.assert_array_equal(flights.tabulated_error, flights.wide_error[:, :, [0, -1]])
-    mirrored = desensitized.responses(drawn_errors=np.array([200.0, -1000.0, 200.0]))
-    plain = desensitized.responses()
-    np.testing.assert_allclose(mirrored.error[0, 1, -1, 1], -plain.error[0, 1, -1, 1], rtol=1e-4)

@@ -204,17 +204,6 @@ def sensitivity_blocks(gains: Gains):
     return table(rows, {"law": Column(), "final error in": Column(), **columns})
 
 
-def sensitivity_norms(gains: Gains):
-    """Norms of the columns of the block S_p of every law, and of the block."""
-    per_km = KM * gains.final
-    rows = [
-        (LAW_NAMES[str(law)], *np.linalg.norm(per_km[number], axis=0), np.linalg.norm(per_km[number]))
-        for number, law in enumerate(gains.law)
-    ]
-    columns = {f"{channel} at entry": Column("m per km", "z.1f", "norm of its column") for channel in CHANNELS}
-    return table(rows, {"law": Column(), **columns, "all three": Column("m per km", "z.1f", "Frobenius norm")})
-
-
 def gain_sets(gains: Gains, responses: Responses):
     """Every law: its gains, how their search ended, and what its trajectory takes."""
     cumulative = responses.nominal_cumulative / DEGREE
