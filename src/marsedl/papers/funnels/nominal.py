@@ -19,6 +19,7 @@ from marsedl.methods.collocation import (
     simulate,
 )
 from marsedl.methods.funnels.closed_loop import reference_on_half_steps
+from marsedl.papers.density import TableExits
 from marsedl.papers.funnels import environment
 from marsedl.papers.funnels.environment import STATES
 from marsedl.papers.funnels.inputs import Guidance, Mission, Planet, Studies, Vehicle
@@ -123,6 +124,7 @@ def search(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidanc
 @stage()
 def compute(planet: Planet, vehicle: Vehicle, mission: Mission, guidance: Guidance) -> Nominal:
     """Solve from the guess, or from every start for the best, as the inputs say."""
+    TableExits(planet).count(np.array(planet.density_window)).say("density_window, over which the density is fitted")
     guesses = starts(mission, guidance)[: 1 if guidance.nominal_choice == "guess" else None]
     ends = search(planet, vehicle, mission, guidance, guidance.intervals, guesses)
     solutions = distinct(ends)

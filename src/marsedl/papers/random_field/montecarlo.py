@@ -9,6 +9,7 @@ from marsedl.models import orbits, random_field
 from marsedl.montecarlo import ensembles
 from marsedl.montecarlo.outcomes import ESCAPED
 from marsedl.montecarlo.streams import normals
+from marsedl.papers.density import TableExits
 from marsedl.papers.random_field import flight
 from marsedl.papers.random_field.environment import targets
 from marsedl.papers.random_field.gains import law
@@ -55,9 +56,10 @@ def simulate(
     flights = Flights(planet, air, vehicle, mission, simulation)
     lower, upper = vehicle.control_limits
     edges = np.array([np.linspace(lower, upper, CONTROL_BINS + 1), np.linspace(lower - upper, 0.0, CONTROL_BINS + 1)])
+    exits = TableExits(air)
     reduced = [
         ensembles.run_blocks(
-            block_simulator(flights, nominal, gains, number),
+            exits.watching(block_simulator(flights, nominal, gains, number)),
             first,
             last,
             block_size=flown.block_size,
@@ -66,6 +68,7 @@ def simulate(
         )
         for number in range(len(gains.control))
     ]
+    exits.say(f"flights {first:,} to {last - 1:,}, under all laws")
     return FlightChunk(
         time=output_times(mission, simulation),
         **{

@@ -3,6 +3,7 @@
 import numpy as np
 
 from marsedl.models import orbits
+from marsedl.papers.density import TableExits
 from marsedl.papers.random_field import environment, flight
 from marsedl.papers.random_field.curves import peak
 from marsedl.papers.random_field.environment import targets
@@ -81,6 +82,7 @@ def compute(
     time, states = flight.propagate_nominal(*plant, law, start, time_step=simulation.time_step / 2)
     altitude = states[:, 0] - planet.planet_radius
     environment.require_in_table(air, time, altitude)
+    TableExits(air).count(altitude).say("nominal flight")
     density = environment.mean_density(air, altitude)
     pressure = 0.5 * density * states[:, 1] ** 2
     peak_time, largest_pressure = peak(time, pressure)

@@ -26,6 +26,8 @@ EXAMPLE_LIMIT, EXAMPLE_PROBABILITY = 5e3, 0.01  # of Sec. III.C, which nothing u
 @claim(by_construction="both the trials and the linear model draw the density from this variance")
 def initial_density_variance(linearization: Linearization, apollo_time: FlightEnsemble):
     design, entry, trials = linearization.initial_covariance, apollo_time.covariance[0], apollo_time.count
+    if trials < 2:
+        raise Fails("a variance needs two flights", trials)
     ratio, sampling = entry[DENSITY, DENSITY] / design[DENSITY, DENSITY], np.sqrt(2.0 / (trials - 1))
     return holds(
         f"variance of the density at entry {ratio:.4f} of zeta rho^2 in {trials:,} trials",

@@ -22,7 +22,7 @@ from marsedl.papers.stochastic_entry.records import (
     Linearization,
     Nominal,
 )
-from marsedl.replication.claiming import claim, holds, measure, measured
+from marsedl.replication.claiming import Fails, claim, holds, measure, measured
 from marsedl.replication.claims import Evaluation
 from marsedl.replication.thresholds import ROUNDING, SIGMAS
 
@@ -57,6 +57,8 @@ def tab2_crossrange(planet: Planet, mission: Mission):
 @claim(by_construction="the trials are drawn from Table 2")
 def tab3_state(planet: Planet, linearization: Linearization, apollo_time: FlightEnsemble):
     entry, trials = apollo_time.covariance[0, :STATES, :STATES], apollo_time.count
+    if trials <= 3:
+        raise Fails("a covariance of three states needs more than three flights", trials)
     vehicle = np.ix_([VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE], [VELOCITY, FLIGHT_PATH_ANGLE, DOWNRANGE])
     deviance = wishart_deviance(entry[vehicle], trials, linearization.initial_covariance[vehicle])
     mean = linearization.state[0].copy()
