@@ -42,7 +42,7 @@ def test_an_edited_run_time_is_shown_where_times_are(copied):
 
 
 def test_an_input_of_a_density_redraws_the_densities(copied):
-    copied.set_inputs("corrected", paper="desensitized", density_error="0.04")
+    copied.set_inputs("corrected", paper="desensitized", temperature_constant="205.0")
     assert PRODUCTS["densities"] <= drawn_again(copied.plan("comparison"))
 
 
