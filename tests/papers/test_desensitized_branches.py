@@ -87,12 +87,10 @@ def stationarity(program, guess, given):
 # ---- local minima ----------------------------------------------------------------------------------------------------
 
 
-def test_the_rows_lead_to_a_cheaper_solution(inputs, branches, nominal, minima):
-    assert branches.name[:2].tolist() == ["2 reversals", "1 reversal"]
+def test_the_rows_lead_to_a_cheaper_solution(branches, nominal, minima):
+    assert branches.name.tolist() == ["2 reversals", "1 reversal"] and len(minima) == 2
     assert branches.effort[0] == pytest.approx(nominal.effort, rel=1e-7)
     assert branches.effort[1] < 0.5 * nominal.effort
-    for number, solution in enumerate(minima):
-        assert [inputs.call(stage.alike, other, solution) for other in minima[:number]] == [False] * number
 
 
 def test_every_solution_is_stationary_and_a_minimum(inputs, minima):

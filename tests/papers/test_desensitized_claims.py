@@ -119,9 +119,6 @@ def rows(desensitized_published, evaluations):
     return {row["id"]: row for row in claim_rows}
 
 
-# --- everything has its counterpart -----------------------------------------------------------------------------------
-
-
 # --- verdicts ---------------------------------------------------------------------------------------------------------
 
 

@@ -370,37 +370,6 @@ def test_pareto_without_folds_or_curves(tradeoff, minima, pareto):
     assert "no fold" in figure.axes[1].get_title() and figure.axes[1].get_yscale() == "log"
 
 
-OWN_EFFORTS = {"matched_efforts": np.array([0.14, 0.4, 1.5603, 5.1812])}
-OWN_WEIGHTS = {"printed_weights": np.array([0.001, 0.02, 0.1, 1.0])}
-
-
-@pytest.mark.parametrize(
-    ("changes", "weight", "name"),
-    [
-        (OWN_EFFORTS, 0.01, "$J_0$ = 0.4 deg$^{2}$/s$^{3}$"),
-        (OWN_WEIGHTS, 0.02, "$J_0$ = 0.4 deg$^{2}$/s$^{3}$"),
-        (OWN_WEIGHTS | {"weight_rule": "proportional"}, 0.02, "$c_1$ = 0.02"),
-    ],
-)
-def test_rows_of_a_user_are_called_by_their_own_c1_or_control_energy(
-    tradeoff, minima, pareto, printed, changes, weight, name
-):
-    """As tables do: where a control energy is a reading's own, the paper's c1 says nothing of the row."""
-    error, weights = np.zeros((7, 3)), tradeoff.printed_weight.copy()
-    error[:, 2] = [8000.0, 7990.0, 7000.0, 6600.0, 6300.0, 6000.0, 6000.5]
-    weights[2] = weight
-    effort = np.array([0.1, 0.1001, 0.4, 1.5603, 5.1812, 500.0, 6500.0])
-    rows = replace(tradeoff, printed_weight=weights, error=error, effort=effort)
-    (axes, _) = pareto(rows, minima, **changes).axes
-    texts = [text.get_text() for text in axes.texts]
-    assert texts == ["$c_1$ = 0, 0.001", name, "$c_1$ = 0.1", "$c_1$ = 1", r"$c_1$ = $\infty$"]
-
-    design, published = printed
-    design = design.model_copy(update=changes)
-    shown = labels(figures.fig02(design, published, rows))
-    assert shown[1] == "$c_1$ = 0.001: 2 reversals" and shown[2] == f"{name}: 2 reversals"
-
-
 def test_dispersion_ellipse_is_that_of_the_sampled_linear_model(gains):
     deviations, trials = np.array([200.0, 1000.0, 300.0]), 4000
     errors = np.random.default_rng(3).standard_normal((trials, 3)) * deviations

@@ -352,23 +352,6 @@ def test_the_mirror_image_flies_the_mirror_image():
     np.testing.assert_array_equal(other.observed, [[-1.0], [1.0]] * trajectories.observed)
 
 
-@pytest.mark.parametrize("factor", [0.9, 1.1])
-def test_a_density_factor_is_another_atmosphere_around_the_trial(factor):
-    initial = perturbed(70)
-    denser = CELLS + np.log(factor) * np.array([1.0, 0.0, 0.0, 0.0])
-    trajectories = fly(initial, density_factor=factor)
-    np.testing.assert_allclose(
-        trajectories.history / SIZE, fly(initial, cells=denser).history / SIZE, rtol=0, atol=1e-12
-    )
-    assert np.abs(trajectories.final_state[0] - fly(initial).final_state[0]).min() > 100.0
-    # The nominal stays in the air that it is designed for: the feedback answers the deviation from there.
-    closed = fly(ENTRY, GAIN, density_factor=factor)
-    deviation = closed.history[:, :8, 0] - fly_nominal()
-    control = np.append(REFERENCE.bank_acceleration, REFERENCE.bank_acceleration[-1])
-    np.testing.assert_allclose(closed.observed[:, 0, 0], control + deviation @ GAIN, rtol=0, atol=1e-17)
-    assert np.abs(deviation @ GAIN).max() > 1e-5
-
-
 # ---- nothing depends on how it is run --------------------------------------------------------------------------------
 
 

@@ -7,10 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from marsedl.models.atmosphere import temperature_pressure_fit
-from marsedl.models.dynamics.velocity_component_entry import velocity_component_entry_rates
 from marsedl.montecarlo.outcomes import COMPLETED, CRASHED
 from marsedl.montecarlo.streams import normals
 from marsedl.papers.desensitized import environment, montecarlo, responses
@@ -186,31 +183,6 @@ def test_feedback_leaves_errors_of_second_order(desensitized, channel, sizes):
     assert (odd / plain < 0.01).all()
     # An error twenty times as large without any feedback is proportional.
     np.testing.assert_allclose(plain / sizes, plain[0] / sizes[0], rtol=2e-3)
-
-
-def test_a_flight_with_feedback_by_adaptive_steps(desensitized):
-    """Nominal and perturbed entry together by DOP853, interval by interval; a bound that is not reached left out."""
-    gains, inputs = desensitized.gains(), desensitized.stage_inputs("corrected", "nominal")
-    law = FIRST
-    reference, gain = flown_law(gains, law)
-    vehicle = (inputs.ballistic_coefficient, inputs.lift_to_drag)
-    planet = (inputs.gravitational_parameter, RADIUS)
-
-    def rates(y, u):
-        return np.array(
-            velocity_component_entry_rates(y, u, np.exp(temperature_pressure_fit(y[0])[0]), vehicle, planet)
-        )
-
-    both = np.concatenate([reference.initial_state + 200.0 * (np.arange(8) == 0), reference.initial_state])
-    step = reference.final_time / len(reference.bank_acceleration)
-    for u in reference.bank_acceleration:
-
-        def together(_, y, u=u):
-            return np.concatenate([rates(y[:8], u + gain @ (y[:8] - y[8:])), rates(y[8:], u)])
-
-        both = solve_ivp(together, (0.0, step), both, method="DOP853", rtol=1e-10, atol=1e-9).y[:, -1]
-    expected = (both[:3] - both[8:11]) * LENGTHS
-    np.testing.assert_allclose(final(desensitized.responses(), law, "radius"), expected, rtol=0, atol=5e-3)
 
 
 # --- sweeps -----------------------------------------------------------------------------------------------------------

@@ -264,40 +264,6 @@ def test_sensitivity_blocks_are_in_metres_per_kilometre(table):
     np.testing.assert_allclose(rows[heads].to_numpy().reshape(-1, 3, 3), 1e3 * design.final, rtol=1e-12)
 
 
-def test_gain_sets_have_a_row_for_every_law(table):
-    design, flights = gains(), responses()
-    design.scaled_gain[:2] = 0.0
-    rows = table("gain_sets", gains=design, responses=flights)
-    heads = [head for head in rows if head.startswith("gain on ")]
-    assert heads[0] == "gain on altitude (rad/s^2)" and len(heads) == 6
-    assert rows[heads][:2].isna().all(axis=None) and list(column(rows, "norm of the gains")[:2]) == [0.0, 0.0]
-    np.testing.assert_array_equal(rows[heads][2:], design.scaled_gain[2:])
-    assert list(rows["how the search ended"]) == [f"way {law}" for law in range(6)]
-    assert list(rows["converged"]) == list(design.converged)
-    assert column(rows, "J0") == near(design.effort)
-    assert column(rows, "cumulative bank rate") == near(flights.nominal_cumulative / DEGREE)
-
-
-def test_responses_are_shown_for_the_channels_that_a_law_is_for(table):
-    design, flights = gains(), responses()
-    rows = table("gain_responses", gains=design, responses=flights)
-    laws = (
-        [(0, k) for k in range(3)] + [(1, k) for k in range(3)] + [(2, 0), (3, 1), (4, 2)] + [(5, k) for k in range(3)]
-    )
-    assert list(rows["error at entry in"]) == [CHANNELS[channel] for _, channel in laws]
-    assert column(rows, "linear sensitivity") == near(
-        [1e3 * np.linalg.norm(design.final[law, :, k]) for law, k in laws]
-    )
-    ends = np.array([flights.error[law, k, -1] for law, k in laws])
-    assert column(rows, "final position error") == near(np.linalg.norm(ends, axis=1))
-    assert column(rows, "its crossrange") == near(ends[:, 1])
-    for side, head in enumerate(("final error for +1070 m", "final error for -930 m")):
-        expected = [np.linalg.norm(flights.tabulated_error[law, k, side]) for law, k in laws]
-        assert column(rows, head) == near(expected)
-    assert column(rows, "cumulative bank rate") == near([flights.cumulative[law, k] / DEGREE for law, k in laws])
-    assert column(rows, "drawn error at entry") == near([(200.0, 1000.0, 200.0)[k] for _, k in laws])
-
-
 def test_dispersions_are_those_of_the_trials_that_came_down(table):
     flights = ensemble()
     flights.outcome[3, 7:9] = 1, 3
@@ -354,22 +320,6 @@ def test_bank_conditions_begin_with_what_meets_the_paper(table):
     # A condition that is fixed elsewhere is shown there.
     angle = column(table("bank_conditions", changes={"initial_bank": -1.0}, branches=study), "initial bank angle")
     assert set(angle[np.isfinite(angle)]) == {-1.0 / DEGREE}
-
-
-def test_least_fuel_is_the_measure_of_its_bound(table):
-    study = minimum_fuel(reversals=np.array([[2, 1, 1], [2, -1, -1]]))
-    rows = table("least_fuel", minimum_fuel=study)
-    assert list(rows["solution"]) == [*SOLUTIONS, *SOLUTIONS]
-    assert column(rows, "bound of the bank") == near(np.repeat(study.bound / DEGREE, 3))
-    assert column(rows, "cumulative bank rate (") == near(study.cumulative.ravel() / DEGREE)
-    assert column(rows, "cumulative bank rate over") == near((study.cumulative / study.cumulative[:, [1]]).ravel())
-    assert column(rows, "intervals without thrust") == near(100.0 * study.coasting.ravel())
-    assert column(rows, "intervals at the bound") == near(100.0 * study.at_bound.ravel())
-    assert column(rows, "final time") == near(study.time[:, :, -1].ravel())
-    assert printed_text(rows)["bank reversals"] == ["2", "1", "1", "2", DASH, DASH]
-    violation = np.repeat(study.switching_violation, 3)
-    violation[[0, 2, 3, 5]] = np.nan
-    assert rows["contradiction"].to_numpy() == near(violation)
 
 
 # ---- certificates ----------------------------------------------------------------------------------------------------

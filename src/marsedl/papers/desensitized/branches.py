@@ -26,6 +26,7 @@ CURVE_POINTS = 12
 FOLD_TOLERANCE = 1e-4  # of the error at a fold; the weight there is known to the square of it
 SMALLEST_STEP = 0.05  # of the way to the next value; a branch that needs shorter steps ends
 STEP_ITERATIONS = 30  # a step on a branch takes about ten
+SAME = 1e-4  # relative difference of control energies below which two solutions are one, or its mirror image
 
 
 @stage(claimed_in=("corrected",))
@@ -63,14 +64,10 @@ def local_minima(setup: Setup, nominal: Nominal, tradeoff: Tradeoff) -> list[Sol
     for row in entry_problem.of_rows(tradeoff):
         guess = Guess(row.state, row.bank_acceleration[:, np.newaxis], float(row.time[-1]))
         solution = attempt(solver, transcribed, guess, barrier=WARM)
-        if solution.status == SOLVED and not any(alike(setup.design, known, solution) for known in solutions):
+        known = np.array([effort(other) for other in solutions])
+        if solution.status == SOLVED and (np.abs(known / effort(solution) - 1.0) > SAME).all():
             solutions.append(solution)
     return solutions
-
-
-def alike(design: Design, first: Solution, second: Solution):
-    """Whether the bank angles of two solutions on one mesh are neighbours on a branch."""
-    return np.abs(second.states[:, BANK] - first.states[:, BANK]).max() < design.branch_tolerance
 
 
 # ---- conditions on the bank ------------------------------------------------------------------------------------------
@@ -185,12 +182,16 @@ def nominal_curve(setup: Setup, simulation: Simulation, solution: Solution, trad
     # The weight rises steeply at first: short steps there.
     values = top - max(top - bottom, 0.0) * (np.arange(1, CURVE_POINTS + 1) / CURVE_POINTS) ** 2
     points = [first]
+
+    def same_branch(before, after):
+        return np.abs(after.states[:, BANK] - before.states[:, BANK]).max() < setup.design.branch_tolerance
+
     with suppress(BranchEndError):  # what was reached is the result
         error_problem.program.follow(
             first,
             "norm",
             values,
-            same_branch=lambda before, after: alike(setup.design, before, after),
+            same_branch=same_branch,
             smallest_step=SMALLEST_STEP,
             on_step=points.append,
             tolerance=solver.solver_tolerance,
