@@ -243,7 +243,7 @@ def test_disturbances_of_flights_through_sampled_fields_have_this_covariance(ran
     trials, amplitude, model = 2000, 1e-4, random_field.linearization()
     weak = random_field.inputs("corrected", variance_at_top=amplitude**2 * everything.air.variance_at_top)
     records = random_field.nominal(), random_field.gains()
-    simulate = weak.call(montecarlo.block_simulator, weak.of(montecarlo.Flights), *records, number=0)
+    simulate = weak.call(montecarlo.block_simulator, *records, number=0)
     histories = simulate(0, trials).history[np.rint(NODES / 2.5).astype(int)]
     deviations = (histories[:, [flight.ALTITUDE, flight.VELOCITY, flight.FLIGHT_PATH_ANGLE]]).transpose(2, 0, 1)
     deviations = deviations - (model.state - [RADIUS, 0.0, 0.0])
