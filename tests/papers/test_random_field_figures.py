@@ -475,7 +475,7 @@ def test_errors_that_leave_the_axes_are_stated(draw, random_field):
     ensemble = random_field.ensemble()
     large = {"aerocapture": replace(ensemble, mean=1e9 * ensemble.mean)}
     control = draw("fig15", artifacts=large).axes[-1]
-    assert control.get_ylim() == (-1.6, 1.6) and re.search(r"beyond the axis: up to 3e\+08", text_of(control))
+    assert control.get_ylim() == (-1.6, 1.6) and re.search(r"beyond the axis: up to 3\.1e\+08", text_of(control))
     for axes in draw("fig14", "printed").axes[:3]:
         stated = float(re.search(r"linear covariance up to ([\d.e+]+)", text_of(axes)).group(1))
         assert stated > 2 * axes.get_ylim()[1]

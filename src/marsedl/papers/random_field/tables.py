@@ -386,73 +386,37 @@ class Records(Artifacts):
     aerocapture: FlightEnsemble
 
 
-# Printed numbers that depend on the nominal density: their claims, and how they are called.
-DENSITY_CLAIMS = {
-    "acap_entry_fpa": "entry flight path angle",
-    "acap_time_max_q": "time of largest dynamic pressure",
-    "acap_dv_p99_open": f"open loop: {PERCENTILE}",
-    "acap_dv_p99_closed": f"last iteration: {PERCENTILE}",
-}
-
-
 def densities(readings: dict[str, tuple[RandomFieldInputs, Records]], published):
-    """Readings that differ in the nominal density alone, against the printed numbers that depend on it."""
-    angle, time, open_loop, last = DENSITY_CLAIMS.values()
-    printed = [published[name].printed for name in DENSITY_CLAIMS]
-    paper = (printed[0], None, printed[1], None, None, printed[2], None, None, printed[3], None, None, None, None)
+    """Readings that differ in the nominal density alone, against the printed angle, time and percentiles."""
+    printed = [
+        published[f"acap_{name}"].printed for name in ("entry_fpa", "time_max_q", "dv_p99_open", "dv_p99_closed")
+    ]
+    paper = (printed[0], None, printed[1], None, None, printed[2], None, printed[3], None)
     rows = [(PAPER, *paper, published["acap_dv_p99_open"].trials)]
-    for name, numbers in _density_numbers(readings).items():
-        _, records = readings[name]
-        ensemble = records.aerocapture
-        laws = [delta_v_percentile(ensemble, law, LEVEL) for law in range(len(ensemble.delta_v))]
-        best = min((pair for pair in laws[1:] if np.isfinite(pair[0])), default=(np.nan, np.nan))
-        rows.append(
-            (
-                name,
-                *(cell for k in range(2) for cell in (numbers[k], numbers[k] - printed[k])),
-                records.nominal.lowest_altitude / 1e3,
-                *laws[OPEN],
-                laws[OPEN][0] / printed[2],
-                *laws[-1],
-                laws[-1][0] / printed[3],
-                *best,
-                ensemble.outcome.shape[1],
-            )
-        )
+    reference = readings["corrected"][0]
+    for name, (inputs, records) in readings.items():
+        differing = (key for key in inputs.names() if not np.array_equal(inputs.get(key), reference.get(key)))
+        if set(differing) <= set(_DENSITY):
+            nominal, ensemble = records.nominal, records.aerocapture
+            angle = float(np.degrees(nominal.entry_flight_path_angle))
+            time = nominal.time_of_largest_dynamic_pressure
+            laws = (delta_v_percentile(ensemble, law, LEVEL) for law in (OPEN, len(ensemble.delta_v) - 1))
+            cells = angle, angle - printed[0], time, time - printed[1], nominal.lowest_altitude / 1e3
+            rows.append((name, *cells, *(cell for law in laws for cell in law), ensemble.outcome.shape[1]))
     return table(
         rows,
         {
             "nominal density": Column(meaning="the reading"),
-            angle: Column("deg", ".4f"),
-            f"{angle}, less the printed": Column("deg", "+.4f"),
-            time: Column("s", ".2f"),
-            f"{time}, less the printed": Column("s", "+.2f"),
+            "entry flight path angle": Column("deg", ".4f"),
+            "entry flight path angle, less the printed": Column("deg", "+.4f"),
+            "time of largest dynamic pressure": Column("s", ".2f"),
+            "time of largest dynamic pressure, less the printed": Column("s", "+.2f"),
             "lowest altitude": Column("km", ".2f", "of the nominal"),
-            **_with_error(open_loop, ".1f", "of delta-v"),
-            f"{open_loop}, over the printed": Column("", ".3f"),
-            **_with_error(last, ".1f", "of delta-v"),
-            f"{last}, over the printed": Column("", ".3f"),
-            **_with_error(f"best iteration: {PERCENTILE}", ".1f", "of delta-v"),
+            **_with_error(f"open loop: {PERCENTILE}", ".1f", "of delta-v"),
+            **_with_error(f"last iteration: {PERCENTILE}", ".1f", "of delta-v"),
             "trials": Column(),
         },
     )
-
-
-def _density_numbers(readings):
-    """The numbers that are called as `DENSITY_CLAIMS` says, by reading: those that differ in the density alone."""
-    reference, numbers = readings["corrected"][0], {}
-    for name, (inputs, records) in readings.items():
-        if only_density(inputs, reference):
-            nominal, flights = records.nominal, records.aerocapture
-            percentiles = (delta_v_percentile(flights, law, LEVEL)[0] for law in (OPEN, len(flights.delta_v) - 1))
-            angle = float(np.degrees(nominal.entry_flight_path_angle))
-            numbers[name] = (angle, nominal.time_of_largest_dynamic_pressure, *percentiles)
-    return numbers
-
-
-def only_density(inputs: RandomFieldInputs, reference: RandomFieldInputs):
-    """Whether two sets of inputs differ in nothing but the nominal density, and in how many trials are flown."""
-    return all(np.array_equal(inputs.get(name), reference.get(name)) for name in inputs.names() if name not in _DENSITY)
 
 
 def readings(readings: dict[str, tuple[RandomFieldInputs, Records]], published):

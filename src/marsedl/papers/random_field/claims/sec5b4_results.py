@@ -310,10 +310,7 @@ def acap_mc_three_sigma_slightly_outside(vehicle: Vehicle, laws: ClosedLoop):
     )
 
 
-@claim(
-    by_construction="Flights cut the command off at its limits. Of many nearly normal commands some lie beyond "
-    "any limit."
-)
+@claim(by_construction="Of many nearly normal commands some lie beyond any limit, and are cut off.")
 def acap_control_saturated(laws: ClosedLoop):
     beyond = np.fmax.reduce(laws.ensemble.observed_maximum[laws.last, :, 1])
     count = int(laws.any_violations[laws.last])
