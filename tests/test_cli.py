@@ -233,8 +233,6 @@ def test_explain_a_figure_of_another_paper(project, capsys):
     assert "assumed: the guidance period; the partition is not printed" in output
     assert "altitude_limit_study" not in output
     assert "stochastic_entry.figures:fig12" in output
-    table = explained(capsys, "stochastic_entry", "tab04", "--reading", "marsgram_table")
-    assert "data/atmosphere/mars_density.csv#marsgram_2021a_sample_daily_mean" in table
 
 
 def test_explain_says_what_else_has_the_name(project, capsys):
