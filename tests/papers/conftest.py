@@ -34,7 +34,6 @@ REDUCED = {
         "source_trials": 300,
         "compared_trials": TRIALS,
         "combined_trials": 300,
-        "partition_study": np.array([2.0, 4.0, 8.0, 20.0]),
         "altitude_limit_study": np.array([500.0, 2000.0, 3000.0]),
     },
     "random_field": {

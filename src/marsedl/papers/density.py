@@ -65,7 +65,7 @@ class TableExits:
             (bottom, top), (low, high) = (np.array(ends) / 1e3 for ends in (self.table, self.furthest))
             print(
                 f"{what}: {self.outside:,} of {self.flights:,} beyond the density table by more than a scale height "
-                f"(the table from {bottom:g} to {top:g} km, flown from {low:.1f} to {high:.1f} km), where its end slopes "
+                f"(it goes from {bottom:g} to {top:g} km, they from {low:.1f} to {high:.1f} km), where its end slopes "
                 "go on: give a density_table that reaches further",
                 file=sys.stderr,
             )
