@@ -22,6 +22,7 @@ from marsedl.replication.claims import COUNTED_VERDICTS, UNDECIDED, collect, wri
 PAPER = catalogue("funnels")
 
 READINGS = ("corrected", "printed")
+FEWER = {"steps_per_slice": 8, "ascent_starts": 60, "ascent_polished": 1, "tightness_polished": 1}
 TRIALS = {"constant": 300, "redrawn": 60, "adversarial": 20}
 DECLARATIONS = claims_of("funnels").declarations
 ON_STUDIES = {
@@ -84,7 +85,7 @@ def stand_ins(funnel):
             gradient_deviation=1e-10,
         ),
         "discretization": SimpleNamespace(
-            spacing=np.array([24, 4]),
+            spacing=np.array([24, 8]),
             unsafe_share=np.array([0.2, 0.35]),
             least_excess=np.array([-0.016, -0.0056]),
             largest_excess=np.array([0.15, 0.041]),
@@ -120,7 +121,7 @@ def records_of(funnels, coarse_funnel):
     def of(reading):
         if reading == "corrected":
             names = ("funnel", "linear_bounds", "open_loop", "dubins", "dubins_calm", "dubins_wind")
-            records = {name: funnels.stage(name, reading) for name in names}
+            records = {name: funnels.stage(name, reading, **FEWER, trials=1000) for name in names}
         else:
             records = {"funnel": coarse_funnel(reading)}
         inputs = funnels.stage_inputs(reading, "montecarlo")
@@ -138,7 +139,7 @@ def evaluate(funnels, records_of, few_slices):
     """Evaluation of a reading, some artifacts or inputs replaced."""
 
     def of(reading="corrected", inputs=None, **replaced):
-        changes = {"trials": 10_000} | (few_slices if reading != "corrected" else {}) | (inputs or {})
+        changes = {"trials": 10_000} | (few_slices if reading != "corrected" else FEWER) | (inputs or {})
         studies = stand_ins(records_of[reading]["funnel"]) if reading == "corrected" else {}
         records = {"measured": TIMES} | records_of[reading] | studies | replaced
         measured = records.pop("measured")
