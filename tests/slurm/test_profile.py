@@ -92,8 +92,8 @@ def test_a_build_is_measured_by_its_largest_jobs(tmp_path):
         "powered_descent/corrected/montecarlo.closed_loop_large.tsv": (1.5, 120.0),
         "powered_descent/corrected/montecarlo.closed_loop_large.0of2.tsv": (9.0, 150.0),
         "powered_descent/fig06a.tsv": (4.0, 220.0),
-        "funnels/corrected/divergence.tsv": (100.0, 300.0),  # a stage; a table has the same name
-        "funnels/divergence.tsv": (1.0, 180.0),
+        "stochastic_entry/corrected/certificates.tsv": (100.0, 300.0),  # a stage; a table has the same name
+        "stochastic_entry/certificates.tsv": (1.0, 180.0),
         "funnels/claims.tsv": (2.0, 200.0),
         "comparison/accuracy.tsv": (5.0, 210.0),
         "report.tsv": (6.0, 190.0),
@@ -112,8 +112,8 @@ def test_a_build_is_measured_by_its_largest_jobs(tmp_path):
         "powered_descent_montecarlo_gather": (1, 1.5, 120.0),
         "powered_descent_montecarlo_chunk": (1, 9.0, 150.0),
         "figure": (1, 4.0, 220.0),
-        "funnels_divergence": (1, 100.0, 300.0),
-        "funnels_table_divergence": (1, 1.0, 180.0),
+        "stochastic_entry_certificates": (1, 100.0, 300.0),
+        "stochastic_entry_table_certificates": (1, 1.0, 180.0),
         "funnels_claims": (1, 2.0, 200.0),
         "comparison_product": (1, 5.0, 210.0),
         "site": (1, 6.0, 190.0),
