@@ -269,7 +269,7 @@ def funnels():
     """The funnels paper's stages; samples, which take a third of a second to choose, are chosen once."""
     with pytest.MonkeyPatch.context() as patch:
         chosen = cache(well_chosen_design)
-        for name in ("funnel", "stage_study", "programs", "proven", "dubins"):
+        for name in ("funnel", "programs", "proven", "dubins"):
             patch.setattr(f"marsedl.papers.funnels.{name}.well_chosen_design", chosen)
         yield Pipeline("funnels")
 
