@@ -17,6 +17,11 @@ CREATE := $(PYTHON) -m venv $(VENV)
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
 endif
 
+# Snakemake runs no Python whose path has a space.
+ifneq ($(words $(CURDIR)),1)
+$(error "$(CURDIR)" has a space, with which Snakemake runs no job: move the project to another folder)
+endif
+
 COMPILE := -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 
 .PHONY: all test quick lint verify bench docs schemas slurm clean lock environment

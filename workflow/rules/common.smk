@@ -2,6 +2,7 @@
 import contextlib
 import functools
 import hashlib
+import os
 import re
 import sys
 
@@ -12,11 +13,7 @@ from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER
 from marsedl.replication.claims import read_claims
 from marsedl.replication.code_digest import remembered_digests
 from marsedl.replication.errors import InputError, MarsedlError
-from marsedl.replication.inputs import (
-    committed_inputs,
-    counted_inputs,
-    load_studies,
-)
+from marsedl.replication.inputs import SETTINGS, committed_inputs, counted_inputs, load_studies
 from marsedl.replication.libraries import versions_used
 from marsedl.replication.quotes import Quotes, by_id, with_numbers
 from marsedl.replication.sharing import Shared
@@ -25,10 +22,21 @@ from marsedl.replication.sizes import build_folder
 from marsedl.replication.texts import FILE as TEXTS
 
 ROOT = Path(workflow.current_basedir).parents[1]
-SIZE = str(config.get("size", "full"))
+# Another workflow may use these rules as a module: its words, files and further keys are its own.
+IS_MAIN = workflow.modifier.is_main_snakefile()
+WORDS = command_line.words_of(sys.argv) if IS_MAIN else []
+OWN_CONFIG = dict(config) if IS_MAIN else {key: config[key] for key in (*SLUGS, *SETTINGS) if key in config}
+OWN_FILES = workflow.configfiles if IS_MAIN else []
+SIZE = str(OWN_CONFIG.get("size", "full"))
 DIGESTS = remembered_digests(ROOT)
 DEFAULT = "corrected"
 BENCHMARKS = "data/reference/benchmarks.csv"
+
+
+def from_start(path):
+    """A user's file, from the project's folder, or else from where Snakemake was started."""
+    return Path(path) if Path(ROOT, path).exists() else Path(workflow.workdir_init, path)
+
 
 try:
     PAPERS = {slug: catalogue(slug) for slug in SLUGS}
@@ -36,7 +44,7 @@ try:
     MODELS = {slug: input_model(slug) for slug in SLUGS}
     # A job of a smaller size may begin in the folder of its build.
     with contextlib.chdir(ROOT):
-        STUDIES = load_studies(MODELS, Path("configs"), config, workflow.configfiles)
+        STUDIES = load_studies(MODELS, Path("configs"), OWN_CONFIG, [from_start(path) for path in OWN_FILES])
     for slug, study in STUDIES.items():  # texts that quote numbers of a reading that there is not
         with_numbers(PAPERS[slug], Quotes(None, study.readings))
     COMMITTED = committed_inputs(ROOT)
@@ -63,8 +71,8 @@ wildcard_constraints:
 
 
 def source(path):
-    """A file of the project, from the folder that this size is built in."""
-    return path if SIZE == "full" else f"../../{path}"
+    """A file of the project, from the folder that is built in."""
+    return os.path.relpath(Path(os.path.realpath(ROOT), path), os.path.realpath(Path.cwd()))
 
 
 def file_digest(path):
