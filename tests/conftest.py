@@ -111,7 +111,7 @@ class Tree:
     """A copy of the project in which Snakemake runs."""
 
     folder: Path
-    config: list[str] = field(default_factory=lambda: ["size=smoke", "chunks=3"])
+    config: list[str] = field(default_factory=lambda: ["size=smoke"])
 
     @property
     def build(self) -> Path:
