@@ -45,6 +45,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(kernels.cache_folder(ROOT, remembered_digest
 os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = kernels.LOCATOR
 if features := kernels.vector_features():
     os.environ["NUMBA_CPU_FEATURES"] = features
+GLIDE, HOP = "hypersonic_glide", "short_hop"  # of the small project: with Monte Carlo and without
 BUILD = Path(__file__).parent / "workflow" / "build.py"
 OF_A_BUILD = ("data/cache", "figures", "report", "logs", "benchmarks", ".snakemake")  # all else belongs to the project
 _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restored trees keep their times
@@ -52,15 +53,8 @@ _DIGESTS: dict[tuple[str, int, int], str] = {}  # by name, time and size: restor
 
 def paper_of(name: str) -> str:
     """The paper that a rule or a file is named after; none for those of all papers."""
-    parts = name.split("/")
-    return next((slug for part in parts for slug in SLUGS if re.match(rf"{slug}([_.]|$)", part)), "")
-
-
-def _short(rule: str) -> str:
-    """The name of a rule without its paper; all rules of tables are "table", those of several cases "montecarlo"."""
-    name = rule.removeprefix(f"{paper_of(rule)}_")
-    name = re.sub(r"^flights(_\d+)?$", "montecarlo", name)
-    return "table" if name.startswith("table_") else name
+    parts, papers = name.split("/"), (*SLUGS, GLIDE, HOP)
+    return next((slug for part in parts for slug in papers if re.match(rf"{slug}([_.]|$)", part)), "")
 
 
 def reading_text(slug: str, name: str, **values: str) -> str:
@@ -92,30 +86,10 @@ class Plan:
     """What a dry run would do: the output files of every job, by rule."""
 
     outputs: dict[str, set[str]]
-    params_changed: set[str] = field(default_factory=set)
-
-    def of(self, slug: str) -> "Plan":
-        """The part of one paper, without what is made for all of them."""
-        mine = {rule: {path for path in paths if paper_of(path) == slug} for rule, paths in self._of_papers().items()}
-        changed_rules = {rule for rule in self.params_changed if mine.get(rule)}
-        return Plan({rule: paths for rule, paths in mine.items() if paths}, changed_rules)
-
-    @property
-    def papers(self) -> set[str]:
-        return {paper_of(path) for paths in self._of_papers().values() for path in paths} - {""}
-
-    def _of_papers(self) -> dict[str, set[str]]:
-        """Without the report, which has a page for each paper but is made for all of them."""
-        return {rule: paths for rule, paths in self.outputs.items() if rule != "site"}
 
     @property
     def rules(self) -> set[str]:
-        return {_short(rule) for rule in self.outputs if rule != "all"}
-
-    @property
-    def changed_rules(self) -> set[str]:
-        """Rules of jobs whose inputs or code have changed, as opposed to those that only depend on such jobs."""
-        return {_short(rule) for rule in self.params_changed}
+        return {rule.removeprefix(f"{paper_of(rule)}_") for rule in self.outputs if rule != "all"}
 
     @property
     def files(self) -> set[str]:
@@ -128,18 +102,8 @@ class Plan:
         return {name for name in cached if "/chunks/" not in name}
 
     @property
-    def stages(self) -> set[str]:
-        return {name.split("/")[1].split(".")[0] for name in self.artifacts}
-
-    @property
     def readings(self) -> set[str]:
         return {name.split("/")[0] for name in self.artifacts}
-
-    @property
-    def figures(self) -> set[str]:
-        """Names of the figures and tables, without those that the claims write."""
-        rules = [rule for rule in self.outputs if rule == "figure" or "_table_" in rule]
-        return {Path(path).stem for rule in rules for path in self.outputs[rule]}
 
 
 @dataclass
@@ -147,7 +111,7 @@ class Tree:
     """A copy of the project in which Snakemake runs."""
 
     folder: Path
-    config: list[str] = field(default_factory=lambda: ["size=smoke", "chunks=3"])
+    config: list[str] = field(default_factory=lambda: ["size=smoke"])
 
     @property
     def build(self) -> Path:
@@ -209,9 +173,7 @@ class Tree:
                 paths = [path.removesuffix(" (temp)") for path in listed.group(1).split(", ")] if listed else []
                 outputs.setdefault(rule.group(1), set()).update(paths)
         assert bool(outputs) != ("Nothing to be done" in process.stdout), process.stdout[-3000:]
-        listed = re.search(r"\n    params have changed since last execution:\n((?: {8}[^\n]*\n)+)", process.stdout)
-        names = listed.group(1).replace("\n", ",").split(",") if listed else []
-        return Plan(outputs, {name.strip() for name in names if name.strip()})
+        return Plan(outputs)
 
     def digests(self) -> dict[str, str]:
         """Digests of all products; a file of a time and size that was seen before is not read again."""
@@ -398,7 +360,6 @@ def project(tmp_path) -> Tree:
 
 # -------------------------------------------------------------------------------------------------- the small project
 
-GLIDE, HOP = "hypersonic_glide", "short_hop"  # as `marsedl new-paper` writes them, with Monte Carlo and without
 TITLE = (
     "A Study of Gliding & Steering, Which Has {Braces}, a Title That is Far Too Long for One Line, and What Not: Part 2"
 )

@@ -416,6 +416,3 @@ def test_a_claim_of_the_built_tree_shows_its_verdict(tree):
     process = tree.marsedl("explain", "powered_descent", "prior_final_mass", "--size", "smoke")
     assert "verdict: " in process.stdout, process.stderr
     assert os.linesep + "    printed " in process.stdout
-    process = tree.marsedl("explain", "stochastic_entry", "tab4_downrange_apollo_time", "--size", "smoke")
-    assert "verdict: " in process.stdout, process.stderr
-    assert os.linesep + "    partition_24 " in process.stdout

@@ -44,11 +44,11 @@ def test_stages_that_no_size_changes_have_the_committed_numbers(copied, slug, mo
             equal = all(repr(values[name]) == repr(small[name]) for name in inputs_behind(paper, stage))
             if equal and not stage.startswith("montecarlo") and shared.has(reading, stage):
                 files[f"{reading}/{stage}"] = copied.build / shared.file(reading, stage)
-    assert {"corrected/nominal", "corrected/linearization"} <= files.keys()
+    assert {name.split("/")[0] for name in files} == {*READINGS}
     committed = {k: v for k, v in read_reference(ROOT, slug).items() if k.rpartition("/")[0] in files}
     found = {k: v for k, v in fingerprints(copied.build, slug, files).items() if k.rpartition("/")[0] in files}
     comparison = compare(committed, found, paper.noise)
-    assert len(comparison.margins) > 10
+    assert comparison.margins
     assert not comparison.changes, format_changes(comparison.changes)
 
 

@@ -15,7 +15,6 @@ GATE = ROOT / ".github" / "workflows" / "gate.yml"
 SLUG = "hypersonic_glide"
 INPUTS = {"papers": SLUG, "configfile": "mine.yaml", "size": "smoke", "targets": "", "reference": "kept"}
 READING = """\
-chunks: 3  # as the tree is built
 hypersonic_glide:
   readings:
     mine:
