@@ -36,10 +36,9 @@ import h5py
 import numpy as np
 
 from marsedl.replication.errors import ArtifactError, nearest
-from marsedl.replication.recipes import recipe_changes, recipe_digest
+from marsedl.replication.recipes import FORMAT, recipe_changes, recipe_digest
 from marsedl.summaries import value_range
 
-FORMAT = 2  # layout of the file itself: root attributes, /provenance, how strings are stored
 LARGEST_BYTES = 16 * 2**30  # no dataset of this project comes near
 COMPRESS_ABOVE_BYTES = 64 * 2**10
 LARGEST_FROM_FILE = (16 * 2**20, 100)  # bytes of all values of a file: so many, and so many times the file's own

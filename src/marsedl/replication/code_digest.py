@@ -17,6 +17,9 @@ What counts:
   `if`, `try`, loops), with what they reference;
 - a class counts whole, and so does the module of a function that calls `globals`, `eval` or `exec`.
 
+What does not count: the machinery around the science, `MACHINERY`, which loads, saves and reports and changes no number;
+`recipes.FORMAT` stands for it.
+
 What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
 because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose
 functions always count). Of libraries outside the source folder, `libraries` lists those that the code uses by name.
@@ -41,6 +44,13 @@ from pathlib import Path
 from marsedl.replication.errors import InputError, MarsedlError
 
 SOURCE_ROOT = Path(__file__).parents[2]
+MACHINERY = frozenset(
+    f"marsedl.replication.{name}"
+    for name in (
+        *("artifacts", "code_digest", "digests", "errors", "jobs", "kernels", "libraries", "recipes", "sharing"),
+        *("staleness", "terminal"),
+    )
+)
 
 _AT_IMPORT = "(at import)"
 _SCRIPT = "(script)"
@@ -668,7 +678,9 @@ class _Closure:
         self._pending: list[tuple[_Module, _Uses]] = []
 
     def module(self, name: str) -> _Module | None:
-        """The module of this name if it lies inside the source folder."""
+        """The module of this name if it lies inside the source folder and counts."""
+        if name in MACHINERY:
+            return None
         if name not in self._modules:
             self._modules[name] = self._find(name)
         return self._modules[name]
