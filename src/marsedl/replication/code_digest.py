@@ -17,8 +17,8 @@ What counts:
   `if`, `try`, loops), with what they reference;
 - a class counts whole, and so does the module of a function that calls `globals`, `eval` or `exec`.
 
-What does not count: the machinery around the science, `MACHINERY`, which loads, saves and reports and changes no number;
-`recipes.FORMAT` stands for it.
+What does not count: the machinery around the science, `MACHINERY`, which loads, saves and reports. `recipes.FORMAT`
+stands for it.
 
 What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
 because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose

@@ -1,9 +1,9 @@
 """What every product of a build is made from now, and which products were made from something else.
 
-A product's recipe holds what its job is given beside other products (`made`: inputs, digests of code and files, versions
-of libraries) and the digests of the recipes of those (`needs`). An artifact keeps its recipe in its provenance. Of all
-else, the job writes the digest of the recipe to a file below `RECORDS` when it ends. So a build knows what it was made
-from wherever it is copied, and Snakemake's own records may be lost.
+A product's recipe holds what its job is given beside other products (inputs, digests of code and files, versions of
+libraries) and the digests of the recipes of those products (`needs`). An artifact keeps its recipe in its provenance.
+For all else, the job writes the digest of the recipe to a file below `RECORDS` when it ends. So a build knows what it
+was made from wherever it is copied, and Snakemake's own records may be lost.
 """
 
 import hashlib
@@ -231,7 +231,9 @@ class Recipes:
         return Made("report/digests", {"code": self.code("digests.py")}, tuple(self._every_product()))
 
     def _site(self) -> Made:
-        closeups = [f"marsedl.papers.{paper}.closeups:{name}" for paper in self.papers for name in self._closeups(paper)]
+        closeups = [
+            f"marsedl.papers.{paper}.closeups:{name}" for paper in self.papers for name in self._closeups(paper)
+        ]
         places = [*(f"papers/{paper}" for paper in self.papers), "comparison"]
         templates = sorted(path.name for path in (self.root / _TEMPLATES).glob("*.*"))
         files = [BENCHMARKS, MACHINES, *(f"src/marsedl/{place}/{TEXTS}" for place in places)]
@@ -244,9 +246,6 @@ class Recipes:
             "libraries": self.libraries("report.py", *closeups),
         }
         return Made("report/index", own, (*self._every_product(), "report/digests.json"))
-
-    def _closeups(self, paper: str) -> tuple[str, ...]:
-        return tuple(self.papers[paper].closeups)
 
     def described(self, paper: str) -> dict[str, dict]:
         """Return a paper's readings for the report: what they are for, every input as it is written, its source."""
