@@ -231,9 +231,8 @@ class Recipes:
         return Made("report/digests", {"code": self.code("digests.py")}, tuple(self._every_product()))
 
     def _site(self) -> Made:
-        closeups = [
-            f"marsedl.papers.{paper}.closeups:{name}" for paper in self.papers for name in self._closeups(paper)
-        ]
+        shown = [(paper, name) for paper, catalogue in self.papers.items() for name in catalogue.closeups]
+        closeups = [f"marsedl.papers.{paper}.closeups:{name}" for paper, name in shown]
         places = [*(f"papers/{paper}" for paper in self.papers), "comparison"]
         templates = sorted(path.name for path in (self.root / _TEMPLATES).glob("*.*"))
         files = [BENCHMARKS, MACHINES, *(f"src/marsedl/{place}/{TEXTS}" for place in places)]
