@@ -72,7 +72,7 @@ def unproven(*patterns):
         if stale or not CHANGED.exists():
             CHANGED.parent.mkdir(parents=True, exist_ok=True)
             CHANGED.write_text(f"{time.time_ns()}\n")
-        return str(CHANGED) if stale else ancient(str(CHANGED))
+        return local(str(CHANGED) if stale else ancient(str(CHANGED)))
 
     return changed
 

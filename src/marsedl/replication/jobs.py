@@ -168,7 +168,7 @@ class Job:
         self.output = snakemake.output
         self.paper = snakemake.params.get("paper") or snakemake.wildcards.get("paper")
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
-        self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
+        self._loaded: dict[tuple[str, type], object] = {}  # a file that readings share is loaded once
 
     def arguments_of(
         self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **further_arguments
@@ -194,10 +194,10 @@ class Job:
         """Return an artifact from one of the job's input files."""
         from marsedl.replication import artifacts
 
-        if path not in self._loaded:
+        if (path, kind) not in self._loaded:
             paper, reading, _ = self._artifacts[path]
-            self._loaded[path] = artifacts.load(path, kind, paper=paper, reading=reading)
-        return self._loaded[path]
+            self._loaded[path, kind] = artifacts.load(path, kind, paper=paper, reading=reading)
+        return self._loaded[path, kind]
 
     def run(self) -> None:
         """Compute each artifact of the stage, and save it; the params hold their recipes."""

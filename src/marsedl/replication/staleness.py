@@ -7,6 +7,7 @@ was made from wherever it is copied, and Snakemake's own records may be lost.
 """
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -270,7 +271,11 @@ class Recipes:
         return self._digests[key]
 
     def record(self, path: str) -> tuple[str, str]:
-        """Return the file in which a job records what its products were made from, and the digest for it."""
+        """Return the file in which a job records what its products were made from, and the digest for it.
+
+        path: of a product; whatever stands before `figures` or `report` is where Snakemake keeps it.
+        """
+        path = re.search(r"(figures|report)/.*", path)[0]
         return f"{RECORDS}{self.job(path).name}.txt", self.digest(path)
 
     def reason(self, path: str, folder: Path) -> str:

@@ -47,7 +47,8 @@ _ROWS = 40  # of a table of changes, beside those of claims, which are all shown
 
 def copy_tree(root: Path, destination: Path) -> Path:
     """Copy what a build needs, and none of its products, into an empty folder; returns that folder."""
-    shutil.rmtree(destination, ignore_errors=True)
+    if destination.exists():
+        shutil.rmtree(destination)
     ignore = shutil.ignore_patterns("__pycache__", "*.partial")
     for name in TREE:
         source = root / name
