@@ -1,11 +1,9 @@
 """Edits that matter change the code digest of a stage; edits that do not matter leave it alone."""
 
 import textwrap
-from pathlib import Path
 
 import pytest
 
-from marsedl.replication import code_digest as module_of_digests
 from marsedl.replication.code_digest import (
     RememberedDigests,
     code_digest,
@@ -167,7 +165,6 @@ DIFFERENT = {
     "other library": (GRAVITY, "import numpy as np", "import jax.numpy as np"),
     "statement at import": (GRAVITY, "TABLE = {}", "TABLE = {}\nnp.seterr(all='raise')"),
     "item set at import": (GRAVITY, "UNUSED = 1", "UNUSED = 1\nTABLE['x'] = strength"),
-    "registered at import": (GRAVITY, "def unused", "@TABLE.register(int)\ndef unused"),
     "if at import": (GRAVITY, "UNUSED = 1", "if np:\n    UNUSED = 1"),
     "statement at import of an ancestor": ("pkg/models/__init__.py", "", "import numpy\nnumpy.seterr(all='raise')\n"),
     "second assignment": (STAGE, "CONSTANT = 3.0", "CONSTANT = 3.0\nCONSTANT = 4.0"),
@@ -375,45 +372,3 @@ def test_a_changed_file_is_noticed_and_a_damaged_memory_is_forgotten(tree, remem
     for damaged in ("", "{", "[]", '{"key": 1}', '{"key": null, "digests": 3}'):
         memory.write_text(damaged, encoding="utf-8")
         assert remembered().code(ENTRY) == code_digest(ENTRY, tree)
-
-
-@pytest.fixture
-def parsed(monkeypatch):
-    """The files that are parsed, by a process that has seen none of them before."""
-    paths, parse = [], module_of_digests._syntax_tree
-
-    def noted(path, source):
-        paths.append(Path(path))
-        return parse(path, source)
-
-    monkeypatch.setattr(module_of_digests, "_syntax_tree", noted)
-
-    def begin():
-        paths.clear()
-        monkeypatch.setattr(module_of_digests, "_ANALYSES", {})
-        monkeypatch.setattr(module_of_digests, "_USED", set())
-        module_of_digests._parsed.cache_clear()
-        return paths
-
-    yield begin
-    module_of_digests._parsed.cache_clear()
-
-
-def test_after_an_edit_only_what_is_edited_is_parsed(tree, remembered, parsed, tmp_path):
-    paths = parsed()
-    first = remembered()
-    before = first.kernels(), first.code(ENTRY), first.script("shim.py")
-    first.save()
-    twice = [path for path in set(paths) if paths.count(path) > 1]
-    assert twice == [tree / "scripts" / "shim.py"], "which here is a file of the source too, in another package"
-    assert len(paths) > 5
-    path = tree / "pkg" / "models" / "gravity.py"
-    path.write_text(path.read_text(encoding="utf-8").replace("return 1", "return 2"), encoding="utf-8")
-    paths = parsed()
-    second = remembered()
-    after = second.kernels(), second.code(ENTRY), second.script("shim.py")
-    assert paths == [path]
-    assert before[:2] != after[:2]
-    parsed()
-    scratch = RememberedDigests(tmp_path / "nothing" / "digests.json", tree, tree / "scripts")
-    assert (scratch.kernels(), scratch.code(ENTRY), scratch.script("shim.py")) == after

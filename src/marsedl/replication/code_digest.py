@@ -21,8 +21,8 @@ What does not count: the machinery around the science, `MACHINERY`, which loads,
 stands for it.
 
 What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
-because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose
-functions always count). Of libraries outside the source folder, `libraries` lists those that the code uses by name.
+because their decorator entered them into a table. Of libraries outside the source folder, `libraries` lists those that
+the code uses by name.
 
 Only the standard library is imported here, because the Snakefile calls this on every run.
 """
@@ -30,14 +30,12 @@ Only the standard library is imported here, because the Snakefile calls this on 
 import ast
 import atexit
 import contextlib
-import gc
 import hashlib
 import json
-import marshal
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import astuple, dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -57,13 +55,9 @@ _SCRIPT = "(script)"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 _SCOPES = (*_FUNCTIONS, ast.Lambda)  # where parameters are known
 _DEFINITIONS = (*_FUNCTIONS, ast.ClassDef)
-_DOCUMENTED = (*_DEFINITIONS, ast.Module)
 _IMPORTS = (ast.Import, ast.ImportFrom)
-_REGISTERING_DECORATORS = ("register", "overload", "overload_method", "overload_attribute", "overload_classmethod")
 _SEES_ITS_MODULE = ("globals", "eval", "exec")
 _HARMLESS_MODULE_ATTRIBUTES = ("__name__", "__file__", "__doc__", "__package__")
-_ANALYSES: dict[str, dict] = {}  # of modules, by digests of their packages and contents
-_USED: set[str] = set()  # those of the source as it is now
 
 
 def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
@@ -162,8 +156,7 @@ class RememberedDigests:
     """The digests of this module, remembered in a file for as long as no source file and no script changes.
 
     Computing them means to parse all of the source, which every run of Snakemake would have to do anew. The memory is
-    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong. A second file beside it
-    remembers what is found in each module, so that after an edit only what is edited is parsed.
+    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong.
     """
 
     def __init__(self, memory: Path, source_root: Path, scripts: Path):
@@ -177,10 +170,6 @@ class RememberedDigests:
         except (OSError, ValueError, LookupError, TypeError):
             pass  # nothing remembered, or nothing that can be used
         self._known = len(self._digests)
-        self._analyses = memory.with_suffix(".modules")
-        self._own = hashlib.sha256(sys.version.encode() + Path(__file__).read_bytes()).digest()
-        if not self._digests:
-            self._recall()
         atexit.register(self.save)
 
     def kernels(self) -> str:
@@ -224,18 +213,10 @@ class RememberedDigests:
             return
         with contextlib.suppress(OSError):
             self._memory.parent.mkdir(parents=True, exist_ok=True)
-            _replace(self._memory, json.dumps({"key": self._key, "digests": self._digests}).encode())
+            partial = self._memory.with_name(f"{self._memory.name}.{os.getpid()}")
+            partial.write_text(json.dumps({"key": self._key, "digests": self._digests}), encoding="utf-8")
+            partial.replace(self._memory)
             self._known = len(self._digests)
-            _replace(self._analyses, self._own + marshal.dumps({key: _ANALYSES[key] for key in _USED}))
-
-    def _recall(self) -> None:
-        """Take what was found in modules, if this very code found it; marshal reads data and executes nothing."""
-        try:
-            content = self._analyses.read_bytes()
-            if content.startswith(self._own):
-                _ANALYSES.update(marshal.loads(content[len(self._own) :]))
-        except (OSError, ValueError, EOFError, TypeError):
-            pass  # nothing remembered, or nothing that can be used
 
     def _of(self, name, compute):
         if name not in self._digests:
@@ -249,13 +230,6 @@ class RememberedDigests:
                 content = path.read_bytes()
                 hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
         return hasher.hexdigest()
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all, as others may read it."""
-    partial = path.with_name(f"{path.name}.{os.getpid()}")
-    partial.write_bytes(content)
-    partial.replace(path)
 
 
 @cache
@@ -329,41 +303,11 @@ class _Uses:
 
 
 def _text(node: ast.AST) -> str:
-    """Canonical text of a syntax tree: without positions, docstrings and load/store contexts."""
-    parts: list[str] = []
-    _write(node, parts.append)
-    return "".join(parts)
-
-
-def _write(node: object, emit: Callable[[str], object]) -> None:
-    if isinstance(node, ast.AST):
-        kind = type(node)
-        if kind is ast.Name:
-            emit(f"~{node.id} ")
-            return
-        if kind is ast.Constant:
-            emit(f"={type(node.value).__name__} {node.value!r} ")
-            return
-        emit(kind.__name__)
-        emit("(")
-        for name in kind._fields:
-            value = getattr(node, name, None)
-            if name == "ctx" or value is None or value == []:
-                continue
-            if name == "body" and kind in _DOCUMENTED and _is_docstring(value[0]):
-                value = value[1:]
-            emit(name)
-            emit(":")
-            _write(value, emit)
-        emit(")")
-    elif isinstance(node, list):
-        emit("[")
-        for item in node:
-            _write(item, emit)
-            emit(",")
-        emit("]")
-    else:
-        emit(repr(node))
+    """Canonical text of a syntax tree, from which docstrings are deleted: without positions and formatting."""
+    for part in ast.walk(node):
+        if isinstance(part, _DEFINITIONS) and _is_docstring(part.body[0]):
+            del part.body[0]
+    return ast.dump(node)
 
 
 def _is_docstring(statement: ast.stmt) -> bool:
@@ -453,24 +397,35 @@ def _imports(statement: ast.Import | ast.ImportFrom, package: str) -> Iterator[_
 # --------------------------------------------------------------------------------------------------------- one module
 
 
-class _Analysis:
-    """What a syntax tree says, by its statements, which are sorted by what they are for."""
+class _Module:
+    """What the syntax tree of a module says, by its statements, which are sorted by what they are for."""
 
-    def __init__(self, tree: ast.Module, package: str) -> None:
-        self.tree, self.package = tree, package
+    def __init__(self, name: str, is_package: bool, path: str, tree: ast.Module) -> None:
+        self.name, self.is_package, self.path = name, is_package, path
+        self._package = name if is_package else name.rpartition(".")[0]
         self.definitions: dict[str, list[int]] = {}  # name -> statements that define it
         self.effects: list[int] = []  # statements that act at import
         self.module_imports: list[_Import] = []  # executed when the module is imported
         self.bound_by_effects: set[str] = set()
         self.uses = [_Uses() for _ in tree.body]
-        for statement, uses in zip(tree.body, self.uses, strict=True):
-            _collect(statement, package, uses)
         for index, statement in enumerate(tree.body):
+            _collect(statement, self._package, self.uses[index])
             self._sort_in(index, statement)
+        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
+        for imported in self.module_imports:
+            self.imports.setdefault(imported.bound, []).append(imported)
+        self.stars = self.imports.pop("*", [])
+        self.functions = [s.name if isinstance(s, _FUNCTIONS) else None for s in tree.body]  # names, by statement
+        self.reads = [_reads(statement) for statement in tree.body]  # of parameters
+        self.fields = [_fields(statement) for statement in tree.body]  # of named tuples
+        self.signatures = {s.name: _signature(s) for s in tree.body if isinstance(s, _FUNCTIONS)}
+        documented = bool(tree.body) and _is_docstring(tree.body[0])
+        self.texts = [_text(statement) for statement in tree.body]  # canonical
+        self.text = "\n".join(self.texts[documented:])
 
     def _sort_in(self, index: int, statement: ast.stmt) -> None:
         if isinstance(statement, _IMPORTS):
-            self.module_imports += _imports(statement, self.package)
+            self.module_imports += _imports(statement, self._package)
             return
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
             return  # a docstring, or a string used as a comment
@@ -478,8 +433,6 @@ class _Analysis:
             return
         if isinstance(statement, _DEFINITIONS):
             self.definitions.setdefault(statement.name, []).append(index)
-            if any(_registers(decorator) for decorator in statement.decorator_list):
-                self.effects.append(index)
             return
         targets = _plain_targets(statement)
         if targets is not None:
@@ -490,51 +443,6 @@ class _Analysis:
         self.effects.append(index)
         self.module_imports += self.uses[index].imports
         self.bound_by_effects |= self.uses[index].binds
-
-    def plain(self) -> dict:
-        """All of it in plain types, which `marshal` can store."""
-        return {
-            "definitions": self.definitions,
-            "effects": self.effects,
-            "module_imports": [astuple(imported) for imported in self.module_imports],
-            "bound_by_effects": self.bound_by_effects,
-            "uses": [(uses.chains, [astuple(imported) for imported in uses.imports]) for uses in self.uses],
-            "texts": [_text(statement) for statement in self.tree.body],
-            "functions": [s.name if isinstance(s, _FUNCTIONS) else None for s in self.tree.body],
-            "documented": bool(self.tree.body) and _is_docstring(self.tree.body[0]),
-            "reads": [_reads(statement) for statement in self.tree.body],
-            "fields": [_fields(statement) for statement in self.tree.body],
-            "signatures": {s.name: _signature(s) for s in self.tree.body if isinstance(s, _FUNCTIONS)},
-        }
-
-
-class _Module:
-    """A module that is analysed."""
-
-    def __init__(self, name: str, is_package: bool, path: str, analysis: dict) -> None:
-        self.name, self.is_package, self.path = name, is_package, path
-        self.definitions: dict[str, list[int]] = analysis["definitions"]
-        self.effects: list[int] = analysis["effects"]
-        self.bound_by_effects: set[str] = analysis["bound_by_effects"]
-        self.texts: list[str] = analysis["texts"]  # canonical, of the statements
-        self.functions: list[str | None] = analysis["functions"]  # names of those statements that define functions
-        self.documented: bool = analysis["documented"]
-        self.reads: list[dict[str, list[str]]] = analysis["reads"]  # of parameters, by statement
-        self.fields: list[dict[str, str]] = analysis["fields"]  # of named tuples, by statement
-        self.signatures: dict[str, dict] = analysis["signatures"]
-        self.module_imports = [_Import(*imported) for imported in analysis["module_imports"]]
-        self.uses = [_Uses(chains, [_Import(*i) for i in imports]) for chains, imports in analysis["uses"]]
-        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
-        for imported in self.module_imports:
-            self.imports.setdefault(imported.bound, []).append(imported)
-        self.stars = self.imports.pop("*", [])
-
-    @property
-    def text(self) -> str:
-        """The canonical text of the whole module, as `_text` writes it."""
-        if not self.texts:
-            return "Module()"
-        return "Module(body:[" + "".join(f"{text}," for text in self.texts[self.documented :]) + "])"
 
 
 def _signature(function: ast.FunctionDef) -> dict:
@@ -628,36 +536,16 @@ def _plain_targets(statement: ast.stmt) -> set[str] | None:
     return names
 
 
-def _registers(decorator: ast.expr) -> bool:
-    if isinstance(decorator, ast.Call):
-        decorator = decorator.func
-    name = getattr(decorator, "attr", getattr(decorator, "id", ""))
-    return name in _REGISTERING_DECORATORS
-
-
 @cache
 def _parsed(name: str, is_package: bool, path: str, source: bytes) -> _Module:
     """Analyse a module; remembered by its content, so that an edit within one process is seen."""
-    package = name if is_package else name.rpartition(".")[0]
-    key = hashlib.sha256(f"{package}\n".encode() + source).hexdigest()
-    if key not in _ANALYSES:
-        _ANALYSES[key] = _Analysis(_syntax_tree(path, source), package).plain()
-    _USED.add(key)
-    return _Module(name, is_package, path, _ANALYSES[key])
-
-
-def _syntax_tree(path: str, source: bytes) -> ast.Module:
-    collecting = gc.isenabled()
-    gc.disable()  # many objects, none of them garbage: collecting would double the time
     try:
-        return ast.parse(source, filename=path)
+        tree = ast.parse(source, filename=path)
     except SyntaxError as error:
         raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: fix the syntax and run again") from error
     except (ValueError, RecursionError) as error:
         raise MarsedlError(f"{path}: {error}: fix the file and run again") from error
-    finally:
-        if collecting:
-            gc.enable()
+    return _Module(name, is_package, path, tree)
 
 
 # -------------------------------------------------------------------------------------------------------- the closure
