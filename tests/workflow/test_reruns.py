@@ -343,7 +343,7 @@ def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(co
     shutil.rmtree(kept)
     assert copied.plan("all").outputs == with_records.outputs
     for command in ("verify", "accept"):
-        process = copied.marsedl(command, "--reference", "mine", "--size", "smoke")
+        process = copied.marsedl(command, "--reference", "mine", "--size", "smoke", "--paper", "powered_descent")
         assert process.returncode == 3
         assert "report/claims/powered_descent.json" in process.stderr
         assert process.stderr.endswith("run 'snakemake report/claims/powered_descent.json --config size=smoke'\n")
