@@ -20,7 +20,7 @@ for _name, _kind, _paper, _stems in product_rules():
         conda:
             "../envs/marsedl.yaml"
         params:
-            script=f"{_kind[0]}s",
+            script=lambda wildcards, _kind=_kind: f"{_kind[0]}s",
             paper=lambda wildcards, _paper=_paper: filled(_paper, wildcards),
             reading=reading_of,
             made=made(_first),
