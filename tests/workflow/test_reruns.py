@@ -17,6 +17,8 @@ from marsedl.replication.code_digest import RememberedDigests, reachable_symbols
 from marsedl.replication.inputs import load_studies
 from marsedl.replication.libraries import _version, versions_used
 
+pytestmark = pytest.mark.workflow
+
 FACTS = {
     slug: yaml.safe_load((Path(__file__).parent / "facts" / f"{slug}.yaml").read_text(encoding="utf-8"))
     for slug in SLUGS
@@ -324,7 +326,6 @@ def test_the_number_of_chunks_is_no_part_of_a_recipe(project):
 # ------------------------------------------------------------------------------------------------- as Snakemake plans
 
 
-@pytest.mark.workflow
 def test_a_copy_of_a_build_has_nothing_to_do(copied):
     """Whatever the times of its files: products first and sources last, so that by them everything is out of date."""
     files = sorted(path for path in copied.folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts)
@@ -333,7 +334,6 @@ def test_a_copy_of_a_build_has_nothing_to_do(copied):
     assert copied.plan("all").rules == set()
 
 
-@pytest.mark.workflow
 def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(copied):
     """Nothing to do; after an edit exactly the jobs of the edit, and no command that takes the old numbers for new."""
     kept = copied.build / ".snakemake"
