@@ -6,11 +6,12 @@ import functools
 import re
 import shlex
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import marsedl
-from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.errors import InputError, MarsedlError, StaleError
 from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import columns, printable
 
@@ -19,13 +20,16 @@ KINDS = ("readings", "figures", "tables", "stages", "cases", "claims")  # of wha
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns 0, 1 if something differs or a check fails, 2 if the request is not valid."""
+    """Run the command.
+
+    Returns 0, 1 if something differs or a check fails, 2 if the request is not valid, 3 if the build is not up to date.
+    """
     options = command_line().parse_args(arguments)
     try:
         return _COMMANDS[options.command](options)
     except MarsedlError as error:
         print(f"marsedl: {printable(error)}", file=sys.stderr)
-        return 2
+        return 3 if isinstance(error, StaleError) else 2
     except ModuleNotFoundError as error:
         print(f"marsedl: {error.name} is not installed; run: pip install 'marsedl[pipeline]'", file=sys.stderr)
         return 2
@@ -567,8 +571,28 @@ def _verify(options) -> int:
         folder = options.reference.absolute()
         agree = verification.compare_reference(root, shared, rounding_noise(), size=project.size, folder=folder)
         return 0 if agree else 1
+    shared = _up_to_date(_project())
     agree = True if options.no_rebuild else verification.build_twice(root)
-    return 0 if verification.compare_reference(root, _shared(), rounding_noise()) and agree else 1
+    return 0 if verification.compare_reference(root, shared, rounding_noise()) and agree else 1
+
+
+def _up_to_date(project: _Project, papers: Iterable[str] = ()) -> dict:
+    """Which reading owns each artifact file, by paper, in a build whose claims are up to date.
+
+    papers: those that are asked about; without them all, with their counterexamples.
+
+    Raises StaleError, with the command that mends it, if one of the claims or what they are made from is not.
+    """
+    from marsedl.comparison import comparisons
+    from marsedl.papers import SLUGS
+    from marsedl.replication.staleness import Recipes
+
+    catalogues = {slug: _paper(slug) for slug in SLUGS}
+    recipes = Recipes(project.root, catalogues, project.studies, comparisons(), project.size)
+    targets = [f"report/claims/{slug}.json" for slug in papers]
+    command = f"snakemake {' '.join(targets) or 'all'}{project.options}"
+    recipes.check(targets or ["report/claims.json"], project.folder, command)
+    return {slug: recipes.shared[slug] for slug in papers or SLUGS}
 
 
 def _own_reference(options) -> bool:
@@ -582,11 +606,10 @@ def _own_reference(options) -> bool:
 def _own_build(options) -> tuple[_Project, dict]:
     """The build that is compared with a reference of the user's own, and its `Shared` of every paper asked for."""
     from marsedl.papers import SLUGS
-    from marsedl.replication.sharing import Shared
 
-    papers = [_paper(slug) for slug in options.paper or SLUGS]
+    papers = [_paper(slug).slug for slug in options.paper or SLUGS]
     project = _project(options.size, options.configfile)
-    return project, {paper.slug: Shared(paper, project.studies[paper.slug]) for paper in papers}
+    return project, _up_to_date(project, papers)
 
 
 def _accept(options) -> int:
@@ -596,13 +619,13 @@ def _accept(options) -> int:
     root = project_root()
     if _own_reference(options):
         project, shared = _own_build(options)
-        folder, arguments = options.reference.absolute(), shlex.split(project.options)
-        for path in verification.accept_own_reference(root, folder, shared, rounding_noise(), project.size, arguments):
+        folder = options.reference.absolute()
+        for path in verification.accept_reference(root, shared, rounding_noise(), project.size, folder):
             _say(f"wrote {path}")
         return 0
-    for path in verification.accept_reference(root, _shared(), rounding_noise()):
-        _say(f"wrote {path}")
     project = _project()
+    for path in verification.accept_reference(root, _up_to_date(project), rounding_noise()):
+        _say(f"wrote {path}")
     _say(f"wrote {verification.accept_inputs(root, project.studies)}")
     _say(f"wrote {quotes.accept(root, {slug: (_paper(slug), project.quotes(slug)) for slug in SLUGS})}")
     _write_readme(root)

@@ -264,12 +264,14 @@ class Margin(_Row):
     """how far they are apart, in the unit under `in`"""
     scale: Literal["standard errors", "limits", "values"] = Field(alias="in")
     """what the distance counts: standard errors of the value, or shares of the limit or of the value"""
+    standard_error: float | None
+    """the standard error of the value; 0 if it is not sampled"""
 
 
 class Counterexample(_Row):
     """The least change that turns the verdict, of those that are tried."""
 
-    change: Literal["scaled", "shifted", "spread", "blended", "replaced", "swapped", "in_reading"]
+    change: Literal["scaled", "shifted", "spread", "blended", "replaced", "in_reading"]
     """what is done"""
     of: str
     """the field, input or reading, with the component in brackets"""

@@ -295,6 +295,7 @@ def test_the_margin_is_that_of_the_test_that_decides():
     statement = holds(measure("mass", 2.0, "kg") > 1, measure("time", 9.0, "s") < 10, check("it converges", True))
     assert statement.margin == {
         "measure": "time", "value": 9.0, "limit": 10.0, "unit": "s", "distance": pytest.approx(0.1), "in": "limits",
+        "standard_error": 0.0,
     }  # fmt: skip
     failed = holds(measure("mass", 2.0, "kg") > 3, measure("time", 50.0, "s") < 10)
     assert failed.margin["measure"] == "time", "both would have to turn"

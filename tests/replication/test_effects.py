@@ -21,8 +21,9 @@ READINGS = [
 NAMES = [reading.name for reading in READINGS]
 
 
-def margin(measure, value, limit, distance=1.0, scale="limits", unit=""):
-    return {"measure": measure, "value": value, "limit": limit, "unit": unit, "distance": distance, "in": scale}
+def margin(measure, value, limit, distance=1.0, scale="limits", unit="", error=0.0):
+    written = {"measure": measure, "value": value, "limit": limit, "unit": unit, "distance": distance, "in": scale}
+    return {**written, "standard_error": error}
 
 
 def result(value, verdict, error=None, trials=None, **more):
@@ -105,9 +106,9 @@ def test_a_statement_is_shown_by_the_measure_that_decides_it():
     def of(**margins):
         return effects.shown(statement("stated", {"corrected": result(True, "holds", margin=margin("it", **margins))}))
 
-    # its standard error is 0.03 over 2 of them
-    sampled = {"value": 0.3, "limit": 0.27, "distance": 2.0, "scale": "standard errors", "unit": "%"}
-    assert of(**sampled) == "0.300 ± 0.015 %"
+    sampled = {"value": 0.3, "scale": "standard errors", "unit": "%", "error": 0.015}
+    assert of(limit=0.27, distance=2.0, **sampled) == "0.300 ± 0.015 %"
+    assert of(limit=0.3, distance=0.0, **sampled) == "0.300 ± 0.015 %", "on its limit it is no exact number"
     assert of(value=4.4444, limit=10.0, unit="%") == "4.44 %"
     assert of(value=8044.3, limit=8168.5, unit="m") == "8044 m"
     assert of(value=1.00003, limit=1.0, unit="") == "1.00003", "with the digits that tell it from its limit"
@@ -181,14 +182,14 @@ def test_the_most_of_equal_trials_are_compared():
 
 
 def test_statements_are_compared_by_their_measure():
-    def change(scale, other="tightness"):
+    def change(scale, error=0.0, other="tightness"):
         readings = {
-            "corrected": result(False, "fails", margin=margin("tightness", 5.0, 1.0, 40.0, scale)),
-            "slip": result(False, "fails", margin=margin(other, 5.6, 1.0, 46.0, scale)),
+            "corrected": result(False, "fails", margin=margin("tightness", 5.0, 1.0, 40.0, scale, error=error)),
+            "slip": result(False, "fails", margin=margin(other, 5.6, 1.0, 46.0, scale, error=error)),
         }
         return effects._changes(statement("tight", readings), "slip", "corrected")
 
-    (sampled,) = change("standard errors")
+    (sampled,) = change("standard errors", 0.1)
     assert sampled.difference == pytest.approx(0.6)
     assert sampled.error == pytest.approx(math.hypot(0.1, 0.1))
     assert sampled.size == pytest.approx(0.6 / (3 * math.hypot(0.1, 0.1)))

@@ -40,9 +40,10 @@ class Named(dict):
         return list(self.values())[key] if isinstance(key, int) else super().__getitem__(key)
 
 
-def job_of(tmp_path, **params):
+def job_of(tmp_path, *, libraries=LIBRARIES, **build):
+    made = {"inputs": {"a": 1.0}, "code": "abc", "libraries": libraries}
     return SimpleNamespace(
-        params=Named({"paper": "p", "inputs": {"a": 1.0}, "code": "abc", "libraries": LIBRARIES, **params}),
+        params=Named({"paper": "p", "made": made, "build": {"size": "smoke", "artifacts": {}, **build}}),
         input=Named(),
         output=Named(out=str(tmp_path / "out.h5")),
         wildcards=Named(reading="r"),
@@ -66,10 +67,10 @@ def save_thing(path, reading="r", value=(1.0, 2.0)):
 
 def made_artifact(folder, name, inputs, *needs, **changes):
     """An artifact that a job saves in a folder, and its recipe as the workflow plans it."""
-    snakemake = job_of(folder, build={"size": "smoke", "artifacts": dict(needs)})
-    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, **changes}
+    snakemake = job_of(folder, artifacts=dict(needs))
+    digests = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
+    recipe = {"inputs": inputs, "options": {}, "code": "abc", "libraries": LIBRARIES, "needs": digests, **changes}
     jobs.Job(snakemake).save(str(folder / name), Thing(np.array([1.0, 2.0])), recipe)
-    recipe["needs"] = {Path(path).name: recipe_digest(need[2]) for path, need in needs}
     return str(folder / name), ("p", "r", recipe)
 
 
@@ -136,7 +137,7 @@ def test_a_section_has_the_inputs_that_were_given_and_no_others():
 
 def artifacts_of(*paths):
     """Params of a job that is given these files."""
-    return {"size": "full", "artifacts": {str(path): ("p", "r", {}) for path in paths}}
+    return {str(path): ("p", "r", {}) for path in paths}
 
 
 def test_arguments_are_loaded_by_annotation(tmp_path):
@@ -144,7 +145,7 @@ def test_arguments_are_loaded_by_annotation(tmp_path):
         """Only its annotations are read."""
 
     files = [save_thing(tmp_path / "one.h5"), *(save_thing(tmp_path / f"{k}.h5", value=(k, k)) for k in range(3))]
-    snakemake = job_of(tmp_path, build=artifacts_of(*files))
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(*files))
     snakemake.input = Named(one=files[0], chunks=files[1:])
     loaded = jobs.Job(snakemake).arguments_of(stage)
     assert set(loaded) == {"one", "chunks"}
@@ -164,7 +165,7 @@ def test_many_artifacts_come_as_one_dataclass(tmp_path):
     evaluate.__annotations__["records"] = Records
     Records.__annotations__.update(one=Thing, maybe=Thing | None)
     path = save_thing(tmp_path / "one.h5")
-    snakemake = job_of(tmp_path, build=artifacts_of(path))
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
     snakemake.input = Named(one=path)
     records = jobs.Job(snakemake).arguments_of(evaluate)["records"]
     np.testing.assert_array_equal(records.one.value, [1.0, 2.0])
@@ -176,20 +177,10 @@ def test_an_artifact_of_another_reading_is_refused(tmp_path):
         """Only its annotations are read."""
 
     path = save_thing(tmp_path / "one.h5", reading="other")
-    snakemake = job_of(tmp_path, build=artifacts_of(path))
+    snakemake = job_of(tmp_path, artifacts=artifacts_of(path))
     snakemake.input = Named(one=path)
     with pytest.raises(artifacts.ArtifactError, match=r"one\.h5.*other"):
         jobs.Job(snakemake).arguments_of(stage)
-
-
-def test_saving_keeps_where_a_result_comes_from(tmp_path):
-    one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
-    two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
-    provenance = artifacts.provenance(two)
-    assert {name: provenance[name] for name in recipe} == recipe
-    assert recipe["options"] == {"case": "closed_loop"}
-    assert provenance["needs"].keys() == provenance["made_from"].keys() == {"one.h5"}
-    assert (provenance["recipe"], provenance["size"]) == (recipe_digest(recipe), "smoke")
 
 
 # ------------------------------------------------------------------------------------ artifacts that were copied here
@@ -199,6 +190,7 @@ ELSEWHERE = {
     "code": ({"code": "xyz"}, "other code"),
     "libraries": ({"libraries": "numpy 2.0, scipy 1.16.0"}, "'numpy 2.0, scipy 1.16.0' among the libraries"),
     "options": ({"options": {"trials": 200}}, "trials is 200, not None"),
+    "what it was made from": ({"needs": {"first.h5": "abc"}}, "another first.h5"),
 }
 
 
@@ -206,10 +198,11 @@ ELSEWHERE = {
 def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinned, capsys, case):
     """As `cp -p` puts it in place: whole, and older than what Snakemake knows of."""
     different, reason = ELSEWHERE[case]
-    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0})
-    there, _ = made_artifact(tmp_path / "there", "one.h5", **{"inputs": {"a": 1.0}, **different})
+    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0}, needs={"first.h5": "xyz"})
+    elsewhere = {"inputs": {"a": 1.0}, "needs": {"first.h5": "xyz"}, **different}
+    there, _ = made_artifact(tmp_path / "there", "one.h5", **elsewhere)
     shutil.copy2(there, here)
-    snakemake = job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})
+    snakemake = job_of(tmp_path, artifacts={here: planned})
     with pytest.raises(SystemExit), jobs.guarded(snakemake):
         pytest.fail("the job must not begin")
     assert (
@@ -217,30 +210,25 @@ def test_an_artifact_of_another_build_is_refused_by_what_differs(tmp_path, pinne
     ) in capsys.readouterr().err
 
 
-def test_an_artifact_made_from_another_one_is_refused(tmp_path, pinned, capsys):
-    """Its own inputs and code are those of here."""
-    first = made_artifact(tmp_path, "one.h5", {"a": 1.0})
-    second = made_artifact(tmp_path, "two.h5", {"b": 1.0}, first)
-    there = made_artifact(tmp_path / "there", "one.h5", {"a": 2.0})
-    copied, _ = made_artifact(tmp_path / "there", "two.h5", {"b": 1.0}, there)
-    build = {"size": "full", "artifacts": dict([first, second])}
-    with jobs.guarded(job_of(tmp_path, build=build)):
-        pass
-    shutil.copy2(copied, second[0])
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path, build=build)):
-        pytest.fail("the job must not begin")
-    assert "two.h5: comes from another build, of size 'smoke': another one.h5: delete it" in capsys.readouterr().err
+def test_saving_keeps_where_a_result_comes_from(tmp_path):
+    one = made_artifact(tmp_path, "one.h5", {"a": 1.0})
+    two, (_, _, recipe) = made_artifact(tmp_path, "two.h5", {"a": 2.0}, one, options={"case": "closed_loop"})
+    provenance = artifacts.provenance(two)
+    assert {name: provenance[name] for name in recipe} == recipe
+    assert provenance["made_from"].keys() == {"one.h5"}
+    assert (provenance["recipe"], provenance["size"]) == (recipe_digest(recipe), "smoke")
 
 
-def test_an_artifact_that_says_nothing_of_its_recipe_is_refused(tmp_path, pinned, capsys):
-    here, planned = made_artifact(tmp_path, "one.h5", {"a": 1.0})
-    save_thing(here)
-    with (
-        pytest.raises(SystemExit),
-        jobs.guarded(job_of(tmp_path, build={"size": "full", "artifacts": {here: planned}})),
-    ):
-        pytest.fail("the job must not begin")
-    assert "one.h5: comes from another build, of size None: a is None, not 1.0; other code" in capsys.readouterr().err
+def test_a_job_records_what_its_products_were_made_from_if_it_comes_to_its_end(tmp_path, pinned):
+    record = tmp_path / "recipes" / "fig01.txt"
+    snakemake = job_of(tmp_path, record=(str(record), "abc"))
+    with jobs.guarded(snakemake) as job:
+        assert (job.paper, job.reading) == ("p", "r")
+    assert record.read_text(encoding="ascii") == "abc\n"
+    assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""
+    with pytest.raises(SystemExit), jobs.guarded(snakemake):
+        raise MarsedlError("no")
+    assert not record.exists()
 
 
 # ------------------------------------------------------------------------------------------------------------ failures
@@ -258,48 +246,21 @@ def test_a_refusal_ends_in_one_message_with_job_and_log(tmp_path, pinned, capsys
     assert "Traceback" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
 
 
-def failed_solve(tmp_path, capsys):
-    """What a job says whose solver came to no solution."""
-    iterate = {"time": np.array([0.0, 0.5, 1.0]), "bank": np.array([1 / 3, np.nan, -2e-20])}
-    with pytest.raises(SystemExit) as caught, jobs.guarded(job_of(tmp_path)):
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys, kept):
+    iterate_file, iterate = tmp_path / "logs" / "job.iterate.csv", {"time": [0.0, 0.5], "bank": [1 / 3, np.nan]}
+    if not kept:
+        iterate_file.mkdir(parents=True)
+    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
         raise SolverError("nominal: off by 3 m", iterate)
-    assert caught.value.code == 1
     message = capsys.readouterr().err
     assert "paper p, reading r, job p_stage: nominal: off by 3 m (its last iterate" in message
-    assert f"(log: {tmp_path / 'logs' / 'job.log'})" in message
-    assert "Traceback" not in message
-    assert "SolverError" in (tmp_path / "logs" / "job.log").read_text(encoding="utf-8")
-    return message
-
-
-def test_the_last_iterate_of_a_solver_is_kept_beside_the_log(tmp_path, pinned, capsys):
-    message = failed_solve(tmp_path, capsys)
-    iterate_file = tmp_path / "logs" / "job.iterate.csv"
-    assert f"(its last iterate: {iterate_file})" in message
-    assert iterate_file.read_text(encoding="utf-8").splitlines()[0] == "time,bank"
-    np.testing.assert_array_equal(
-        np.loadtxt(iterate_file, delimiter=",", skiprows=1), [[0.0, 1 / 3], [0.5, np.nan], [1.0, -2e-20]]
-    )
-
-
-def test_an_iterate_that_cannot_be_kept_does_not_hide_the_message(tmp_path, pinned, capsys):
-    (tmp_path / "logs" / "job.iterate.csv").mkdir(parents=True)
-    assert "(its last iterate could not be saved: Is a directory)" in failed_solve(tmp_path, capsys)
-
-
-def test_a_full_disk_does_not_hide_the_message_of_a_solver(tmp_path, pinned, capsys, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(np, "savetxt", full)
-    assert "(its last iterate could not be saved: No space left on device)" in failed_solve(tmp_path, capsys)
-
-
-def test_other_failures_keep_no_iterate(tmp_path, pinned, capsys):
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        raise MarsedlError("no")
-    assert "iterate" not in capsys.readouterr().err
-    assert [path.name for path in (tmp_path / "logs").iterdir()] == ["job.log"]
+    if kept:
+        assert f"(its last iterate: {iterate_file})" in message
+        stored = np.loadtxt(iterate_file, delimiter=",", skiprows=1)
+        np.testing.assert_array_equal(stored, [[0.0, 1 / 3], [0.5, np.nan]])
+    else:
+        assert "(its last iterate could not be saved: Is a directory)" in message
 
 
 def test_an_unexpected_error_shows_its_traceback(tmp_path, pinned, capsys):
@@ -328,20 +289,6 @@ def test_a_disk_that_takes_no_more_is_said_without_a_traceback(tmp_path, pinned,
         assert "Traceback" not in message
 
 
-def test_a_log_that_cannot_be_written_is_said(tmp_path, pinned, capsys, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "logs/job.log")
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
-        raise AssertionError("must not begin")
-    message = capsys.readouterr().err
-    assert (
-        "paper p, reading r, job p_stage: logs/job.log: cannot be written or read (No space left on device)" in message
-    )
-    assert "Traceback" not in message
-
-
 def test_a_job_without_the_pinned_environment_does_not_start(tmp_path, pinned, monkeypatch, capsys):
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Zen")
     with pytest.raises(SystemExit), jobs.guarded(job_of(tmp_path)):
@@ -355,9 +302,3 @@ def test_a_job_with_other_libraries_than_planned_does_not_start(tmp_path, pinned
         pytest.fail("the body must not run")
     message = f"the job would run with {LIBRARIES}, but was planned with {planned}: start snakemake in the environment"
     assert message in capsys.readouterr().err
-
-
-def test_a_good_job_leaves_an_empty_log(tmp_path, pinned):
-    with jobs.guarded(job_of(tmp_path)) as job:
-        assert (job.paper, job.reading) == ("p", "r")
-    assert (tmp_path / "logs" / "job.log").read_text(encoding="utf-8") == ""

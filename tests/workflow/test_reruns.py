@@ -1,16 +1,21 @@
-"""What reruns after a change, and what does not, in a built tree."""
+"""Which jobs an edit concerns: most by the recipes of all products, which one process computes; some by Snakemake."""
 
+import contextlib
 import os
 import shutil
+import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import yaml
 
+from marsedl.comparison import comparisons
 from marsedl.papers import SLUGS, catalogue, input_model
-from marsedl.replication.code_digest import reachable_symbols
-from marsedl.replication.inputs import load_study
-from marsedl.replication.sharing import Shared
+from marsedl.replication import staleness
+from marsedl.replication.code_digest import RememberedDigests, reachable_symbols
+from marsedl.replication.inputs import load_studies
+from marsedl.replication.libraries import _version, versions_used
 
 pytestmark = pytest.mark.workflow
 
@@ -19,330 +24,326 @@ FACTS = {
     for slug in SLUGS
 }
 CONFIG = "configs/powered_descent.yaml"
-COMPARED = {"printed", "printed_eq46", "corrected", "euler", "kilonewton_noise"}  # at smoke size
 PACKAGE = "src/marsedl"
 PHYSICS = f"{PACKAGE}/models/dynamics/powered_descent.py"
-FIGURES = f"{PACKAGE}/papers/powered_descent/figures.py"
 STATISTICS = f"{PACKAGE}/montecarlo/statistics.py"
 SUMMARY = {"digests", "site"}
 JUDGED = {"claims", "counterexamples"}  # for each paper
 CLAIMS = {*JUDGED, "all_claims", *SUMMARY}
-FLIGHTS = {"montecarlo", "montecarlo_chunk", "montecarlo_gather"}
-FLOWN_TOGETHER = ("closed_loop", "open_loop", "prior_mass", "wide_switch")  # of few trials each
-PRODUCTS = {"figure", "table"}
-DRAWN_FROM_TRIALS = {"fig03", "fig04", "fig05", "fig06b", "fig07", "eq54", "eq54_tests"}
 
 
-def test_a_second_run_has_nothing_to_do(tree):
-    before = tree.state()
-    process = tree.run("all")
-    assert process.returncode == 0
-    assert "Nothing to be done" in process.stdout
-    assert tree.state() == before
+@dataclass(frozen=True)
+class Job:
+    """Digests of what one job is given: all but products, and all."""
+
+    kind: str  # the stage, or the kind of product
+    paper: str
+    name: str  # reading and artifact, or figure or table
+    own: str
+    recipe: str
 
 
-def test_touched_files_are_not_changed_files(copied):
-    """Products first and sources last, so that by their times everything is out of date."""
-    files = sorted(path for path in copied.folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts)
-    for number, path in enumerate(sorted(files, key=lambda path: path.suffix in (".py", ".smk", ".yaml"))):
-        os.utime(path, ns=(2 * 10**18 + number,) * 2)
-    assert copied.plan("all").rules == set()
+@dataclass(frozen=True)
+class Edited:
+    """The jobs that an edit concerns: `changed` themselves, and with all that is made from what they make."""
+
+    changed: tuple[Job, ...]
+    rerun: tuple[Job, ...]
+
+    def kinds(self, slug: str = "") -> set[str]:
+        return {job.kind for job in self.rerun if job.paper == slug or not slug}
+
+    def stages(self, slug: str = "") -> set[str]:
+        return self.kinds(slug) - {"figure", "table", "comparison", *CLAIMS}
+
+    def names(self, kind: str) -> set[str]:
+        return {job.name for job in self.rerun if job.kind == kind}
+
+    @property
+    def papers(self) -> set[str]:
+        return {job.paper for job in self.rerun} - {""}
+
+    @property
+    def readings(self) -> set[str]:
+        return {job.name.split("/")[0] for job in self.rerun if job.kind in self.stages()}
+
+    @property
+    def shown(self) -> set[str]:
+        return self.names("figure") | self.names("table")
 
 
-def test_a_copied_tree_has_nothing_to_do(tree, tmp_path):
-    copied = type(tree)(tmp_path / "another folder")
-    shutil.copytree(tree.folder, copied.folder, copy_function=shutil.copyfile)  # without times
-    assert copied.plan("all").rules == set()
+def jobs_of(recipes: staleness.Recipes) -> dict[str, Job]:
+    """All jobs of `snakemake all` by their records, artifacts by their paths."""
+    jobs = {}
+    for path in recipes.behind(recipes.all()):
+        made = recipes.job(path)
+        if path.startswith("data/cache/"):
+            paper, reading, name = recipes.artifact(path)
+            kind, name, own = name.split(".")[0], f"{reading}/{name}", {**made.own, "needs": None}
+        else:
+            first, *middle, name = made.name.split("/")
+            paper = middle[0] if first == "figures" else name if middle else ""
+            kind = {"index": "site", "claims": "all_claims"}.get(name, name) if not middle else middle[0]
+            if first == "figures":
+                kind = "comparison" if paper == "comparison" else "figure" if path.endswith("png") else "table"
+                name, paper = "/".join([*middle[1:], name]), paper if paper in SLUGS else ""
+            own = made.own
+        jobs.setdefault(made.name or path, Job(kind, paper, name, staleness.recipe_digest(own), recipes.digest(path)))
+    return jobs
 
 
-def test_comments_docstrings_and_blank_lines_rerun_nothing(copied):
-    copied.edit(PHYSICS, '    """Norm of the thrust, ||u|| (Eq. 2)', '\n\n    """Size of the thrust, ||u|| (Eq. 2)')
-    copied.edit(PHYSICS, "    return np.sqrt(", "    # Never negative.\n    return np.sqrt(")
-    for script in sorted(copied.path("workflow/scripts").glob("*.py")):
-        script.write_text("# A comment.\n\n" + script.read_text(encoding="utf-8"), encoding="utf-8")
-    copied.edit("workflow/scripts/stage.py", '"""Run one stage:', '"""Do one stage:')
-    for slug in SLUGS:
-        copied.edit(f"configs/{slug}.yaml", "\nreadings:\n", "\n# Another comment.\nreadings:\n")
-    for module in sorted(copied.path(PACKAGE).rglob("*.py")):
-        module.write_text(module.read_text(encoding="utf-8") + "\n\n# A comment at the end.\n", encoding="utf-8")
-    assert copied.plan("all").rules == set()
+class Project:
+    """A copy of the project; every question is answered from its files as they then are."""
+
+    def __init__(self, folder: Path):
+        self.folder, self._texts = folder, {}
+        self.before = self.jobs()
+
+    def jobs(self, **config) -> dict[str, Job]:
+        memory, scripts = self.folder / ".cache" / "code_digests.json", self.folder / "workflow" / "scripts"
+        sources = RememberedDigests(memory, self.folder / "src", scripts)
+        with contextlib.chdir(self.folder), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(staleness, "remembered_digests", lambda root: sources)
+            models = {slug: input_model(slug) for slug in SLUGS}
+            studies = load_studies(models, Path("configs"), {"size": "smoke", "chunks": 3, **config}, [])
+            papers = {slug: catalogue(slug) for slug in SLUGS}
+            found = jobs_of(staleness.Recipes(self.folder, papers, studies, comparisons(), "smoke"))
+        if not self._texts:
+            sources.save()
+        return found
+
+    def edit(self, name: str, old: str, new: str) -> None:
+        """Replace a text that occurs exactly once in a file."""
+        text = (self.folder / name).read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{name} holds {old!r} {text.count(old)} times"
+        self.write(name, text.replace(old, new))
+
+    def write(self, name: str, text: str) -> None:
+        path = self.folder / name
+        self._texts.setdefault(path, path.read_text(encoding="utf-8"))
+        path.write_text(text, encoding="utf-8")
+
+    def set_inputs(self, reading: str, *, paper: str = "powered_descent", **values: object) -> None:
+        """Set inputs of a reading; names without the section's."""
+        of = {key: section for section, inputs in input_model(paper).sections().items() for key in inputs.model_fields}
+        config = yaml.safe_load((self.folder / f"configs/{paper}.yaml").read_text(encoding="utf-8"))
+        for name, value in values.items():
+            section = config["readings"][reading].setdefault(of[name], {})
+            section[name] = {"value": value, "source": "assumed: test"}
+        self.write(f"configs/{paper}.yaml", yaml.safe_dump(config, sort_keys=False))
+
+    def edited(self, **config) -> Edited:
+        """Which jobs of now are not those of before the edits."""
+        now, none = self.jobs(**config), Job("", "", "", "", "")
+        changed = [job for key, job in now.items() if job.own != self.before.get(key, none).own]
+        return Edited(
+            tuple(changed), tuple(job for key, job in now.items() if job.recipe != self.before.get(key, none).recipe)
+        )
+
+    def restore(self) -> None:
+        for path, text in self._texts.items():
+            path.write_text(text, encoding="utf-8")
+        self._texts = {}
 
 
-def test_an_edited_script_reruns_its_jobs(copied):
-    copied.edit(
-        "workflow/scripts/tables.py", "with guarded(snakemake) as job:", "with guarded(snakemake) as job:\n    pass"
-    )
-    plan = copied.plan("all")
-    assert plan.changed_rules == {"table"}
-    assert plan.rules == {"table", *SUMMARY}
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    root, folder = Path(__file__).parents[2], tmp_path_factory.mktemp("reruns") / "project"
+    for name in ("src", "configs", "workflow/scripts", "data/published", "data/atmosphere", "data/reference"):
+        shutil.copytree(root / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return Project(folder)
+
+
+@pytest.fixture
+def project(sources):
+    yield sources
+    sources.restore()
+
+
+def test_comments_docstrings_and_messages_of_the_machinery_rerun_nothing(project):
+    project.edit(PHYSICS, '    """Norm of the thrust, ||u|| (Eq. 2)', '\n\n    """Size of the thrust, ||u|| (Eq. 2)')
+    project.edit("workflow/scripts/stage.py", '"""Run one stage:', '"""Do one stage:')
+    project.edit(f"{PACKAGE}/replication/artifacts.py", "run snakemake to build it", "snakemake builds it")
+    project.edit(f"{PACKAGE}/replication/jobs.py", "start jobs through snakemake", "jobs start through snakemake")
+    for name in [*(f"configs/{slug}.yaml" for slug in SLUGS), PHYSICS, "workflow/scripts/tables.py"]:
+        project.write(name, (project.folder / name).read_text(encoding="utf-8") + "\n\n# A comment at the end.\n")
+    assert project.edited().rerun == ()
+
+
+def test_the_format_of_the_machinery_reruns_everything(project, monkeypatch):
+    monkeypatch.setattr(staleness, "FORMAT", staleness.FORMAT + 1)
+    assert len(project.edited().changed) == len(project.before)
+
+
+def test_an_edited_script_reruns_its_jobs(project):
+    project.edit("workflow/scripts/tables.py", "as job:", "as job:\n    pass")
+    plan = project.edited()
+    assert {job.kind for job in plan.changed} == {"table"}
+    assert plan.kinds() == {"table", *SUMMARY}
 
 
 @pytest.mark.parametrize("slug", SLUGS)
-def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(copied, slug):
+def test_the_physics_of_a_paper_reruns_its_users_and_what_depends_on_them(project, slug):
     edit = FACTS[slug]["physics"]
-    copied.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
-    plan = copied.plan("all")
+    project.edit(f"{PACKAGE}/{edit['file']}", edit["old"], edit["new"])
+    plan = project.edited()
     assert plan.papers == {slug, *edit.get("shared_with", ())}
-    mine, other_plans = plan.of(slug), [plan.of(paper) for paper in plan.papers - {slug}]
-    assert mine.changed_rules == set(edit["changed"])
-    paper = catalogue(slug)
-    products = {name for name, stems in (("figure", paper.figures), ("table", paper.tables)) if stems}
-    assert mine.rules == {*edit["rerun"], *products, *JUDGED}
-    assert plan.rules == mine.rules.union(CLAIMS, {"comparison_product"}, *(other.rules for other in other_plans))
-    shared = Shared(paper, load_study(slug, input_model(slug), copied.path(f"configs/{slug}.yaml"), size="smoke"))
-    paths = {path for reading in shared.readings for path in shared.claimed(reading).values()}
-    rerun = {path.split("/")[3] for path in paths if Path(path).name.split(".")[0] in edit["rerun"]}
-    assert mine.readings == rerun, "readings that own what has changed"
+    assert plan.stages(slug) == {name for name in edit["rerun"] if not name.startswith("montecarlo_")}
+    assert plan.kinds(slug) >= {"figure", *JUDGED}
+    assert plan.kinds() >= {"comparison", *CLAIMS}
 
 
-@pytest.mark.parametrize(
-    ("slug", "function", "users"),
-    [(slug, function, users) for slug in SLUGS for function, users in FACTS[slug]["reach"].items()],
-)
-def test_the_code_of_a_stage_is_what_it_can_reach(slug, function, users):
-    """Dry runs show only the first reason of each job, so the users of a function are also asked for by name."""
-    paper, symbol = catalogue(slug), f"marsedl.{function}"
-    assert {
-        name
-        for name, stage in paper.stages.items()
-        if any(symbol in reachable_symbols(entry) for entry in stage.entries)
-    } == set(users)
+@pytest.mark.parametrize("slug", SLUGS)
+def test_the_code_of_a_stage_is_what_it_can_reach(slug):
+    reached = {
+        name: {symbol for entry in stage.entries for symbol in reachable_symbols(entry)}
+        for name, stage in catalogue(slug).stages.items()
+    }
+    for function, users in FACTS[slug]["reach"].items():
+        assert {name for name in reached if f"marsedl.{function}" in reached[name]} == set(users), function
 
 
-@pytest.mark.parametrize(
-    ("part", "module", "old", "new"),
-    [
-        ("logarithm", "elementary.py", "s = f / (2.0 + f)", "s = f / (f + 2.0)"),  # for normals
-        ("exponential", "elementary.py", "c = r - z * (", "c = r - 1.0 * z * ("),
-        ("runge_kutta", "integrators.py", "sixth = step / 6.0", "sixth = 1.0 * step / 6.0"),
-    ],
-)
-def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(copied, part, module, old, new):
-    users = {slug: FACTS[slug]["engine"][part] for slug in SLUGS if part in FACTS[slug]["engine"]}
-    copied.edit(f"{PACKAGE}/montecarlo/{module}", old, new)
-    plan = copied.plan("all")
-    assert plan.papers == users.keys()
-    for slug, stages in users.items():
-        mine, cases = plan.of(slug), {f"montecarlo.{case}" for case in input_model(slug).CASES}
-        assert mine.changed_rules >= set(stages)
-        assert {name.split("/")[1] for name in mine.artifacts} >= cases
-        assert mine.rules >= {"montecarlo", *PRODUCTS, *JUDGED}
+def test_the_engine_reruns_the_flights_of_the_papers_that_use_it(project):
+    project.edit(f"{PACKAGE}/montecarlo/elementary.py", "s = f / (2.0 + f)", "s = f / (f + 2.0)")  # the logarithm
+    plan = project.edited()
+    assert plan.papers == {slug for slug in SLUGS if "montecarlo" in catalogue(slug).stages}
+    for slug in plan.papers:
+        assert {job.kind for job in plan.changed if job.paper == slug} >= {"montecarlo"}
+        assert plan.kinds(slug) >= {"figure", *JUDGED}
 
 
-def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(copied):
-    copied.edit(
+def test_a_function_of_one_stage_reruns_that_stage_and_what_shows_it(project):
+    project.edit(
         f"{PACKAGE}/methods/covariance_steering/fixed_point.py",
-        '    "diverged: an iterate is not finite",',
-        '    "diverged: some iterate is not finite",',
+        '"diverged: an iterate is not finite"',
+        '"diverged: some iterate is not finite"',
     )
-    plan = copied.plan("all")
-    assert plan.changed_rules == {"fixed_point"}
-    assert plan.artifacts == {"printed/fixed_point", "corrected/fixed_point"}
-    assert plan.rules == {"fixed_point", "figure", "table", *CLAIMS}
-    assert plan.figures == {"fixed_point", "algorithm_1", "algorithm_1_loose"}
+    plan = project.edited()
+    assert {job.kind for job in plan.changed} == {"fixed_point"}
+    assert plan.stages() == {"fixed_point"}
+    assert plan.papers == {"powered_descent"}
+    assert plan.kinds() <= {"fixed_point", "figure", "table", *CLAIMS}
 
 
-def test_a_figure_of_its_own_reruns_alone(copied):
-    copied.edit(FIGURES, '"position gain"', '"gain of position"')
-    plan = copied.plan("all")
-    assert plan.rules == {"figure", *SUMMARY}
-    assert plan.figures == {"fig06a"}
+def test_a_figure_of_its_own_reruns_alone(project):
+    project.edit(f"{PACKAGE}/papers/powered_descent/figures.py", '"position gain"', '"gain of position"')
+    plan = project.edited()
+    assert plan.kinds() == {"figure", *SUMMARY}
+    assert plan.shown == {"fig06a"}
 
 
-def test_a_statistic_reruns_the_figure_that_shows_it(copied):
-    copied.edit(
-        STATISTICS,
-        "chdtri(degrees, 1.0 - tail) / degrees, variance *",
-        "chdtri(degrees, 1 - tail) / degrees, variance *",
-    )
-    plan = copied.plan("all")
-    assert plan.rules >= SUMMARY
-    assert plan.artifacts == set()
-    mine = plan.of("powered_descent")
-    assert mine.rules == {"figure"}
-    assert mine.figures == {"fig07"}
+def test_a_statistic_of_claims_reruns_no_artifact(project):
+    project.edit(STATISTICS, "return np.sqrt(variance_of_covariance)", "return np.sqrt(1.0 * variance_of_covariance)")
+    plan = project.edited()
+    assert plan.kinds() >= CLAIMS
+    assert plan.stages() == set()
 
 
-def test_a_statistic_of_claims_and_tables_reruns_them(copied):
-    copied.edit(
-        STATISTICS, "    return np.sqrt(variance_of_covariance)", "    return np.sqrt(1.0 * variance_of_covariance)"
-    )
-    plan = copied.plan("all")
-    assert plan.rules >= CLAIMS
-    assert plan.artifacts == set()
-    mine = plan.of("powered_descent")
-    assert mine.changed_rules == {"claims", "table"}
-    assert mine.rules == {*JUDGED, "table"}
-
-
-def test_an_upgraded_library_reruns_what_uses_it_and_says_so(copied):
+def test_an_upgraded_library_reruns_what_uses_it_and_says_so(project, tmp_path, monkeypatch):
     """As its installer leaves it, in the first folder that Python looks into: the solver of the cone programs."""
-    metadata = copied.path("src/clarabel-99.0.dist-info/METADATA")
+    metadata = tmp_path / "clarabel-99.0.dist-info" / "METADATA"
     metadata.parent.mkdir()
     metadata.write_text("Metadata-Version: 2.1\nName: clarabel\nVersion: 99.0\n", encoding="utf-8")
-    plan = copied.plan("all").of("powered_descent")
-    assert plan.changed_rules == plan.stages == {"certificates"}
-    assert plan.rules == {"certificates", "table", *JUDGED}
-    output = copied.run("data/cache/powered_descent/corrected/certificates.h5", "--dry-run", "--quiet", "host").stdout
-    assert "clarabel 99.0" in output[output.index("Params have changed") :]
+    monkeypatch.syspath_prepend(tmp_path)
+    for function in (versions_used, _version):
+        function.cache_clear()
+    plan = project.edited()
+    for function in (versions_used, _version):
+        function.cache_clear()
+    assert plan.stages("powered_descent") == {"certificates"}
+    assert plan.kinds("powered_descent") <= {"certificates", "table", *JUDGED}
 
 
-def test_an_artifact_that_was_copied_from_another_build_is_refused_until_it_is_deleted(tree, tmp_path):
-    """Whole and under an old date, so that Snakemake sees no change."""
-    folder, digests = "data/cache/powered_descent/kilonewton_noise", tree.digests()
-    copied, target = f"{folder}/linearization.h5", f"{folder}/gains.h5"
-    tree.set_inputs("kilonewton_noise", noise_coefficient="0.03")
-    assert tree.run(target).returncode == 0
-    shutil.copy(tree.path(copied), tmp_path)
-    tree.edit(CONFIG, '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
-    assert tree.run(target).returncode == 0
-    shutil.copy(tmp_path / "linearization.h5", tree.path(copied))
-    os.utime(tree.path(copied), (10**9, 10**9))
-    assert tree.plan(target).rules == set()
-    tree.path(target).unlink()
-    process = tree.run(target)
-    assert process.returncode != 0
-    output = (
-        "comes from another build, of size 'smoke': noise.noise_coefficient is 0.03, not 0.02; another nominal.h5: "
-        "delete it"
-    )
-    assert f"job powered_descent_gains: {copied}: {output} and run snakemake again" in process.stdout
-    tree.path(copied).unlink()
-    assert tree.run(target).returncode == 0
-    assert tree.digests() == digests
+def test_a_printed_value_reruns_the_claims_and_no_artifact(project):
+    name = "data/published/powered_descent.yaml"
+    project.write(name, (project.folder / name).read_text(encoding="utf-8") + "\n# A comment.\n")
+    plan = project.edited()
+    assert plan.kinds() >= CLAIMS
+    assert plan.stages() == set()
+    assert plan.papers == {"powered_descent"}
 
 
-def test_a_printed_value_reruns_the_claims_and_no_artifact(copied):
-    published = copied.path("data/published/powered_descent.yaml")
-    published.write_text(published.read_text(encoding="utf-8") + "\n# A comment.\n", encoding="utf-8")
-    plan = copied.plan("all")
-    assert plan.rules >= CLAIMS
-    assert plan.artifacts == set()
-    # What stands beside Eq. 54 and the printed masses shows printed values too.
-    assert plan.figures <= {"fig05", "eq54", "eq54_tests", "choices_of_mass", "choices_of_simulation"}
+def test_an_input_of_figures_reruns_no_artifact(project):
+    project.set_inputs("corrected", ellipse_sigma=2.5)
+    plan = project.edited()
+    assert plan.shown == {"fig02", "fig03"}
+    assert plan.kinds() == {"figure", *CLAIMS}
 
 
-def test_an_input_of_figures_reruns_no_artifact(copied):
-    copied.set_inputs("corrected", ellipse_sigma="2.5")
-    plan = copied.plan("all")
-    assert plan.figures == {"fig02", "fig03"}
-    assert plan.rules == {"figure", *CLAIMS}
+def test_the_number_of_drawn_trials_reruns_the_flights(project):
+    project.set_inputs("corrected", drawn_trials=15)
+    plan = project.edited()
+    assert plan.stages() == {"montecarlo"}
+    assert not plan.readings & {"printed"}
+    assert plan.shown.isdisjoint({"fig02", "fig06a"})
 
 
-def test_the_number_of_drawn_trials_reruns_the_flights(copied):
-    copied.set_inputs("corrected", drawn_trials="15")
-    plan = copied.plan("all")
-    assert plan.rules == {*FLIGHTS, *PRODUCTS, "comparison_product", *CLAIMS}
-    assert plan.readings == COMPARED - {"printed", "printed_eq46"}
-    assert plan.stages == {"montecarlo"}
-    assert plan.figures == DRAWN_FROM_TRIALS
-
-
-def test_the_maximum_thrust_reruns_what_uses_it_and_no_design(copied):
-    copied.edit(CONFIG, "coefficient_unit: {value: maximum_thrust,", "coefficient_unit: {value: other,")
-    copied.set_inputs("corrected", maximum_thrust="17000.0")
-    plan = copied.plan("all")
-    assert plan.stages == {"montecarlo", "fixed_point"}
-    assert plan.figures == {*DRAWN_FROM_TRIALS, "fixed_point", "algorithm_1", "algorithm_1_loose"}
-
-
-def test_one_readings_input_leaves_the_other_readings_alone(tree):
-    """Run for real, there and back again."""
-    folder = "data/cache/powered_descent/kilonewton_noise"
-    target = f"{folder}/montecarlo.closed_loop.h5"
-    before, digests = tree.state(), tree.digests()
-    tree.set_inputs("kilonewton_noise", noise_coefficient="0.03")
-    plan = tree.plan("all")
+def test_one_readings_input_leaves_the_other_readings_alone(project):
+    project.set_inputs("kilonewton_noise", noise_coefficient=0.03)
+    plan = project.edited()
     assert plan.readings == {"kilonewton_noise"}
-    assert plan.figures == set()
-    assert tree.run(target).returncode == 0
-    after = tree.state()
-    changed_files = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
-    assert changed_files == {
-        # One job flies all cases.
-        f"{folder}/{name}.h5"
-        for name in ("nominal", "linearization", "gains", *(f"montecarlo.{case}" for case in FLOWN_TOGETHER))
-    }
-    assert {f"{folder}/gains.h5", target} <= {name for name, new in tree.digests().items() if new != digests[name]}
-    tree.edit(CONFIG, '      noise_coefficient: {value: 0.03, source: "assumed: test"}\n', "")
-    assert tree.run(target).returncode == 0
-    assert tree.digests() == digests
+    assert plan.shown == set()
+    assert plan.stages() == {"gains", "linearization", "nominal", "montecarlo"}
 
 
-def test_an_input_of_a_hypothesis_reruns_its_gains_and_flights_alone(copied):
-    copied.edit(
-        "configs/stochastic_entry.yaml",
-        "partition_interval: {value: 10.0, unit: s,",
-        "partition_interval: {value: 6.0, unit: s,",
-    )
-    plan = copied.plan("all")
+def test_a_limit_of_the_stochastic_law_reruns_no_nominal_and_no_linear_model(project):
+    project.set_inputs("corrected", paper="stochastic_entry", altitude_limit=2500.0)
+    plan = project.edited()
     assert plan.papers == {"stochastic_entry"}
-    assert plan.readings == {"partition_24"}, "partition_20 is based on it, but has an interval of its own"
-    assert plan.changed_rules == {"gains"}
-    assert plan.rules == {"gains", "montecarlo", *CLAIMS}
-
-
-def test_a_limit_of_the_stochastic_law_reruns_no_nominal_and_no_linear_model(copied):
-    copied.set_inputs("corrected", paper="stochastic_entry", altitude_limit="2500.0")
-    plan = copied.plan("all")
-    assert plan.papers == {"stochastic_entry"}
-    assert plan.stages == {"gains", "certificates", "tradeoff", "error_budget", "combinations", "montecarlo"}
+    assert plan.stages() >= {"gains", "certificates", "tradeoff", "montecarlo"}
+    assert plan.stages().isdisjoint({"nominal", "linearization"})
     assert "printed" not in plan.readings
-    assert plan.figures.isdisjoint({"fig01", "fig02", "fig03", "fig04", "fig05", "fig06", "fig07", "tab02", "zf"})
+    assert plan.shown.isdisjoint({"fig01", "fig02", "fig03", "fig04", "fig05", "fig06", "fig07", "tab02", "zf"})
 
 
-def test_the_double_integrator_and_the_aerocapture_do_not_rerun_each_other(copied):
-    copied.set_inputs("corrected", paper="random_field", double_integrator_period="0.4")
-    plan = copied.plan("all")
+def test_the_double_integrator_and_the_aerocapture_do_not_rerun_each_other(project):
+    project.set_inputs("corrected", paper="random_field", double_integrator_period=0.4)
+    plan = project.edited()
     assert plan.papers == {"random_field"}
-    assert plan.stages == {"double_integrator", "double_integrator_flights"}
-    assert plan.readings == {"corrected", "cc_to_4", "printed"}, "printed had that of corrected; others claim none"
-    assert plan.figures >= {"fig04", "fig05"}
-    assert plan.figures.isdisjoint({"fig09", "fig10", "fig12", "fig15"})
+    assert plan.stages() == {"double_integrator", "double_integrator_flights"}
+    assert plan.shown >= {"fig04", "fig05"}
+    assert plan.shown.isdisjoint({"fig09", "fig10", "fig12", "fig15"})
 
 
-def test_a_percentile_of_one_reading_reruns_its_design_and_flights(copied):
-    copied.edit(
-        "configs/random_field.yaml",
-        """  pf_printed:
-    summary: As corrected, with p_f = 0.1, which is the 90th percentile.
-    based_on: corrected
-    guidance:
-      percentile_tail: {value: 0.1,""",
-        """  pf_printed:
-    summary: As corrected, with p_f = 0.1, which is the 90th percentile.
-    based_on: corrected
-    guidance:
-      percentile_tail: {value: 0.05,""",
-    )
-    plan = copied.plan("all")
-    assert plan.readings == {"pf_printed"}
-    assert plan.stages == {"gains", "montecarlo"}
-    assert plan.changed_rules == {"gains"}
-
-
-def test_a_density_table_is_an_input_by_its_numbers(copied):
+def test_a_density_table_is_an_input_by_its_numbers(project):
     """The file is read when the configuration is: an edited number reruns its readings, other text of it nothing."""
-    table = copied.path("data/atmosphere/mars_density.csv")
-    text = table.read_text(encoding="utf-8")
-    table.write_text("# A comment.\n" + text, encoding="utf-8")
-    assert copied.plan("all").rules == set()
-    rows = text.splitlines()
-    number = next(n for n, row in enumerate(rows) if row.startswith("marsgram_2021a_sample_daily_mean,"))
-    rows[number] = rows[number].replace("e-", "1e-", 1)  # one more digit
-    table.write_text("\n".join(rows) + "\n", encoding="utf-8")
-    plan = copied.plan("all")
+    name = "data/atmosphere/mars_density.csv"
+    text = (project.folder / name).read_text(encoding="utf-8")
+    project.write(name, "# A comment.\n" + text)
+    assert project.edited().rerun == ()
+    reading = next(line for line in text.splitlines() if line.startswith("marsgram_2021a_sample_daily_mean,"))
+    project.write(name, text.replace(reading, reading.replace("e-", "1e-", 1)))  # one more digit
+    plan = project.edited()
     assert plan.papers == {"random_field"}
     assert plan.readings == {"marsgram_daily_mean"}
-    assert plan.stages >= {"nominal", "linearization", "gains", "montecarlo"}
+    assert plan.stages() >= {"nominal", "linearization", "gains", "montecarlo"}
 
 
-def test_another_number_of_chunks_reruns_only_the_flights(copied):
-    copied.config = ["size=smoke", "chunks=1"]
-    plan = copied.plan("all")
-    assert plan.stages == {"montecarlo"}
-    # Cases of few trials that are not scattered are flown by one job.
-    cases = {name.split(".")[1] for name in plan.of("powered_descent").artifacts}
-    kinds = {"closed_loop", "open_loop", "prior_mass", "wide_switch"}
-    assert cases == {*kinds, *(f"{kind}_large" for kind in kinds)}
-    assert plan.rules.isdisjoint({"nominal", "linearization", "gains", "fixed_point", "certificates"})
+def test_the_number_of_chunks_is_no_part_of_a_recipe(project):
+    assert project.edited(chunks=1).rerun == ()
+
+
+# ------------------------------------------------------------------------------------------------- as Snakemake plans
+
+
+def test_a_copy_of_a_build_has_nothing_to_do(copied):
+    """Whatever the times of its files: products first and sources last, so that by them everything is out of date."""
+    files = sorted(path for path in copied.folder.rglob("*") if path.is_file() and ".snakemake" not in path.parts)
+    for number, path in enumerate(sorted(files, key=lambda path: path.suffix in (".py", ".smk", ".yaml"))):
+        os.utime(path, ns=(time.time_ns() - 10**12 + number,) * 2)
+    assert copied.plan("all").rules == set()
+
+
+def test_a_build_without_the_records_of_snakemake_knows_what_it_was_made_from(copied):
+    """Nothing to do; after an edit exactly the jobs of the edit, and no command that takes the old numbers for new."""
+    kept = copied.build / ".snakemake"
+    copied.set_inputs("corrected", ellipse_sigma="2.5")
+    with_records = copied.plan("all")
+    assert with_records.figures == {"fig02", "fig03"}
+    shutil.rmtree(kept)
+    assert copied.plan("all").outputs == with_records.outputs
+    for command in ("verify", "accept"):
+        process = copied.marsedl(command, "--reference", "mine", "--size", "smoke", "--paper", "powered_descent")
+        assert process.returncode == 3
+        assert "report/claims/powered_descent.json" in process.stderr
+        assert process.stderr.endswith("run 'snakemake report/claims/powered_descent.json --config size=smoke'\n")

@@ -15,6 +15,7 @@ for _paper in PAPERS:
             f"{_paper}_claims"
         input:
             cache(_paper),
+            changed=unproven(f"report/claims/{_paper}.json"),
             published=source(f"data/published/{_paper}.yaml"),
             measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
         output:
@@ -41,17 +42,8 @@ for _paper in PAPERS:
             "../envs/marsedl.yaml"
         params:
             paper=_paper,
-            artifacts={r: claimed(_paper, r) for r in STUDIES[_paper].compared},
-            inputs={reading: STUDIES[_paper].readings[reading].inputs.plain() for reading in STUDIES[_paper].compared},
-            judged=dict(
-                known_errata=[erratum.id for erratum in PAPERS[_paper].errata],
-                require_reasons=as_committed(_paper),
-                left_out=sorted(STUDIES[_paper].readings.keys() - set(STUDIES[_paper].compared)),
-                size=SIZE,
-            ),
+            made=made(f"report/claims/{_paper}.json"),
             summaries=list(PAPERS[_paper].summaries),
-            code=code("claims.py", *claims_entries(_paper)),
-            libraries=libraries("claims.py", *claims_entries(_paper)),
             build=build,
         script:
             "../scripts/claims.py"
@@ -61,6 +53,7 @@ for _paper in PAPERS:
             f"{_paper}_counterexamples"
         input:
             sorted(claimed(_paper, DEFAULT).values()),
+            changed=unproven(f"report/counterexamples/{_paper}.json"),
             claims=f"report/claims/{_paper}.json",
             published=source(f"data/published/{_paper}.yaml"),
             measured=[source(BENCHMARKS)] * PAPERS[_paper].measured,
@@ -74,10 +67,7 @@ for _paper in PAPERS:
             "../envs/marsedl.yaml"
         params:
             paper=_paper,
-            artifacts={DEFAULT: claimed(_paper, DEFAULT)},
-            inputs={DEFAULT: STUDIES[_paper].readings[DEFAULT].inputs.plain()},
-            code=code("counterexamples.py", *claims_entries(_paper)),
-            libraries=libraries("counterexamples.py", *claims_entries(_paper)),
+            made=made(f"report/counterexamples/{_paper}.json"),
             build=build,
         script:
             "../scripts/counterexamples.py"
@@ -85,6 +75,7 @@ for _paper in PAPERS:
 
 rule all_claims:
     input:
+        changed=unproven("report/claims.json"),
         claims=[f"report/claims/{paper}.json" for paper in PAPERS],
         counterexamples=[f"report/counterexamples/{paper}.json" for paper in PAPERS],
     output:
@@ -97,6 +88,7 @@ rule all_claims:
     conda:
         "../envs/marsedl.yaml"
     params:
-        code=code("all_claims.py"),
+        made=made("report/claims.json"),
+        build=build,
     script:
         "../scripts/all_claims.py"

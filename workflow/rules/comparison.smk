@@ -8,7 +8,8 @@ rule comparison:
 
 rule comparison_product:
     input:
-        lambda wildcards: [path for files in compared_artifacts(wildcards).values() for path in files.values()],
+        lambda wildcards: RECIPES.job(f"figures/comparison/{wildcards.stem}.png").needs,
+        changed=unproven("figures/comparison/{stem}.png"),
     output:
         png=comparison_shown("figure", "png"),
         pdf="figures/comparison/{stem}.pdf",
@@ -23,9 +24,9 @@ rule comparison_product:
     conda:
         "../envs/marsedl.yaml"
     params:
-        **reached("comparison.py", comparison_entries),
-        inputs=comparison_inputs,
-        artifacts=compared_artifacts,
+        made=made("figures/comparison/{stem}.png"),
+        artifacts=lambda wildcards: RECIPES.compared_artifacts(wildcards.stem),
         captions=comparison_captions,
+        build=build,
     script:
         "../scripts/comparison.py"

@@ -28,7 +28,7 @@ def stage_input(paper, stage):
     """Input files of a stage, by the name of its function's parameter."""
 
     def named(wildcards):
-        taken = files(paper, wildcards.reading, PAPERS[paper].stages[stage].needs)
+        taken = SHARED[paper].files(wildcards.reading, PAPERS[paper].stages[stage].needs)
         return taken | (dict(chunks=chunk_files(paper, wildcards)) if stage == GATHER else {})
 
     return named
@@ -40,21 +40,14 @@ def chunk_files(paper, wildcards):
     return [f"data/cache/{paper}/{wildcards.reading}/{chunk}.h5" for chunk in chunks]
 
 
-def made(paths):
-    """The recipes of artifacts, without what they are made from: Snakemake follows that itself."""
-    recipes = (recipe(path)[2] for path in paths)
-    return [{key: value for key, value in recipe.items() if key != "needs"} for recipe in recipes]
+def recipes_of(outputs):
+    """The recipes of a stage's artifacts, without what these are made from: Snakemake follows that itself."""
 
+    def recipes(wildcards):
+        own = (RECIPES.job(filled(path, wildcards)).own for path in outputs)
+        return [{key: value for key, value in recipe.items() if key != "needs"} for recipe in own]
 
-def stage_params(paper, stage, outputs):
-    """The params of a stage's rule; chunks are temporary and leave no record, so that what gathers them has theirs."""
-    return dict(
-        paper=paper,
-        entries=PAPERS[paper].stages[stage].entries,
-        recipes=lambda wildcards: made(filled(path, wildcards) for path in outputs),
-        chunks=lambda wildcards: made(chunk_files(paper, wildcards)) if stage == GATHER else [],
-        build=build,
-    )
+    return recipes
 
 
 # --- figures and tables
@@ -88,66 +81,32 @@ def product_files(kind, paper, stems):
         yield other
 
 
-def product_functions(kind, paper, stems):
-    """The input function of a rule of products and its params."""
+def stems_of(paper, stems):
+    """The names of a rule's products."""
+    return lambda wildcards: [filled(stem, wildcards) for stem in stems]
 
-    def products(wildcards):
-        return {stem: PAPERS[filled(paper, wildcards)].product(stem) for stem in (filled(s, wildcards) for s in stems)}
+
+def product_artifacts(paper, stems):
+    """The artifacts of a rule's products, by the name of the parameter that takes them."""
 
     def artifacts(wildcards):
-        product = next(iter(products(wildcards).values()))
-        return files(filled(paper, wildcards), reading_of(wildcards), product.needs, product.optional)
+        product = PAPERS[filled(paper, wildcards)].product(filled(stems[0], wildcards))
+        return SHARED[filled(paper, wildcards)].files(reading_of(wildcards), product.needs, product.optional)
 
-    def entries(wildcards):
-        return [f"marsedl.papers.{filled(paper, wildcards)}.{kind[0]}s:{stem}" for stem in products(wildcards)]
+    return artifacts
 
-    def inputs(wildcards):
-        names = {name for product in products(wildcards).values() for name in product.inputs}
-        return given(filled(paper, wildcards), reading_of(wildcards), names)
 
-    def published(wildcards):
-        return filled(f"data/published/{paper}.yaml", wildcards)
-
-    def printed(wildcards):
-        shown = any(product.published for product in products(wildcards).values())
-        return file_digest(published(wildcards)) if shown else ""
+def product_captions(paper, stems):
+    """The captions of a rule's products."""
 
     def captions(wildcards, output):
         quoted = quoting(filled(paper, wildcards), reading_of(wildcards))
-        return {stem: as_rst(quoted.product(stem).caption) for stem in products(wildcards)}
+        return {stem: as_rst(quoted.product(stem).caption) for stem in stems_of(paper, stems)(wildcards)}
 
-    return artifacts, dict(
-        script=lambda wildcards: kind[0] + "s",
-        paper=lambda wildcards: filled(paper, wildcards),
-        reading=reading_of,
-        stems=lambda wildcards: list(products(wildcards)),
-        inputs=inputs,
-        published=lambda wildcards: source(published(wildcards)),
-        printed=printed,
-        captions=captions,
-        **reached(f"{kind[0]}s.py", entries),
-    )
+    return captions
 
 
 # --- comparisons
-
-
-def compared_artifacts(wildcards):
-    """Artifacts of a comparison by paper, by parameter."""
-    takes = COMPARISONS[wildcards.stem].takes
-    return {paper: files(paper, DEFAULT, taken.needs, taken.optional) for paper, taken in takes.items()}
-
-
-def comparison_entries(wildcards):
-    """The functions of a comparison."""
-    names = ("figure", "table", *COMPARISONS[wildcards.stem].papers)
-    return [f"marsedl.comparison.{wildcards.stem}:{name}" for name in names]
-
-
-def comparison_inputs(wildcards):
-    """Inputs that a comparison reads, by paper."""
-    takes = COMPARISONS[wildcards.stem].takes
-    return {paper: given(paper, DEFAULT, taken.inputs) for paper, taken in takes.items()}
 
 
 def comparison_captions(wildcards, output):
@@ -161,12 +120,3 @@ def comparison_shown(kind, suffix):
     labels = {"reading": DEFAULT, "item": "{stem}", "kind": kind}
     place = dict(category="comparison of the papers", subcategory=DEFAULT, labels=labels)
     return report(f"figures/comparison/{{stem}}.{suffix}", caption=f"../report/comparison_{kind}.rst", **place)
-
-
-# --- claims
-
-
-def claims_entries(paper):
-    """A paper's claims with what they share, and its tables over all readings."""
-    summaries = [f"marsedl.papers.{paper}.tables:{stem}" for stem in PAPERS[paper].summaries]
-    return [*DIGESTS.functions(f"marsedl.papers.{paper}.claims"), *summaries]

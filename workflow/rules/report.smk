@@ -1,10 +1,6 @@
 # Digests of all products, and the pages of the report that show them.
 
 
-CLOSEUPS = [f"marsedl.papers.{paper}.closeups:{name}" for paper in PAPERS for name in PAPERS[paper].closeups]
-
-
-TEMPLATES = ROOT / "src" / "marsedl" / "replication" / "templates"
 SITE = site_files({**{paper: PAPERS[paper].figures for paper in PAPERS}, "comparison": COMPARISONS})
 
 
@@ -15,9 +11,8 @@ rule report:
 
 rule digests:
     input:
-        [products(paper) + cache(paper) for paper in PAPERS],
-        compared(),
-        "report/claims.json",
+        RECIPES.job("report/digests.json").needs,
+        changed=unproven("report/digests.json"),
     output:
         "report/digests.json",
     log:
@@ -27,7 +22,7 @@ rule digests:
     conda:
         "../envs/marsedl.yaml"
     params:
-        code=code("digests.py"),
+        made=made("report/digests.json"),
         build=build,
     script:
         "../scripts/digests.py"
@@ -39,6 +34,7 @@ rule site:
         compared(),
         claims="report/claims.json",
         digests="report/digests.json",
+        changed=unproven("report/index.html"),
     output:
         [f"report/{name}" for name in SITE],
     log:
@@ -48,21 +44,10 @@ rule site:
     conda:
         "../envs/marsedl.yaml"
     params:
-        readings={paper: described(paper) for paper in PAPERS},
-        size=SIZE,
-        benchmarks=source(BENCHMARKS),
-        benchmark_digest=file_digest(BENCHMARKS),
-        machines=source("data/reference/machines.csv"),
-        machines_digest=file_digest("data/reference/machines.csv"),
+        made=made("report/index.html"),
         artifacts={paper: {reading: claimed(paper, reading) for reading in STUDIES[paper].compared} for paper in PAPERS},
-        templates={path.name: file_digest(path.relative_to(ROOT)) for path in sorted(TEMPLATES.glob("*.*"))},
-        code=code("report.py"),
-        libraries=libraries("report.py", *CLOSEUPS),
+        benchmarks=source(BENCHMARKS),
+        machines=source(MACHINES),
         build=build,
-        closeups=[DIGESTS.code(entry) for entry in CLOSEUPS],
-        catalogues={paper: DIGESTS.code(f"marsedl.papers.{paper}:PAPER") for paper in PAPERS},
-        texts=[
-            file_digest(f"src/marsedl/{place}/{TEXTS}") for place in (*(f"papers/{p}" for p in PAPERS), "comparison")
-        ],
     script:
         "../scripts/report.py"

@@ -17,6 +17,7 @@ for _paper in PAPERS:
                 f"{_paper}_{_name}"
             input:
                 unpack(stage_input(_paper, _stage)),
+                changed=unproven(*_outputs),
             output:
                 [temp(path) if _stage == CHUNK else path for path in _outputs],
             log:
@@ -30,7 +31,10 @@ for _paper in PAPERS:
             conda:
                 "../envs/marsedl.yaml"
             params:
-                **stage_params(_paper, _stage, _outputs),
+                paper=_paper,
+                entries=PAPERS[_paper].stages[_stage].entries,
+                recipes=recipes_of(_outputs),
+                build=build,
             script:
                 "../scripts/stage.py"
 

@@ -13,7 +13,7 @@ with guarded(snakemake) as job:
     measured = [claims.load_measured(path, job.paper) for path in snakemake.input.measured] or [None]
     own = claims_of(job.paper)
     evaluations = own.of_readings(job.readings(), published, measured=measured[0])
-    rows = claims.collect(list(published.values()), own.declarations, *evaluations, **job.params.judged)
+    rows = claims.collect(list(published.values()), own.declarations, *evaluations, **job.params.made["judged"])
     if names := claims.unexplained(rows):
         print(f"{job.paper}: claims that differ or fail without a reason: {', '.join(names)}", file=sys.stderr)
     claims.write_claims(rows, snakemake.output.claims)

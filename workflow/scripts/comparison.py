@@ -10,6 +10,6 @@ from marsedl.replication.tables import write_table
 with guarded(snakemake) as job:
     stem, params, output = snakemake.wildcards.stem, job.params, snakemake.output
     comparison = import_module(f"marsedl.comparison.{stem}")
-    records = collect(stem, params.inputs, params.artifacts, job.load)
+    records = collect(stem, params.made["inputs"], params.artifacts, job.load)
     save_figure(comparison.figure(records), output.png, output.pdf)
     write_table(comparison.table(records), output.csv, output.md)

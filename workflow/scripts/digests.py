@@ -7,5 +7,6 @@ from marsedl.replication.digests import digest
 from marsedl.replication.jobs import guarded
 
 with guarded(snakemake):
-    found = {path: digest(path) for path in sorted(snakemake.input)}
+    products = sorted(set(snakemake.input) - {snakemake.input.changed})
+    found = {path: digest(path) for path in products}
     write_text(snakemake.output[0], json.dumps(found, indent=1) + "\n")

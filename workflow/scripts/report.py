@@ -15,9 +15,9 @@ with guarded(snakemake) as job:
         assembly.paper_report(
             catalogue(slug), input_model(slug), readings, claims[slug], job.params.artifacts[slug], benchmarks
         )
-        for slug, readings in job.params.readings.items()
+        for slug, readings in job.params.made["readings"].items()
     ]
     machines = assembly.measurements(Path(job.params.machines))
     digests = Path(snakemake.input.digests)
-    around = assembly.environment(job.params.size, digests, benchmarks, job.params.readings, machines)
+    around = assembly.environment(job.params.made["size"], digests, benchmarks, job.params.made["readings"], machines)
     build_site(Path(snakemake.output[0]).parent, papers, around, assembly.comparison(comparisons()))

@@ -34,10 +34,9 @@ import h5py
 import numpy as np
 
 from marsedl.replication.errors import ArtifactError, nearest
-from marsedl.replication.recipes import recipe_changes, recipe_digest
+from marsedl.replication.recipes import FORMAT, recipe_changes, recipe_digest
 from marsedl.summaries import value_range
 
-FORMAT = 2  # layout of the file itself: root attributes, /provenance, how strings are stored
 COMPRESS_ABOVE_BYTES = 64 * 2**10
 
 REBUILD = "delete it and run snakemake again: it is rebuilt"

@@ -362,6 +362,7 @@ def _margin(measure, passed, room, value, limits, error) -> Mapping | None:
         "unit": measure.unit,
         "distance": float(distance[at]),
         "in": "standard errors" if error[at] > 0 else "limits" if limits[at] else "values",
+        "standard_error": float(error[at]),
     }
 
 

@@ -570,6 +570,7 @@ def _component(difference, half, error, paper_error, bound, printed) -> _Compone
         "unit": "",
         "distance": abs(size - tolerance) / scale if math.isfinite(size) else math.inf,
         "in": "standard errors" if combined else "limits",
+        "standard_error": combined,
     }
     if error and abs(size - tolerance) < error:
         more = 1.0

@@ -1,25 +1,27 @@
 """Digests of the code that a stage can reach, so that edits of imported modules rerun what uses them.
 
 Snakemake sees an edited script, but not an edited module that the script imports. A code digest in a rule's params
-closes the gap. It covers, at the granularity of module-level symbols, everything inside the source folder that a
-function can reach through names and imports, and leaves out comments, docstrings and formatting: an edit of shared
-physics reruns its users, an edit of its neighbour in the same file or of a comment reruns nothing.
+closes the gap. It covers every module-level definition inside the source folder that a function can reach through names
+and imports, without comments, docstrings and formatting: an edit of shared physics reruns its users, an edit of its
+neighbour in the same file or of a comment reruns nothing.
 
 What counts:
 
 - the function itself and, transitively, every module-level definition (function, class, assignment) whose name occurs
   in something that counts: in its body, decorators, default arguments, base classes, annotations;
   a parameter hides the module's definition of its name;
-- names from other modules, through every form of import, also inside functions and through re-exports;
-- `alias.symbol` for a module alias; a module used in any other way (passed on, `import *`) counts whole, and a package
-  then with all its submodules;
+- names from other modules, through every absolute import, also inside functions and through re-exports;
+- `alias.symbol` for a module alias; a module used in any other way (passed on) counts whole, and a package then with
+  all its submodules;
 - of every module that gets imported: the statements that do something at import (`np.seterr(...)`, `TABLE["x"] = f`,
-  `if`, `try`, loops), with what they reference;
-- a class counts whole, and so does the module of a function that calls `globals`, `eval` or `exec`.
+  `if`, `try`, loops), with what they reference.
+
+What does not count: the machinery around the science, `MACHINERY`, which loads, saves and reports. `recipes.FORMAT`
+stands for it.
 
 What cannot be seen: modules named by strings (`importlib.import_module(name)`), and functions that are reached only
-because their decorator entered them into a table (but for decorators called `register` or `overload...`, whose
-functions always count). Of libraries outside the source folder, `libraries` lists those that the code uses by name.
+because their decorator entered them into a table. Of libraries outside the source folder, `libraries` lists those that
+the code uses by name.
 
 Only the standard library is imported here, because the Snakefile calls this on every run.
 """
@@ -27,33 +29,29 @@ Only the standard library is imported here, because the Snakefile calls this on 
 import ast
 import atexit
 import contextlib
-import gc
 import hashlib
 import json
-import marshal
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import astuple, dataclass, field
-from functools import cache
+from collections.abc import Iterable, Iterator
+from functools import cache, cached_property
 from pathlib import Path
+from typing import NamedTuple
 
-from marsedl.replication.errors import InputError, MarsedlError
+from marsedl.replication.errors import InputError, MarsedlError, nearest
 
 SOURCE_ROOT = Path(__file__).parents[2]
+MACHINERY = frozenset(
+    f"marsedl.replication.{name}"
+    for name in (
+        *("artifacts", "code_digest", "digests", "errors", "jobs", "kernels", "libraries", "recipes", "sharing"),
+        *("staleness", "terminal"),
+    )
+)
 
 _AT_IMPORT = "(at import)"
-_SCRIPT = "(script)"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-_SCOPES = (*_FUNCTIONS, ast.Lambda)  # where parameters are known
-_DEFINITIONS = (*_FUNCTIONS, ast.ClassDef)
-_DOCUMENTED = (*_DEFINITIONS, ast.Module)
 _IMPORTS = (ast.Import, ast.ImportFrom)
-_REGISTERING_DECORATORS = ("register", "overload", "overload_method", "overload_attribute", "overload_classmethod")
-_SEES_ITS_MODULE = ("globals", "eval", "exec")
-_HARMLESS_MODULE_ATTRIBUTES = ("__name__", "__file__", "__doc__", "__package__")
-_ANALYSES: dict[str, dict] = {}  # of modules, by digests of their packages and contents
-_USED: set[str] = set()  # those of the source as it is now
 
 
 def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
@@ -63,7 +61,7 @@ def code_digest(entry: str, source_root: Path = SOURCE_ROOT) -> str:
 
     Raises InputError if there is no such module or function, MarsedlError for a module that is not valid Python.
     """
-    return _facts(_closure_of(entry, source_root))[0]
+    return _closure_of(entry, _Source(source_root)).digest()
 
 
 def reachable_symbols(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
@@ -71,7 +69,7 @@ def reachable_symbols(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
 
     Arguments and errors as for `code_digest`.
     """
-    return _closure_of(entry, source_root).listing()
+    return _closure_of(entry, _Source(source_root)).listing()
 
 
 def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
@@ -80,7 +78,7 @@ def libraries(entry: str, source_root: Path = SOURCE_ROOT) -> list[str]:
     An imported name that nothing reached uses does not count, nor does the standard library. Arguments and errors as
     for `code_digest`.
     """
-    return _facts(_closure_of(entry, source_root))[1]
+    return sorted(_closure_of(entry, _Source(source_root)).libraries)
 
 
 def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
@@ -90,7 +88,7 @@ def reads(entry: str, source_root: Path = SOURCE_ROOT) -> dict[str, list[str]]:
     `setup: Setup`, `setup.planet.mu` reads `mu` of the class that `Setup` annotates `planet` with. Arguments and errors
     as for `code_digest`.
     """
-    return _facts(_closure_of(entry, source_root))[2]
+    return _closure_of(entry, _Source(source_root)).reads()
 
 
 def functions(package: str, source_root: Path = SOURCE_ROOT) -> dict[str, dict]:
@@ -100,32 +98,20 @@ def functions(package: str, source_root: Path = SOURCE_ROOT) -> dict[str, dict]:
     first line of its docstring) and `decorators` (their literal arguments by their names).
     Raises MarsedlError for a module that is not valid Python.
     """
-    declared = {}
-    for path in sorted(source_root.joinpath(*package.split(".")).glob("*.py")):
-        module = package if path.stem == "__init__" else f"{package}.{path.stem}"
-        analysis = _parsed(module, path.stem == "__init__", str(path), path.read_bytes())
-        declared |= {f"{module}:{name}": signature for name, signature in analysis.signatures.items()}
-    return declared
-
-
-def script_digest(path: str | Path, source_root: Path = SOURCE_ROOT) -> str:
-    """SHA-256 of a script outside the package: all of its own code, and all that it can reach inside `source_root`.
-
-    Raises InputError if there is no such file, MarsedlError for code that is not valid Python.
-    """
-    return _facts(_closure_of_script(path, source_root))[0]
-
-
-def script_libraries(path: str | Path, source_root: Path = SOURCE_ROOT) -> list[str]:
-    """Of a script what `libraries` is of a function; errors as for `script_digest`."""
-    return _facts(_closure_of_script(path, source_root))[1]
+    return {
+        f"{module.name}:{name}": signature
+        for path in sorted(Path(source_root).joinpath(*package.split(".")).glob("*.py"))
+        for module in [_parsed(package if path.stem == "__init__" else f"{package}.{path.stem}", path)]
+        for name, signature in module.signatures.items()
+    }
 
 
 def kernels_digest(source_root: Path = SOURCE_ROOT) -> str:
     """SHA-256 of all code that numba's cached kernels can reach, see `kernels`."""
-    closure = _Closure(source_root)
+    closure = _Closure(_Source(source_root))
     for entry in kernels(source_root):
-        closure.add_entry(*entry.split(":"))
+        module, _, symbol = entry.partition(":")
+        closure.follow(module, (symbol,))
     return closure.digest()
 
 
@@ -135,42 +121,34 @@ def kernels(source_root: Path = SOURCE_ROOT) -> list[str]:
     These are decorated with `njit(..., cache=True)`, or with a function of their module that calls `njit`.
     Raises MarsedlError for a module that is not valid Python.
     """
-    digests = []
-    for path in sorted(source_root.rglob("*.py")):
+    found = []
+    for path in sorted(Path(source_root).rglob("*.py")):
         name = ".".join(path.relative_to(source_root).with_suffix("").parts).removesuffix(".__init__")
-        module = _parsed(name, path.stem == "__init__", str(path), path.read_bytes())
-        uses = zip(module.functions, module.uses, strict=True)
-        compilers = {function for function, used in uses if function and ("njit",) in used.chains}
+        module = _parsed(name, path)
+        calling = {s.name for s in module.statements if isinstance(s, _FUNCTIONS) and ("njit",) in _uses(s).chains}
         for function, signature in module.signatures.items():
             decorators = signature["decorators"]
-            if decorators.get("njit", {}).get("cache") or compilers & decorators.keys():
-                digests.append(f"{name}:{function}")
-    return digests
+            if decorators.get("njit", {}).get("cache") or calling & decorators.keys():
+                found.append(f"{name}:{function}")
+    return found
 
 
 class RememberedDigests:
     """The digests of this module, remembered in a file for as long as no source file and no script changes.
 
     Computing them means to parse all of the source, which every run of Snakemake would have to do anew. The memory is
-    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong. A second file beside it
-    remembers what is found in each module, so that after an edit only what is edited is parsed.
+    keyed by the bytes of all files and the version of Python: it can be lost, but not be wrong.
     """
 
     def __init__(self, memory: Path, source_root: Path, scripts: Path):
         """Take the file that remembers, the folder of the package and that of the scripts."""
         self._memory, self._source_root, self._scripts = memory, source_root, scripts
-        self._key, self._digests = self._key_now(), {}
-        try:
+        self._key, self._digests, self._source = self._key_now(), {}, _Source(source_root)
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError):  # nothing remembered that can be used
             remembered = json.loads(memory.read_text(encoding="utf-8"))
             if remembered["key"] == self._key:
                 self._digests = dict(remembered["digests"])
-        except (OSError, ValueError, LookupError, TypeError):
-            pass  # nothing remembered, or nothing that can be used
         self._known = len(self._digests)
-        self._analyses = memory.with_suffix(".modules")
-        self._own = hashlib.sha256(sys.version.encode() + Path(__file__).read_bytes()).digest()
-        if not self._digests:
-            self._recall()
         atexit.register(self.save)
 
     def kernels(self) -> str:
@@ -194,19 +172,18 @@ class RememberedDigests:
         return self._of(f"functions {package}", lambda: functions(package, self._source_root))
 
     def script(self, name: str) -> str:
-        """See `script_digest`."""
+        """SHA-256 of a script of the workflow: all of its own code, and all that it can reach in the source."""
         return self._script(name)[0]
 
     def script_libraries(self, name: str) -> list[str]:
-        """See `script_libraries`."""
+        """Of a script what `libraries` is of a function."""
         return self._script(name)[1]
 
     def _code(self, entry: str) -> tuple[str, list[str], dict[str, list[str]]]:
-        return self._of(f"code {entry}", lambda: _facts(_closure_of(entry, self._source_root)))
+        return self._of(f"code {entry}", lambda: _facts(_closure_of(entry, self._source)))
 
     def _script(self, name: str) -> tuple[str, list[str], dict[str, list[str]]]:
-        path = self._scripts / name
-        return self._of(f"script {name}", lambda: _facts(_closure_of_script(path, self._source_root)))
+        return self._of(f"script {name}", lambda: _facts(_closure_of_script(self._scripts / name, self._source)))
 
     def save(self) -> None:
         """Write what was computed, if no file has changed meanwhile; where nothing can be written, forget it."""
@@ -214,18 +191,10 @@ class RememberedDigests:
             return
         with contextlib.suppress(OSError):
             self._memory.parent.mkdir(parents=True, exist_ok=True)
-            _replace(self._memory, json.dumps({"key": self._key, "digests": self._digests}).encode())
+            partial = self._memory.with_name(f"{self._memory.name}.{os.getpid()}")  # as others may read it
+            partial.write_text(json.dumps({"key": self._key, "digests": self._digests}), encoding="utf-8")
+            partial.replace(self._memory)
             self._known = len(self._digests)
-            _replace(self._analyses, self._own + marshal.dumps({key: _ANALYSES[key] for key in _USED}))
-
-    def _recall(self) -> None:
-        """Take what was found in modules, if this very code found it; marshal reads data and executes nothing."""
-        try:
-            content = self._analyses.read_bytes()
-            if content.startswith(self._own):
-                _ANALYSES.update(marshal.loads(content[len(self._own) :]))
-        except (OSError, ValueError, EOFError, TypeError):
-            pass  # nothing remembered, or nothing that can be used
 
     def _of(self, name, compute):
         if name not in self._digests:
@@ -234,301 +203,188 @@ class RememberedDigests:
 
     def _key_now(self) -> str:
         hasher = hashlib.sha256(sys.version.encode())
-        package = self._source_root / "marsedl"  # an installed one has others beside it
-        for folder in (package if package.is_dir() else self._source_root, self._scripts):
+        for folder in (self._source_root, self._scripts):
             for path in sorted(folder.rglob("*.py")):
                 content = path.read_bytes()
                 hasher.update(f"{path.relative_to(folder).as_posix()} {len(content)}\n".encode() + content)
         return hasher.hexdigest()
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all, as others may read it."""
-    partial = path.with_name(f"{path.name}.{os.getpid()}")
-    partial.write_bytes(content)
-    partial.replace(path)
-
-
 @cache
 def remembered_digests(root: Path) -> RememberedDigests:
-    """The remembered digests of the project in a folder; of the installed package if the folder holds no sources."""
-    scripts = root / "workflow" / "scripts"
-    if not (root / "src" / "marsedl").is_dir():
-        return RememberedDigests(SOURCE_ROOT / "marsedl" / "__pycache__" / "code_digests.json", SOURCE_ROOT, scripts)
-    return RememberedDigests(root / ".cache" / "code_digests.json", root / "src", scripts)
+    """The remembered digests of the project in a folder."""
+    return RememberedDigests(root / ".cache" / "code_digests.json", root / "src", root / "workflow" / "scripts")
 
 
-def _closure_of(entry: str, source_root: Path) -> "_Closure":
-    module_name, _, symbol = entry.partition(":")
-    closure = _Closure(source_root)
-    module = closure.module(module_name)
+def _closure_of(entry: str, source: "_Source") -> "_Closure":
+    name, _, symbol = entry.partition(":")
+    module = source.module(name)
     if module is None:
-        raise InputError(f"{entry}: there is no module '{module_name}' in {source_root}: correct its name")
+        raise InputError(f"{entry}: there is no module '{name}' in {source.root}: correct its name")
     symbol = symbol.partition(".")[0]
-    names = {*module.definitions, *module.imports, *module.bound_by_effects}
+    names = {*module.definitions, *module.imports}
     if symbol not in names:
-        import difflib
-
-        near = difflib.get_close_matches(symbol, sorted(names), n=1)
-        hint = f", the nearest name is '{near[0]}'" if near else ""
-        raise InputError(f"{entry}: {module.path} defines no '{symbol}'{hint}: name it as 'package.module:function'")
-    closure.add_entry(module_name, symbol)
+        raise InputError(
+            f"{entry}: {module.path} defines no '{symbol}'; {nearest(symbol, names)}; name it as "
+            "'package.module:function'"
+        )
+    closure = _Closure(source)
+    closure.follow(name, (symbol,))
     return closure
 
 
-def _closure_of_script(path: str | Path, source_root: Path) -> "_Closure":
-    path = Path(path)
+def _closure_of_script(path: Path, source: "_Source") -> "_Closure":
     if not path.is_file():
         raise InputError(f"{path}: there is no such script: correct its name")
-    closure = _Closure(source_root)
-    closure.add_script(_parsed(_SCRIPT, False, str(path), path.read_bytes()))
+    closure = _Closure(source)
+    closure.add_script(_parsed(path.name, path))
     return closure
 
 
 def _facts(closure: "_Closure") -> tuple[str, list[str], dict[str, list[str]]]:
     """Digest and libraries of some code, and what it reads of its parameters."""
-    script = closure.module(_SCRIPT)
-    digest = closure.digest()
-    combined = _sha256([script.text, digest]) if script else digest
-    return combined, sorted(closure.libraries), closure.reads()
+    return closure.digest(), sorted(closure.libraries), closure.reads()
 
 
-def _sha256(parts: Iterable[str]) -> str:
-    hasher = hashlib.sha256()
-    for part in parts:
-        hasher.update(f"{len(part)}:{part}\n".encode("utf-8", "surrogatepass"))
-    return hasher.hexdigest()
+# -------------------------------------------------------------------------------------------------- modules, statements
 
 
-# ------------------------------------------------------------------------------------------------------- one statement
-
-
-@dataclass(frozen=True)
-class _Import:
-    """One name bound by an import statement."""
-
-    bound: str  # the local name, or "*"
-    module: str  # absolute name of the module
-    symbol: str | None  # the name taken from it; None binds the module itself
-    loads: str  # the module that gets imported: of `import a.b`, which binds `a`, it is `a.b`
-
-
-@dataclass
-class _Uses:
+class _Uses(NamedTuple):
     """What a statement refers to."""
 
-    chains: set[tuple[str, ...]] = field(default_factory=set)  # ("steering", "steer") of `steering.steer`
-    imports: list[_Import] = field(default_factory=list)  # import statements inside of it
-    binds: set[str] = field(default_factory=set)  # names that it assigns, in whatever scope
+    chains: set[tuple[str, ...]]  # ("steering", "steer") of `steering.steer`
+    imports: dict[str, list[tuple[str, str | None]]]  # by the local name: a module, and the name taken from it, if any
+    loads: set[str]  # modules that its imports load, if there are such
 
 
-def _text(node: ast.AST) -> str:
-    """Canonical text of a syntax tree: without positions, docstrings and load/store contexts."""
-    parts: list[str] = []
-    _write(node, parts.append)
-    return "".join(parts)
-
-
-def _write(node: object, emit: Callable[[str], object]) -> None:
-    if isinstance(node, ast.AST):
-        kind = type(node)
-        if kind is ast.Name:
-            emit(f"~{node.id} ")
-            return
-        if kind is ast.Constant:
-            emit(f"={type(node.value).__name__} {node.value!r} ")
-            return
-        emit(kind.__name__)
-        emit("(")
-        for name in kind._fields:
-            value = getattr(node, name, None)
-            if name == "ctx" or value is None or value == []:
-                continue
-            if name == "body" and kind in _DOCUMENTED and _is_docstring(value[0]):
-                value = value[1:]
-            emit(name)
-            emit(":")
-            _write(value, emit)
-        emit(")")
-    elif isinstance(node, list):
-        emit("[")
-        for item in node:
-            _write(item, emit)
-            emit(",")
-        emit("]")
-    else:
-        emit(repr(node))
-
-
-def _is_docstring(statement: ast.stmt) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
-
-
-def _collect(node: ast.AST, package: str, uses: _Uses) -> None:
-    """Add to `uses` all names, attribute chains and imports in a syntax tree; a parameter hides a module's name."""
-    pending: list[tuple[ast.AST, frozenset[str]]] = [(node, frozenset())]
+@cache
+def _uses(statement: ast.stmt) -> _Uses:
+    """All names, attribute chains and imports in a statement; a parameter hides the module's definition of its name."""
+    uses, pending = _Uses(set(), {}, set()), [(statement, frozenset())]
     while pending:
         node, hidden = pending.pop()
-        kind = type(node)
-        if kind is ast.Name:
-            if node.id not in hidden:
-                uses.chains.add((node.id,))
-            if type(node.ctx) is not ast.Load:
-                uses.binds.add(node.id)
-        elif kind is ast.Attribute:
-            attributes = []
-            base: ast.AST = node
-            while type(base) is ast.Attribute:
-                attributes.append(base.attr)
-                base = base.value
-            if type(base) is not ast.Name:
-                pending.append((base, hidden))
-            elif base.id not in hidden:
-                uses.chains.add((base.id, *reversed(attributes)))
-        elif kind in _IMPORTS:
-            uses.imports += _imports(node, package)
-        elif kind is not ast.Constant:
-            if kind in _DEFINITIONS:
-                uses.binds.add(node.name)
-            inside = hidden | _parameters(node) if kind in _SCOPES else hidden
-            for name in kind._fields:
-                value = getattr(node, name, None)
-                within = inside if name == "body" else hidden
-                if isinstance(value, ast.AST):
-                    pending.append((value, within))
-                elif type(value) is list:
-                    pending += [(item, within) for item in value if isinstance(item, ast.AST)]
-                if name in ("annotation", "returns") and value is not None:
-                    pending += [(quoted, hidden) for quoted in _quoted_annotations(value)]
+        if isinstance(node, _IMPORTS):
+            for bound, module, symbol, loads in _imported(node):
+                uses.imports.setdefault(bound, []).append((module, symbol))
+                uses.loads.update((loads, f"{module}.{symbol}"))
+        elif isinstance(node, ast.Attribute | ast.Name) and (chain := _chain(node)):
+            uses.chains.update({chain} if chain[0] not in hidden else ())
+        else:
+            inside = hidden | _parameters(node) if isinstance(node, (*_FUNCTIONS, ast.Lambda)) else hidden
+            for name, value in ast.iter_fields(node):
+                nodes = [item for item in (value if isinstance(value, list) else [value]) if isinstance(item, ast.AST)]
+                nodes += _quoted(value) if name in ("annotation", "returns") and value else ()
+                pending += [(child, inside if name == "body" else hidden) for child in nodes]
+    return uses
 
 
 def _parameters(function: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> set[str]:
     """The names of a function's parameters but for those that an import inside of it binds anew."""
-    arguments = function.args
-    several = [parameter for parameter in (arguments.vararg, arguments.kwarg) if parameter]
-    names = {parameter.arg for parameter in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, *several)}
-    imported = [node for node in ast.walk(function) if isinstance(node, _IMPORTS)]
-    return names - {alias.asname or alias.name.partition(".")[0] for node in imported for alias in node.names}
+    names = {node.arg for node in ast.walk(function.args) if isinstance(node, ast.arg)}
+    imports = (node for node in ast.walk(function) if isinstance(node, _IMPORTS))
+    return names - {bound for statement in imports for bound, *_ in _imported(statement)}
 
 
-def _quoted_annotations(annotation: ast.AST) -> Iterator[ast.AST]:
+def _imported(statement: ast.Import | ast.ImportFrom) -> Iterator[tuple[str, str, str | None, str]]:
+    """The names that an absolute import binds: local name, module, name taken from it, module that is loaded."""
+    for alias in statement.names:
+        if isinstance(statement, ast.ImportFrom):
+            yield alias.asname or alias.name, statement.module, alias.name, statement.module
+        elif alias.asname:
+            yield alias.asname, alias.name, None, alias.name
+        else:
+            top = alias.name.partition(".")[0]
+            yield top, top, None, alias.name
+
+
+def _chain(node: ast.expr) -> tuple[str, ...]:
+    """("a", "b", "c") of `a.b.c`; nothing if it does not begin with a name."""
+    attributes: list[str] = []
+    while isinstance(node, ast.Attribute):
+        attributes.insert(0, node.attr)
+        node = node.value
+    return (node.id, *attributes) if isinstance(node, ast.Name) else ()
+
+
+def _quoted(annotation: ast.expr) -> Iterator[ast.expr]:
     """The expressions in the strings of an annotation such as `list["Planet"]`."""
     for node in ast.walk(annotation):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            try:
+            with contextlib.suppress(SyntaxError, ValueError):  # a string of another kind, as in Literal["..."]
                 yield ast.parse(node.value, mode="eval").body
-            except (SyntaxError, ValueError):
-                continue  # a string of another kind, as in Literal["..."]
 
 
-def _imports(statement: ast.Import | ast.ImportFrom, package: str) -> Iterator[_Import]:
-    """The names that an import statement binds; `package` is where relative imports start."""
-    if isinstance(statement, ast.Import):
-        for alias in statement.names:
-            if alias.asname:
-                yield _Import(alias.asname, alias.name, None, alias.name)
-            else:
-                top = alias.name.partition(".")[0]
-                yield _Import(top, top, None, alias.name)
-        return
-    source = statement.module or ""
-    if statement.level:
-        parts = package.split(".") if package else []
-        parts = parts[: len(parts) - (statement.level - 1)]
-        source = ".".join([*parts, source] if source else parts)
-    for alias in statement.names:
-        yield _Import(alias.asname or alias.name, source, alias.name, source)
-
-
-# --------------------------------------------------------------------------------------------------------- one module
-
-
-class _Analysis:
-    """What a syntax tree says, by its statements, which are sorted by what they are for."""
-
-    def __init__(self, tree: ast.Module, package: str) -> None:
-        self.tree, self.package = tree, package
-        self.definitions: dict[str, list[int]] = {}  # name -> statements that define it
-        self.effects: list[int] = []  # statements that act at import
-        self.module_imports: list[_Import] = []  # executed when the module is imported
-        self.bound_by_effects: set[str] = set()
-        self.uses = [_Uses() for _ in tree.body]
-        for statement, uses in zip(tree.body, self.uses, strict=True):
-            _collect(statement, package, uses)
-        for index, statement in enumerate(tree.body):
-            self._sort_in(index, statement)
-
-    def _sort_in(self, index: int, statement: ast.stmt) -> None:
-        if isinstance(statement, _IMPORTS):
-            self.module_imports += _imports(statement, self.package)
-            return
-        if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-            return  # a docstring, or a string used as a comment
-        if isinstance(statement, ast.Pass):
-            return
-        if isinstance(statement, _DEFINITIONS):
-            self.definitions.setdefault(statement.name, []).append(index)
-            if any(_registers(decorator) for decorator in statement.decorator_list):
-                self.effects.append(index)
-            return
-        targets = _plain_targets(statement)
-        if targets is not None:
-            walrus = {node.target.id for node in ast.walk(statement) if isinstance(node, ast.NamedExpr)}
-            for name in targets | walrus:
-                self.definitions.setdefault(name, []).append(index)
-            return
-        self.effects.append(index)
-        self.module_imports += self.uses[index].imports
-        self.bound_by_effects |= self.uses[index].binds
-
-    def plain(self) -> dict:
-        """All of it in plain types, which `marshal` can store."""
-        return {
-            "definitions": self.definitions,
-            "effects": self.effects,
-            "module_imports": [astuple(imported) for imported in self.module_imports],
-            "bound_by_effects": self.bound_by_effects,
-            "uses": [(uses.chains, [astuple(imported) for imported in uses.imports]) for uses in self.uses],
-            "texts": [_text(statement) for statement in self.tree.body],
-            "functions": [s.name if isinstance(s, _FUNCTIONS) else None for s in self.tree.body],
-            "documented": bool(self.tree.body) and _is_docstring(self.tree.body[0]),
-            "reads": [_reads(statement) for statement in self.tree.body],
-            "fields": [_fields(statement) for statement in self.tree.body],
-            "signatures": {s.name: _signature(s) for s in self.tree.body if isinstance(s, _FUNCTIONS)},
-        }
+@cache
+def _text(statement: ast.stmt) -> str:
+    """A statement without comments and positions; docstrings are gone from it already."""
+    return ast.dump(statement)
 
 
 class _Module:
-    """A module that is analysed."""
+    """A source file: its statements by what they are for."""
 
-    def __init__(self, name: str, is_package: bool, path: str, analysis: dict) -> None:
-        self.name, self.is_package, self.path = name, is_package, path
-        self.definitions: dict[str, list[int]] = analysis["definitions"]
-        self.effects: list[int] = analysis["effects"]
-        self.bound_by_effects: set[str] = analysis["bound_by_effects"]
-        self.texts: list[str] = analysis["texts"]  # canonical, of the statements
-        self.functions: list[str | None] = analysis["functions"]  # names of those statements that define functions
-        self.documented: bool = analysis["documented"]
-        self.reads: list[dict[str, list[str]]] = analysis["reads"]  # of parameters, by statement
-        self.fields: list[dict[str, str]] = analysis["fields"]  # of named tuples, by statement
-        self.signatures: dict[str, dict] = analysis["signatures"]
-        self.module_imports = [_Import(*imported) for imported in analysis["module_imports"]]
-        self.uses = [_Uses(chains, [_Import(*i) for i in imports]) for chains, imports in analysis["uses"]]
-        self.imports: dict[str, list[_Import]] = {}  # bound name -> what it is bound to
-        for imported in self.module_imports:
-            self.imports.setdefault(imported.bound, []).append(imported)
-        self.stars = self.imports.pop("*", [])
+    def __init__(self, name: str, path: Path, tree: ast.Module):
+        """Sort the statements; docstrings are taken out of them."""
+        self.name, self.path = name, path
+        self.is_package = path.name == "__init__.py"
+        self.signatures = {s.name: _signature(s) for s in tree.body if isinstance(s, _FUNCTIONS)}
+        _strip_docstrings(tree)
+        self.statements = tree.body
+        self.definitions: dict[str, list[ast.stmt]] = {}
+        self.effects: list[ast.stmt] = []  # they act at import
+        self.imports: dict[str, list[tuple[str, str | None]]] = {}
+        self.loads: set[str] = set()
+        for statement in self.statements:
+            names = _defined(statement)
+            for defined in names:
+                self.definitions.setdefault(defined, []).append(statement)
+            if not names:
+                uses = _uses(statement)
+                for bound, sources in uses.imports.items():
+                    self.imports.setdefault(bound, []).extend(sources)
+                self.loads |= uses.loads
+                if not isinstance(statement, (*_IMPORTS, ast.Pass)):
+                    self.effects.append(statement)
 
-    @property
-    def text(self) -> str:
-        """The canonical text of the whole module, as `_text` writes it."""
-        if not self.texts:
-            return "Module()"
-        return "Module(body:[" + "".join(f"{text}," for text in self.texts[self.documented :]) + "])"
+    @cached_property
+    def bound_by_effects(self) -> set[str]:
+        """Names that its effects assign, in whatever scope."""
+        nodes = (node for effect in self.effects for node in ast.walk(effect))
+        return {getattr(node, "id", getattr(node, "name", None)) for node in nodes}
+
+
+@cache
+def _parse(name: str, path: Path, source: bytes) -> _Module:
+    try:
+        return _Module(name, path, ast.parse(source, filename=path))
+    except SyntaxError as error:
+        raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: fix the syntax and run again") from error
+    except (ValueError, RecursionError) as error:
+        raise MarsedlError(f"{path}: {error}: fix the file and run again") from error
+
+
+def _parsed(name: str, path: Path) -> _Module:
+    """Read a module; remembered by its content, so that an edit within one process is seen."""
+    return _parse(name, path, path.read_bytes())
+
+
+def _defined(statement: ast.stmt) -> set[str]:
+    """The names that a statement defines if it does nothing else."""
+    if isinstance(statement, (*_FUNCTIONS, ast.ClassDef)):
+        return {statement.name}
+    targets = getattr(statement, "targets", None) or [getattr(statement, "target", None)]
+    if not isinstance(statement, ast.Assign | ast.AnnAssign | ast.AugAssign):
+        return set()
+    nodes = [node for target in targets for node in ast.walk(target)]
+    if not all(isinstance(node, ast.Name | ast.Tuple | ast.List | ast.Starred | ast.expr_context) for node in nodes):
+        return set()  # an item or an attribute of something else is changed
+    return {node.id for node in nodes if isinstance(node, ast.Name)}
+
+
+def _strip_docstrings(tree: ast.Module) -> None:
+    for node in ast.walk(tree):
+        if isinstance(node, (*_FUNCTIONS, ast.ClassDef, ast.Module)):
+            node.body = [s for s in node.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
 
 
 def _signature(function: ast.FunctionDef) -> dict:
@@ -546,26 +402,31 @@ def _signature(function: ast.FunctionDef) -> dict:
     return {"parameters": parameters, "summary": summary, "decorators": decorators}
 
 
-def _reads(statement: ast.stmt) -> dict[str, list[str]]:
-    """The attributes that functions in a statement read of their parameters, by the names of the parameters' types.
+# ---------------------------------------------------------------------------------------------- what is read of inputs
 
-    Attributes of attributes are "planet.mu". A local variable stands for what it is assigned first: after
-    `planet = setup.planet`, which may be one of several in a line, `planet.mu` reads `setup.planet.mu`.
+
+@cache
+def _reads(statement: ast.stmt) -> frozenset[tuple[str, ...]]:
+    """What functions in a statement read of their parameters: ("Planet", "mu"), ("Setup", "planet", "mu").
+
+    A local variable stands for what it is assigned first: after `planet = setup.planet`, which may be one of several in
+    a line, `planet.mu` reads `setup.planet.mu`.
     """
-    read: dict[str, set[str]] = {}
-    for function in ast.walk(statement):
-        if not isinstance(function, _FUNCTIONS):
-            continue
+    read = set()
+    for function in (node for node in ast.walk(statement) if isinstance(node, _FUNCTIONS)):
         arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
         types = {parameter.arg: (kind,) for parameter in arguments if (kind := _type_name(parameter.annotation))}
+
+        def typed(node, types=types):
+            chain = _chain(node) if isinstance(node, ast.Attribute) else ()
+            return (*types[chain[0]], *chain[1:]) if chain and chain[0] in types else ()
+
         nodes = list(ast.walk(function))
         for target, value in (pair for node in nodes if isinstance(node, ast.Assign) for pair in _assigned(node)):
-            if isinstance(target, ast.Name) and (chain := _chain(value, types)):
+            if isinstance(target, ast.Name) and (chain := typed(value)):
                 types.setdefault(target.id, chain)
-        for node in nodes:
-            if chain := _chain(node, types):
-                read.setdefault(chain[0], set()).add(".".join(chain[1:]))
-    return {kind: sorted(attributes) for kind, attributes in read.items()}
+        read.update(chain for node in nodes if (chain := typed(node)))
+    return frozenset(read)
 
 
 def _assigned(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
@@ -573,16 +434,6 @@ def _assigned(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
     target, value = statement.targets[0], statement.value
     several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
     return list(zip(target.elts, value.elts, strict=False)) if several else [(target, value)]
-
-
-def _chain(node: ast.AST, types: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """The type and the attributes of `name.attribute...` where the name is known, else nothing."""
-    attributes: list[str] = []
-    while isinstance(node, ast.Attribute):
-        attributes.insert(0, node.attr)
-        node = node.value
-    has_type = attributes and isinstance(node, ast.Name) and node.id in types
-    return (*types[node.id], *attributes) if has_type else ()
 
 
 def _fields(statement: ast.stmt) -> dict[str, str]:
@@ -600,253 +451,165 @@ def _type_name(annotation: ast.expr | None) -> str:
     return getattr(annotation, "attr", getattr(annotation, "id", ""))
 
 
-def _plain_targets(statement: ast.stmt) -> set[str] | None:
-    """The names that a statement assigns if it assigns nothing but names, else None."""
-    if isinstance(statement, ast.Assign):
-        pending = list(statement.targets)
-    elif isinstance(statement, ast.AnnAssign | ast.AugAssign):
-        pending = [statement.target]
-    else:
-        return None
-    names = set()
-    while pending:
-        target = pending.pop()
-        if isinstance(target, ast.Name):
-            names.add(target.id)
-        elif isinstance(target, ast.Tuple | ast.List):
-            pending += target.elts
-        elif isinstance(target, ast.Starred):
-            pending.append(target.value)
-        else:
-            return None  # an item or an attribute of something else is changed
-    return names
-
-
-def _registers(decorator: ast.expr) -> bool:
-    if isinstance(decorator, ast.Call):
-        decorator = decorator.func
-    name = getattr(decorator, "attr", getattr(decorator, "id", ""))
-    return name in _REGISTERING_DECORATORS
-
-
-@cache
-def _parsed(name: str, is_package: bool, path: str, source: bytes) -> _Module:
-    """Analyse a module; remembered by its content, so that an edit within one process is seen."""
-    package = name if is_package else name.rpartition(".")[0]
-    key = hashlib.sha256(f"{package}\n".encode() + source).hexdigest()
-    if key not in _ANALYSES:
-        _ANALYSES[key] = _Analysis(_syntax_tree(path, source), package).plain()
-    _USED.add(key)
-    return _Module(name, is_package, path, _ANALYSES[key])
-
-
-def _syntax_tree(path: str, source: bytes) -> ast.Module:
-    collecting = gc.isenabled()
-    gc.disable()  # many objects, none of them garbage: collecting would double the time
-    try:
-        return ast.parse(source, filename=path)
-    except SyntaxError as error:
-        raise MarsedlError(f"{path}, line {error.lineno}: {error.msg}: fix the syntax and run again") from error
-    except (ValueError, RecursionError) as error:
-        raise MarsedlError(f"{path}: {error}: fix the file and run again") from error
-    finally:
-        if collecting:
-            gc.enable()
-
-
 # -------------------------------------------------------------------------------------------------------- the closure
+
+
+class _Source:
+    """The modules of a source folder, as they are now."""
+
+    def __init__(self, root: Path):
+        """Take the folder that holds the top-level package."""
+        self.root, self._modules = Path(root), {}
+
+    def module(self, name: str) -> _Module | None:
+        """The module of this name if it lies in the folder and counts."""
+        if name not in self._modules:
+            place = self.root.joinpath(*name.split("."))
+            paths = [place / "__init__.py", place.with_name(f"{place.name}.py")] if name else []
+            path = next((path for path in paths if path.is_file()), None)
+            self._modules[name] = None if path is None or name in MACHINERY else _parsed(name, path)
+        return self._modules[name]
 
 
 class _Closure:
     """All that can be reached from some code, collected by following its references."""
 
-    def __init__(self, source_root: Path) -> None:
-        self.source_root = Path(source_root)
+    def __init__(self, source: _Source):
+        """Start with nothing."""
+        self.source = source
         self.libraries: set[str] = set()  # top-level modules from outside of the source whose names are used
-        self._modules: dict[str, _Module | None] = {}
+        self._script: list[str] = []
         self._symbols: set[tuple[str, str]] = set()
-        self._imported: set[str] = set()
-        self._whole: set[str] = set()
-        self._bindings: set[tuple[str, _Import]] = set()  # imported names in use, with the module that uses them
+        self._loaded: set[str] = set()
+        self._bindings: set[tuple] = set()  # imported names in use, with the module that uses them
         self._followed: set[tuple[str, tuple[str, ...]]] = set()
-        self._pending: list[tuple[_Module, _Uses]] = []
-
-    def module(self, name: str) -> _Module | None:
-        """The module of this name if it lies inside the source folder."""
-        if name not in self._modules:
-            self._modules[name] = self._find(name)
-        return self._modules[name]
-
-    def _find(self, name: str) -> _Module | None:
-        parts = name.split(".")
-        if not all(part.isidentifier() for part in parts):
-            return None
-        if len(parts) > 1 and self.module(".".join(parts[:-1])) is None:
-            return None
-        place = self.source_root.joinpath(*parts)
-        for path, is_package in ((place / "__init__.py", True), (place.with_name(f"{parts[-1]}.py"), False)):
-            try:
-                return _parsed(name, is_package, str(path), path.read_bytes())
-            except (FileNotFoundError, NotADirectoryError):
-                continue
-        return _parsed(name, True, str(place), b"") if place.is_dir() else None  # a namespace package
-
-    def add_entry(self, module_name: str, symbol: str) -> None:
-        self._follow_member(module_name, (symbol,))
-        self._run()
+        self._pending: list[tuple[_Module, ast.stmt]] = []
 
     def add_script(self, script: _Module) -> None:
-        self._modules[script.name] = script
-        self._load_imports(script.module_imports)
-        self._pending += [(script, uses) for uses in script.uses]
+        """Follow everything in a file outside of the source."""
+        self._script = [_text(statement) for statement in script.statements]
+        for name in script.loads:
+            self._load(name)
+        self._pending += [(script, statement) for statement in script.statements]
+        self._run()
+
+    def follow(self, name: str, attributes: tuple[str, ...]) -> None:
+        """Follow `module.attribute...` and all that it refers to."""
+        self._follow(name, attributes)
         self._run()
 
     def _run(self) -> None:
         while self._pending:
-            module, uses = self._pending.pop()
-            self._load_imports(uses.imports)
-            local: dict[str, list[_Import]] = {}
-            for imported in uses.imports:
-                local.setdefault(imported.bound, []).append(imported)
-            for chain in uses.chains:
-                self._follow_name(module, local, chain)
+            module, statement = self._pending.pop()
+            uses = _uses(statement)
+            for name in uses.loads:
+                self._load(name)
+            for first, *attributes in uses.chains:
+                if first in module.definitions:
+                    self._add(module, first)
+                self._follow_imports(module, first, tuple(attributes))
+                for source, symbol in uses.imports.get(first, ()):
+                    self._follow(source, (*filter(None, [symbol]), *attributes))
+                if first == "globals" or (first, *attributes[:1]) == ("sys", "modules"):
+                    self._add_whole(module)
 
-    def _follow_name(self, module: _Module, local: dict[str, list[_Import]], chain: tuple[str, ...]) -> None:
-        """Follow a name, perhaps with attributes, that occurs in `module`."""
-        name = chain[0]
-        if name in module.definitions:
-            self._add_symbol(module, name)
-        for imported in module.imports.get(name, ()):
-            self._bindings.add((module.name, imported))
-            self._follow_import(imported, chain[1:])
-        for imported in local.get(name, ()):
-            self._follow_import(imported, chain[1:])
-        if name in _SEES_ITS_MODULE or chain[:2] == ("sys", "modules"):
-            self._add_whole(module.name)
+    def _follow_imports(self, module: _Module, bound: str, attributes: tuple[str, ...]) -> None:
+        for source, symbol in module.imports.get(bound, ()):
+            self._bindings.add((module.name, bound, source, symbol or ""))
+            self._follow(source, (*filter(None, [symbol]), *attributes))
 
-    def _follow_import(self, imported: _Import, attributes: tuple[str, ...]) -> None:
-        if imported.symbol is not None:
-            attributes = (imported.symbol, *attributes)
-        self._follow_member(imported.module, attributes)
-
-    def _follow_member(self, module_name: str, attributes: tuple[str, ...]) -> None:
-        """Follow `module.attribute...`; without attributes the module is used as an object and counts whole."""
-        if (module_name, attributes) in self._followed:
+    def _follow(self, name: str, attributes: tuple[str, ...]) -> None:
+        """Follow `module.attribute...`; a module without attributes is used as an object and counts whole."""
+        if (name, attributes) in self._followed:
             return
-        self._followed.add((module_name, attributes))
-        module = self.module(module_name)
+        self._followed.add((name, attributes))
+        module = self.source.module(name)
         if module is None:
-            self._add_library(module_name)
+            top = name.partition(".")[0]
+            if top not in sys.stdlib_module_names and self.source.module(top) is None:
+                self.libraries.add(top)
             return
-        self._import_module(module_name)
-        if not attributes:
-            self._add_whole(module_name)
+        self._load(name)
+        first, rest = (attributes[0], attributes[1:]) if attributes else ("", ())
+        if first in module.definitions:
+            self._add(module, first)
+        self._follow_imports(module, first, rest)
+        if first in module.definitions or first in module.imports:
             return
-        name, further_attributes = attributes[0], attributes[1:]
-        is_bound = name in module.bound_by_effects or name in _HARMLESS_MODULE_ATTRIBUTES
-        if name in module.definitions:
-            is_bound = True
-            self._add_symbol(module, name)
-        for imported in module.imports.get(name, ()):
-            is_bound = True
-            self._bindings.add((module_name, imported))
-            self._follow_import(imported, further_attributes)
-        if module.is_package and self.module(f"{module_name}.{name}") is not None:
-            is_bound = True
-            self._follow_member(f"{module_name}.{name}", further_attributes)
-        if "__getattr__" in module.definitions and not is_bound:
-            self._add_symbol(module, "__getattr__")
-        elif not is_bound and not module.stars:  # what a star brings counts whole already
-            self._add_whole(module_name)
+        if module.is_package and first and self.source.module(f"{name}.{first}"):
+            self._follow(f"{name}.{first}", rest)
+        elif "__getattr__" in module.definitions and first:
+            self._add(module, "__getattr__")
+        elif first not in module.bound_by_effects and first not in ("__name__", "__file__", "__doc__"):
+            self._add_whole(module)
 
-    def _add_library(self, module_name: str) -> None:
-        top = module_name.partition(".")[0]
-        if top not in sys.stdlib_module_names and self.module(top) is None:
-            self.libraries.add(top)
+    def _add(self, module: _Module, symbol: str) -> None:
+        if (module.name, symbol) not in self._symbols:
+            self._symbols.add((module.name, symbol))
+            self._pending += [(module, statement) for statement in module.definitions[symbol]]
 
-    def _add_symbol(self, module: _Module, name: str) -> None:
-        if (module.name, name) not in self._symbols:
-            self._symbols.add((module.name, name))
-            self._pending += [(module, module.uses[index]) for index in module.definitions[name]]
-
-    def _add_whole(self, module_name: str) -> None:
+    def _add_whole(self, module: _Module) -> None:
         """Everything in a module counts, and of a package everything below it too."""
-        module = self.module(module_name)
-        if module is None:
-            self._add_library(module_name)
-        if module is None or module_name in self._whole:
-            return
-        self._whole.add(module_name)
-        self._import_module(module_name)
-        for name in module.definitions:
-            self._add_symbol(module, name)
-        for imported in (imported for names in module.imports.values() for imported in names):
-            self._bindings.add((module_name, imported))
-            self._follow_import(imported, ())
+        for symbol in module.definitions:
+            self._add(module, symbol)
+        for bound in module.imports:
+            self._follow_imports(module, bound, ())
         if module.is_package:
-            for path in sorted(self.source_root.joinpath(*module_name.split(".")).iterdir()):
-                if path.suffix == ".py" or (path.is_dir() and path.name != "__pycache__"):
-                    self._add_whole(f"{module_name}.{path.stem}")
+            for path in sorted(module.path.parent.iterdir()):
+                if path.suffix == ".py" or (path / "__init__.py").is_file():
+                    self._follow(f"{module.name}.{path.stem}", ())
 
-    def _load_imports(self, imports: Iterable[_Import]) -> None:
-        """Execute import statements: modules are imported even where none of their names is used."""
-        for imported in imports:
-            self._import_module(imported.loads)
-            if imported.symbol == "*":
-                self._add_whole(imported.module)
-            elif imported.symbol is not None:
-                parent = self.module(imported.module)
-                if parent is not None and parent.is_package:
-                    self._import_module(f"{imported.module}.{imported.symbol}")
-
-    def _import_module(self, name: str) -> None:
+    def _load(self, name: str) -> None:
         """Importing a module runs the statements of it and of its packages that act at import."""
-        module = self.module(name)
-        if module is None or name in self._imported:
+        module = self.source.module(name)
+        if module is None or name in self._loaded:
             return
-        self._imported.add(name)
-        self._import_module(name.rpartition(".")[0])
-        self._pending += [(module, module.uses[index]) for index in module.effects]
-        self._pending.append((module, _Uses(imports=module.module_imports)))
+        self._loaded.add(name)
+        self._load(name.rpartition(".")[0])
+        for loaded in module.loads:
+            self._load(loaded)
+        self._pending += [(module, statement) for statement in module.effects]
 
     def reads(self) -> dict[str, list[str]]:
         """What is read of parameters in all that is reached, by the names of their types; through named tuples too."""
         pending: list[tuple[str, ...]] = []
         types: dict[tuple[str, str], set[str]] = {}  # of the fields of named tuples
         for name, symbol in self._symbols:
-            module = self.module(name)
-            for index in module.definitions[symbol]:
-                pending += [(kind, *read.split(".")) for kind, reads in module.reads[index].items() for read in reads]
-                for field_name, kind in module.fields[index].items():
-                    types.setdefault((symbol, field_name), set()).add(kind)
+            for statement in self.source.module(name).definitions[symbol]:
+                pending += _reads(statement)
+                for field, kind in _fields(statement).items():
+                    types.setdefault((symbol, field), set()).add(kind)
         read: dict[str, set[str]] = {}
         while pending:
-            kind, attribute, *further_attributes = pending.pop()
+            kind, attribute, *further = pending.pop()
             read.setdefault(kind, set()).add(attribute)
-            if further_attributes:
-                pending += [(of, *further_attributes) for of in types.get((kind, attribute), ())]
+            if further:
+                pending += [(of, *further) for of in types.get((kind, attribute), ())]
         return {kind: sorted(attributes) for kind, attributes in sorted(read.items())}
 
     def listing(self) -> list[str]:
-        effects = {(name, _AT_IMPORT) for name in self._imported if self.module(name).effects}
+        """See `reachable_symbols`."""
+        effects = {(name, _AT_IMPORT) for name in self._loaded if self.source.module(name).effects}
         return sorted(f"{module}:{symbol}" for module, symbol in self._symbols | effects)
 
     def digest(self) -> str:
         """SHA-256 of all reached statements and of the imports that bind the names in use."""
-        statements: dict[str, set[int]] = {}
-        for name in self._imported:
-            statements.setdefault(name, set()).update(self.module(name).effects)
-        for name, symbol in self._symbols:
-            statements.setdefault(name, set()).update(self.module(name).definitions[symbol])
-        parts = [
-            f"{user} imports {imported.bound} {imported.module} {imported.symbol} {imported.loads}"
-            for user, imported in sorted(self._bindings, key=repr)
-        ]
-        for name in sorted(statements):
-            module = self.module(name)
+        parts = [*self._script, *map(repr, sorted(self._bindings))]
+        for name in sorted(self._loaded):
+            module = self.source.module(name)
+            reached = {id(s) for symbol, statements in module.definitions.items() for s in statements
+                       if (name, symbol) in self._symbols}  # fmt: skip
+            reached |= set(map(id, module.effects))
+            statements = [statement for statement in module.statements if id(statement) in reached]
             # Functions may stand in any order, but the order of what is executed at import matters.
-            functions = [index for index in statements[name] if module.functions[index]]
-            executed = sorted(statements[name] - set(functions))
-            functions.sort(key=lambda index: (module.functions[index], index))
-            parts += [f"{name} {module.texts[index]}" for index in (*executed, *functions)]
+            executed = [statement for statement in statements if not isinstance(statement, _FUNCTIONS)]
+            functions = sorted((s for s in statements if isinstance(s, _FUNCTIONS)), key=lambda s: s.name)
+            parts += [f"{name} {_text(statement)}" for statement in (*executed, *functions)]
         return _sha256(parts)
+
+
+def _sha256(parts: Iterable[str]) -> str:
+    hasher = hashlib.sha256()
+    for part in parts:
+        hasher.update(f"{len(part)}:{part}\n".encode("utf-8", "surrogatepass"))
+    return hasher.hexdigest()

@@ -7,7 +7,6 @@ A claim names one field of its records, or one input, and how it is changed:
     @claim(counterexample=scaled("gains.gain"))
     @claim(counterexample=blended("closed_loop.covariance", "open_loop"))
     @claim(counterexample=replaced("certificates.solver_status", "infeasible"))
-    @claim(counterexample=swapped("apollo_time", "stochastic_time"))
     @claim(counterexample=in_reading("newton_noise"))
 
 `turning_point` changes the records of a reading a little more each time until the verdict changes, and tells by how
@@ -35,8 +34,8 @@ _Judge = Callable[[Mapping[str, object], Callable, Mapping[str, object]], tuple]
 class Counterexample:
     """One change; see the functions of this module.
 
-    `target` is "record.field", "section.input" or "measured.quantity"; of `swapped` a record, of `in_reading` a
-    reading. `component` and `at` choose entries of a field.
+    `target` is "record.field", "section.input" or "measured.quantity"; of `in_reading` a reading. `component` and `at`
+    choose entries of a field.
     """
 
     change: str
@@ -74,11 +73,6 @@ def blended(target: str, other: str, component: str = "", at: Any = None) -> Cou
 def replaced(target: str, value: object, at: Any = None) -> Counterexample:
     """Put another value in the place of values: of a status, a flag, a whole number."""
     return Counterexample("replaced", target, value, "", at)
-
-
-def swapped(record: str, other: str) -> Counterexample:
-    """Give one record in place of another: the flights of another law, say."""
-    return Counterexample("swapped", record, other)
 
 
 def in_reading(name: str) -> Counterexample:
@@ -124,7 +118,7 @@ def turning_point(
         verdict = after(amount)
         return verdict is not None and verdict != before
 
-    if counterexample.change in ("replaced", "swapped"):
+    if counterexample.change == "replaced":
         return _result(counterexample, None, after(1.0)) if turned(1.0) else None
     amounts = AMOUNTS / AMOUNTS[-1] if counterexample.change == "blended" else AMOUNTS
     signs = (1.0,) if counterexample.change == "blended" else (1.0, -1.0)
@@ -142,11 +136,11 @@ def turning_point(
 def _result(counterexample: Counterexample, amount: float | None, verdict: tuple) -> dict[str, Any]:
     if amount is not None and counterexample.change in ("scaled", "spread"):
         amount = _factor(amount)
-    texts = {"replaced": f"{counterexample.other}", "swapped": counterexample.other}
+    replaced_by = f"{counterexample.other}" if counterexample.change == "replaced" else None
     return {
         "change": counterexample.change,
         "of": counterexample.place,
-        "amount": texts.get(counterexample.change, None if amount is None else float(amount)),
+        "amount": replaced_by if amount is None else float(amount),
         "to": verdict[0],
     }
 
@@ -158,15 +152,6 @@ def _factor(amount: float) -> float:
 def _given(counterexample, amount, values, artifact, further_arguments) -> tuple:
     """Inputs, artifacts and further arguments after a change."""
     first, _, name = counterexample.target.partition(".")
-    if counterexample.change == "swapped":
-
-        def swap(artifact_name: str, kind: type):
-            large = artifact_name.endswith(LARGE)
-            if artifact_name.removesuffix(LARGE) == counterexample.target:
-                return artifact(counterexample.other + LARGE * large, kind)
-            return artifact(artifact_name, kind)
-
-        return values, swap, further_arguments
     if counterexample.target in values:
         changed_input = _changed(counterexample, amount, values[counterexample.target], None, ())
         return {**values, counterexample.target: changed_input}, artifact, further_arguments
@@ -257,7 +242,6 @@ def in_words(turned: Mapping[str, Any]) -> str:
         "spread": lambda: f"With deviations of {place} from their mean times {amount:.4g}",
         "blended": lambda: f"With {place} moved by {100 * amount:.3g} % of the way to the other record",
         "replaced": lambda: f"With {amount} as {place}",
-        "swapped": lambda: f"With `{amount}` in place of {place}",
         "in_reading": lambda: f"In the reading {place}",
     }[turned["change"]]()
     return f"{text} the verdict is {turned['to'].replace('_', ' ')}."

@@ -215,7 +215,7 @@ def shown(row: Row, reading: str | None = None) -> str:
         margin = result["margin"]
         if not margin or margin["value"] is None:
             return ""
-        return _with_unit(_number(margin["value"], margin["limit"], _margin_error(margin)), margin["unit"])
+        return _with_unit(_number(margin["value"], margin["limit"], margin["standard_error"]), margin["unit"])
     numbers = _leaves(result["value"])
     if None in numbers.values() or not is_finite(result["value"]):
         return NO_VALUE if result["verdict"] == "differs" else ""
@@ -406,7 +406,7 @@ def _numbers(row: Row, result: Mapping[str, Any]) -> dict[tuple[str, tuple[int, 
         margin = result.get("margin")
         if not margin or margin["value"] is None:
             return {}
-        error = _margin_error(margin)
+        error = margin["standard_error"]
         slack = 0.0 if error or margin["limit"] is None else abs(margin["value"] - margin["limit"])
         return {(margin["measure"], ()): _Number(margin["value"], error, margin["unit"], slack)}
     errors, sizes = _leaves(result["standard_error"]), _leaves(row["resolution"])
@@ -420,13 +420,6 @@ def _numbers(row: Row, result: Mapping[str, Any]) -> dict[tuple[str, tuple[int, 
         for index, value in _leaves(result["value"]).items()
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     }
-
-
-def _margin_error(margin: Mapping[str, Any]) -> float:
-    """The standard error of the measure that decides a statement; 0 if it is not sampled."""
-    if margin["in"] != "standard errors" or not margin["distance"]:
-        return 0.0
-    return abs(margin["value"] - margin["limit"]) / margin["distance"]
 
 
 def _pairs(row: Row, reading: str, against: str) -> list[tuple[_Sample, _Sample, bool]]:

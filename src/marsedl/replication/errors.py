@@ -11,6 +11,10 @@ class ArtifactError(MarsedlError):
     """An artifact that cannot be written, or that must not be used."""
 
 
+class StaleError(MarsedlError):
+    """A build that is not made from the inputs and the code of now."""
+
+
 class InputError(MarsedlError):
     """An input or a name given by the user that is not valid."""
 

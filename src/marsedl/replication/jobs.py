@@ -151,7 +151,7 @@ def published_of(params) -> dict[str, dict]:
     """
     from marsedl.replication.claims import load_published
 
-    if not params.printed:
+    if not params.made["printed"]:
         return {}
     return {"published": {claim.id: claim for claim in load_published(params.published)}}
 
@@ -166,7 +166,7 @@ class Job:
         self.output = snakemake.output
         self.paper = snakemake.params.get("paper") or snakemake.wildcards.get("paper")
         self.reading = snakemake.params.get("reading") or snakemake.wildcards.get("reading")
-        self._loaded: dict[str, object] = {}  # a file that readings share is loaded once
+        self._loaded: dict[tuple[str, type], object] = {}  # a file that readings share is loaded once
 
     def arguments_of(
         self, function: typing.Callable, inputs: Mapping[str, object] | None = None, **further_arguments
@@ -183,7 +183,7 @@ class Job:
         files = dict(self.input.items())
         return arguments_of(
             function,
-            self.params.inputs if inputs is None else inputs,
+            self.params.made["inputs"] if inputs is None else inputs,
             lambda name, kind: self.load(files[name], kind) if name in files else None,
             **further_arguments,
         )
@@ -192,16 +192,18 @@ class Job:
         """Return an artifact from one of the job's input files."""
         from marsedl.replication import artifacts
 
-        if path not in self._loaded:
+        if (path, kind) not in self._loaded:
             paper, reading, _ = self._artifacts[path]
-            self._loaded[path] = artifacts.load(path, kind, paper=paper, reading=reading)
-        return self._loaded[path]
+            self._loaded[path, kind] = artifacts.load(path, kind, paper=paper, reading=reading)
+        return self._loaded[path, kind]
 
     def run(self) -> None:
         """Compute each artifact of the stage, and save it; the params hold their recipes."""
-        for path, recipe in zip(self.output, self.params.recipes, strict=True):
+        gathers = "chunks" in self.input.keys()  # noqa: SIM118
+        for path, (_, _, recipe) in self._build["made"].items():
             give = functools.partial(self.arguments_of, inputs=recipe["inputs"])
-            self.save(path, compute_record(self.params.entries, give, recipe["options"]), recipe)
+            options = {} if gathers else recipe["options"]
+            self.save(path, compute_record(self.params.entries, give, options), recipe)
 
     def readings(self) -> dict[str, tuple[Mapping[str, object], typing.Callable]]:
         """Return the inputs of each reading, and the function of an artifact's name and type that loads it."""
@@ -209,9 +211,10 @@ class Job:
         def load(files: Mapping[str, str], name: str, kind: type) -> object:
             return self.load(files[name], kind) if name in files else None
 
+        made = self.params.made
         return {
-            reading: (self.params.inputs[reading], functools.partial(load, files))
-            for reading, files in self.params.artifacts.items()
+            reading: (made["inputs"][reading], functools.partial(load, files))
+            for reading, files in made["artifacts"].items()
         }
 
     def of_readings(self, function: typing.Callable) -> dict[str, tuple]:
@@ -239,7 +242,7 @@ class Job:
         """Raise MarsedlError if library versions differ from those that Snakemake planned with."""
         from marsedl.replication.libraries import versions_used
 
-        recipes = self.params.get("recipes", [self.params])
+        recipes = self.params.get("recipes") or [self.params.get("made", {})]
         planned = recipes[0].get("libraries", "")
         names = {item.partition(" ")[0] for item in planned.split(", ")} - {"", "python"}
         if planned and (present := versions_used(frozenset(names))) != planned:
@@ -253,20 +256,36 @@ class Job:
         from marsedl.replication import artifacts, digests
         from marsedl.replication.recipes import recipe_digest
 
-        needs = {Path(need).name: recipe_digest(need_recipe) for need, (_, _, need_recipe) in self._artifacts.items()}
-        recipe = {**recipe, "needs": needs}
         provenance = {
             **recipe,
             "recipe": recipe_digest(recipe),
             "made_from": {Path(need).name: digests.digest(need) for need in self._artifacts},
-            "size": self.params.build["size"],
+            "size": self._build["size"],
         }
         artifacts.save(path, artifact, paper=self.paper, reading=self.reading, provenance=provenance)
 
     @property
     def _artifacts(self) -> dict[str, tuple]:
         """Paper, reading and recipe of the job's input artifacts, by file."""
-        return self.params.get("build", {}).get("artifacts", {})
+        return self._build.get("artifacts", {})
+
+    @property
+    def _build(self) -> dict[str, typing.Any]:
+        """What the build knows of the job."""
+        return self.params.get("build", {})
+
+    def record(self) -> typing.Callable[[], None]:
+        """Take back what the last run recorded of the job's products; returns the function that records this one."""
+        if not self._build.get("record"):
+            return lambda: None
+        path, digest = self._build["record"]
+        Path(path).unlink(missing_ok=True)
+
+        def write() -> None:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(f"{digest}\n", encoding="ascii")
+
+        return write
 
 
 def replay(folder: Path, paper, study, reading: str, trial: tuple[str, int], module, options: str = "") -> str:
@@ -361,7 +380,9 @@ def guarded(snakemake) -> typing.Iterator[Job]:
         assert_numerics()
         job.check_libraries()
         job.check_artifacts()
+        record = job.record()
         yield job
+        record()
     except Exception as error:
         with contextlib.suppress(OSError):  # a full disk must not hide the error itself
             log.write_text(traceback.format_exc())

@@ -8,7 +8,7 @@ edited, the next of the others owns a file of its own, which is computed again w
 from collections.abc import Callable, Iterable
 from functools import cached_property
 
-from marsedl.replication.catalogue import CHUNK, FLIGHTS, GATHER, Paper
+from marsedl.replication.catalogue import CHUNK, FLIGHTS, Paper
 from marsedl.replication.inputs import Study
 from marsedl.replication.jobs import whole_case
 from marsedl.replication.recipes import recipe_digest
@@ -106,29 +106,30 @@ class Shared:
     def recipe(self, reading: str, name: str) -> dict:
         """Return what an artifact is made from, see `replication/recipes.py`."""
         if (reading, name) not in self._recipes:
-            stage, options, chunks = self._job(reading, name)
+            stage, options = self._job(reading, name)
             declared = self.paper.stages[stage]
             values = self._values[reading]
             self._recipes[reading, name] = {
                 "inputs": {key: values[key] for key in declared.inputs},
                 "options": options,
-                "needs": {
-                    f"{need.split('/')[-1]}.h5": self._digest(reading, need) for need in (*declared.needs, *chunks)
-                },
+                "needs": {f"{need}.h5": self._digest(reading, need) for need in declared.needs},
                 **self._reached(declared.entries),
             }
         return self._recipes[reading, name]
 
-    def _job(self, reading: str, name: str) -> tuple[str, dict, list[str]]:
-        """The stage that an artifact comes from, its options, and the chunks that it gathers."""
+    def needs(self, reading: str, name: str) -> list[str]:
+        """Return the paths of the artifacts that an artifact is made from."""
+        stage, _ = self._job(reading, name)
+        return [self.file(reading, need) for need in self.paper.stages[stage].needs]
+
+    def _job(self, reading: str, name: str) -> tuple[str, dict]:
+        """The stage that an artifact comes from, and its options: of a whole case the same in however many chunks."""
         stage, _, part = name.removeprefix("chunks/").partition(".")
         if name.startswith("chunks/"):  # the case, and which chunk of how many
             chunk, _, count = part.partition("of")
             options = whole_case(stage, self._flown[reading][stage], self.paper)
-            return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}, []
-        if part in self.scattered:
-            return GATHER, {}, self.chunks(reading, part)
-        return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}, []
+            return CHUNK, options | {"chunk": int(chunk), "chunks": int(count)}
+        return stage, whole_case(part, self._flown[reading][part], self.paper) if part else {}
 
     def _digest(self, reading: str, name: str) -> str:
         if (reading, name) not in self._digests:

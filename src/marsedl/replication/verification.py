@@ -1,6 +1,5 @@
-"""Proof of reproducibility: two clean builds with equal digests, and regenerated numbers against committed ones."""
+"""Proof of reproducibility: clean builds with equal digests, and regenerated numbers against committed ones."""
 
-import csv
 import json
 import os
 import shlex
@@ -8,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -20,7 +18,7 @@ from marsedl.replication.digests import digest_tree
 from marsedl.replication.errors import MarsedlError
 from marsedl.replication.inputs import COMMITTED_INPUTS, Study, counted_inputs
 from marsedl.replication.sharing import Shared
-from marsedl.replication.sizes import FULL, build_folder, size_of
+from marsedl.replication.sizes import FULL, build_folder
 from marsedl.replication.terminal import columns
 
 TREE = ("Snakefile", "profiles", "workflow", "configs", "data/published", "data/reference", "data/atmosphere", "src")
@@ -31,6 +29,7 @@ BUILDS = (
     {"cores": "2", "chunks": "1", "PYTHONHASHSEED": "0", "TZ": "NUT11", "LC_ALL": "C"},
     {"cores": "3", "chunks": "3", "PYTHONHASHSEED": "271828", "TZ": "LINT-14"},  # and a locale of the machine
 )
+WHOLE = "powered_descent"  # of which the second build makes everything: the paper of the cheapest stages
 _OFFLINE = ("unshare", "--map-root-user", "--net")  # a network namespace of its own, which has no network
 
 RELATIVE_TOLERANCE = 1e-6  # of the field's root mean square: far above rounding, far below every printed digit
@@ -48,7 +47,8 @@ _ROWS = 40  # of a table of changes, beside those of claims, which are all shown
 
 def copy_tree(root: Path, destination: Path) -> Path:
     """Copy what a build needs, and none of its products, into an empty folder; returns that folder."""
-    shutil.rmtree(destination, ignore_errors=True)
+    if destination.exists():
+        shutil.rmtree(destination)
     ignore = shutil.ignore_patterns("__pycache__", "*.partial")
     for name in TREE:
         source = root / name
@@ -109,39 +109,42 @@ def _output_of(*command: str) -> str | None:
 
 
 def build_twice(root: Path) -> bool:
-    """Build the smoke size twice from nothing and compare the digests of every product; prints what differs."""
-    folders = [root / "build" / "verify" / str(number) for number in range(len(BUILDS))]
-    language = other_locale()
-    builds = [{**build, "LC_ALL": build.get("LC_ALL", language)} for build in BUILDS]
-    offline = offline_works()
-    for folder, build in zip(folders, builds, strict=True):
-        copy_tree(root, folder)
-        settings = ", ".join(f"{key} {value}" for key, value in build.items())
-        network = "without network" if offline and build is builds[-1] else "with the machine's network"
-        print(f"smoke build in {folder.name} ({settings}, {network})", flush=True)
+    """Build the smoke size, then a part of it again, both from nothing, and compare the digests of these products.
+
+    The part is one paper whole, and of every other paper all artifacts of its corrected reading, which no stage is
+    missing from. Prints what differs. Raises MarsedlError if a build fails.
+    """
+    offline, language, found = offline_works(), other_locale(), []
     if not offline:
         print("  both builds use the network: this machine cannot run a process without it", flush=True)
-
-    def run(folder, build):
+    for number, build in enumerate(BUILDS):
+        folder = copy_tree(root, root / "build" / "verify" / str(number))
+        build = {**build, "LC_ALL": build.get("LC_ALL", language)}
+        alone = offline and number == len(BUILDS) - 1
+        targets = _again(found[0]) if found else ["all"]
+        network = "without network" if alone else "with the machine's network"
+        settings = ", ".join(f"{key} {value}" for key, value in build.items())
+        print(f"smoke build in {number} ({settings}, {network})", flush=True)
         config = ["--config", "size=smoke", f"chunks={build['chunks']}"]
         environment = {key: value for key, value in build.items() if key.isupper()}
-        settings = {"nice": 5 * builds.index(build), "offline": offline and build is builds[-1], **environment}
-        return snakemake(folder, "all", "--cores", build["cores"], *config, **settings)
-
-    # At the same time, the build of fewer cores before the other: were it the last to end, the other cores would idle.
-    with ThreadPoolExecutor() as pool:
-        finished = list(pool.map(run, folders, builds))
-    for folder, process in zip(folders, finished, strict=True):
+        process = snakemake(folder, *targets, "--cores", build["cores"], *config, offline=alone, **environment)
         if process.returncode:
             raise MarsedlError(f"the smoke build in {folder} failed:\n{process.stdout[-3000:]}")
-    products = [build_folder(folder, "smoke") for folder in folders]
-    first, second = (digest_tree(folder, PRODUCTS) for folder in products)
-    unequal = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
+        found.append(digest_tree(build_folder(folder, "smoke"), PRODUCTS))
+    first, second = found
+    unequal = [name for name in second if first.get(name) != second[name]]
     for name in unequal:
         command = f"marsedl diff build/verify/0/build/smoke/{name} build/verify/1/build/smoke/{name}"
         print(f"  differs: {name} (compare with '{command}')")
-    print(f"{len(first)} products in each of two builds, {len(unequal)} differ", flush=True)
+    print(f"{len(first)} products, {len(second)} of them built twice, {len(unequal)} differ", flush=True)
     return not unequal
+
+
+def _again(products: Iterable[str]) -> list[str]:
+    """What the second build makes of the products of the first."""
+    whole = [*(f"report/{kind}/{WHOLE}.json" for kind in ("claims", "counterexamples")), WHOLE]
+    corrected = [name for name in products if fnmatchcase(name, "data/cache/*/corrected/*.h5")]
+    return [*whole, *(name for name in corrected if name.split("/")[2] != WHOLE)]
 
 
 def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str, dict | str]:
@@ -155,7 +158,6 @@ def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str,
     rows = read_claims(_product(root, f"report/claims/{slug}.json"))
     entries = {f"{_VERDICTS}{row['id']}": _verdicts(row) for row in rows}
     entries |= {f"{_PUBLISHED}{row['id']}": _printed(row) for row in rows}
-    entries |= _counterexamples(root, slug)
     for row in rows:
         for reading, result in row["readings"].items():
             if result["value"] is not None and not isinstance(result["value"], str):
@@ -172,9 +174,8 @@ def fingerprints(root: Path, slug: str, cached: Mapping[str, Path]) -> dict[str,
 
 
 def _counterexamples(root: Path, slug: str) -> dict[str, str]:
-    """The verdict that each counted claim has after its counterexample, if they were built."""
-    path = root / "report" / "counterexamples" / f"{slug}.json"
-    counterexamples = read_counterexamples(path) if path.exists() else {}
+    """The verdict that each counted claim has after its counterexample."""
+    counterexamples = read_counterexamples(_product(root, f"report/counterexamples/{slug}.json"))
     return {
         f"{_COUNTEREXAMPLES}{name}": turned["to"] if turned else NOT_TURNED for name, turned in counterexamples.items()
     }
@@ -272,8 +273,9 @@ def compare(
         if name.startswith(_VERDICTS):
             verdicts.append(name)
         elif name.startswith(_COUNTEREXAMPLES):
-            if old != new and old is not None and new is not None:
-                turned.append(Change(f"{name.partition('/')[2]}, counterexample", old, new, np.inf, verdict=True))
+            if old != new:
+                claim = f"{name.partition('/')[2]}, counterexample"
+                turned.append(Change(claim, old or _NOTHING, new or _NOTHING, np.inf, verdict=True))
         elif name.startswith(_PUBLISHED):
             claim = name.removeprefix(_PUBLISHED)
             if old != new:
@@ -389,13 +391,6 @@ def committed_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
     return {name.removeprefix(_VERDICTS): entry for name, entry in reference.items() if name.startswith(_VERDICTS)}
 
 
-def committed_counterexamples(root: Path, slug: str) -> dict[str, str]:
-    """Return the committed verdicts that counted claims have after their counterexamples, or `NOT_TURNED`, by claim."""
-    reference = read_reference(root, slug)
-    names = [name for name in reference if name.startswith(_COUNTEREXAMPLES)]
-    return {name.removeprefix(_COUNTEREXAMPLES): reference[name] for name in names}
-
-
 def built_verdicts(root: Path, slug: str) -> dict[str, dict[str, str]]:
     """Return the verdicts of a build on a paper's claims, by claim and reading; none if nothing is built."""
     path = root / "report" / "claims" / f"{slug}.json"
@@ -420,26 +415,22 @@ def compare_reference(
     root: Path,
     papers: Mapping[str, Shared],
     noise: Mapping[str, Sequence[str]] | None = None,
-    readings: Mapping[str, Iterable[str]] | None = None,
     size: str = FULL,
     folder: Path | None = None,
 ) -> bool:
     """Compare a build with reference numbers; prints the changes and the worst margin of every paper.
 
     papers: whose file each artifact is, by paper; an artifact that readings share is compared with the numbers of each.
-    noise: patterns of names, by paper, of which only the shape is compared. readings: those that were built, by paper;
-    all of them if not given. size: of the build; its numbers of trials have to be those of the reference. folder: holds
-    a reference of the user's own; without it, the build is compared with the committed numbers, and is refused as well
-    if a verdict is not explained.
+    noise: patterns of names, by paper, of which only the shape is compared. size: of the build; its numbers of trials
+    have to be those of the reference. folder: holds a reference of the user's own; without it, the build is compared
+    with the committed numbers and counterexamples, and is refused as well if a verdict is not explained.
 
     Returns whether they agree.
     """
     agree, build = True, build_folder(root, size)
     for slug, shared in papers.items():
         reference = read_reference(root, slug, folder)
-        if readings is not None:
-            reference = _of_readings(reference, set(readings[slug]))
-        entries = fingerprints(build, slug, _artifacts_of(build, reference, shared))
+        entries = _fingerprints(build, slug, _artifacts_of(build, reference, shared), folder)
         comparison = compare(reference, entries, (noise or {}).get(slug, ()))
         names = _unexplained(build, slug) if folder is None else []
         _print_comparison(slug, comparison, names)
@@ -450,17 +441,9 @@ def compare_reference(
     return agree
 
 
-def _of_readings(reference: Mapping[str, dict | str], readings: set[str]) -> dict[str, dict | str]:
-    """The part of a reference that belongs to the readings that were built."""
-    entries = {}
-    for name, entry in reference.items():
-        if name.startswith((_PUBLISHED, _COUNTEREXAMPLES)):
-            entries[name] = entry
-        elif name.startswith(_VERDICTS):
-            entries[name] = {reading: verdict for reading, verdict in entry.items() if reading in readings}
-        elif readings & {name.split("/")[i] for i in (0, 2)}:
-            entries[name] = entry
-    return entries
+def _fingerprints(build: Path, slug: str, cached: Mapping[str, Path], folder: Path | None) -> dict[str, dict | str]:
+    """What is compared with a reference: a user's own, in a folder, holds no counterexamples."""
+    return fingerprints(build, slug, cached) | (_counterexamples(build, slug) if folder is None else {})
 
 
 def _artifacts_of(build: Path, reference: Iterable[str], shared: Shared) -> dict[str, Path]:
@@ -498,60 +481,6 @@ def _print_comparison(slug: str, comparison: Comparison, without_reason: Iterabl
     sys.stdout.flush()
 
 
-def planned_files(root: Path, *arguments: str) -> dict[str, dict[str, str]]:
-    """Return Snakemake's summary of all files behind some targets: by path their `rule`, `status` and `plan`.
-
-    arguments: the targets, and other arguments of Snakemake. Paths are below the folder of the size that is built.
-    Raises MarsedlError with Snakemake's output if it cannot plan.
-    """
-    process = snakemake(root, *arguments, "--summary")
-    lines = process.stdout.splitlines()
-    start = next((number for number, line in enumerate(lines) if line.startswith("output_file\t")), None)
-    if process.returncode or start is None:
-        raise MarsedlError(f"the workflow cannot be planned; Snakemake says:\n{process.stdout[-3000:]}")
-    rows = csv.DictReader(lines[start:], delimiter="\t", quoting=csv.QUOTE_NONE)
-    return {row["output_file"]: row for row in rows if row["plan"]}
-
-
-def built_artifacts(root: Path, *config: str) -> list[str]:
-    """Return the artifacts behind the claims of a build that is whole and up to date, as paths below its folder.
-
-    config: what was given with `--config` if it is not the plain full-size build.
-
-    Raises MarsedlError that says what is missing or not up to date.
-    """
-    return sorted(name for name in built_files(root, "claims", *config) if name.startswith("data/cache/"))
-
-
-def built_files(root: Path, target: str, *config: str) -> dict[str, dict[str, str]]:
-    """Return the files behind a target of a build that is whole and up to date, as `planned_files` does.
-
-    Snakemake itself decides, by the rules of reruns: files, inputs in the configuration, code. So a build of an edited
-    configuration is not taken for the plain one, and files of other builds are left out.
-
-    config: what was given with `--config` if it is not the plain full-size build.
-
-    Raises MarsedlError that says what is missing or not up to date.
-    """
-    files = planned_files(root, target, *(["--config", *config] if config else []))
-    command = " ".join(["snakemake all", *(["--config", *config] if config else [])])
-    return _up_to_date(files, build_folder(root, size_of(config)), command)
-
-
-def _up_to_date(files: Mapping[str, Mapping[str, str]], build: Path, command: str) -> dict[str, Mapping[str, str]]:
-    """The files that stay; raises MarsedlError, with the command that makes them, if one is missing or older."""
-    files = {name: file for name, file in files.items() if "/chunks/" not in name}  # which are temporary
-    # A lost file that nothing needs any more is no reason for Snakemake to plan an update.
-    pending = sorted(name for name, file in files.items() if file["plan"] != "no update" or file["status"] == "missing")
-    if pending:
-        name = pending[0]
-        raise MarsedlError(
-            f"the build in {build} is not up to date with configuration and code: {len(pending)} of {len(files)} files "
-            f"are missing or older, the first is {build / name} ({files[name]['status']}); run '{command}'"
-        )
-    return files
-
-
 def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
     """Store the digests of the inputs behind the verdicts: with these inputs, each refuted claim needs a reason."""
     path = root / COMMITTED_INPUTS
@@ -561,48 +490,30 @@ def accept_inputs(root: Path, studies: Mapping[str, Study]) -> Path:
 
 
 def accept_reference(
-    root: Path, papers: Mapping[str, Shared], noise: Mapping[str, Sequence[str]] | None = None
+    root: Path,
+    papers: Mapping[str, Shared],
+    noise: Mapping[str, Sequence[str]] | None = None,
+    size: str = FULL,
+    folder: Path | None = None,
 ) -> list[Path]:
-    """Store the numbers of a full build as the committed ones; prints what changes, as `compare_reference` does.
+    """Store the numbers of a build that is up to date as reference; prints what changes, as `compare_reference` does.
 
-    Numbers within tolerance keep their committed digits, so that the files show what moved and nothing else.
+    Numbers within tolerance keep their stored digits, so that the files show what moved and nothing else.
 
-    papers, noise: as for `compare_reference`.
+    papers, noise, size, folder: as for `compare_reference`.
 
-    Returns the files. Raises MarsedlError, and writes nothing, without a full build that is up to date, or if a verdict
-    is not explained.
+    Returns the files. Raises MarsedlError, and writes nothing, if a verdict of the committed numbers is not explained.
     """
-    built_paths = set(built_artifacts(root))
-    for slug in papers:
+    for slug in papers if folder is None else ():
         if names := _unexplained(root, slug):
             raise MarsedlError(
                 f"{root / 'report' / 'claims' / f'{slug}.json'}: claim {names[0]} differs or fails without a "
                 f"reason that names an erratum; state it in src/marsedl/papers/{slug}/claims first"
             )
-    return _store(root, root, papers, noise, built_paths)
+    return _store(root, build_folder(root, size), papers, noise, folder)
 
 
-def accept_own_reference(
-    root: Path,
-    folder: Path,
-    papers: Mapping[str, Shared],
-    noise: Mapping[str, Sequence[str]] | None = None,
-    size: str = FULL,
-    options: Sequence[str] = (),
-) -> list[Path]:
-    """Store the numbers of a build of some papers in a folder of the user's own, as `accept_reference` does.
-
-    papers, noise, size, folder: as for `compare_reference`. options: of Snakemake, with which the build was made.
-
-    Returns the files. Raises MarsedlError, and writes nothing, without a build that is up to date.
-    """
-    targets = [f"report/claims/{slug}.json" for slug in papers]
-    build = build_folder(root, size)
-    files = _up_to_date(planned_files(root, *targets, *options), build, shlex.join(["snakemake", *targets, *options]))
-    return _store(root, build, papers, noise, set(files), folder)
-
-
-def _store(root, build, papers, noise, built_paths, folder=None) -> list[Path]:
+def _store(root, build, papers, noise, folder) -> list[Path]:
     """Write the reference of every paper from a build; nothing is written unless all of them can be."""
     texts = {}
     for slug, shared in papers.items():
@@ -612,9 +523,8 @@ def _store(root, build, papers, noise, built_paths, folder=None) -> list[Path]:
             f"{reading}/{name}": build / file
             for reading in sorted(shared.readings)
             for name, file in sorted(shared.claimed(reading).items())
-            if file in built_paths
         }
-        build_entries = fingerprints(build, slug, files)
+        build_entries = _fingerprints(build, slug, files, folder)
         comparison = compare(reference, build_entries, (noise or {}).get(slug, ()))
         _print_comparison(slug, comparison, ())
         unchanged = {name for name, value in comparison.margins.items() if value <= 1}
