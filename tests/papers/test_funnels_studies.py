@@ -307,20 +307,3 @@ def test_the_backward_funnel_returns(coarse):
     assert (returned <= back * (1.0 + 1e-12)).all() and coarse.round_trip_shortfall <= 1e-12
     np.testing.assert_allclose(returned, back, rtol=1e-4)
     assert coarse.round_trip == np.abs(back / returned - 1.0).max()
-
-
-def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
-    study = spacings
-    assert study.spacing.tolist() == [8, 4]
-    slices = small.fine_steps // study.spacing + 1
-    for i, j in np.ndindex(2, 2):
-        levels = study.level[i, j]
-        assert np.isfinite(levels[: slices[j]]).all() == (study.outcome[i, j] == "complete")
-        assert np.isnan(levels[slices[j] :]).all()
-        np.testing.assert_array_equal(study.final_level[i, j], levels[slices[j] - 1])
-    excess = study.excess[1]
-    assert study.unsafe_share[1] == np.mean(excess < 0.0)
-    assert study.least_excess[1] == excess.min() and study.largest_excess[1] == excess.max()
-    # Longer slices, larger differences.
-    assert study.mean_difference[0] > study.mean_difference[1]
-    np.testing.assert_array_equal(variant(coarse, "samples"), study.level[0, 0][: slices[0]])
