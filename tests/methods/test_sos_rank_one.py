@@ -19,11 +19,6 @@ def entry_design():
     return well_chosen_design(Spheres((6, 2)), seed=1)
 
 
-@pytest.fixture(scope="module")
-def sphere_design():
-    return well_chosen_design(Spheres((3,)), seed=1)
-
-
 def gram_values(certificate_gram, basis):
     return np.einsum("ij,jk,ik->i", basis, certificate_gram, basis)
 

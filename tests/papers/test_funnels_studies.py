@@ -5,7 +5,6 @@ Expected numbers without another source are those of an independent study of the
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +23,8 @@ from marsedl.papers.funnels import (
     stationary,
 )
 from marsedl.papers.funnels.basics import SPHERES
-from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
-from marsedl.replication.inputs import load_study
 
-CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
-READINGS = load_study("funnels", MODEL, CONFIG).readings
 BENCHMARK = 1.163082
 SMALL = {
     "check_points": 500,
