@@ -183,18 +183,6 @@ def test_a_trajectory_does_not_depend_on_the_others():
     np.testing.assert_array_equal(fly(loop, matrices, start[5:6], adversary), together[:, 5:6])
 
 
-def test_an_observer_sees_every_node():
-    loop, matrices = car(steps=20)
-    start = boundary_deviations(matrices[0], 0.15, uniform_directions(generator(), 4, 3))
-    wind = uniform_directions(generator(2), 4 * 5, 2).reshape(5, 4, 2)
-    observations = []
-    values = fly(loop, matrices, start, wind, observer=lambda *arguments: observations.append(arguments))
-    assert [node for node, _, _ in observations] == list(range(21))
-    for node, deviation, disturbance in observations:
-        np.testing.assert_array_equal(quadratic_values(matrices[node], deviation), values[node])
-        np.testing.assert_array_equal(disturbance.T, wind[min(node, 19) // 4])
-
-
 def test_a_diverging_trajectory_counts_as_outside_and_leaves_the_others_alone():
     loop = around_zero(lambda i, x, u, w: (x[0] * x[0] * x[0],), np.linspace(0, 4, 81), 1, 0)
     values = fly(loop, np.ones((81, 1, 1)), [[1.0], [0.1]], np.zeros((2, 0)))
@@ -202,16 +190,3 @@ def test_a_diverging_trajectory_counts_as_outside_and_leaves_the_others_alone():
     assert np.isfinite(values[:8]).all()
     assert (values[40:, 0] == np.inf).all()
     assert values[-1, 1] == pytest.approx(0.5 / (100 - 8), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"deviations": np.full((3, 1), np.nan)}, "deviations must be finite"),
-        ({"disturbance": np.ones((3, 3, 1))}, "disturbance has 3 segments, which do not divide the 20 fine steps"),
-    ],
-)
-def test_bad_input_is_named(changes, message):
-    inputs = {"value_matrices": np.ones((21, 1, 1)), "deviations": np.ones((3, 1)), "disturbance": np.ones((3, 1))}
-    with pytest.raises(ValueError, match=message):
-        fly(decay(), **inputs | changes)

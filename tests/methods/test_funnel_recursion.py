@@ -171,18 +171,6 @@ def test_no_flight_leaves_the_funnel_and_some_come_close(wind, calm_funnel, wind
     assert ratios.min() > 0.75
 
 
-def test_literal_samples_make_a_funnel_without_memory(windy):
-    """Eq. 26 as printed: later levels do not depend on the first, and are levels of that sphere, not of the slices."""
-    units = np.array([0.1, 0.1, 0.1])
-    funnels = [
-        forward(*windy, level, WINDY, StageRule(condition="euler", raw_scale=units), limit=np.inf)
-        for level in (0.15, 15.0)
-    ]
-    np.testing.assert_allclose(funnels[1].rho[1:], funnels[0].rho[1:], rtol=1e-6)
-    whitened = [forward(*windy, level, WINDY, StageRule(condition="euler")).rho[-1] for level in (0.15, 0.3)]
-    assert whitened[1] > 1.2 * whitened[0]
-
-
 def test_inflated_funnel_covers_what_the_truncation_leaves_out(windy):
     """At first order the true map is found above the bound; the inflated funnel is raised to it."""
 

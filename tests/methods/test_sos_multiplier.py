@@ -203,20 +203,3 @@ def test_an_unfinished_solution_says_so(monkeypatch):
     certificate = MultiplierProgram((3,), solver="SCS", tolerance=1e-12).solve(coefficients)
     assert certificate.status.startswith("SCS says ")
     assert certificate.safe_bound >= maximize(function, (3,), 1)[0]
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: MultiplierProgram((3, 2), (True,)), "one flag of a full ball for each of 2 spheres"),
-        (lambda: MultiplierProgram((3,), solver="MOSEK"), "solver must be one of CLARABEL, SCS"),
-        (lambda: MultiplierProgram((3,)).solve(np.ones(3)), "expected 35 finite coefficients"),
-        (lambda: MultiplierProgram((3,)).solve(np.full(35, np.nan)), "35 that are not finite"),
-        (lambda: ConicProgram(np.ones((4, 2))).solve(np.ones(3)), "expected 4 finite values"),
-        (lambda: polynomial_coefficients(lambda x: x[:, 0], 3, 4, 1, points=30), "30 points do not determine 35"),
-        (lambda: polynomial_coefficients(lambda x: x, 3, 4, 1), "1500 finite values"),
-    ],
-)
-def test_bad_input_is_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

@@ -106,21 +106,6 @@ def test_first_order_convergence_to_the_continuous_riccati_equation():
     np.testing.assert_allclose(orders, 1.0, atol=0.1)
 
 
-def test_units_of_the_states_do_not_matter():
-    state_matrices, control_matrices, steps, state_weight, control_weight, terminal = random_problem()
-    scale = np.array([1e-6, 1.0, 3e4])
-    regulator = tvlqr(state_matrices, control_matrices, steps, state_weight, control_weight, terminal)
-    rescaled = tvlqr(
-        scale[:, None] * state_matrices / scale,
-        scale[:, None] * control_matrices,
-        steps,
-        state_weight / np.outer(scale, scale),
-        control_weight,
-        terminal / np.outer(scale, scale),
-    )
-    np.testing.assert_allclose(rescaled.gains * scale, regulator.gains, rtol=1e-9, atol=1e-12)
-
-
 def test_gains_at_half_steps():
     gains = np.array([1.0, 3.0, 7.0]).reshape(3, 1, 1)
     np.testing.assert_array_equal(at_half_steps(gains).ravel(), [1, 2, 3, 5, 7, 7, 7])

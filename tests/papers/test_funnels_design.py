@@ -14,16 +14,12 @@ from scipy.optimize import root
 
 from marsedl.papers import catalogue
 from marsedl.papers.funnels import environment, gains, nominal
-from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication.errors import MarsedlError, SolverError
-from marsedl.replication.inputs import load_study
 from marsedl.replication.quotes import committed, with_numbers
 
 # With the numbers that its texts quote of the accepted build.
 PAPER = with_numbers(catalogue("funnels"), committed(Path(__file__).parents[2], "funnels"))
 
-CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
-READINGS = load_study("funnels", MODEL, CONFIG).readings
 DEGREE = np.pi / 180.0
 RADIUS, MU, SPIN, BALLISTIC, LIFT_TO_DRAG = 3389.5, 4.2828e4, 7.0882e-5, 135.0, 0.24  # km, s
 # A start for each of the four optima.

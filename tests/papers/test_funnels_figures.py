@@ -185,20 +185,6 @@ def test_figures_without_any_number_are_drawn(draw, stem):
         draw(stem, **study(empty=True)).draw_without_rendering()
 
 
-@pytest.mark.parametrize("stem", ["fig01", "fig03", "fig04", "bands", "heating", "linear_bounds", "proven"])
-def test_huge_levels_are_drawn(draw, records, stem):
-    funnel = records["funnel"]
-    huge = replace(
-        funnel,
-        **{name: getattr(funnel, name) * 10.0 ** np.arange(SLICES) for name in ("level", "heat_rate")},
-        half_width=funnel.half_width * 1e12,
-        fig4_rate=1e200 * (funnel.fig4_rate - 1.5),
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        draw(stem, funnel=huge).draw_without_rendering()
-
-
 # --- figures of the paper ---------------------------------------------------------------------------------------------
 
 

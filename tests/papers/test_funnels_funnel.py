@@ -64,14 +64,6 @@ def test_levels_at_every_fifth_slice(corrected):
     assert corrected.time[50] == pytest.approx(201.0, abs=0.6)
 
 
-def test_bounds_of_single_stages(corrected):
-    reference = {7: 1.012875, 19: 1.303676, 26: 1.146102, 33: 1.060108, 41: 1.013735, 51: 0.999990, 60: 0.993321}
-    for k, bound in reference.items():
-        assert corrected.bound[k - 1] == pytest.approx(bound, abs=2e-5), k
-    np.testing.assert_array_equal(corrected.growth, corrected.bound)
-    np.testing.assert_allclose(corrected.level[1:], corrected.growth * corrected.level[:-1], rtol=1e-14)
-
-
 def test_half_widths_and_volumes(corrected):
     kilometres = corrected.half_width * [1e-3, RADIUS / 1e3, RADIUS / 1e3, 1.0, 1.0 / DEGREE, 1.0 / DEGREE]
     for k, widths in (

@@ -104,26 +104,6 @@ def test_no_trial_leaves_its_funnel(funnels, runs):
         assert not ensemble.outcome.any() and ensemble.count == len(ensemble.outcome), case
 
 
-def test_what_is_left_at_the_end(funnels):
-    """Largest of a finite sample: within a tenth of the other study's, of five times as many trials."""
-    end = np.abs(funnels.ensemble("corrected", "constant", TRIALS, **FEWER).final_state[:, :6]).max(axis=0)
-    np.testing.assert_allclose(end[:4] * [1e-3, RADIUS / 1e3, RADIUS / 1e3, 1.0], [0.47, 3.83, 0.71, 6.6], rtol=0.1)
-
-
-@pytest.mark.parametrize(
-    ("case", "reference"),
-    [
-        ("dubins_calm", [0.15, 0.11576, 0.08440, 0.05937, 0.03741]),
-        ("dubins_wind", [0.15, 0.14684, 0.13446, 0.11749, 0.09145]),
-    ],
-)
-def test_levels_of_the_car(runs, case, reference):
-    ensemble = runs[case]
-    largest, spread = ensemble.maximum_over_trials[::100, 0], ensemble.repeat_maximum[:, ::100, 0].std(axis=0)
-    assert (np.abs(largest - reference) < 3.0 * spread + 6e-5).all()
-    assert ensemble.observed_name.tolist() == ["level", "feedback"] and ensemble.final_state.shape == (TRIALS, 5)
-
-
 # --- what is flown ----------------------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,6 @@ Expected numbers without another source are those of an independent study of the
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +23,8 @@ from marsedl.papers.funnels import (
     stationary,
 )
 from marsedl.papers.funnels.basics import SPHERES
-from marsedl.papers.funnels.inputs import MODEL
 from marsedl.replication import artifacts
-from marsedl.replication.inputs import load_study
 
-CONFIG = Path(__file__).parents[2] / "configs" / "funnels.yaml"
-READINGS = load_study("funnels", MODEL, CONFIG).readings
 BENCHMARK = 1.163082
 SMALL = {
     "check_points": 500,
@@ -307,20 +302,3 @@ def test_the_backward_funnel_returns(coarse):
     assert (returned <= back * (1.0 + 1e-12)).all() and coarse.round_trip_shortfall <= 1e-12
     np.testing.assert_allclose(returned, back, rtol=1e-4)
     assert coarse.round_trip == np.abs(back / returned - 1.0).max()
-
-
-def test_what_a_study_says_of_its_funnels_is_so(small, spacings, coarse):
-    study = spacings
-    assert study.spacing.tolist() == [8, 4]
-    slices = small.fine_steps // study.spacing + 1
-    for i, j in np.ndindex(2, 2):
-        levels = study.level[i, j]
-        assert np.isfinite(levels[: slices[j]]).all() == (study.outcome[i, j] == "complete")
-        assert np.isnan(levels[slices[j] :]).all()
-        np.testing.assert_array_equal(study.final_level[i, j], levels[slices[j] - 1])
-    excess = study.excess[1]
-    assert study.unsafe_share[1] == np.mean(excess < 0.0)
-    assert study.least_excess[1] == excess.min() and study.largest_excess[1] == excess.max()
-    # Longer slices, larger differences.
-    assert study.mean_difference[0] > study.mean_difference[1]
-    np.testing.assert_array_equal(variant(coarse, "samples"), study.level[0, 0][: slices[0]])

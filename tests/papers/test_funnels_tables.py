@@ -209,15 +209,6 @@ def test_readings_tell_what_differs_and_count_what_is_outside(readings, funnels)
     assert not data.loc["printed", "samples on the slices"]
 
 
-def test_a_reading_without_search_or_peaks_or_a_whole_funnel(readings):
-    nothing = np.full(STAGES, np.nan)
-    level = np.where(np.arange(SLICES) < 4, np.arange(1.0, SLICES + 1), np.nan)
-    slices = funnel(true_maximum=nothing, violation=nothing, level=level, outcome="the funnel diverges")
-    row = row_of(readings(funnel=slices), reading="corrected")
-    assert row.isna()[["stages exceeded", "last rho", "times of local maxima"]].all()
-    assert (row["largest rho"], row["outcome"]) == (4.0, "the funnel diverges")
-
-
 def test_inputs_of_the_size_alone_do_not_count_as_different(funnels):
     other, default = (
         funnels.all_inputs("corrected", drawn_trials=number, nose_radius=radius)

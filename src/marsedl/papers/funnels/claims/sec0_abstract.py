@@ -33,7 +33,7 @@ def funnel_is_tight(funnel: Funnel, constant: FlightEnsemble):
 
 
 @claim(
-    "Motion passes the level of the next slice in {exceeded} of {stages} stages, by up to {worst:.2f} %.",
+    "Motion passes the next level in {exceeded} of {stages} stages, by up to {worst:.2f} %.",
     errata="E4 E16 E17",
     counterexample=scaled("proven.level"),
 )

@@ -138,7 +138,7 @@ def minimum_samples_computable(funnel: Funnel, stage_study: StageStudy, samples:
 
 
 @claim(
-    "Nothing is lost: a larger slice contains the smaller one, and reaches at least as far.",
+    "Nothing is lost: a larger slice contains the smaller one.",
     errata="E21",
     by_construction="the samples of a stage are points of its slice, whatever the method",
 )
@@ -154,7 +154,7 @@ def greedy_needed(funnel: Funnel):
 
 
 @claim(
-    "The bound of Eq. 22 is too small in {share:.0f} % of the stages, by up to {worst:.2f} %.",
+    "It is too small in {share:.0f} % of the stages, by up to {worst:.2f} %.",
     errata="E4 E13 E19",
     counterexample=shifted("discretization.least_excess"),
 )
@@ -199,7 +199,7 @@ def interpolation_between_slices(
 
 
 @claim(
-    "B_k depends on the unknown level: a search for the root takes {programs:.1f} programs a stage.",
+    "B_k depends on the unknown level: a search takes {programs:.1f} programs a stage.",
     errata="E21",
     counterexample=replaced("coarse_funnels.round_trip_shortfall", 1e-4),
 )
@@ -222,7 +222,7 @@ def backward_funnel(coarse_funnels: CoarseFunnels):
 
 
 @claim(
-    "The set O, where the derivative vanishes, is empty; that of the expansion lies outside W.",
+    "The set O is empty; that of the expansion lies outside W.",
     errata="E6 E11",
     counterexample=replaced("stationary.interior_better", 1),
 )
@@ -238,7 +238,7 @@ def worst_disturbance_location(stationary: Stationary):
 
 
 @claim(
-    "In the expansion the method finds them for {share:.0f} % of the deviations. The equations themselves have none.",
+    "The expansion has them for {share:.0f} % of the deviations, the equations have none.",
     errata="E6",
     counterexample=scaled("stationary.stationary_converged"),
 )

@@ -89,8 +89,7 @@ def gram_45_with_additive_disturbances():
 
 
 @claim(
-    """On the unit sphere its condition number is {sphere:.0f}, with variance one {variance:.1f}; monomials have
-    {monomials:.0f}.""",
+    "Its condition number is {sphere:.0f}, with variance one {variance:.1f}; monomials have {monomials:.0f}.",
     withheld="the scale of the coordinates in which the basis is taken",
     counterexample=scaled("stage_study.basis_condition", at=(4,)),
 )
@@ -110,7 +109,7 @@ def hermite_conditioning(stage_study: StageStudy):
 
 
 @claim(
-    "The level of linear dynamics is no bound: it ends at {linear:.2f}, the funnel at {level:.2f}.",
+    "Linear dynamics are no bound: they end at {linear:.2f}, the funnel at {level:.2f}.",
     counterexample=replaced("funnel.outcome", "the funnel diverges"),
 )
 def four_funnel_solvers(
@@ -192,7 +191,7 @@ def thermal_constraint_nominal(mission: Mission, nominal: Nominal, optima: Optim
 
 
 @claim(
-    "Without disturbance V falls; under the worst one it grows at {worst:.2g} % of the slice.",
+    "Under the worst disturbance V grows at {worst:.2g} % of the slice.",
     withheld=("studies.fig4_coordinates", "the disturbance of Fig. 4"),
     counterexample=shifted("funnel.fig4_circle_rate"),
 )

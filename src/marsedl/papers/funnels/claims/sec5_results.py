@@ -90,8 +90,8 @@ def first_peak(recursion: Recursion, linearization: Linearization, funnel: Funne
 
 
 @claim(
-    """The weights decide: with more weight at the end (`terminal_weight`), rho goes from
-    {terminal_weight[before]:.1f} to {terminal_weight[last]:.1f}.""",
+    """With more weight at the end (`terminal_weight`), rho grows from {terminal_weight[before]:.1f} to
+    {terminal_weight[last]:.1f}.""",
     withheld=WEIGHTS,
     counterexample=in_reading("terminal_weight"),
 )
@@ -206,7 +206,7 @@ def sampling_reduces_cost(measured: dict[str, float] | None = None):
 
 
 @claim(
-    "The funnel costs {cost:.1f} times as much as the paper's number of flights in array code.",
+    "It costs {cost:.1f} times as much as the paper's number of flights in array code.",
     withheld=SOLVER,
     counterexample=scaled(f"measured.{OVER_FLIGHTS}"),
 )
