@@ -7,11 +7,7 @@ from numba import njit
 from scipy.interpolate import CubicHermiteSpline
 
 from marsedl.models.atmosphere import (
-    TEMPERATURE_PRESSURE_FIT,
-    casadi_log_density,
     log_quadratic,
-    named_log_density,
-    named_profile,
     tabulated,
     temperature_pressure_fit,
     two_exponential,
@@ -91,36 +87,11 @@ def test_casadi_differentiates_the_smooth_fits(fit, compiled, changes):
         assert float(derivative(altitude)) == pytest.approx(fit(altitude)[1], rel=1e-13)
 
 
-def test_calibrated_density():
-    # at the end of the calibrated nominal, altitude 12.47 km
-    assert np.exp(calibrated(12.47e3)[0]) == pytest.approx(4.62e-3, abs=0.005e-3)
-    assert -1 / calibrated(90e3)[1] == pytest.approx(7.78e3, abs=5)  # scale height above 60 km
-
-
-def test_log_quadratic_is_smooth_at_the_last_altitude_of_the_parabola():
-    below, above = calibrated(np.nextafter(60e3, 0)), calibrated(np.nextafter(60e3, 1e9))
-    assert below[:2] == pytest.approx(above[:2], rel=1e-12)
-    assert below[2] == pytest.approx(2 * CALIBRATED[0] / 1e8, rel=1e-15)
-    assert above[2] == 0
-    h = np.array([70e3, 120e3])
-    # above: along the tangent
-    np.testing.assert_allclose(calibrated(h)[0], calibrated(60e3)[0] + calibrated(60e3)[1] * (h - 60e3), rtol=1e-14)
-
-
 def test_temperature_pressure_fit_is_pressure_over_gas_constant_and_temperature():
     h = 30e3
     temperature = 1.4e-13 * h**3 - 8.85e-9 * h**2 - 1.245e-3 * h + 205.3645
     density = 559.351005946503 * np.exp(-0.000105 * h) / (188.95110711075 * temperature)
     assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(density, rel=1e-14)
-
-
-def test_temperature_pressure_fit_has_the_constants_it_says():
-    actual, h = TEMPERATURE_PRESSURE_FIT, 70e3
-    temperature = np.polynomial.Polynomial(actual.temperature)(h)
-    pressure = actual.surface_pressure * np.exp(-actual.pressure_decay * h)
-    assert np.exp(temperature_pressure_fit(h)[0]) == pytest.approx(
-        pressure / (actual.gas_constant * temperature), rel=1e-14
-    )
 
 
 def test_temperature_pressure_fit_against_mars_gram(table):
@@ -171,37 +142,6 @@ def test_pchip_of_a_coarser_table_predicts_the_omitted_nodes():
     assert np.abs(np.exp(profile(omitted[:, 0])[0]) / omitted[:, 1] - 1).max() < 0.02
 
 
-def test_casadi_curve_is_the_same(table):
-    profile, function = tabulated(table), casadi_log_density(table)
-    symbol = casadi.MX.sym("altitude")
-    derivative = casadi.Function("slope", [symbol], [casadi.jacobian(function(symbol), symbol)])
-    hessian = casadi.Function("curvature", [symbol], [casadi.hessian(function(symbol), symbol)[0]])
-    altitudes = np.concatenate([np.linspace(-10e3, 150e3, 641), table[:, 0]])
-    value, slope, curvature = profile(altitudes)
-    evaluate = [function.map(altitudes.size), derivative.map(altitudes.size), hessian.map(altitudes.size)]
-    actual = [f(altitudes[np.newaxis]).full()[0] for f in evaluate]
-    np.testing.assert_allclose(actual[0], value, rtol=1e-12)
-    np.testing.assert_allclose(actual[1], slope, rtol=1e-11)
-    off_nodes = np.abs(altitudes[:, np.newaxis] - table[:, 0]).min(axis=1) > 1e-6  # it jumps at the nodes
-    np.testing.assert_allclose(actual[2][off_nodes], curvature[off_nodes], rtol=1e-10, atol=1e-20)
-
-
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        ([[0, 1], [1, 0.5]], "table: 2 rows are too few"),
-        ([[0, 1], [1, 0.5], [1, 0.4]], "table, row 2: non-monotone density table"),
-        ([[0, 1], [1, 0.0], [2, 0.4]], "table, row 1: density 0 kg/m\\^3 is not positive"),
-        ([[0, 1], [1, np.inf], [2, 0.4]], "table, row 1: .* not finite"),
-        ([0, 1, 2], "shape \\(n, 2\\), got \\(3,\\)"),
-    ],
-)
-@pytest.mark.parametrize("curve", [tabulated, casadi_log_density])
-def test_curves_refuse_bad_tables(curve, rows, message):
-    with pytest.raises(ValueError, match=message):
-        curve(rows)
-
-
 # ---- uniform nodes ----
 
 
@@ -215,16 +155,6 @@ def curve_of_cells(nodes):
         return np.polynomial.polynomial.polyval(position - cell, cells[cell].T, tensor=False)
 
     return log_density
-
-
-def test_uniform_nodes_are_the_profile_at_multiples_of_the_spacing(table):
-    nodes = uniform_nodes(tabulated(table), lowest=-2e3, highest=5e3, spacing=500.0)
-    altitude = np.linspace(-2e3, 5e3, 15)
-    expected = tabulated(table)(altitude)
-    assert (nodes.bottom, nodes.spacing) == (-2e3, 500.0)
-    np.testing.assert_array_equal(nodes.log_density, expected[0])
-    np.testing.assert_array_equal(nodes.slope, expected[1])
-    assert len(uniform_nodes(calibrated).log_density) == 311  # -10 to 300 km
 
 
 def test_cells_are_the_hermite_cubics_between_the_nodes_and_lines_beyond():
@@ -252,17 +182,6 @@ def test_cells_are_the_curve_of_a_table_whose_altitudes_are_nodes(table):
     )
 
 
-def test_cells_of_smooth_fits_are_as_good_as_exact_and_of_order_four():
-    altitude = np.linspace(-10e3, 200e3, 4001)
-    exact = temperature_pressure_fit(altitude)[0]
-    error = [
-        np.abs(curve_of_cells(uniform_nodes(temperature_pressure_fit, spacing=spacing))(altitude) - exact).max()
-        for spacing in (4e3, 2e3, 1e3)
-    ]
-    assert error[-1] < 1e-8
-    np.testing.assert_allclose(np.log2(np.divide(error[:-1], error[1:])), 4.0, atol=0.1)
-
-
 def test_cells_spread_the_jump_of_two_exponential_over_one_cell():
     altitude = np.linspace(-10e3, 200e3, 21001)
     error = np.abs(curve_of_cells(uniform_nodes(two_exponential))(altitude) - two_exponential(altitude)[0])
@@ -271,45 +190,4 @@ def test_cells_spread_the_jump_of_two_exponential_over_one_cell():
     assert 0.02 < error[jump].max() < 0.04
 
 
-@pytest.mark.parametrize(
-    ("log_density", "slope", "spacing"),
-    [
-        (np.zeros(3), np.zeros(2), 1.0),
-        (np.zeros(1), np.zeros(1), 1.0),
-        (np.zeros((2, 2)), np.zeros((2, 2)), 1.0),
-        (np.array([0.0, -np.inf]), np.zeros(2), 1.0),
-        (np.zeros(2), np.array([0.0, np.nan]), 1.0),
-        (np.zeros(2), np.zeros(2), 0.0),
-    ],
-)
-def test_cells_refuse_what_is_no_table(log_density, slope, spacing):
-    with pytest.raises(ValueError, match="one finite value per node and a positive spacing"):
-        uniform_cells(log_density, slope, spacing)
-
-
-@pytest.mark.parametrize("spacing", [0.0, -1e3, 400e3, np.nan])
-def test_uniform_nodes_refuse_a_spacing_that_does_not_fit(spacing):
-    with pytest.raises(ValueError, match="spacing must be positive and fit between"):
-        uniform_nodes(calibrated, spacing=spacing)
-
-
 # ---- by name ----
-
-NAMES = ("log_quadratic", "temperature_pressure_fit", "two_exponential", "table")  # a table takes no SX
-
-
-@pytest.mark.parametrize(
-    ("name", "symbol"), [*((name, casadi.MX) for name in NAMES), *((name, casadi.SX) for name in NAMES[:3])]
-)
-def test_log_density_by_name_is_the_curve_of_the_profile(name, symbol, table):
-    casadi.GlobalOptions.setNumpyMode(-1)
-    arguments = {"coefficients": CALIBRATED[:3], "upper_altitude": CALIBRATED[3], "table": table}
-    altitude = symbol.sym("altitude")
-    traced = named_log_density(name, **arguments)(altitude)
-    assert traced.shape == (1, 1)
-    function = casadi.Function("both", [altitude], [traced, casadi.jacobian(traced, altitude)])
-    altitudes = np.linspace(-10e3, 150e3, 641)  # the ends of the parabola, the layers and the table among them
-    expected, slope, _ = named_profile(name, **arguments)(altitudes)
-    actual = [value.full()[0] for value in function.map(altitudes.size)(altitudes[np.newaxis])]
-    np.testing.assert_allclose(actual[0], expected, rtol=1e-12)
-    np.testing.assert_allclose(actual[1], slope, rtol=1e-11)

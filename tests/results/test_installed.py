@@ -65,7 +65,8 @@ def test_an_installed_package_finds_its_catalogues_and_the_results_of_a_build(in
         import marsedl
         from marsedl import results
         from marsedl.papers import catalogue
-        print(marsedl.__file__, len(catalogue("powered_descent").stages), len(results.inputs("powered_descent", build=".")))
+        inputs = results.inputs("powered_descent", build=".")
+        print(marsedl.__file__, len(catalogue("powered_descent").stages), len(inputs))
     """
     path, stages, inputs = printed(installed / "build", program, PYTHONPATH=str(installed / "site"))
     assert path == str(installed / "site" / "marsedl" / "__init__.py")
