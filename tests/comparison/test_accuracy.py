@@ -25,19 +25,6 @@ def test_a_true_prediction_has_the_ratio_one_within_its_standard_error(flights):
         assert row.ratio_error == pytest.approx(1 / np.sqrt(2 * TRIALS), rel=0.05)  # of normal samples
 
 
-def test_a_wrong_prediction_does_not(flights):
-    row = accuracy.deviations("case", QUANTITIES, 0.9 * np.sqrt(np.diag(COVARIANCE)), flights)[1]
-    assert row.ratio == pytest.approx(0.9, rel=0.02)
-    assert abs(row.ratio - 1.0) > 4 * row.ratio_error
-    assert (row.quantity, row.unit, row.case) == ("velocity", "m/s", "case")
-
-
-def test_flat_tails_have_smaller_errors_than_normal_ones():
-    uniform = np.random.default_rng(6).uniform(-1.0, 1.0, (TRIALS, 1))
-    (row,) = accuracy.deviations("case", (("altitude", "m"),), [np.sqrt(1 / 3)], uniform)
-    assert row.ratio_error == pytest.approx(np.sqrt((9 / 5 - 1) / (4 * TRIALS)), rel=0.05)
-
-
 def test_lost_flights_are_left_out_and_counted(flights):
     lost = np.array(flights)
     lost[:7, 2] = np.nan
@@ -53,32 +40,6 @@ def test_where_no_flight_is_left_no_number_is_given(flights):
     assert table[["Monte Carlo", "ratio", "ratio: standard error"]].isna().all(axis=None)
     assert table[["number of flights", "lost"]].to_numpy().tolist() == [[0, 4]]
     accuracy.figure({"funnels": [row]})
-
-
-def test_the_large_ensemble_of_the_powered_descent_is_taken_where_there_is_one():
-    gains = SimpleNamespace(covariance=np.eye(4)[np.newaxis])
-    state = np.random.default_rng(7).normal(size=(50, 5))
-    small, large = SimpleNamespace(final_state=state[:20]), SimpleNamespace(final_state=state)
-    assert {row.trials for row in accuracy.powered_descent(gains, small)} == {20}
-    assert {row.trials for row in accuracy.powered_descent(gains, small, large)} == {50}
-
-
-def test_uncaptured_flights_of_the_random_field_are_left_out_of_all_quantities():
-    draw = np.random.default_rng(8)
-    gains = SimpleNamespace(
-        control=np.zeros((2, 3)), covariance=np.tile(np.eye(3), (2, 4, 1, 1)), delta_v_deviation=np.ones(2)
-    )
-    outcome = np.full((2, 40), COMPLETED)
-    outcome[1, :5] = 2
-    ensemble = SimpleNamespace(
-        final_state=draw.normal(size=(2, 40, 4)), delta_v=draw.normal(size=(2, 40)), outcome=outcome
-    )
-    rows = accuracy.random_field(gains, ensemble)
-    assert [(row.case, row.lost) for row in rows[::4]] == [("open loop", 0), ("iteration 1", 5)]
-    assert {row.lost for row in rows[4:]} == {5}
-    assert rows[4].sampled == pytest.approx(ensemble.final_state[1, 5:, 0].std(ddof=1))
-    alone = SimpleNamespace(**{**vars(gains), "control": np.zeros((1, 3))})
-    assert {row.case for row in accuracy.random_field(alone, ensemble)} == {"open loop"}
 
 
 def test_the_sensitivity_of_the_desensitized_landing_carries_the_errors_at_entry():
@@ -123,26 +84,6 @@ def test_linear_flights_of_the_funnels_have_the_predicted_deviations():
         assert abs(row.ratio - 1.0) < 4 * row.ratio_error
     assert rows[1].sampled == pytest.approx(1000.0 * final_states[:, 1].std(ddof=1))
     assert [row.unit for row in rows] == ["m", "m", "m", "m/s", "rad", "rad"]
-
-
-def test_nothing_deviates_in_velocity_at_the_velocity_trigger():
-    draw = np.random.default_rng(11)
-    covariance = np.tile(np.diag(np.arange(1.0, 6.0)), (2, 3, 1, 1))
-    projection = np.diag([2.0, 0.0, 1.0, 1.0, 1.0])
-    ensemble = SimpleNamespace(
-        final_state=draw.normal(size=(30, 9)), nominal_final=np.zeros(6), outcome=np.full(30, COMPLETED)
-    )
-    gains = SimpleNamespace(apollo_covariance=covariance, stochastic_covariance=4 * covariance)
-    rows = accuracy.stochastic_entry(SimpleNamespace(trigger_projection=projection), gains, *[ensemble] * 4)
-    by_case = {}
-    for row in rows:
-        by_case.setdefault(row.case, {})[row.quantity] = row.predicted
-    assert by_case["Apollo law to the time trigger"] == pytest.approx(
-        {"altitude": 1.0, "velocity": np.sqrt(2), "flight path angle": np.sqrt(3), "downrange": 2.0}
-    )
-    assert by_case["stochastic law to the velocity trigger"] == pytest.approx(
-        {"altitude": 4.0, "flight path angle": 2 * np.sqrt(3), "downrange": 4.0}
-    )
 
 
 def test_the_figure_holds_every_ratio_and_the_near_ones_again(flights):

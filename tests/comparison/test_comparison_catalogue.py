@@ -38,11 +38,3 @@ def test_artifacts_have_the_types_that_their_stages_return(stem, slug):
     for need in parameters.needs + parameters.optional:
         kind, hint = artifact_type(slug, need), hints[need.split(".")[-1]]
         assert hint == kind or set(typing.get_args(hint)) == {kind, type(None)}
-
-
-@pytest.mark.parametrize("stem", COMPARISONS)
-def test_captions_are_sentences(stem):
-    for caption in (COMPARISONS[stem].figure, COMPARISONS[stem].table):
-        assert caption[0].isupper()
-        assert caption.endswith(".")
-        assert "  " not in caption

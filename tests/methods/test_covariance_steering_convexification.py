@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from marsedl.methods.covariance_steering.convexification import Run, Step, classify, successive_convexification
+from marsedl.methods.covariance_steering.convexification import Step, classify, successive_convexification
 
 # ---- how a sequence ends ---------------------------------------------------------------------------------------------
 
@@ -65,25 +65,6 @@ def test_cycles_are_found_after_two_periods(period):
     assert len(run.results) == len(run.monitored) == 2 * period and len(run.control) == 2 * period + 1
 
 
-def test_all_iterations_are_made_and_handed_on():
-    controls = []
-
-    def step(control):
-        controls.append(control)
-        return Step(control / 2, np.array([control[0] / 2]), len(controls))
-
-    run = successive_convexification(step, [8.0], iterations=6, tolerances=0.6, stop=False)
-    assert isinstance(run, Run) and run.results == [1, 2, 3, 4, 5, 6]
-    np.testing.assert_array_equal(run.control[:, 0], [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125])
-    np.testing.assert_array_equal(np.ravel(controls), run.control[:-1, 0])  # every step starts from the last control
-    np.testing.assert_array_equal(run.monitored[:, 0], run.control[1:, 0])
-    assert (run.outcome, run.period) == ("converged", 1)
-    early = successive_convexification(step, [8.0], iterations=6, tolerances=0.6)
-    assert len(early.results) == 4 and early.outcome == "converged"  # 1.0 to 0.5 is no change
-    short = successive_convexification(step, [8.0], iterations=3, tolerances=0.6)
-    assert (short.outcome, short.period, len(short.results)) == ("stopped", 0, 3)
-
-
 def overshooting(branches):
     """Minimize |x - 1| + 0.1 x^2 by steps of at most 0.3, with the value of one or of both branches of the modulus."""
 
@@ -128,24 +109,3 @@ def test_sequential_programs_reach_the_optimum_of_a_curved_problem():
 
 
 # ---- refusals --------------------------------------------------------------------------------------------------------
-
-
-def test_bad_arguments_are_refused():
-    with pytest.raises(ValueError, match="iterations must be at least 1, not 0"):
-        successive_convexification(rotation(2), [1.0, 0.0], iterations=0, tolerances=[1.0])
-    with pytest.raises(ValueError, match="iteration 1 monitors 1 quantities, tolerances has 2"):
-        successive_convexification(rotation(2), [1.0, 0.0], iterations=2, tolerances=[1.0, 1.0])
-
-    def growing(control):
-        return Step(np.append(control, 0.0), np.append(control, 0.0), None)
-
-    with pytest.raises(ValueError, match="iteration 2 monitors 3 quantities, tolerances has 2"):
-        successive_convexification(growing, [1.0], iterations=3, tolerances=[1.0, 1.0])
-
-
-def test_what_a_step_raises_is_passed_on():
-    def step(control):
-        raise RuntimeError("no solution")
-
-    with pytest.raises(RuntimeError, match="no solution"):
-        successive_convexification(step, [1.0], iterations=3, tolerances=[1.0])

@@ -48,18 +48,6 @@ def test_an_optimum_or_an_error_with_status_iterations_and_residuals(monkeypatch
         clarabel.solve_to_optimum(problem(), "the case")
 
 
-def test_an_optimum_is_that_of_cvxpy_itself():
-    actual, again = bounded(), bounded()
-    iterations = clarabel.solve_to_optimum(actual, "the case")
-    again.solve(solver=cvxpy.CLARABEL, direct_solve_method="qdldl")
-    assert actual.value == again.value
-    assert iterations == again.solver_stats.num_iters
-
-
-def test_what_is_accepted_is_no_error(monkeypatch):
-    assert clarabel.solve_to_optimum(infeasible(), "the case", accept=("optimal", "infeasible")) > 0
-
-
 @pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
 @pytest.mark.parametrize(
     ("problem", "words"), [(infeasible, "infeasible"), (unbounded, "unbounded"), (numerically_failing, "")]

@@ -6,17 +6,11 @@ from marsedl.models.dynamics.entry import entry_rates
 from marsedl.models.dynamics.longitudinal_entry import density_noise_intensity, longitudinal_entry_rates
 
 DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER = 1 / 270, 0.24 / 270, 4.2828e13
-CONSTANTS = (DRAG_FACTOR, LIFT_FACTOR, GRAVITATIONAL_PARAMETER)
 
 
 @njit
 def compiled_rates(*arguments):
     return longitudinal_entry_rates(arguments[:5], *arguments[5:])
-
-
-@njit
-def compiled_intensity(*arguments):
-    return density_noise_intensity(*arguments)
 
 
 def random_arguments(count):
@@ -59,20 +53,6 @@ def test_density_drift_is_that_of_mean_and_variation():
         expected = (mean * inverse * (1 + variation) - mean * decay * variation) * sink_rate
         scale = (inverse + decay) * (density + mean) * abs(sink_rate)  # the terms may cancel
         assert abs(longitudinal_entry_rates(point[:5], *point[5:])[4] - expected) < 1e-15 * scale
-
-
-def test_mean_density_stays_the_mean_density():
-    mean, inverse_scale_height, climb = 3e-3, 1e-4, 2000 * np.sin(-0.2)
-    state = (3.42e6, 2000.0, -0.2, 0.0, mean)
-    rates = longitudinal_entry_rates(state, 0.5, mean, inverse_scale_height, 2e-4, *CONSTANTS)
-    np.testing.assert_allclose(rates[4], -mean * inverse_scale_height * climb, rtol=1e-14)
-
-
-def test_noise_is_met_only_while_descending():
-    climb = np.array([-100.0, -1.0, 0.0, 1.0, 100.0])
-    intensity = density_noise_intensity(2e-3, 5e-5, climb)
-    np.testing.assert_allclose(intensity, 4e-6 * 5e-5 * np.array([100, 1, 0, 0, 0]), rtol=1e-15)
-    assert [compiled_intensity(2e-3, 5e-5, rate) for rate in climb] == intensity.tolist()
 
 
 def test_noise_over_a_descent_is_that_of_the_process_of_altitude():

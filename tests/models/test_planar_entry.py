@@ -68,18 +68,6 @@ def test_rates_are_those_of_a_point_mass_in_cartesian_coordinates():
         np.testing.assert_allclose(planar_entry_rates(*point), expected, rtol=1e-12, atol=1e-16)
 
 
-def test_drag_alone_takes_energy_and_lift_bends():
-    for point in random_arguments(50).T:
-        radius, speed, path, cosine, density, drag, lift, mu = point
-        climb, acceleration, turn = planar_entry_rates(*point)
-        energy_rate = speed * acceleration + mu / radius**2 * climb
-        np.testing.assert_allclose(energy_rate, -drag * density * speed**3, rtol=0, atol=1e-14 * mu / radius**2 * speed)
-        angular_momentum = radius * speed * np.cos(path)
-        momentum_rate = angular_momentum * (climb / radius + acceleration / speed - np.tan(path) * turn)
-        torque = -radius * density * speed**2 * (drag * np.cos(path) + lift * cosine * np.sin(path))
-        np.testing.assert_allclose(momentum_rate, torque, rtol=0, atol=1e-14 * angular_momentum)
-
-
 def test_vacuum_flight_keeps_energy_and_angular_momentum():
     def rates(_, state):
         return planar_entry_rates(*state, 0.7, 0.0, DRAG_FACTOR, LIFT_FACTOR, MU)

@@ -122,23 +122,6 @@ def test_sine_and_cosine_are_accurate(scale):
             assert 0.5 < error <= 1.5
 
 
-def test_exact_sine_and_cosine_are_those_of_numpy():
-    with localcontext(prec=DIGITS + 30):
-        for angle in (-7.0, -0.1, 0.0, 0.7, 1.0, 2.0, 4.0, 5.5):
-            assert [float(v) for v in exact_sine_cosine(Decimal(angle))] == pytest.approx(
-                [np.sin(angle), np.cos(angle)], rel=1e-15
-            )
-
-
-def test_sine_and_cosine_beyond_their_range_err_by_the_spacing_of_the_angles():
-    angles = 10.0 ** np.linspace(6, 12, 200)
-    with localcontext(prec=DIGITS + 30):
-        exact = np.array([exact_sine_cosine(Decimal(angle)) for angle in angles]).T.astype(float)
-    error = np.abs(evaluated(sines_and_cosines, angles, 2) - exact)
-    assert (error <= np.spacing(angles)).all()
-    assert (error[:, angles > 1e8] > 1e-15).any()
-
-
 @pytest.mark.parametrize("scale", [1.0, 20.0, 708.0])
 def test_exponential_is_accurate(scale):
     x = arguments(scale)
@@ -193,12 +176,6 @@ def test_arctangent_is_accurate():
         exact = [exact_arctangent(Decimal(a), Decimal(b)) for a, b in zip(y, x, strict=True)]
         error = np.abs(errors_in_ulp(values, exact)).max()
     assert 0.5 < error < 1.5
-
-
-def test_arctangent_on_the_axes():
-    for y, x, angle in ((0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, -2.0, np.pi), (3.0, 0.0, np.pi / 2)):
-        assert arctangent(y, x) == angle
-        assert arctangent(-y, x) == (angle if y == 0.0 else -angle)
 
 
 def test_arc_cosine_is_accurate():

@@ -1,11 +1,8 @@
 """A damped oscillator in two segments, written as a paper writes its kernel, and what must hold of its ensembles."""
 
 import os
-import subprocess
-import sys
 from dataclasses import fields, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -20,7 +17,6 @@ from marsedl.montecarlo.ensembles import (
     chunk_bounds,
     merge,
     new_trajectories,
-    observe_nothing,
     output_count,
     propagator,
     replay,
@@ -156,13 +152,6 @@ def test_kernel_equals_plain_numpy():
     assert (paths.observed_maximum[0] > paths.observed[:, 0].max(axis=0)).any()
 
 
-def test_switch_appears_twice_with_equal_state_and_two_observations():
-    paths = simulate_block(0, 10)
-    switch = output_count(STEPS[0], STEPS_PER_OUTPUT)
-    np.testing.assert_array_equal(paths.history[switch - 1], paths.history[switch])
-    assert (paths.observed[switch - 1] != paths.observed[switch]).all()
-
-
 def test_results_do_not_depend_on_the_number_of_threads():
     available = numba.get_num_threads()
     try:
@@ -174,7 +163,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
         numba.set_num_threads(available)
 
 
-@pytest.mark.parametrize("first", [1, 7, LANES - 1, 2 * LANES + 3])
+@pytest.mark.parametrize("first", [7, 2 * LANES + 3])
 def test_results_do_not_depend_on_the_lane(first):
     whole = simulate_block(0, 300)
     shifted = simulate_block(first, 300)
@@ -182,7 +171,7 @@ def test_results_do_not_depend_on_the_lane(first):
     np.testing.assert_array_equal(shifted.observed_maximum, whole.observed_maximum[..., first:])
 
 
-@pytest.mark.parametrize("trial", [0, 5, 63, 64, 299])
+@pytest.mark.parametrize("trial", [0, 63, 64])
 def test_replay_of_one_trial(trial):
     whole = simulate_block(0, 300)
     alone = replay(simulate_block, trial)
@@ -200,65 +189,6 @@ def test_coarse_steps_follow_the_brownian_path_of_the_fine_ones():
     assert larger_error / error == pytest.approx(np.sqrt(5.0), rel=0.1)
     # and other paths are as far away as they can be
     assert np.sqrt(np.mean((simulate_block(500, 1000).history[-1] - fine[-1]) ** 2)) > scatter
-
-
-def test_model_without_noise_and_without_observations():
-    coast = propagator(runge_kutta_4, silent_drift, observe_nothing)
-
-    @njit(error_model="numpy")
-    def run(state, history, observed, maximum):
-        table = np.ones(21)
-        return coast(
-            parameters=(table,),
-            segment=Segment(10, 0.1, 5),
-            brownian=Brownian(0, SEED, PROCESS_STREAM, 0, 0, 1),
-            state=state,
-            history=history,
-            observed=observed,
-            observed_maximum=maximum,
-        )
-
-    state = np.ones((1, LANES))
-    history = np.empty((3, 1, LANES))
-    assert run(state, history, np.empty((3, 0, LANES)), np.empty((0, LANES))) == 10
-    np.testing.assert_allclose(history[:, 0, 0], np.exp(-np.array([0.0, 0.5, 1.0])), rtol=1e-6)
-    np.testing.assert_array_equal(history, np.broadcast_to(history[:, :, :1], history.shape))
-
-
-@inline_njit
-def silent_drift(half_index, state, noise, parameters, out):
-    for lane in range(LANES):
-        out[0, lane] = -parameters[0][half_index] * state[0, lane]
-
-
-def test_output_count():
-    assert output_count(40, 4) == 11
-    for steps, every in ((40, 3), (0, 1), (4, 0)):
-        with pytest.raises(ValueError, match="must divide"):
-            output_count(steps, every)
-
-
-def test_kernel_is_compiled_once_and_then_loaded_by_other_processes(tmp_path):
-    program = (
-        "import sys\n"
-        "sys.path.insert(0, sys.argv[1])\n"
-        "import test_ensembles as demo\n"
-        "print(demo.simulate_block(0, 70).final_state.tobytes().hex())\n"
-        "print(sum(demo.kernel.stats.cache_hits.values()), sum(demo.kernel.stats.cache_misses.values()))\n"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", program, str(Path(__file__).parent)],
-            env=environment,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout.split("\n")
-        for _ in range(2)
-    ]
-    assert [output[1] for output in outputs] == ["0 1", "1 0"]
-    assert outputs[0][0] == outputs[1][0] == simulate_block(0, 70).final_state.tobytes().hex()
 
 
 # ---- reduction -------------------------------------------------------------------------------------------------------
@@ -291,18 +221,9 @@ def test_merged_ensemble_equals_numpy_on_all_samples():
     assert (ensemble.histogram.sum(axis=-1) == 1130).all()
 
 
-@pytest.mark.parametrize("chunks", [2, 3, 7, 12, 50])
+@pytest.mark.parametrize("chunks", [3, 12])
 def test_result_does_not_depend_on_the_number_of_chunks(chunks):
     assert_identical(merge(run_chunks(1)), merge(run_chunks(chunks)[::-1]))
-
-
-def test_moments_are_exact_far_from_zero():
-    def simulate(first, last):
-        paths = simulate_block(first, last)
-        return replace(paths, history=paths.history + 1e8)
-
-    near, far = merge(run_chunks(3)), merge(run_chunks(3, simulate=simulate))
-    np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-5, atol=1e-7)
 
 
 def test_non_finite_trials_are_counted_and_left_out():
@@ -409,50 +330,6 @@ def test_moments_are_those_of_the_trials_still_flying():
     np.testing.assert_array_equal(has_ended.sum(axis=1), TIMES - lengths[:230])
 
 
-def test_what_stands_beyond_the_end_of_a_trial_is_ignored():
-    expected = merge(run_chunks(2, simulate=ending))
-    for beyond in (np.inf, -1e9):
-        actual = merge(run_chunks(2, simulate=lambda first, last, beyond=beyond: ending(first, last, beyond)))
-        assert_identical(actual, expected)
-
-
-@pytest.mark.parametrize("chunks", [2, 5, 12])
-def test_early_ends_do_not_depend_on_the_number_of_chunks(chunks):
-    assert_identical(merge(run_chunks(1, simulate=ending)), merge(run_chunks(chunks, simulate=ending)))
-
-
-def test_early_ends_leave_the_moments_before_them_alone():
-    # to the last bit: nobody has ended in the middle but those that end at once, in both ensembles
-    def ending_at_once(first, last):
-        lengths = own_lengths(first, last)
-        return replace(simulate_block(first, last), length=np.where(lengths == 1, 1, TIMES))
-
-    early, late = merge(run_chunks(2, simulate=ending)), merge(run_chunks(2, simulate=ending_at_once))
-    middle = slice(0, TIMES // 2)
-    for name in ("flying", "mean", "covariance", "observed_mean", "maximum_over_trials", "histogram"):
-        np.testing.assert_array_equal(getattr(early, name)[middle], getattr(late, name)[middle], err_msg=name)
-
-
-def test_a_block_whose_trials_have_all_ended_adds_nothing_any_more():
-    def ending_blocks(first, last):
-        return replace(simulate_block(first, last), length=np.full(last - first, 5 if first < 100 else TIMES))
-
-    ensemble = merge(run_chunks(1, trials=300, simulate=ending_blocks))
-    np.testing.assert_array_equal(ensemble.flying, np.where(np.arange(TIMES) < 5, 300, 200))
-    later_blocks = merge(
-        run_chunks(1, trials=200, simulate=lambda first, last: simulate_block(first + 100, last + 100))
-    )
-    for name in ("mean", "covariance", "maximum_over_trials", "histogram"):
-        np.testing.assert_array_equal(getattr(ensemble, name)[5:], getattr(later_blocks, name)[5:], err_msg=name)
-    nobody = merge(
-        run_chunks(1, trials=300, simulate=lambda a, b: replace(simulate_block(a, b), length=np.full(b - a, 5)))
-    )
-    assert nobody.flying[5:].tolist() == [0] * (TIMES - 5)
-    for values in (nobody.mean, nobody.covariance, nobody.observed_mean, nobody.maximum_over_trials):
-        assert np.isfinite(values[:5]).all() and np.isnan(values[5:]).all()
-    assert nobody.histogram[5:].sum() == 0
-
-
 def test_a_trial_is_non_finite_by_its_valid_numbers_only():
     def simulate(first, last):
         paths = ending(first, last)
@@ -469,18 +346,6 @@ def test_a_trial_is_non_finite_by_its_valid_numbers_only():
     np.testing.assert_array_equal(ensemble.flying, flying)
 
 
-def test_replay_of_a_trial_that_ends_early():
-    whole, alone = ending(0, 300), replay(ending, 17)
-    for field in fields(Trajectories):
-        np.testing.assert_array_equal(getattr(alone, field.name)[..., 0], getattr(whole, field.name)[..., 17])
-
-
-@pytest.mark.parametrize("length", [np.array([0, 3]), np.array([3, TIMES + 1]), np.array([3])])
-def test_wrong_lengths_are_refused(length):
-    with pytest.raises(ValueError, match="outputs for each trial"):
-        run_blocks(lambda first, last: replace(simulate_block(first, last), length=length), 0, 2)
-
-
 def test_infinite_numbers_become_storable():
     np.testing.assert_array_equal(without_infinities(np.array([1.0, np.inf, -np.inf, np.nan])), [1.0, *[np.nan] * 3])
     assert without_infinities(7) == 7
@@ -490,8 +355,8 @@ def test_infinite_numbers_become_storable():
 # ---- bounds and chunks -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("trials", [1, 999, 1000, 1001, 12_345])
-@pytest.mark.parametrize("chunks", [1, 2, 5, 40])
+@pytest.mark.parametrize("trials", [1, 1000, 12_345])
+@pytest.mark.parametrize("chunks", [1, 5, 40])
 def test_chunk_bounds_cover_all_trials_in_whole_blocks(trials, chunks):
     bounds = chunk_bounds(trials, chunks)
     assert bounds[0][0] == 0

@@ -12,9 +12,7 @@ from scipy import stats
 
 from marsedl.montecarlo import streaming
 from marsedl.montecarlo.ensembles import (
-    Chunk,
     Ensemble,
-    StreamedChunk,
     StreamedEnsemble,
     Trajectories,
     chunk_bounds,
@@ -26,7 +24,6 @@ from marsedl.montecarlo.statistics import covariance_standard_errors, percentile
 from marsedl.montecarlo.streaming import (
     RELATIVE_ACCURACY,
     FinalMoments,
-    Joined,
     Sketch,
     final_extremes,
     final_percentile,
@@ -107,38 +104,6 @@ def test_moments_and_counts_are_those_of_all_trials():
     assert observed_maxima(ensemble, 0) == [FLIGHTS.observed_maximum[0, FINITE].max()]
 
 
-def test_the_first_trials_are_kept_one_by_one():
-    ensemble, exact = merge(chunks_of(7)), merge(chunks_of(7, trials=240, kept=30))
-    assert type(exact) is Ensemble
-    for name in ("final_state", "observed_maximum", "outcome"):
-        values = getattr(ensemble, name)
-        assert len(values) == EXACT
-        np.testing.assert_array_equal(values[:240], getattr(exact, name))
-    np.testing.assert_array_equal(ensemble.kept_history, exact.kept_history)
-    assert ensemble.final_state.tobytes() == FLIGHTS.final_state[:, :EXACT].T.tobytes()
-
-
-def test_up_to_the_limit_every_trial_is_kept():
-    for trials in (EXACT, None):
-        ensemble = merge([run_blocks(simulate_block, 0, EXACT, block_size=BLOCK, trials=trials, centre=CENTRE)])
-        assert type(ensemble) is Ensemble and len(ensemble.outcome) == EXACT and not is_streamed(ensemble)
-    assert type(chunks_of(1, trials=EXACT)[0]) is Chunk and type(chunks_of(1, trials=EXACT + 1)[0]) is StreamedChunk
-
-
-def test_a_chunk_holds_few_moments_whatever_its_trials():
-    assert [len(chunk.block_runs) for chunk in chunks_of(1)] == [5]  # 118 = 64 + 32 + 16 + 4 + 2
-    assert max(len(chunk.block_runs) for chunk in chunks_of(3)) <= 2 * np.log2(118 / 3)
-    joined = []
-    for first in range(5000):
-        nothing = np.zeros((1, 1, 1))
-        streaming.append(
-            joined,
-            Joined(first, 1, 0, np.ones(1, int), nothing[0], nothing, nothing[0], np.full(1, first), nothing[0]),
-        )
-        assert len(joined) <= 13
-    assert sum(run.blocks for run in joined) == 5000
-
-
 def test_no_finite_trial():
     def simulate(first, last):
         return replace(simulate_block(first, last), final_state=np.full((3, last - first), np.nan))
@@ -147,21 +112,6 @@ def test_no_finite_trial():
     assert (ensemble.count, ensemble.excluded) == (0, TRIALS)
     assert np.isnan(ensemble.final_mean).all() and np.isnan(ensemble.lowest).all() and len(ensemble.cell_key) == 0
     assert np.isnan(final_percentile(ensemble, 0, 0.5)).all()
-
-
-def test_what_does_not_match_is_refused():
-    chunks = chunks_of(3)
-    with pytest.raises(ValueError, match="expected 780"):
-        merge([chunks[0], chunks[2]])
-    with pytest.raises(ValueError, match="another size"):
-        first = run_blocks(simulate_block, 0, 780, block_size=BLOCK, kept=KEPT)
-        merge([first, *chunks[1:]])
-    with pytest.raises(ValueError, match="different centres"):
-        merge([chunks[0], *chunks_of(3, centre=CENTRE + 1.0)[1:]])
-    with pytest.raises(ValueError, match="finite numbers"):
-        chunks_of(1, centre=CENTRE * np.nan)
-    with pytest.raises(ValueError, match="outcomes must lie within 0 and 15"):
-        chunks_of(1, lambda *bounds: replace(simulate_block(*bounds), outcome=np.full(BLOCK, 16, np.int8)))
 
 
 # ---- percentiles -----------------------------------------------------------------------------------------------------
@@ -211,12 +161,6 @@ def test_a_centre_makes_the_bound_count_from_there():
         assert abs(sketched_percentile(cells, 0, level)[0] - exact) <= RELATIVE_ACCURACY * abs(exact - 1e6) + 1e-9
 
 
-def test_quantities_do_not_mix():
-    both = sketch_of(SAMPLES["normal"], SAMPLES["heavy_tails"])
-    for quantity, name in enumerate(("normal", "heavy_tails")):
-        assert sketched_percentile(both, quantity, 0.3) == sketched_percentile(sketch_of(SAMPLES[name]), 0, 0.3)
-
-
 def test_standard_errors_shrink_with_the_root_of_the_number_of_trials():
     """Over forty ensembles of each size: the mean error is the theoretical one, and so is the percentiles' scatter."""
     levels, sets = np.array([0.01, 0.05, 0.5, 0.99]), 40
@@ -233,21 +177,6 @@ def test_standard_errors_shrink_with_the_root_of_the_number_of_trials():
         exact = np.array([[percentile(samples, level) for level in levels] for samples in sample_sets[:3]])
         np.testing.assert_allclose(actual[:3, :, 0], exact[..., 0], rtol=RELATIVE_ACCURACY, atol=3e-6)
         np.testing.assert_allclose(actual[:3, :, 1], exact[..., 1], rtol=0.02)
-
-
-def test_occupied_bins_hardly_grow_with_the_number_of_values():
-    generator = np.random.Generator(np.random.Philox(3))
-    sketch, sizes = Sketch(np.zeros(1)), []
-    for _ in range(4):
-        for _ in range(10):
-            sketch.add(generator.normal(size=(1, 50_000)))
-        sizes.append(len(sketch.cells()["cell_key"]))
-    assert sizes[0] < 70_000 and sizes[3] < 1.4 * sizes[0]  # of four times as many values
-
-
-def test_levels_outside_are_refused():
-    with pytest.raises(ValueError, match="within"):
-        sketched_percentile(sketch_of(SAMPLES["normal"]), 0, 1.0)
 
 
 # ---- either kind of ensemble -----------------------------------------------------------------------------------------

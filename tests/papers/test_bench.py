@@ -54,26 +54,3 @@ def test_stochastic_entry(bench, rows):
     posed, options = module.problem(design, "stochastic_time", TRIALS)
     in_c = module.fly_c(module.compiled.library("stochastic_entry"), *posed, **options)
     module.same_bits(in_c, module.flight.fly(*posed, **options))
-
-
-def test_random_field(bench, rows):
-    module = bench("random_field")
-    run = module.run("random_field")
-    module.compare_with_array_code(rows, run.record("nominal"), run.record("gains"))
-    assert "speed of the kernel over array code" in rows.quantities
-
-
-def test_desensitized(bench, rows, desensitized):
-    module = bench("desensitized")
-    posed, starts = module.problem(desensitized.nominal())
-    module.compare_with_array_code(rows, posed, starts(TRIALS), module.inputs_of("desensitized").simulation.substeps)
-    assert "speed of the kernel over array code" in rows.quantities
-
-
-def test_flights_in_c_are_skipped_aloud_where_no_compiler_is(bench, monkeypatch, capsys):
-    bench("powered_descent")
-    compiled = import_module("compiled")
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
-    assert compiled.library("powered_descent") is None
-    assert "NO C COMPILER: flights in C are SKIPPED" in capsys.readouterr().err

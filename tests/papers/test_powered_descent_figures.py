@@ -12,7 +12,6 @@ from marsedl.papers import catalogue
 from marsedl.plotting.style import BLACK, BLUE, ORANGE, VERMILION
 
 DRAWN = 12  # trials, see the fixtures
-OVER_TIME = ("fig01", "fig04", "fig05", "fig06a", "fig06b", "fig07")
 
 PAPER = catalogue("powered_descent")
 

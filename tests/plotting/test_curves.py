@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import same_color
 
-from marsedl.plotting.curves import bounds, legend_below, legend_entry, mark, plot, trials, zero
+from marsedl.plotting.curves import bounds, plot, trials
 from marsedl.plotting.fields import Field
 from marsedl.plotting.style import BLUE, ORANGE, new_figure
 
@@ -22,14 +22,6 @@ def test_the_first_curve_labels_both_axes_and_keeps_labels_that_are_there():
     second.set_ylabel("height (km)")
     plot(second, ALTITUDE)
     assert (second.get_xlabel(), second.get_ylabel()) == ("time (s)", "height (km)")
-
-
-def test_axes_without_tick_labels_get_no_label():
-    _, panels = new_figure(nrows=2, ncols=2, sharex=True, sharey="row")
-    for axes in panels.flat:
-        plot(axes, ALTITUDE)
-    assert [axes.get_xlabel() for axes in panels.flat] == ["", "", "time (s)", "time (s)"]
-    assert [axes.get_ylabel() for axes in panels.flat] == ["altitude (km)", "", "altitude (km)", ""]
 
 
 def test_axes_refuse_another_unit():
@@ -69,19 +61,6 @@ def test_bounds_are_two_lines_or_a_band():
     (filled,) = (part for part in band.collections if isinstance(part, PolyCollection))
     np.testing.assert_allclose(filled.get_paths()[0].get_extents().get_points(), [[0.0, 1.0], [3.0, 5.0]])
     assert band.get_ylabel() == "altitude (km)"
-
-
-def test_marks_stand_in_all_axes_with_one_entry():
-    figure, panels = new_figure(ncols=2)
-    mark(*panels, x=[1.0, 2.0], y=5.0, label="limits")
-    zero(*panels)
-    for axes in panels:
-        assert [line.get_xdata()[0] for line in axes.lines[:2]] == [1.0, 2.0]
-        assert [line.get_ydata()[0] for line in axes.lines[2:]] == [5.0, 0.0]
-    legend_entry(panels[1], "limits", color=BLUE)
-    legend_entry(panels[1], "flights", color=BLUE)
-    legend_below(figure, panels)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["limits", "flights"]
 
 
 def test_what_is_no_curve_is_refused():

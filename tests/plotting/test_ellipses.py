@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from marsedl.plotting.ellipses import band, ellipse, probability_inside
+from marsedl.plotting.ellipses import ellipse, probability_inside
 
 
 @pytest.mark.parametrize("sigma", [1.0, 3.0])
@@ -21,11 +20,3 @@ def test_the_probability_inside_is_that_of_samples():
         inside = np.mean(np.sum(samples**2, axis=1) < sigma**2)
         assert probability_inside(sigma) == pytest.approx(inside, abs=4 * np.sqrt(0.25 / len(samples)))
     assert probability_inside(np.sqrt(-2 * np.log(0.05))) == pytest.approx(0.95, rel=1e-12)
-
-
-def test_a_band_lies_between_its_curves():
-    axes = Figure().subplots()
-    x = np.linspace(0.0, 1.0, 5)
-    band(axes, x, x, x + 2.0, "#000000")
-    low, high = axes.collections[0].get_paths()[0].get_extents().get_points()
-    np.testing.assert_allclose([low, high], [[0.0, 0.0], [1.0, 3.0]])

@@ -49,27 +49,11 @@ def test_a_component_has_its_name_unit_values_and_coordinates(flights):
     np.testing.assert_array_equal(angle.x.values, flights.time)
 
 
-def test_a_field_without_components_has_its_label_and_may_have_another_name(flights):
-    assert field(flights, "mass", at={"laws": 0}).label == "mass (kg)"
-    assert field(flights, "mass", at={"laws": 0}, name="landed mass").label == "landed mass (kg)"
-
-
-def test_a_field_without_coordinates_has_none(flights):
-    delta_v = field(flights, "delta_v", at={"laws": 1})
-    assert delta_v.x is None and delta_v.label == r"$\Delta v$ (m/s)"
-    assert field(flights, "time").x is None
-
-
 def test_it_is_drawn_against_another_field_where_asked(flights):
     altitude = field(flights, "mean.altitude", at={"laws": 1}, x="mean.velocity")
     np.testing.assert_array_equal(altitude.x.values, flights.mean[1, :, 1])
     against_time = field(flights, "mean.altitude", at={"laws": 1}, x=field(flights, "time"))
     np.testing.assert_array_equal(against_time.x.values, flights.time)
-
-
-def test_trials_keep_their_dimension(flights):
-    altitude = field(flights, "kept_history.altitude", unit="km", at={"laws": 1})
-    np.testing.assert_allclose(altitude.values, flights.kept_history[1, :, :, 0] * 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,11 +86,6 @@ def test_a_deviation_is_the_root_of_a_variance(flights):
         assert lower.name == component
 
 
-def test_a_rounded_variance_below_zero_has_no_deviation(flights):
-    zero = Ensemble(**{**vars(flights), "covariance": np.full_like(flights.covariance, -1e-18)})
-    np.testing.assert_array_equal(standard_deviation(zero, "covariance.altitude", at={"laws": 0}).values, 0.0)
-
-
 def test_a_difference_is_taken_at_the_places_of_the_first(flights):
     mass = field(flights, "mass", at={"laws": 0})
     other = Field(np.zeros(4), "mass", "kg", Field(np.array([0.5, 1.0, 2.0, 3.0]), "time", "s"))
@@ -116,12 +95,6 @@ def test_a_difference_is_taken_at_the_places_of_the_first(flights):
     np.testing.assert_allclose(difference.values, -mass.at(other).values)
     assert difference.label == "difference (kg)"
     np.testing.assert_array_equal(mass.minus(mass).values, 0.0)
-
-
-def test_a_part_keeps_places_and_pieces(flights):
-    mass = field(flights, "mass", at={"laws": 0}, pieces="segment").where(flights.time > 0.5)
-    np.testing.assert_array_equal(mass.x.values, [1.0, 1.0, 3.0])
-    np.testing.assert_array_equal(mass.pieces, [0, 1, 1])
 
 
 def test_what_cannot_be_taken_is_refused_by_name(flights):

@@ -67,12 +67,6 @@ def test_the_histogram_of_a_distribution_counts_lost_samples_and_those_outside()
     assert axes.get_xlabel() == r"$\Delta v$ (m/s)" and axes.get_xlim() == (0.0, 20.0)
 
 
-def test_a_distribution_without_samples_or_a_finite_normal_is_empty():
-    _, axes = new_figure()
-    heights, _ = distribution(axes, Field(np.full(3, np.nan), "range", "m"), (0.0, 1.0), (np.nan, 1.0))
-    assert not heights.any() and not axes.lines
-
-
 def test_an_iteration_shows_three_standard_errors_from_its_first_pass():
     _, (plain, bars) = new_figure(ncols=2)
     history = Field(np.array([5.0, 4.0, 3.0]), "cost", "kg")

@@ -109,19 +109,6 @@ def test_claims_have_a_row_for_every_component_and_reading(build):
     assert mean["trials"].to_list() == [2000, 2000, 500, 500]
 
 
-def test_claims_are_numbers_even_where_something_is_missing(build):
-    frame = results.claims(build).set_index("claim")
-    assert frame.dtypes[["value", "standard_error", "printed", "trials"]].astype(str).to_list() == [
-        *["float64"] * 3,
-        "Int64",
-    ]
-    assert frame.loc["hover", "value"].iloc[0] == 1.0
-    assert frame.loc["hover", "component"].isna().all()
-    assert frame.loc["hover", "trials"].isna().all()
-    assert frame.loc["matrix", "component"].to_list() == ["[1,1]", "[1,2]", "[2,1]", "[2,2]"]
-    assert frame.loc["matrix", "printed"].to_list() == [1, 2, 3, 4]
-
-
 def test_whole_numbers_of_a_table_stay_whole_where_some_are_missing(build):
     frame = results.table("powered_descent", "certificates", reading="printed", build=build)
     assert frame.dtypes.astype(str).to_dict() | {"status": ""} == {
@@ -149,22 +136,12 @@ def test_a_shared_artifact_is_read_from_its_owner(build):
     assert (gains["mean"] == 2.0).all()
 
 
-def test_a_reading_that_no_configuration_at_hand_has_is_read_from_its_folder(build):
-    assert (results.artifact("powered_descent", "gains", reading="mine", build=build)["mean"] == 3.0).all()
-
-
 def test_an_ensemble_is_read_when_it_is_used(build):
     with results.ensemble("powered_descent", "closed_loop", build=build) as trials:
         assert not trials["final_state"].variable._in_memory
         assert trials["final_state"].sel(state="mass").mean() == pytest.approx(1349.0, abs=0.5)
     same = results.artifact("powered_descent", "montecarlo", case="closed_loop", build=build)
     assert same["final_state"].variable._in_memory
-
-
-def test_an_ensemble_can_be_opened_again_while_it_is_open(build):
-    """As a notebook does whose cell is run twice."""
-    first, second = (results.ensemble("powered_descent", "closed_loop", build=build) for _ in range(2))
-    assert (first["final_state"] == second["final_state"]).all()
 
 
 def test_verdicts_have_a_row_for_every_claim_with_its_margin_and_counterexample(build):
@@ -182,14 +159,6 @@ def test_verdicts_have_a_row_for_every_claim_with_its_margin_and_counterexample(
     assert first[["distance", "distance_in", "of", "amount"]].to_list() == [0.5, "standard errors", "gains.mean", 1.1]
     assert first[["verdict", "reading", "errata"]].to_list() == [rows[0]["verdict"], "corrected", ["E1", "E2"]]
     assert frame.loc["hover", ["measure", "distance", "change", "to"]].isna().all()
-
-
-def test_inputs_have_units_sources_and_meanings():
-    frame = results.inputs("powered_descent", "printed").set_index("name")
-    assert frame.loc["planet.gravity", "unit"] == "m/s^2"
-    assert frame.loc["mission.final_mean", "value"] == [100.0, 50.0, 0.0, 0.0]
-    assert frame["source"].str.len().min() > 0
-    assert frame["meaning"].str.len().min() > 0
 
 
 @pytest.mark.parametrize(

@@ -30,11 +30,6 @@ BLOCK_SIZE = 1000
 
 
 @inline_njit
-def observe_nothing(half_index, state, parameters, out):
-    """The `observe` of a model without observed quantities."""
-
-
-@inline_njit
 def _update_maximum(observation, maximum):
     for row in range(maximum.shape[0]):
         for lane in range(LANES):
