@@ -19,7 +19,6 @@ from marsedl.papers.stochastic_entry.gains import STATE_SCALE, problem
 from marsedl.papers.stochastic_entry.records import TRIGGERS
 
 RADIUS, GRAVITATIONAL_PARAMETER = 3397e3, 4.2828e13
-AREA = np.pi * 4.5**2 / 4
 DRAG_FACTOR = 1 / (2 * 135.0)  # A C_D / (2 m) = 1 / (2 BC)
 LIFT_FACTOR = 0.24 * DRAG_FACTOR
 DESIGNED = ("corrected", "partition_24")

@@ -14,7 +14,6 @@ from marsedl.papers.stochastic_entry import dispersions, error_budget, flight, r
 from marsedl.papers.stochastic_entry.linearization import system
 from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
 
-CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 10_000, 4.0
 ROWS = {"downrange": (3, 1e3), "altitude": (0, 1e3), "velocity": (1, 1.0), "path_angle": (2, np.radians(1.0))}
 KNOWN = {  # 1st and 99th percentile: km, km, m/s, deg
