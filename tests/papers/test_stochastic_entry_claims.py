@@ -268,6 +268,15 @@ def test_trials_that_ended_otherwise_are_counted_in_the_evidence(entry):
     assert evaluation.trials == 1999 and np.isfinite(evaluation.value).all()
 
 
+@pytest.mark.filterwarnings("default::RuntimeWarning")
+@pytest.mark.parametrize("trials", [1, 3])
+def test_few_flights_leave_cells_empty(entry, trials):
+    flown = {case: entry.fly("corrected", entry.gains(), case, trials=trials) for case in CASES}
+    found = evaluate(entry, **flown)
+    assert found["tab3_state"].value is False and "more than three flights" in found["tab3_state"].evidence
+    assert np.isnan(found["tab4_downrange_apollo_time"].value).all() == (trials == 1)
+
+
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import fields, replace
 
-import numba
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,7 +11,7 @@ from marsedl.montecarlo.statistics import percentile
 from marsedl.papers.stochastic_entry import dispersions, environment, flight, gains, montecarlo, records
 from marsedl.papers.stochastic_entry.montecarlo import nominal_final
 from marsedl.replication import artifacts
-from marsedl.replication.catalogue import Flown, Trial
+from marsedl.replication.catalogue import Trial
 
 CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 RADIUS = 3397e3
@@ -78,16 +77,6 @@ def test_without_dispersion_every_law_flies_the_nominal(entry, reading, case):
     assert trajectories.final_state[records.NEGATIVE_DENSITIES, 0] == 0
 
 
-@pytest.mark.parametrize("reading", ["corrected", "desensitized_density"])
-@pytest.mark.parametrize("case", ["apollo_time", "apollo_velocity"])
-def test_without_dispersion_the_apollo_law_waits_for_the_largest_velocity(entry, reading, case):
-    """The drag passes 0.5 m/s^2 before the velocity peaks, when the same velocities stand for another altitude."""
-    nominal = entry.nominal(reading)
-    assert nominal.time[np.argmax(nominal.drag > 0.5)] < nominal.time[np.argmax(nominal.velocity)] - 1.0
-    trajectories = undispersed(entry, case, reading, flight_substeps=20)
-    np.testing.assert_allclose(trajectories.final_state[:6, 0], nominal_final(nominal), rtol=0, atol=1e-6)
-
-
 # --- limits and ends --------------------------------------------------------------------------------------------------
 
 
@@ -133,30 +122,7 @@ def test_flights_end_where_they_should(entry, case):
         np.testing.assert_array_equal(final[: len(ensemble.kept_history), :6], ensemble.kept_history[:, -1, :6])
 
 
-def test_velocity_only_falls_through_the_trigger_once(entry):
-    """The first crossing counts: one period before the end every trial was still faster."""
-    trajectories = entry.simulator("stochastic_velocity")(0, 300)
-    flying = np.arange(len(trajectories.history))[:, np.newaxis] < trajectories.length
-    assert (trajectories.history[:, records.VELOCITY][flying] > 500.0).all()
-    since = trajectories.final_state[records.END_TIME] - (trajectories.length - 1)
-    assert (since > 0).all() and (since <= 1.0).all()
-
-
 # --- nothing depends on how it is run ---------------------------------------------------------------------------------
-
-
-def test_results_do_not_depend_on_the_number_of_threads(entry):
-    case = "stochastic_velocity"
-    before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS}:
-            numba.set_num_threads(threads)
-            results.append(entry.fly("corrected", entry.gains(), case, trials=300))
-    finally:
-        numba.set_num_threads(before)
-    for result in results[1:]:
-        assert_identical(results[0], result)
 
 
 @pytest.mark.parametrize(("case", "chunks"), [("apollo_velocity", 5)])
@@ -167,19 +133,6 @@ def test_results_do_not_depend_on_the_number_of_chunks(entry, case, chunks):
     inputs = entry.stage_inputs("corrected", "montecarlo")
     ensemble = entry.whole(inputs, entry.needed("montecarlo", "corrected"), **options)
     assert_identical(whole, ensemble)
-
-
-def test_trials_do_not_depend_on_the_size_of_blocks_nor_on_their_number(entry):
-    small, large = (
-        entry.fly("corrected", entry.gains(), "apollo_velocity", trials=trials, block_size=size)
-        for trials, size in ((300, 70), (500, 500))
-    )
-    for name in ("final_state", "observed_maximum", "outcome"):
-        np.testing.assert_array_equal(getattr(small, name), getattr(large, name)[:300])
-    np.testing.assert_array_equal(small.kept_history, large.kept_history)
-    again = entry.fly("corrected", entry.gains(), "apollo_velocity", trials=300, block_size=300)
-    np.testing.assert_array_equal(small.flying, again.flying)
-    np.testing.assert_allclose(small.mean, again.mean, rtol=1e-12, atol=1e-9)  # the order of sums
 
 
 @pytest.mark.parametrize("number", [63, 1999])
@@ -268,25 +221,6 @@ def test_gains_that_are_not_finite_make_trials_that_are_counted(entry, tmp_path)
     assert "not finite" in inputs.call(montecarlo.replay, **needed, trial=Trial("stochastic_time", 3))
 
 
-def test_finite_and_other_trials_are_kept_apart(entry):
-    gains, needed = entry.gains(), entry.needed("montecarlo_chunk", "corrected")
-    inputs = entry.stage_inputs("corrected", "montecarlo_chunk")
-    bad = needed | {"gains": replace(gains, stochastic_gain=np.full_like(gains.stochastic_gain, np.nan))}
-    chunks = [
-        inputs.call(montecarlo.simulate, **which, flown=Flown("stochastic_velocity", 200, 100, k, 2))
-        for k, which in enumerate((needed, bad))
-    ]
-    both = entry.stage_inputs("corrected", "montecarlo_gather").call(
-        montecarlo.gather,
-        **entry.needed("montecarlo_gather", "corrected"),
-        chunks=chunks,
-    )
-    assert (both.count, both.excluded) == (100, 100)
-    alone = entry.fly("corrected", gains, "stochastic_velocity", trials=100, block_size=100)
-    for name in ("mean", "covariance", "histogram", "flying", "observed_mean", "maximum_over_trials"):
-        np.testing.assert_array_equal(getattr(both, name), getattr(alone, name), err_msg=name)
-
-
 # --- what is printed --------------------------------------------------------------------------------------------------
 
 
@@ -313,14 +247,6 @@ def test_printed_rate_limit_lets_the_bank_jump(entry):
     limited = entry.nominal("corrected")
     bank = np.degrees(limited.bank[np.isin(limited.time, limited.guidance_time)])
     assert np.abs(np.diff(bank)).max() <= 15.0 + 1e-9
-
-
-def test_printed_heading_rate_changes_this_equatorial_flight_by_metres_only(entry):
-    """Eq. 1f: the signs matter off the equator; here the printed form is small beside the dispersions."""
-    base = undispersed(entry, "stochastic_time").final_state[:6, 0]
-    printed = undispersed(entry, "stochastic_time", heading_rate_form="printed").final_state[:6, 0]
-    difference = np.abs(printed - base)
-    assert 1e-3 < difference[[0, 3, 5]].max() < 1000.0
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------

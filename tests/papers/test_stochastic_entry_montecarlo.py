@@ -12,10 +12,8 @@ from marsedl.methods.lincov import propagate
 from marsedl.montecarlo.statistics import percentile, variance_standard_error
 from marsedl.papers.stochastic_entry import dispersions, error_budget, flight, records
 from marsedl.papers.stochastic_entry.linearization import system
-from marsedl.papers.stochastic_entry.montecarlo import BANK_BINS, nominal_final
 from marsedl.papers.stochastic_entry.records import TRIGGERS, errors
 
-CASES = ("apollo_time", "apollo_velocity", "stochastic_time", "stochastic_velocity")
 TRIALS, REFERENCE_TRIALS, SIGMAS = 2000, 10_000, 4.0
 ROWS = {"downrange": (3, 1e3), "altitude": (0, 1e3), "velocity": (1, 1.0), "path_angle": (2, np.radians(1.0))}
 KNOWN = {  # 1st and 99th percentile: km, km, m/s, deg
@@ -47,42 +45,6 @@ def test_final_errors_agree_with_another_program(entry, reading, case):
             if (reading, case) == ("corrected", "apollo_velocity"):
                 allowed += TABLE_END.get(name, 0.0)
             assert value == pytest.approx(expected, abs=allowed), f"{name} at {level}"
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_ensembles_hold_what_was_flown(entry, case):
-    """Moments, maxima and histograms of a run in blocks, from the trials themselves."""
-    ensemble = entry.fly("corrected", entry.gains(), case, trials=300, block_size=100)
-    trajectories = entry.simulator(case)(0, 300)
-    np.testing.assert_array_equal(ensemble.final_state, trajectories.final_state.T)
-    np.testing.assert_array_equal(ensemble.observed_maximum, trajectories.observed_maximum.T)
-    np.testing.assert_array_equal(ensemble.nominal_final, nominal_final(entry.nominal()))
-    assert len(ensemble.time) == len(trajectories.history)
-    for k in (0, 60, 150, 225, 235):
-        flying = trajectories.length > k
-        history, bank = trajectories.history[k][:, flying], trajectories.observed[k][:, flying]
-        assert ensemble.flying[k] == flying.sum() > 100
-        np.testing.assert_allclose(ensemble.mean[k], history.mean(axis=1), rtol=1e-11, atol=1e-11)
-        size = np.sqrt(np.diag(np.cov(history))) + 1e-9
-        difference = (ensemble.covariance[k] - np.cov(history)) / np.outer(size, size)
-        assert np.abs(difference).max() < 1e-9
-        np.testing.assert_allclose(ensemble.observed_mean[k], bank.mean(axis=1), rtol=1e-10, atol=1e-12)
-        np.testing.assert_array_equal(ensemble.maximum_over_trials[k], bank.max(axis=1))
-        edges = ensemble.histogram_edges[0]
-        counts = np.histogram(bank[records.BANK], edges)[0]
-        np.testing.assert_array_equal(ensemble.histogram[k, 0, 1:-1][1:-1], counts[1:-1])
-        assert ensemble.histogram.shape[-1] == BANK_BINS + 2 and ensemble.histogram[k, 0].sum() == flying.sum()
-
-
-def test_moments_end_with_the_last_trial(entry):
-    ensemble = entry.ensemble("corrected", "apollo_velocity")
-    none = ensemble.flying == 0
-    assert none.any() and (np.diff(ensemble.flying) <= 0).all()
-    assert np.isnan(ensemble.mean[none]).all() and np.isfinite(ensemble.mean[~none]).all()
-    few = ensemble.flying < 2
-    assert np.isnan(ensemble.covariance[few]).all() and np.isfinite(ensemble.covariance[~few]).all()
-    last = np.ceil(ensemble.final_state[:, records.END_TIME].max())
-    assert ensemble.time[~none][-1] == last - 1
 
 
 # --- against the linear model -----------------------------------------------------------------------------------------
@@ -149,21 +111,6 @@ def test_trigger_times_are_predicted_by_the_linear_model(entry):
 
 
 # --- reversals and crossrange -----------------------------------------------------------------------------------------
-
-
-def test_reversals_with_another_deadband(entry):
-    """The deadband with which the split is known from 1,000 trials; same nominal, but with a margin of 4 mm."""
-    nominal = entry.nominal("corrected", **FRAGILE)
-    assert nominal.deadband_margin == pytest.approx(0.004, abs=0.0005)
-    np.testing.assert_array_equal(nominal.reversal_time, entry.nominal().reversal_time)
-    assert nominal.downrange[-1] == entry.nominal().downrange[-1]
-    ensemble = entry.ensemble("corrected", "stochastic_velocity", **FRAGILE)
-    reversals, error = ensemble.final_state[:, records.REVERSALS], errors(ensemble)[:, 3]
-    for number, share, expected in ((3, 0.49, 150.0), (4, 0.51, 1420.0)):
-        group = error[reversals == number]
-        assert len(group) / TRIALS == pytest.approx(share, abs=SIGMAS * 0.5 * np.sqrt(1 / TRIALS + 1 / 1000))
-        allowed = SIGMAS * group.std() * np.sqrt(1 / len(group) + 1 / 500)
-        assert group.mean() == pytest.approx(expected, abs=allowed)
 
 
 def test_hypotheses_move_the_percentiles_as_known(entry):
