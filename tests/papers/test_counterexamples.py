@@ -6,18 +6,18 @@ import pytest
 
 from marsedl.papers import SLUGS
 from marsedl.replication.claims import COUNTED_VERDICTS, UNDECIDED, load_published
-from marsedl.replication.verification import NOT_TURNED, committed_counterexamples, committed_verdicts
+from marsedl.replication.verification import NOT_TURNED, committed_verdicts, read_reference
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_every_counted_claim_is_turned_by_its_counterexample(slug):
-    verdicts, turned = committed_verdicts(ROOT, slug), committed_counterexamples(ROOT, slug)
+    verdicts, reference = committed_verdicts(ROOT, slug), read_reference(ROOT, slug)
     for claim in load_published(ROOT / "data" / "published" / f"{slug}.yaml"):
         verdict = verdicts[claim.id].get("corrected")
         if verdict in COUNTED_VERDICTS and claim.kind != UNDECIDED:
-            assert turned.get(claim.id, NOT_TURNED) != NOT_TURNED, claim.id
+            assert reference.get(f"counterexamples/{claim.id}", NOT_TURNED) != NOT_TURNED, claim.id
 
 
 @pytest.mark.parametrize("slug", SLUGS)

@@ -10,11 +10,11 @@ import pytest
 
 from marsedl.papers import SLUGS, catalogue
 from marsedl.replication import libraries as module
-from marsedl.replication.code_digest import libraries, script_libraries
+from marsedl.replication.code_digest import libraries, remembered_digests
 from marsedl.replication.libraries import COMPANIONS, DISTRIBUTIONS, library_versions, versions_used
 
 ROOT = Path(__file__).parents[2]
-STAGE = script_libraries(ROOT / "workflow" / "scripts" / "stage.py")
+STAGE = remembered_digests(ROOT).script_libraries("stage.py")
 USED = {
     f"{slug}/{name}": frozenset([*STAGE, *(used for entry in stage.entries for used in libraries(entry))])
     for slug in SLUGS
