@@ -89,7 +89,7 @@ def build(tmp_path):
             (tables / "certificates.csv").write_text(f"segment,error,iterations,status\n1,{first},12,ok\n2,,,ok\n")
     (tmp_path / "figures" / "powered_descent" / "eq54.csv").write_text("value\n1.0\n2\n")
     (tmp_path / "figures" / "comparison").mkdir()
-    (tmp_path / "figures" / "comparison" / "costs.csv").write_text("paper,cost\na,1\n")
+    (tmp_path / "figures" / "comparison" / "densities.csv").write_text("paper,cost\na,1\n")
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "claims.json").write_text(json.dumps(CLAIMS))
     return tmp_path
@@ -119,7 +119,7 @@ def test_whole_numbers_of_a_table_stay_whole_where_some_are_missing(build):
     }
     assert frame["iterations"][1] is pd.NA
     assert results.table("powered_descent", "eq54", build=build)["value"].dtype == float
-    assert results.table("comparison", "costs", build=build)["cost"].to_list() == [1]
+    assert results.table("comparison", "densities", build=build)["cost"].to_list() == [1]
 
 
 def test_an_artifact_has_named_dimensions_units_and_meaning(build):
@@ -131,6 +131,11 @@ def test_an_artifact_has_named_dimensions_units_and_meaning(build):
 
 
 def test_a_shared_artifact_is_read_from_its_owner(build):
+    (build / "configs").mkdir()
+    written = (ROOT / "configs" / "powered_descent.yaml").read_text("utf-8")
+    scheme = "{integrator: {value: euler_maruyama, source: 'assumed: test'}}"
+    euler = f"readings:\n  euler: {{summary: By Euler., based_on: target4, simulation: {scheme}}}\n"
+    (build / "configs" / "powered_descent.yaml").write_text(written.replace("readings:\n", euler, 1), "utf-8")
     gains = results.artifact("powered_descent", "gains", reading="euler", build=build)
     assert gains.attrs["reading"] == "target4"
     assert (gains["mean"] == 2.0).all()
@@ -169,7 +174,10 @@ def test_verdicts_have_a_row_for_every_claim_with_its_margin_and_counterexample(
             lambda b: results.table("powered_descent", "eq5", build=b),
             "no table 'eq5'; did you mean 'eq54'.*certificates, eq54",
         ),
-        (lambda b: results.table("powered_descent", "eq54", "euler", b), "euler holds no tables; run 'snakemake fig"),
+        (
+            lambda b: results.table("powered_descent", "eq54", "plus_sign", b),
+            "plus_sign holds no tables; run 'snakemake fig",
+        ),
         (lambda b: results.artifact("powered_descent", "gain", build=b), "no artifact 'gain'; did you mean 'gains'"),
         (lambda b: results.artifact("powered_descent", "montecarlo", build=b), "There are: .*montecarlo.closed_loop"),
         (lambda b: results.ensemble("powered_descent", "closed", build=b), "did you mean 'montecarlo.closed_loop'"),

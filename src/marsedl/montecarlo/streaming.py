@@ -340,4 +340,4 @@ class FinalMoments:
         if not self._streamed:
             return covariance_standard_errors(self._samples)
         finite_samples = self._samples[np.isfinite(self._ensemble.final_state).all(axis=1)]
-        return covariance_standard_errors(finite_samples) * np.sqrt(len(finite_samples) / self.count)
+        return covariance_standard_errors(finite_samples) * np.sqrt(len(finite_samples) / max(self.count, 1))
