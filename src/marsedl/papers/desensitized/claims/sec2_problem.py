@@ -29,7 +29,6 @@ def fuel_proportional_to_cumulative_rate(vehicle: Vehicle, published: dict):
     return holds(
         measure("difference of the printed fuels from one constant times the printed cumulative bank rates", apart, "%")
         <= 100 * ABOUT,
-        f"row by row {listed(apart, '.2f')} %",
         largest=apart.max(),
         low=low.max(),
         high=high.min(),
@@ -45,7 +44,7 @@ def fuel_proportional_to_cumulative_rate(vehicle: Vehicle, published: dict):
 def min_fuel_bang_coast_bang(minimum_fuel: MinimumFuel):
     # Judged where thrust lasts longer than an interval, under the smallest bound.
     bounds = minimum_fuel.bound / DEGREE
-    tight, wide = int(np.argmin(bounds)), int(np.argmax(bounds))
+    tight = int(np.argmin(bounds))
     coasting, full, bursts = (getattr(minimum_fuel, name)[tight, FUEL] for name in ("coasting", "at_bound", "bursts"))
     between = (1.0 - coasting - full) * minimum_fuel.bank_acceleration.shape[-1]
     return holds(
@@ -54,8 +53,6 @@ def min_fuel_bang_coast_bang(minimum_fuel: MinimumFuel):
         measure("bursts", bursts) > 1,
         measure("intervals in between, where a burst begins or ends", between) < 2.0 * bursts + 0.5,
         measure("contradiction of the switching function", minimum_fuel.switching_violation.max()) < NEARLY_EXACT,
-        f"bound {bounds[wide]:g} deg/s^2: {minimum_fuel.bursts[wide, FUEL]} bursts, "
-        f"{100 * minimum_fuel.at_bound[wide, FUEL]:.0f} % of the intervals at the bound",
     )
 
 
@@ -74,8 +71,6 @@ def min_energy_fuel_near_min_fuel(minimum_fuel: MinimumFuel):
     return holds(
         measure(f"excess of fuel of the least control energy over the least fuel, bounds {bounds} deg/s^2", excess, "%")
         <= 100 * SIMILAR,
-        f"{listed(excess, '.1f')} %; the nominal burns {fuel[wide, ENERGY]:.4f} kg, the least is "
-        f"{fuel[wide, FUEL]:.4f} kg",
         ratio=fuel[wide, ENERGY] / fuel[wide, FUEL],
         beside=excess[wide],
     )
@@ -87,12 +82,9 @@ def min_energy_fuel_near_min_fuel(minimum_fuel: MinimumFuel):
     withheld=BRANCH,
 )
 def desensitized_j0_larger(rows: Rows):
-    lowest = rows.tradeoff.path_effort.min()
     return holds(
         measure("control energy of the rows with a weight", rows.effort[1:], "deg^2/s^3")
         > rows.effort[0] * (1.0 + ROUNDING),
-        rows.efforts,
-        f"the least on the path of increasing weights is {lowest:.4f} deg^2/s^3",
         by_construction=rows.circular,
-        lowest=lowest,
+        lowest=rows.tradeoff.path_effort.min(),
     )

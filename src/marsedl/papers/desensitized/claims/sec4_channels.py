@@ -1,0 +1,134 @@
+"""Sec. 4: what the paper states alike about several channels, Figs. 5 to 7, 9 and 10."""
+
+import numpy as np
+
+from marsedl.papers.desensitized.claims.measures import (
+    CROSSRANGE,
+    DOWNRANGE,
+    GAINS,
+    LAW_OF,
+    PLAIN,
+    RADIUS,
+    CrossrangeFlight,
+    DownrangeFlight,
+    RadiusFlight,
+    linear_share,
+    remaining,
+    size,
+)
+from marsedl.papers.desensitized.entry_problem import BANK
+from marsedl.papers.desensitized.records import CHANNELS, Gains, Linearization, Responses
+from marsedl.replication.claiming import claim, holds, measure, measured
+from marsedl.replication.counterexamples import replaced, scaled, shifted
+from marsedl.replication.thresholds import MUCH, ROUNDING
+
+CROSSRANGE_LAW, DOWNRANGE_LAW = LAW_OF[CROSSRANGE], LAW_OF[DOWNRANGE]
+
+
+class Flights(dict):
+    """The flights of the figures by channel."""
+
+
+def flights(radius: RadiusFlight, crossrange: CrossrangeFlight, downrange: DownrangeFlight) -> Flights:
+    """Gather the flights of all channels."""
+    return Flights({flight.channel: flight for flight in (radius, crossrange, downrange)})
+
+
+def bank_phase(name, channel, sign, phase, side=0, **declared):
+    """Claim of a phase in which the bank angle departs to a side, with the nominal one on a given side or any."""
+    turned = shifted("responses.state", at=(LAW_OF[channel], channel, ..., BANK))
+    options = {"channel": channel, "sign": sign, "phase": phase, "side": side}
+    return claim(withheld=GAINS, counterexample=turned, name=name, **options, **declared)
+
+
+@bank_phase("fig05b_phase1_more_reversed", RADIUS, -1, 0)
+@bank_phase("fig05b_phase2_larger_positive", RADIUS, 1, 1)
+@bank_phase("fig05b_phase3_smaller_reversed", RADIUS, 1, 2, side=-1)
+@bank_phase("fig07b_phase1_more_reversed", DOWNRANGE, -1, 0)
+@bank_phase(
+    "fig10b_phase1_smaller_reversed",
+    CROSSRANGE,
+    1,
+    0,
+    side=-1,
+    reason="This statement tells us the sign of the bank angle.",
+    errata="E3",
+)
+@bank_phase("fig10b_phase2_larger_positive", CROSSRANGE, 1, 1, side=1)
+@bank_phase("fig10b_phase3_smaller_reversed", CROSSRANGE, 1, 2, side=-1)
+def bank_angle_departs(flights: Flights, *, channel, sign, phase, side):
+    flight = flights[channel]
+    bounds = 0.0, flight.first, flight.second, flight.end
+    return flight.holds(flight.departs(sign, *bounds[phase : phase + 2], side))
+
+
+@claim(errata="E13", withheld=GAINS, name="fig05b_phase_times", channel=RADIUS)
+@claim(errata="E13", withheld=GAINS, name="fig07b_phase_times", channel=DOWNRANGE)
+def phase_times(flights: Flights, *, channel):
+    flight = flights[channel]
+    last_reversal = flight.reversal_times[-1] if flight.reversal_times.size else np.nan
+    evidence = "first change of sign of the bank angle's deviation, and last reversal of the nominal"
+    return measured([flight.first_change, float(last_reversal)], evidence=evidence)
+
+
+@claim(
+    name="cr_needs_feedback",
+    channel=CROSSRANGE,
+    counterexample=replaced("gains.final", 1.0, at=(CROSSRANGE_LAW, CROSSRANGE, CROSSRANGE)),
+)
+@claim(
+    name="dr_needs_feedback",
+    channel=DOWNRANGE,
+    counterexample=replaced("gains.final", 1.0, at=(DOWNRANGE_LAW, DOWNRANGE, DOWNRANGE)),
+)
+def needs_feedback(linearization: Linearization, gains: Gains, *, channel):
+    sensitivity = size(linearization.final[:, :, channel])
+    name = f"relative difference of the final position error over {CHANNELS[channel]} error between rows of Table 3"
+    return holds(
+        measure(name, np.abs(sensitivity / sensitivity[0] - 1.0)) < ROUNDING,
+        measure("with feedback it is", size(gains.final[LAW_OF[channel], :, channel])) < MUCH * sensitivity[0],
+    )
+
+
+@claim(
+    name="fig09_feedback_significantly_reduced",
+    channel=CROSSRANGE,
+    withheld=GAINS,
+    counterexample=replaced("gains.final", 1.0, at=(CROSSRANGE_LAW, CROSSRANGE, CROSSRANGE)),
+)
+@claim(
+    name="fig06_feedback_significantly_reduced",
+    channel=DOWNRANGE,
+    withheld=GAINS,
+    counterexample=scaled("responses.narrow_error", at=(DOWNRANGE_LAW, DOWNRANGE)),
+)
+def feedback_significantly_reduced(flights: Flights, gains: Gains, responses: Responses, *, channel):
+    linear, flown = linear_share(gains, channel), remaining_when_small(responses, channel)
+    return flights[channel].holds(
+        measure("share of the linear sensitivity that feedback leaves", 100 * linear, "%") < 100 * MUCH,
+        measure(f"as flown, of {responses.narrow[channel, -1]:g} m either way", 100 * flown, "%") < 100 * MUCH,
+    )
+
+
+@claim(
+    name="fig09_reduction_larger_for_small_errors",
+    channel=CROSSRANGE,
+    withheld=GAINS,
+    counterexample=scaled("responses.tabulated_error", at=(CROSSRANGE_LAW, CROSSRANGE)),
+)
+@claim(
+    name="fig06b_reduction_larger_for_small_errors",
+    channel=DOWNRANGE,
+    withheld=GAINS,
+    counterexample=scaled("responses.tabulated_error", at=(DOWNRANGE_LAW, DOWNRANGE)),
+)
+def reduction_larger_for_small_errors(flights: Flights, responses: Responses, *, channel):
+    small, large = 100 * remaining_when_small(responses, channel), 100 * remaining(responses, channel)
+    subject = f"share that feedback leaves of {responses.narrow[channel, -1]:g} m either way"
+    return flights[channel].holds(measure(subject, small, "%") < large)
+
+
+def remaining_when_small(responses: Responses, channel: int) -> np.ndarray:
+    """Share of the final error that is left at the ends of the zoomed sweep, each to the side of a compared error."""
+    law, ends = LAW_OF[channel], np.where(responses.compared_error > 0.0, -1, 0)
+    return size(responses.narrow_error[law, channel][ends]) / size(responses.narrow_error[PLAIN, channel][ends])
